@@ -1,0 +1,30 @@
+"""Hillsphere: plugin-based mission analysis for small bodies and satellite tracking.
+
+The package's own namespace is light: it imports nothing numerical. The functions named here are
+loaded from their modules on first use.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hillsphere.mission import load_mission
+    from hillsphere.pipeline import run_mission
+    from hillsphere.plugins import create
+
+__all__ = ["__version__", "create", "load_mission", "run_mission"]
+__version__ = "0.1.0"
+
+_LAZY = {
+    "create": "hillsphere.plugins",
+    "load_mission": "hillsphere.mission",
+    "run_mission": "hillsphere.pipeline",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    raise AttributeError(f"module 'hillsphere' has no attribute {name!r}")

@@ -1,0 +1,5 @@
+"""The engine: what is written in `hillsphere.symbolic`, compiled and propagated."""
+
+from hillsphere.dynamics.compiled import ArrayFunction
+
+__all__ = ["ArrayFunction"]

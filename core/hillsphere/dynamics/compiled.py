@@ -1,0 +1,106 @@
+"""Expressions compiled to functions of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hillsphere._heyoka import heyoka as _hy
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.symbolic import Expr, parameter, parameter_names, variable_names
+
+__all__ = ["ArrayFunction"]
+
+
+class ArrayFunction:
+    """m expressions of n variables as one compiled function of arrays.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+        The m outputs.
+    inputs : sequence of Expr
+        The n variables, in the order of the rows of `x`.
+    run_time : sequence of str
+        Names of the k run-time parameters, in the order of the rows of `p`.
+    compact : bool
+        Compile in compact mode: slower code, far shorter compilation for huge expressions.
+
+    Raises
+    ------
+    InputError
+        If an expression holds a variable or parameter that is not listed.
+
+    Notes
+    -----
+    A call costs about 4 µs whatever N is: pass arrays, never loop over points. The function is
+    thread-safe.
+    """
+
+    def __init__(
+        self,
+        expressions: Sequence[Expr],
+        inputs: Sequence[Expr],
+        run_time: Sequence[str] = (),
+        *,
+        compact: bool = False,
+    ) -> None:
+        names = variable_names(inputs)
+        if unknown := sorted(set(variable_names(expressions)) - set(names)):
+            raise InputError(f"expressions hold variables that are not inputs: {unknown}")
+        if unknown := sorted(set(parameter_names(expressions)) - set(run_time)):
+            raise InputError(f"expressions hold parameters that are not listed: {unknown}")
+        self.n_in, self.n_out, self.n_par = len(inputs), len(expressions), len(run_time)
+        numbered = {parameter(name): _hy.par[i] for i, name in enumerate(run_time)}
+        outputs = list(expressions)
+        if numbered:
+            outputs = _hy.subs(outputs, numbered)
+        self._function: Any = _hy.cfunc(outputs, vars=list(inputs), compact_mode=compact)
+
+    def __call__(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
+        """Evaluate.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, N) or (n,)
+            Inputs.
+        p : array_like, shape (k, N) or (k,), optional
+            Run-time parameters; one column serves all cases.
+        t : array_like, shape (N,) or scalar
+            Time, used if the expressions hold it.
+
+        Returns
+        -------
+        numpy.ndarray, shape (m, N) or (m,)
+            Outputs.
+        """
+        inputs = np.ascontiguousarray(x, dtype=float)
+        if inputs.shape[0] != self.n_in or inputs.ndim > 2:
+            raise InputError(f"x must be ({self.n_in}, N), got {inputs.shape}")
+        single = inputs.ndim == 1
+        if single:
+            inputs = inputs[:, None]
+        cases = inputs.shape[1]
+        options: dict[str, Any] = {}
+        if self._function.nparams:
+            options["pars"] = spread(p, self.n_par, cases, "p")[: self._function.nparams]
+        if self._function.is_time_dependent:
+            options["time"] = np.ascontiguousarray(np.broadcast_to(np.asarray(t, float), (cases,)))
+        result: Array = self._function(inputs, **options)
+        return result[:, 0] if single else result
+
+
+def spread(values: ArrayLike | None, rows: int, cases: int, name: str) -> Array:
+    """Bring parameters given as (k,) or (k, N) to a contiguous (k, N)."""
+    if values is None:
+        raise InputError(f"{name}: {rows} run-time parameters are needed, none given")
+    array = np.asarray(values, dtype=float)
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.shape[0] != rows or array.shape[1] not in (1, cases):
+        raise InputError(f"{name} must be ({rows},) or ({rows}, {cases}), got {array.shape}")
+    return np.ascontiguousarray(np.broadcast_to(array, (rows, cases)))

@@ -1,0 +1,261 @@
+"""The interfaces between the core and its plugins: one small Protocol per kind.
+
+A component is made from its bound `Spec` and holds configuration, no hidden state. N is always
+the number of independent cases, the last axis of an array. Interfaces of kinds that no plugin
+fills yet appear here together with the first one that does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.presentation import Presentation
+
+if TYPE_CHECKING:
+    from hillsphere.symbolic import Expr, Params, Vec3
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number in a model's equations that may become a run-time parameter.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the model, e.g. ``"gm"`` or ``"C2,0"``.
+    value : float
+        Nominal value, SI.
+    unit : str
+        E.g. ``"m3/s2"``, ``"-"``.
+    """
+
+    name: str
+    value: float
+    unit: str = "-"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A state or control of a plant.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the plant.
+    length, time : int
+        Exponents of its dimension: a speed is ``Variable("vx", 1, -1)``. They fix the unit and
+        the factor between physical and normalised values.
+    frame : str
+        Frame in which it is expressed; ``""`` for the plant's own.
+    unit : str
+        Overrides the unit that follows from the exponents (``"rad"`` for an angle).
+    """
+
+    name: str
+    length: int = 0
+    time: int = 0
+    frame: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units of length and time in which a plant's numbers are of order one."""
+
+    length_m: float
+    time_s: float
+
+    def of(self, variables: Sequence[Variable]) -> Array:
+        """SI size of one normalised unit of each variable, shape (n,)."""
+        return np.array([self.length_m**v.length * self.time_s**v.time for v in variables])
+
+
+class GravityModel(Protocol):
+    """Gravity of one body as expressions, exactly differentiable.
+
+    The engine derives array evaluators and gradients from it (`hillsphere.gravity`).
+    """
+
+    @property
+    def frame(self) -> str:
+        """Body-fixed frame of positions, potential and acceleration."""
+        ...
+
+    @property
+    def gm_m3_s2(self) -> float:
+        """Nominal gravitational parameter of the whole, m³/s²."""
+        ...
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the numbers that may be set at run time; `p` below holds one of each."""
+        ...
+
+    def potential(self, r: Vec3, p: Params) -> Expr:
+        """Return +U, m²/s², at the body-fixed position r, m."""
+        ...
+
+    def acceleration(self, r: Vec3, p: Params) -> Vec3:
+        """Return ∇U, m/s²."""
+        ...
+
+
+@runtime_checkable
+class ArrayGravityModel(Protocol):
+    """Gravity that cannot be written as an expression (a table, a polyhedron)."""
+
+    @property
+    def frame(self) -> str:
+        """Body-fixed frame."""
+        ...
+
+    @property
+    def gm_m3_s2(self) -> float:
+        """Nominal gravitational parameter of the whole, m³/s²."""
+        ...
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the numbers that may be set at run time, in the order of `p` below."""
+        ...
+
+    def potential_array(self, r: Array, p: Array) -> Array:
+        """Return +U, m²/s², shape (N,), at r (3, N), m, with parameters p (k, N)."""
+        ...
+
+    def acceleration_array(self, r: Array, p: Array) -> Array:
+        """Return ∇U, m/s², shape (3, N)."""
+        ...
+
+
+@runtime_checkable
+class Surface(Protocol):
+    """A body with a surface: positive outside, zero on it, negative inside."""
+
+    def surface(self, r: Vec3) -> Expr:
+        """Return the implicit surface function at the body-fixed position r, m."""
+        ...
+
+    def semi_axes_m(self) -> tuple[float, float, float]:
+        """Return the semi-axes of the (bounding) ellipsoid along x, y, z, m."""
+        ...
+
+
+class Plant(Protocol):
+    """Equations of motion in a named frame, SI.
+
+    A plant whose gravity is an `ArrayGravityModel` offers `derivative_array` instead of
+    `derivative` (see `ArrayPlant`).
+    """
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame of the states, see `hillsphere.frames`."""
+        ...
+
+    @property
+    def states(self) -> tuple[Variable, ...]:
+        """States in order; positions, then velocities, then others."""
+        ...
+
+    @property
+    def controls(self) -> tuple[Variable, ...]:
+        """Controls in order (may be none)."""
+        ...
+
+    @property
+    def scales(self) -> Scales:
+        """Natural units."""
+        ...
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return all run-time parameters, those of injected models prefixed (``"gravity.gm"``)."""
+        ...
+
+    def derivative(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        """Return dx/dt, SI, for states x, controls u, time t (s) and parameters p."""
+        ...
+
+    def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
+        """Return functions whose fall through zero ends a flight (``"impact"`` …)."""
+        ...
+
+
+@runtime_checkable
+class ArrayPlant(Protocol):
+    """A plant whose right-hand side is a function of arrays, not an expression."""
+
+    def derivative_array(self, x: Array, u: Array, t: Array, p: Array) -> Array:
+        """Return dx/dt, SI: x (n, N), u (m, N), t (N,), p (k, N) → (n, N)."""
+        ...
+
+
+@runtime_checkable
+class ConservedQuantity(Protocol):
+    """A plant with an integral of motion."""
+
+    def integral(self, x: tuple[Expr, ...], p: Params) -> Expr:
+        """Return the integral, SI."""
+        ...
+
+    @property
+    def integral_variable(self) -> Variable:
+        """Its name and dimension."""
+        ...
+
+
+@runtime_checkable
+class MirrorSymmetry(Protocol):
+    """A plant that is unchanged when time runs backwards and some states change sign."""
+
+    @property
+    def mirrors(self) -> Mapping[str, tuple[int, ...]]:
+        """Mirror name (``"xz"``: the plane that stays) → sign of each state under time reversal."""
+        ...
+
+
+class Context(Protocol):
+    """What the pipeline gives a running stage."""
+
+    @property
+    def seed(self) -> int:
+        """Root seed of the mission."""
+        ...
+
+    def rng(self, stream: str = "") -> np.random.Generator:
+        """Return a generator that depends on the mission's seed, the stage and the stream only."""
+        ...
+
+    def info(self, message: str) -> None:
+        """Write a line to the run's log."""
+        ...
+
+    def track(self, description: str, total: int | None = None) -> Callable[[int], None]:
+        """Show progress; the returned function advances it and raises if the run was stopped."""
+        ...
+
+
+class Stage(Protocol):
+    """One step of a mission.
+
+    ``run(ctx, **inputs)`` takes one product per field of its Spec's ``needs`` by keyword and
+    returns an instance of its Spec's ``produces``; ``present(product, **inputs)`` shows it.
+    Annotate both with the concrete product classes.
+    """
+
+    @property
+    def run(self) -> Callable[..., Any]:
+        """Do the work."""
+        ...
+
+    @property
+    def present(self) -> Callable[..., Presentation]:
+        """Return metrics, tables and figures of the product."""
+        ...

@@ -1,0 +1,370 @@
+"""Discovery of components: pluggy finds them, a registry names them, nothing heavy is imported.
+
+A plugin package carries one entry point in the group ``hillsphere``. The module that it names has
+one function marked with `hookimpl`, ``hillsphere_components``, which returns `Component` records:
+kind, type and where class and Spec are to be found. Classes are imported when a mission first
+uses them, Specs when a mission is validated.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import cache
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+from hillsphere.errors import InputError, PluginError, UnknownComponentError
+
+if TYPE_CHECKING:
+    from hillsphere.spec import Spec
+
+API_VERSION = 1
+ENTRY_POINT_GROUP = "hillsphere"
+KINDS = (
+    "body",
+    "gravity",
+    "plant",
+    "orbit_family",
+    "guidance",
+    "compensator",
+    "estimator",
+    "sensor",
+    "tracker",
+    "stage",
+    "executor",
+    "command",
+)
+"""Every kind of component; a mission's tables are called by these names."""
+
+hookspec = pluggy.HookspecMarker("hillsphere")
+hookimpl = pluggy.HookimplMarker("hillsphere")
+"""Marks a plugin package's ``hillsphere_components``."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component that a plugin offers.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    type : str
+        Name by which a mission asks for it (``type = "ellipsoid"``); unique within its kind.
+    target : str
+        Import path of the class, ``"package.module:Class"``; it is called with the bound Spec.
+    spec : str
+        Import path of its `hillsphere.spec.Spec`; ``""`` for a command, whose target is a typer
+        application.
+    summary : str
+        One line for lists and help.
+    api : int
+        Version of this interface that the plugin was written for.
+    """
+
+    kind: str
+    type: str
+    target: str
+    spec: str
+    summary: str
+    api: int = API_VERSION
+
+
+class _Hooks:
+    @hookspec
+    def hillsphere_components(self) -> Iterable[Component]:  # type: ignore[empty-body]
+        """Return the components of a plugin package."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A component with the plugin that brought it."""
+
+    component: Component
+    plugin: str
+    distribution: str
+
+    def load_spec(self) -> type[Spec]:
+        """Import and return the Spec class; `PluginError` names the plugin if that fails."""
+        loaded: type[Spec] = self._load(self.component.spec)
+        return loaded
+
+    def load_target(self) -> Any:
+        """Import and return the class; `PluginError` names the plugin if that fails."""
+        return self._load(self.component.target)
+
+    def _load(self, path: str) -> Any:
+        try:
+            return load_object(path)
+        except Exception as error:
+            raise PluginError(
+                f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
+                f"({path}) cannot be imported: {type(error).__name__}: {error}"
+            ) from error
+
+
+def load_object(path: str) -> Any:
+    """Import ``"package.module:name"``.
+
+    Parameters
+    ----------
+    path : str
+        Import path.
+
+    Returns
+    -------
+    object
+        What stands there.
+    """
+    module, _, name = path.partition(":")
+    return getattr(import_module(module), name)
+
+
+@dataclass
+class Registry:
+    """The components of all plugins that loaded, and what is wrong with those that did not.
+
+    Parameters
+    ----------
+    strict : bool
+        Raise at the first broken plugin instead of setting it aside.
+    """
+
+    strict: bool = False
+    broken: dict[str, str] = field(default_factory=dict)
+    disabled: tuple[str, ...] = ()
+    _found: dict[tuple[str, str], Registered] = field(default_factory=dict)
+    _contested: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def add_plugin(self, name: str, plugin: object, distribution: str = "") -> None:
+        """Register what a plugin module or object offers.
+
+        Parameters
+        ----------
+        name : str
+            Name of the plugin (its entry point).
+        plugin : object
+            Has a `hookimpl` ``hillsphere_components``.
+        distribution : str, optional
+            Distribution and version, for lists.
+
+        Raises
+        ------
+        PluginError
+            If the plugin is broken and the registry is strict.
+        """
+        manager = pluggy.PluginManager("hillsphere")
+        manager.add_hookspecs(_Hooks)
+        try:
+            manager.register(plugin, name)
+            manager.check_pending()
+            offered = [c for group in manager.hook.hillsphere_components() for c in group]
+            if not offered:
+                raise PluginError("it offers no component (is hillsphere_components marked?)")
+            for component in offered:
+                _check(component)
+        except Exception as error:
+            self._set_aside(name, error)
+            return
+        for component in offered:
+            self._add(Registered(component, name, distribution))
+
+    def _add(self, new: Registered) -> None:
+        key = (new.component.kind, new.component.type)
+        old = self._found.get(key)
+        if old is not None:
+            text = (
+                f"{key[0]} {key[1]!r} is offered by two plugins, {old.plugin!r} and "
+                f"{new.plugin!r}; disable one with HILLSPHERE_DISABLE_PLUGINS"
+            )
+            if self.strict:
+                raise PluginError(text)
+            self._contested[key] = text
+            return
+        self._found[key] = new
+
+    def _set_aside(self, name: str, error: BaseException) -> None:
+        if self.strict:
+            raise PluginError(
+                f"plugin {name!r} is broken: {type(error).__name__}: {error}"
+            ) from error
+        self.broken[name] = f"{type(error).__name__}: {error}"
+
+    def get(self, kind: str, type_: str) -> Registered:
+        """Return the component of this kind and type.
+
+        Parameters
+        ----------
+        kind : str
+            One of `KINDS`.
+        type_ : str
+            Its type.
+
+        Returns
+        -------
+        Registered
+            The record; nothing is imported.
+
+        Raises
+        ------
+        UnknownComponentError
+            With the nearest installed type, and the broken plugins if there are any.
+        PluginError
+            If two plugins offer it.
+        """
+        key = (kind, type_)
+        if key in self._contested:
+            raise PluginError(self._contested[key])
+        if key in self._found:
+            return self._found[key]
+        types = [c.component.type for c in self.of_kind(kind)]
+        article = "an" if kind[0] in "aeiou" else "a"
+        text = f"no {kind.replace('_', ' ')} of type {type_!r}"
+        if near := get_close_matches(type_, types, n=1):
+            text += f"; did you mean {near[0]!r}?"
+        elif types:
+            text += f"; installed: {', '.join(sorted(types))}"
+        else:
+            text += f"; no plugin brings {article} {kind.replace('_', ' ')}"
+        if self.broken:
+            text += f" (set aside as broken: {', '.join(sorted(self.broken))})"
+        raise UnknownComponentError(text)
+
+    def of_kind(self, kind: str) -> Iterator[Registered]:
+        """Yield the components of a kind, sorted by type."""
+        for key in sorted(self._found):
+            if key[0] == kind:
+                yield self._found[key]
+
+    def __iter__(self) -> Iterator[Registered]:
+        return iter(self._found[key] for key in sorted(self._found))
+
+
+def _check(component: object) -> None:
+    if not isinstance(component, Component):
+        raise PluginError(f"must return Component records, got {type(component).__name__}")
+    if component.api != API_VERSION:
+        raise PluginError(
+            f"{component.kind} {component.type!r} was written for plugin API {component.api}; "
+            f"this is API {API_VERSION}"
+        )
+    if component.kind not in KINDS:
+        near = get_close_matches(component.kind, KINDS, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; kinds: {', '.join(KINDS)}"
+        raise PluginError(f"{component.type!r} is of unknown kind {component.kind!r}{hint}")
+    paths = [component.target] if component.kind == "command" else [component.target, component.spec]
+    for path in paths:
+        module, _, name = path.partition(":")
+        if not module or not name:
+            raise PluginError(f"{component.type!r}: {path!r} is not 'package.module:Class'")
+
+
+def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> Registry:
+    """Find all installed plugins.
+
+    Parameters
+    ----------
+    strict : bool
+        Raise at the first broken plugin.
+    disabled : iterable of str, optional
+        Plugins to leave out; by default the comma-separated HILLSPHERE_DISABLE_PLUGINS.
+
+    Returns
+    -------
+    Registry
+        The framework's own components and those of every entry point in the group ``hillsphere``.
+    """
+    if disabled is None:
+        disabled = os.environ.get("HILLSPHERE_DISABLE_PLUGINS", "").split(",")
+    left_out = {name.strip() for name in disabled if name.strip()}
+    registry = Registry(strict=strict, disabled=tuple(sorted(left_out)))
+    registry.add_plugin("hillsphere", import_module("hillsphere.components"))
+    points = sorted(metadata.entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name)
+    for point in dict.fromkeys(points):
+        if point.name in left_out:
+            continue
+        try:
+            module = point.load()
+        except Exception as error:
+            registry._set_aside(point.name, error)
+            continue
+        dist = f"{point.dist.name} {point.dist.version}" if point.dist else ""
+        registry.add_plugin(point.name, module, dist)
+    return registry
+
+
+@cache
+def default_registry() -> Registry:
+    """Return the registry of all installed plugins, found once per process."""
+    return discover()
+
+
+def create(kind: str, type_: str, /, **keys: Any) -> Any:
+    """Make one component from Python, with the same keys as a mission table.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    type_ : str
+        Its type.
+    **keys
+        What a mission would write, unit suffixes included; a reference takes the object itself.
+
+    Returns
+    -------
+    object
+        The component.
+
+    Raises
+    ------
+    UnknownComponentError
+        If no such component is installed.
+    InputError
+        If a key is unknown, missing, or of the wrong kind; every fault is named.
+
+    Examples
+    --------
+    >>> from hillsphere import create
+    >>> create("gravity", "point_mass", gm_km3_s2=7.0875e-4).frame
+    'body'
+    """
+    record = default_registry().get(kind, type_)
+    spec = validate(record.load_spec(), keys, where=f"{kind} {type_!r}")
+    return record.load_target()(spec)
+
+
+def validate(spec: type[Spec], keys: Mapping[str, Any], *, where: str) -> Spec:
+    """Check keys given in Python against a Spec.
+
+    Parameters
+    ----------
+    spec : type
+        The Spec class.
+    keys : mapping
+        As a mission would write them.
+    where : str
+        What is being made, for the message.
+
+    Returns
+    -------
+    Spec
+        The validated, frozen Spec.
+
+    Raises
+    ------
+    InputError
+        With all faults, a line each.
+    """
+    from hillsphere.faults import faults_of
+
+    made, faults = faults_of(spec, keys)
+    if made is None:
+        lines = [f"{where}: {'.'.join(map(str, f.key)) or '(table)'}: {f.message}" for f in faults]
+        raise InputError("\n".join(lines))
+    return made

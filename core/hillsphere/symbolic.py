@@ -1,0 +1,269 @@
+"""Expressions: the language in which gravity models, plants and laws write their equations.
+
+A model writes its equations once, on the expressions given here; `hillsphere.dynamics` derives the
+rest from them (array evaluators, exact derivatives, variational equations, propagators). This is
+the only module that a plugin needs for its equations.
+
+Facts of the engine behind it that a model must respect:
+
+- No control flow on values: use `select`. Both branches are evaluated, so both must be finite (or
+  at least not poison the derivative) everywhere.
+- `where_x = substitute(model(x), {x: shifted})` is how a model is placed elsewhere: write it on
+  plain variables, differentiate, then substitute. Differentiating by a composite is refused.
+- Run-time parameters are named with `parameter`; the engine numbers them when it compiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol, TypeAlias, cast
+
+from hillsphere._heyoka import heyoka as _hy
+
+__all__ = [
+    "Expr", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2", "constant", "cos",
+    "cross", "dot", "exp", "gradient", "greater", "jacobian", "log", "matvec", "norm", "parameter",
+    "parameter_names", "pi", "power", "product", "select", "sin", "spherical_harmonics_potential",
+    "sqrt", "substitute", "sum_of", "tan", "time", "variable", "variable_names", "variables",
+]  # fmt: skip
+
+
+class Expr(Protocol):
+    """An expression; supports ``+ - * / **`` with expressions and numbers, and unary minus."""
+
+    def __add__(self, other: Scalar, /) -> Expr: ...
+    def __radd__(self, other: Scalar, /) -> Expr: ...
+    def __sub__(self, other: Scalar, /) -> Expr: ...
+    def __rsub__(self, other: Scalar, /) -> Expr: ...
+    def __mul__(self, other: Scalar, /) -> Expr: ...
+    def __rmul__(self, other: Scalar, /) -> Expr: ...
+    def __truediv__(self, other: Scalar, /) -> Expr: ...
+    def __rtruediv__(self, other: Scalar, /) -> Expr: ...
+    def __pow__(self, other: Scalar, /) -> Expr: ...
+    def __neg__(self) -> Expr: ...
+
+
+Scalar: TypeAlias = Expr | float | int
+Vec3: TypeAlias = tuple[Expr, Expr, Expr]
+Params: TypeAlias = Mapping[str, Expr]
+"""Parameter name → expression; the engine decides whether it is a constant or set at run time."""
+
+_PARAMETER = "param:"
+
+time: Expr = cast(Expr, _hy.time)
+"""The independent variable of a system of equations, s."""
+pi: Expr = cast(Expr, _hy.pi)
+
+
+def constant(value: float) -> Expr:
+    """Return a number as an expression."""
+    return cast(Expr, _hy.expression(float(value)))
+
+
+def variable(name: str) -> Expr:
+    """Return the variable of this name."""
+    return cast(Expr, _hy.expression(name))
+
+
+def variables(*names: str) -> tuple[Expr, ...]:
+    """Return the variables of these names."""
+    return tuple(variable(name) for name in names)
+
+
+def parameter(name: str) -> Expr:
+    """Return the run-time parameter of this name; it gets its value at each evaluation."""
+    return cast(Expr, _hy.expression(_PARAMETER + name))
+
+
+def variable_names(expressions: Iterable[Expr]) -> list[str]:
+    """Names of the variables in the expressions, sorted; run-time parameters are left out."""
+    names = _hy.get_variables([_as_expr(e) for e in expressions])
+    return [name for name in names if not name.startswith(_PARAMETER)]
+
+
+def parameter_names(expressions: Iterable[Expr]) -> list[str]:
+    """Names of the run-time parameters in the expressions, sorted."""
+    names = _hy.get_variables([_as_expr(e) for e in expressions])
+    return [n.removeprefix(_PARAMETER) for n in names if n.startswith(_PARAMETER)]
+
+
+def _as_expr(value: Scalar) -> Expr:
+    return constant(value) if isinstance(value, int | float) else value
+
+
+def sqrt(x: Scalar) -> Expr:
+    """Square root."""
+    return cast(Expr, _hy.sqrt(_as_expr(x)))
+
+
+def sin(x: Scalar) -> Expr:
+    """Sine."""
+    return cast(Expr, _hy.sin(_as_expr(x)))
+
+
+def cos(x: Scalar) -> Expr:
+    """Cosine."""
+    return cast(Expr, _hy.cos(_as_expr(x)))
+
+
+def tan(x: Scalar) -> Expr:
+    """Tangent."""
+    return cast(Expr, _hy.tan(_as_expr(x)))
+
+
+def asin(x: Scalar) -> Expr:
+    """Inverse sine, rad."""
+    return cast(Expr, _hy.asin(_as_expr(x)))
+
+
+def acos(x: Scalar) -> Expr:
+    """Inverse cosine, rad; keep the argument off ±1, where the derivative is infinite."""
+    return cast(Expr, _hy.acos(_as_expr(x)))
+
+
+def atan2(y: Scalar, x: Scalar) -> Expr:
+    """Angle of the point (x, y), rad, in (−π, π]."""
+    return cast(Expr, _hy.atan2(_as_expr(y), _as_expr(x)))
+
+
+def exp(x: Scalar) -> Expr:
+    """Exponential."""
+    return cast(Expr, _hy.exp(_as_expr(x)))
+
+
+def log(x: Scalar) -> Expr:
+    """Natural logarithm."""
+    return cast(Expr, _hy.log(_as_expr(x)))
+
+
+def power(x: Scalar, exponent: float) -> Expr:
+    """x to a constant power."""
+    return _as_expr(x) ** exponent
+
+
+def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
+    """One of two expressions, lane by lane; both are evaluated."""
+    return cast(Expr, _hy.select(condition, _as_expr(if_true), _as_expr(if_false)))
+
+
+def greater(a: Scalar, b: Scalar) -> Expr:
+    """Condition a > b, for `select`."""
+    return cast(Expr, _hy.gt(_as_expr(a), _as_expr(b)))
+
+
+def absolute(x: Scalar) -> Expr:
+    """|x|, by `select`; its derivative at zero is that of −x."""
+    e = _as_expr(x)
+    return select(greater(e, 0.0), e, -e)
+
+
+def sum_of(terms: Iterable[Scalar]) -> Expr:
+    """Sum of any number of terms; better for the compiler than a chain of ``+``."""
+    return cast(Expr, _hy.sum([_as_expr(term) for term in terms]))
+
+
+def product(factors: Iterable[Scalar]) -> Expr:
+    """Product of any number of factors."""
+    return cast(Expr, _hy.prod([_as_expr(factor) for factor in factors]))
+
+
+def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Expr:
+    """Scalar product."""
+    return sum_of(_as_expr(x) * y for x, y in zip(a, b, strict=True))
+
+
+def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
+    """Vector product of two 3-vectors."""
+    ax, ay, az = (_as_expr(x) for x in a)
+    bx, by, bz = (_as_expr(x) for x in b)
+    return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+
+
+def norm(a: Sequence[Scalar]) -> Expr:
+    """Euclidean length."""
+    return sqrt(dot(a, a))
+
+
+def matvec(matrix: Sequence[Sequence[Scalar]], vector: Sequence[Scalar]) -> tuple[Expr, ...]:
+    """Matrix times vector."""
+    return tuple(dot(row, vector) for row in matrix)
+
+
+def substitute(
+    expressions: Sequence[Expr], replacements: Mapping[Expr, Scalar] | Mapping[str, Scalar]
+) -> tuple[Expr, ...]:
+    """Replace variables, all at once.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+        What to rewrite.
+    replacements : mapping
+        Variable (or its name) to what takes its place.
+
+    Returns
+    -------
+    tuple of Expr
+        In the order given.
+    """
+    table = {
+        (key if isinstance(key, str) else _hy.expression(key)): _as_expr(value)
+        for key, value in replacements.items()
+    }
+    return tuple(cast("list[Expr]", _hy.subs([_as_expr(e) for e in expressions], table)))
+
+
+def jacobian(
+    expressions: Sequence[Scalar], by: Sequence[Expr]
+) -> tuple[tuple[Expr, ...], ...]:
+    """Exact first derivatives.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+        m functions.
+    by : sequence of Expr
+        n variables or run-time parameters (plain, not composite).
+
+    Returns
+    -------
+    tuple of tuple of Expr
+        m rows of n derivatives.
+    """
+    functions = [_as_expr(e) for e in expressions]
+    tensors = _hy.diff_tensors(functions, diff_args=list(by), diff_order=1)
+    table = tensors.jacobian
+    return tuple(
+        tuple(cast(Expr, table[i][j]) for j in range(len(by))) for i in range(len(functions))
+    )
+
+
+def gradient(expression: Scalar, by: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Exact derivatives of one function by n variables."""
+    return jacobian([expression], by)[0]
+
+
+def spherical_harmonics_potential(
+    r: Vec3,
+    coefficients: Sequence[tuple[Scalar, Scalar]],
+    gm: Scalar,
+    radius: Scalar,
+) -> Expr:
+    """Potential of a spherical-harmonic series, +U, finite at the poles.
+
+    Parameters
+    ----------
+    r : Vec3
+        Body-fixed position.
+    coefficients : sequence of (C, S)
+        Fully normalised (4π), in degree-then-order order, degrees 0 and 1 included.
+    gm, radius : Scalar
+        Gravitational parameter and reference radius, in units that fit `r`.
+
+    Returns
+    -------
+    Expr
+        (GM/R) Σ (R/r)^{n+1} P̄nm(sin φ)(C̄ cos mλ + S̄ sin mλ).
+    """
+    table = [[_as_expr(c), _as_expr(s)] for c, s in coefficients]
+    return cast(Expr, _hy.model.sh_gravity_pot(list(r), table, _as_expr(gm), _as_expr(radius)))
