@@ -149,8 +149,9 @@ class Surface(Protocol):
 class Plant(Protocol):
     """Equations of motion in a named frame, SI.
 
-    A plant whose gravity is an `ArrayGravityModel` offers `derivative_array` instead of
-    `derivative` (see `ArrayPlant`).
+    A plant whose gravity is an `ArrayGravityModel` also offers `ExternalInputs`; one with an
+    integral of motion `ConservedQuantity`, with a time-reversal symmetry `MirrorSymmetry`.
+    `hillsphere.dynamics.system` makes a system of equations of it, normalised or not.
     """
 
     @property
@@ -189,11 +190,29 @@ class Plant(Protocol):
 
 
 @runtime_checkable
-class ArrayPlant(Protocol):
-    """A plant whose right-hand side is a function of arrays, not an expression."""
+class ExternalInputs(Protocol):
+    """A plant some of whose terms are functions of arrays, not expressions (tabulated gravity).
 
-    def derivative_array(self, x: Array, u: Array, t: Array, p: Array) -> Array:
-        """Return dx/dt, SI: x (n, N), u (m, N), t (N,), p (k, N) → (n, N)."""
+    Its `derivative` uses them as plain variables, ``symbolic.variable(name)``, of the names listed
+    in `external`. The step map evaluates them at every Runge–Kutta stage; the Taylor propagator,
+    which must differentiate in time, cannot take such a plant.
+    """
+
+    @property
+    def external(self) -> tuple[Variable, ...]:
+        """The m terms in order; empty for a plant that is wholly symbolic."""
+        ...
+
+    def external_array(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the terms, SI, shape (m, N).
+
+        The arguments are the states x (n, N), SI, times t (N,), s, and all of the plant's
+        `parameters`, in their order, p (k, N).
+        """
+        ...
+
+    def external_jacobian(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the derivatives of the terms by the states, SI, shape (m, n, N)."""
         ...
 
 

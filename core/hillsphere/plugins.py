@@ -9,9 +9,9 @@ uses them, Specs when a mission is validated.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cache
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from hillsphere.errors import InputError, PluginError, UnknownComponentError
+from hillsphere.problems import did_you_mean, format_key
 
 if TYPE_CHECKING:
     from hillsphere.spec import Spec
@@ -91,7 +92,14 @@ class Registered:
 
     def load_spec(self) -> type[Spec]:
         """Import and return the Spec class; `PluginError` names the plugin if that fails."""
-        loaded: type[Spec] = self._load(self.component.spec)
+        from hillsphere.spec import Spec
+
+        loaded = self._load(self.component.spec)
+        if not (isinstance(loaded, type) and issubclass(loaded, Spec)):
+            raise PluginError(
+                f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r}: "
+                f"{self.component.spec} is not a subclass of hillsphere.spec.Spec"
+            )
         return loaded
 
     def load_target(self) -> Any:
@@ -101,7 +109,7 @@ class Registered:
     def _load(self, path: str) -> Any:
         try:
             return load_object(path)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a plugin's module may do anything
             raise PluginError(
                 f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
                 f"({path}) cannot be imported: {type(error).__name__}: {error}"
@@ -166,9 +174,13 @@ class Registry:
             offered = [c for group in manager.hook.hillsphere_components() for c in group]
             if not offered:
                 raise PluginError("it offers no component (is hillsphere_components marked?)")
+            seen: set[tuple[str, str]] = set()
             for component in offered:
                 _check(component)
-        except Exception as error:
+                if (component.kind, component.type) in seen:
+                    raise PluginError(f"it offers {component.kind} {component.type!r} twice")
+                seen.add((component.kind, component.type))
+        except (Exception, SystemExit) as error:
             self._set_aside(name, error)
             return
         for component in offered:
@@ -224,13 +236,9 @@ class Registry:
             return self._found[key]
         types = [c.component.type for c in self.of_kind(kind)]
         article = "an" if kind[0] in "aeiou" else "a"
-        text = f"no {kind.replace('_', ' ')} of type {type_!r}"
-        if near := get_close_matches(type_, types, n=1):
-            text += f"; did you mean {near[0]!r}?"
-        elif types:
-            text += f"; installed: {', '.join(sorted(types))}"
-        else:
-            text += f"; no plugin brings {article} {kind.replace('_', ' ')}"
+        text = f"no {kind.replace('_', ' ')} of type {type_[:60]!r}"
+        hint = did_you_mean(type_, types, otherwise="installed")
+        text += hint or f"; no plugin brings {article} {kind.replace('_', ' ')}"
         if self.broken:
             text += f" (set aside as broken: {', '.join(sorted(self.broken))})"
         raise UnknownComponentError(text)
@@ -245,6 +253,9 @@ class Registry:
         return iter(self._found[key] for key in sorted(self._found))
 
 
+_TYPE_NAME = re.compile(r"[a-z][a-z0-9_-]*")
+
+
 def _check(component: object) -> None:
     if not isinstance(component, Component):
         raise PluginError(f"must return Component records, got {type(component).__name__}")
@@ -254,10 +265,16 @@ def _check(component: object) -> None:
             f"this is API {API_VERSION}"
         )
     if component.kind not in KINDS:
-        near = get_close_matches(component.kind, KINDS, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; kinds: {', '.join(KINDS)}"
+        hint = did_you_mean(component.kind, KINDS, otherwise="kinds")
         raise PluginError(f"{component.type!r} is of unknown kind {component.kind!r}{hint}")
-    paths = [component.target] if component.kind == "command" else [component.target, component.spec]
+    if not _TYPE_NAME.fullmatch(component.type):
+        raise PluginError(
+            f"{component.kind} {component.type!r}: a type is named with small letters, digits, "
+            "'_' and '-', beginning with a letter"
+        )
+    paths = (
+        [component.target] if component.kind == "command" else [component.target, component.spec]
+    )
     for path in paths:
         module, _, name = path.partition(":")
         if not module or not name:
@@ -290,7 +307,7 @@ def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> 
             continue
         try:
             module = point.load()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             registry._set_aside(point.name, error)
             continue
         dist = f"{point.dist.name} {point.dist.version}" if point.dist else ""
@@ -365,6 +382,9 @@ def validate(spec: type[Spec], keys: Mapping[str, Any], *, where: str) -> Spec:
 
     made, faults = faults_of(spec, keys)
     if made is None:
-        lines = [f"{where}: {'.'.join(map(str, f.key)) or '(table)'}: {f.message}" for f in faults]
+        lines = [
+            f"{where}: {format_key(f.key)}: {f.message}" if f.key else f"{where}: {f.message}"
+            for f in faults
+        ]
         raise InputError("\n".join(lines))
     return made

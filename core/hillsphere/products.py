@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hillsphere.interfaces import Array
+from hillsphere.product_codec import load_product, save_product
 
-__all__ = ["Bifurcations", "PeriodicOrbits"]
+__all__ = ["Bifurcations", "PeriodicOrbits", "load_product", "save_product"]
 
 
 @dataclass(frozen=True)

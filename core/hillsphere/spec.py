@@ -11,12 +11,33 @@ This module imports pydantic only: a plugin's ``specs`` module that keeps to it 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, TypeAlias
+from math import inf
+from typing import Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError, core_schema
+
+from hillsphere.fields import (
+    DataPath,
+    Pair,
+    Vector3,
+    data_path,
+    need,
+    option,
+    quantity,
+    reference,
+)
+from hillsphere.units import UNITS, unit_keys
 
 __all__ = [
     "UNITS",
@@ -33,137 +54,6 @@ __all__ = [
     "reference",
     "unit_keys",
 ]
-
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "length": {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "au": 1.495978707e11},
-    "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0},
-    "angle": {"rad": 1.0, "deg": 0.017453292519943295, "arcsec": 4.84813681109536e-06},
-    "speed": {"m_s": 1.0, "km_s": 1e3, "cm_s": 1e-2, "mm_s": 1e-3},
-    "acceleration": {"m_s2": 1.0, "km_s2": 1e3, "mm_s2": 1e-3},
-    "angular_rate": {"rad_s": 1.0, "deg_s": 0.017453292519943295, "deg_h": 4.84813681109536e-06},
-    "gravitational_parameter": {"m3_s2": 1.0, "km3_s2": 1e9},
-    "density": {"kg_m3": 1.0, "g_cm3": 1e3},
-    "mass": {"kg": 1.0, "t": 1e3},
-    "area_to_mass": {"m2_kg": 1.0},
-    "frequency": {"hz": 1.0},
-}
-"""Closed list of unit suffixes: dimension → suffix → factor to SI; the SI suffix stands first."""
-
-Vector3: TypeAlias = tuple[float, float, float]
-Pair: TypeAlias = tuple[float, float]
-
-
-def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: Any) -> Any:
-    """Declare a physical quantity; the field's name must end in the SI suffix of its dimension.
-
-    Parameters
-    ----------
-    dimension : str
-        A key of `UNITS`.
-    description : str
-        What it is, in which frame; it becomes the documentation and the JSON Schema.
-    default : object, optional
-        SI value; without it the key is required.
-    **bounds
-        pydantic bounds in SI (``gt``, ``ge``, ``lt``, ``le``, ``min_length``, ``max_length``). On an
-        array of numbers the numeric bounds hold for each element.
-
-    Returns
-    -------
-    pydantic.fields.FieldInfo
-        The field.
-    """
-    return option(description, default=default, extra={"x-dimension": dimension}, **bounds)
-
-
-def option(
-    description: str, *, default: Any = ..., extra: dict[str, Any] | None = None, **bounds: Any
-) -> Any:
-    """Declare a parameter without unit: a count, a ratio, a choice.
-
-    Parameters
-    ----------
-    description : str
-        What it is.
-    default : object, optional
-        Without it the key is required.
-    extra : dict, optional
-        Further JSON Schema keys.
-    **bounds
-        pydantic bounds; on an array of numbers the numeric ones hold for each element.
-
-    Returns
-    -------
-    pydantic.fields.FieldInfo
-        The field.
-    """
-    schema = dict(extra or {})
-    each = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
-    if each:
-        schema["x-bounds"] = each
-    return Field(default, description=description, json_schema_extra=schema or None, **bounds)
-
-
-def reference(kind: str, description: str, *, default: Any = ...) -> Any:
-    """Declare a reference to a component of another table; annotate the field as `Ref`.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the component that is meant, e.g. ``"gravity"``.
-    description : str
-        What the component is needed for.
-    default : str or None, optional
-        Without it the key is required.
-
-    Returns
-    -------
-    pydantic.fields.FieldInfo
-        The field.
-    """
-    return option(description, default=default, extra={"x-kind": kind})
-
-
-def need(product: str, description: str, *, default: Any = ...) -> Any:
-    """Declare what a stage takes from an earlier stage; annotate the field as `Ref`.
-
-    Parameters
-    ----------
-    product : str
-        Import path ``"package.module:Class"`` of the product that the earlier stage must yield.
-    description : str
-        What it is needed for.
-    default : None, optional
-        ``None`` makes the input optional.
-
-    Returns
-    -------
-    pydantic.fields.FieldInfo
-        The field; it belongs in the nested Spec of a stage's ``needs``.
-    """
-    return option(description, default=default, extra={"x-kind": "stage", "x-product": product})
-
-
-def data_path(description: str, *, default: Any = ...) -> Any:
-    """Declare an input file; annotate the field as `DataPath`.
-
-    Parameters
-    ----------
-    description : str
-        What the file holds.
-    default : str or None, optional
-        Without it the key is required.
-
-    Returns
-    -------
-    pydantic.fields.FieldInfo
-        The field. A mission resolves it relative to its own file, then in the packaged data; the
-        Spec that a component receives holds the absolute path.
-    """
-    return option(description, default=default, extra={"x-path": True})
-
-
-DataPath: TypeAlias = Annotated[str, Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -213,42 +103,59 @@ class Ref:
         )
 
 
-def unit_keys(name: str, dimension: str) -> dict[str, float]:
-    """Every key that a mission may write for an SI field, with its factor to SI.
+@dataclass(frozen=True)
+class _Twice:
+    """Stands for a quantity that was given in two units, until its field refuses it."""
 
-    Parameters
-    ----------
-    name : str
-        Field name, ending in the dimension's SI suffix.
-    dimension : str
-        A key of `UNITS`.
-
-    Returns
-    -------
-    dict of str to float
-        ``{"axes_m": 1.0, "axes_km": 1000.0, …}``.
-    """
-    units = UNITS[dimension]
-    stem = name.removesuffix(next(iter(units)))
-    return {stem + suffix: factor for suffix, factor in units.items()}
+    first: str
+    second: str
 
 
 def _scaled(value: Any, factor: float) -> Any:
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):
-        return value * factor
+        try:
+            return value * factor
+        except OverflowError:  # an int beyond the range of floats: refused as not finite
+            return inf
     if isinstance(value, list | tuple):
         return tuple(_scaled(item, factor) for item in value)
     return value
 
 
-def _numbers(value: Any) -> Iterator[float]:
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        yield value
-    elif isinstance(value, list | tuple):
-        for item in value:
-            yield from _numbers(item)
+def _frozen(value: Any) -> Any:
+    """Return arrays as tuples, at every depth: a Spec holds nothing that can change."""
+    if isinstance(value, list | tuple):
+        return tuple(_frozen(item) for item in value)
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return value
+
+
+def _leaves(
+    value: Any, where: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    """Yield (place within the value, item) for every item of nested arrays and tables."""
+    if isinstance(value, tuple | list):
+        for index, item in enumerate(value):
+            yield from _leaves(item, (*where, index))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(item, (*where, key))
+    else:
+        yield where, value
+
+
+def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Apply to every item of nested arrays and tables; the same object if nothing changed."""
+    if isinstance(value, tuple):
+        items = tuple(_mapped(item, change) for item in value)
+        return value if all(a is b for a, b in zip(items, value, strict=True)) else items
+    if isinstance(value, dict):
+        table = {key: _mapped(item, change) for key, item in value.items()}
+        return value if all(table[key] is value[key] for key in value) else table
+    return change(value)
 
 
 class Spec(BaseModel):
@@ -257,9 +164,16 @@ class Spec(BaseModel):
     `examples` holds tables as a mission would write them, at least one: they feed documentation,
     JSON Schema and the contract tests. A reference in an example is any name;
     the contract tests put a component of its kind there.
+
+    Arrays arrive as tuples, so annotate a field ``tuple[float, ...]``, never ``list``. A rule
+    between fields is a ``model_validator(mode="after")`` that raises ValueError; to have the
+    message placed at one key, raise ``PydanticCustomError("rule", message, {"key": name})``.
     """
 
     examples: ClassVar[tuple[dict[str, Any], ...]] = ()
+
+    _unit_keys: ClassVar[dict[str, dict[str, float]]] = {}
+    _bounds: ClassVar[dict[str, Mapping[str, float]]] = {}
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=False
@@ -272,58 +186,99 @@ class Spec(BaseModel):
         return extra if isinstance(extra, dict) else {}
 
     @classmethod
+    def units_by_field(cls) -> Mapping[str, Mapping[str, float]]:
+        """Return what may be written for each quantity: field → key → factor to SI."""
+        return cls._unit_keys
+
+    @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         """Check that every quantity is named by its SI suffix, when the class is made."""
         super().__pydantic_init_subclass__(**kwargs)
+        cls._unit_keys = {}
+        cls._bounds = {}
         for name in cls.model_fields:
-            dimension = cls.schema_extra(name).get("x-dimension")
-            if dimension is not None and not name.endswith("_" + next(iter(UNITS[dimension]))):
-                suffix = next(iter(UNITS[dimension]))
+            extra = cls.schema_extra(name)
+            if bounds := extra.get("x-bounds"):
+                cls._bounds[name] = bounds
+            dimension = extra.get("x-dimension")
+            if dimension is None:
+                continue
+            suffix = next(iter(UNITS[dimension]))
+            if not name.endswith("_" + suffix):
                 raise TypeError(f"{cls.__name__}.{name}: a {dimension} must be named *_{suffix}")
+            cls._unit_keys[name] = unit_keys(name, dimension)
 
     @model_validator(mode="before")
     @classmethod
     def _to_si(cls, data: Any) -> Any:
         if not isinstance(data, Mapping):
             return data
-        given = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
-        for name in cls.model_fields:
-            extra = cls.schema_extra(name)
-            if dimension := extra.get("x-dimension"):
-                keys = unit_keys(name, dimension)
-                found = [key for key in keys if key in given]
-                if len(found) > 1:
-                    raise PydanticCustomError(
-                        "unit_twice", "{first} and {second} say the same thing; keep one",
-                        {"first": found[0], "second": found[1], "key": found[1]},
-                    )  # fmt: skip
-                if found:
-                    given[name] = _scaled(given.pop(found[0]), keys[found[0]])
+        given = {key: _frozen(value) for key, value in data.items()}
+        for name, keys in cls._unit_keys.items():
+            found = [key for key in keys if key in given]
+            if len(found) == 1:
+                given[name] = _scaled(given.pop(found[0]), keys[found[0]])
+            elif found:
+                for key in found:
+                    del given[key]
+                given[name] = _Twice(found[0], found[1])
         return given
 
-    @model_validator(mode="after")
-    def _in_bounds(self) -> Spec:
-        for name in type(self).model_fields:
-            if name not in self.model_fields_set:
-                continue
-            bounds = type(self).schema_extra(name).get("x-bounds", {})
-            for number in _numbers(getattr(self, name)):
+    # Both faults are raised by the field, not by the model, so that neither hides another's.
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _once_and_in_bounds(
+        cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> Any:
+        if isinstance(value, _Twice):
+            raise PydanticCustomError(
+                "unit_twice", "{first} and {second} say the same thing; keep one",
+                {"first": value.first, "second": value.second},
+            )  # fmt: skip
+        made = handler(value)
+        bounds = cls._bounds.get(info.field_name or "")
+        if bounds:
+            for where, number in _leaves(made):
+                if isinstance(number, bool) or not isinstance(number, int | float):
+                    continue
                 for test, limit in bounds.items():
                     if not _BOUND_TESTS[test](number, limit):
                         raise PydanticCustomError(
                             "bound", "must be {sign} {limit}",
-                            {"sign": _BOUND_SIGNS[test], "limit": limit, "key": name,
+                            {"sign": _BOUND_SIGNS[test], "limit": limit, "where": where,
                              "value": number},
                         )  # fmt: skip
-        return self
+        return made
 
     def references(self) -> Iterator[tuple[tuple[str | int, ...], str, Ref]]:
         """Yield (location, kind, reference) for every reference here and in nested Specs."""
-        for name in type(self).model_fields:
-            kind = type(self).schema_extra(name).get("x-kind", "")
-            yield from _references((name,), kind, getattr(self, name))
+        for where, field, item in self._items():
+            if isinstance(item, Ref):
+                yield where, field.get("x-kind", ""), item
 
-    def bound(self, lookup: Any) -> Spec:
+    def data_paths(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield (location, path) for every input file named here and in nested Specs."""
+        for where, field, item in self._items():
+            if isinstance(item, str) and field.get("x-path"):
+                yield where, item
+
+    def needs_of(self) -> Iterator[tuple[tuple[str | int, ...], str, Ref]]:
+        """Yield (location, import path of the product, reference) for every `need`."""
+        for where, field, item in self._items():
+            if isinstance(item, Ref) and (product := field.get("x-product")):
+                yield where, product, item
+
+    def _items(self) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any], Any]]:
+        """Yield (location, extra facts of its field, item) here and in nested Specs."""
+        for name in type(self).model_fields:
+            for where, item in _leaves(getattr(self, name), (name,)):
+                if isinstance(item, Spec):
+                    for inner, field, leaf in item._items():
+                        yield (*where, *inner), field, leaf
+                else:
+                    yield where, self.schema_extra(name), item
+
+    def bound(self, lookup: Callable[[str, str], Any]) -> Self:
         """Return a copy whose references hold their components.
 
         Parameters
@@ -336,10 +291,45 @@ class Spec(BaseModel):
         Spec
             Of the same class.
         """
+
+        def bind(field: Mapping[str, Any], item: Any) -> Any:
+            if isinstance(item, Ref) and item.target is None:
+                return Ref(item.name, lookup(field.get("x-kind", ""), item.name))
+            return item
+
+        return self._changed(bind)
+
+    def with_data_paths(self, resolved: Mapping[str, str]) -> Self:
+        """Return a copy whose input files are named by other paths.
+
+        Parameters
+        ----------
+        resolved : mapping of str to str
+            Path as it stands here → path that takes its place.
+
+        Returns
+        -------
+        Spec
+            Of the same class.
+        """
+
+        def resolve(field: Mapping[str, Any], item: Any) -> Any:
+            is_path = isinstance(item, str) and field.get("x-path")
+            return resolved.get(item, item) if is_path else item
+
+        return self._changed(resolve)
+
+    def _changed(self, change: Callable[[Mapping[str, Any], Any], Any]) -> Self:
+        """Apply ``change(extra facts of the field, item)`` here and in nested Specs."""
         changed: dict[str, Any] = {}
         for name in type(self).model_fields:
+            field = self.schema_extra(name)
+
+            def one(item: Any, field: Mapping[str, Any] = field) -> Any:
+                return item._changed(change) if isinstance(item, Spec) else change(field, item)
+
             value = getattr(self, name)
-            new = _bound(value, type(self).schema_extra(name).get("x-kind", ""), lookup)
+            new = _mapped(value, one)
             if new is not value:
                 changed[name] = new
         return self.model_copy(update=changed) if changed else self
@@ -352,36 +342,6 @@ _BOUND_TESTS = {
     "le": lambda x, y: x <= y,
 }
 _BOUND_SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
-
-
-def _references(
-    where: tuple[str | int, ...], kind: str, value: Any
-) -> Iterator[tuple[tuple[str | int, ...], str, Ref]]:
-    if isinstance(value, Ref):
-        yield where, kind, value
-    elif isinstance(value, Spec):
-        for inner, inner_kind, ref in value.references():
-            yield (*where, *inner), inner_kind, ref
-    elif isinstance(value, tuple):
-        for index, item in enumerate(value):
-            yield from _references((*where, index), kind, item)
-    elif isinstance(value, dict):
-        for key, item in value.items():
-            yield from _references((*where, key), kind, item)
-
-
-def _bound(value: Any, kind: str, lookup: Any) -> Any:
-    if isinstance(value, Ref):
-        return value if value.target is not None else Ref(value.name, lookup(kind, value.name))
-    if isinstance(value, Spec):
-        return value.bound(lookup)
-    if isinstance(value, tuple):
-        items = tuple(_bound(item, kind, lookup) for item in value)
-        return value if all(a is b for a, b in zip(items, value, strict=True)) else items
-    if isinstance(value, dict):
-        table = {key: _bound(item, kind, lookup) for key, item in value.items()}
-        return value if all(table[key] is value[key] for key in value) else table
-    return value
 
 
 class StageSpec(Spec):

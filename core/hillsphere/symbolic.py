@@ -19,12 +19,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol, TypeAlias, cast
 
 from hillsphere._heyoka import heyoka as _hy
+from hillsphere.errors import InputError
 
 __all__ = [
     "Expr", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2", "constant", "cos",
-    "cross", "dot", "exp", "gradient", "greater", "jacobian", "log", "matvec", "norm", "parameter",
-    "parameter_names", "pi", "power", "product", "select", "sin", "spherical_harmonics_potential",
-    "sqrt", "substitute", "sum_of", "tan", "time", "variable", "variable_names", "variables",
+    "cross", "dot", "exp", "gradient", "greater", "is_zero", "jacobian", "less", "log", "matvec",
+    "maximum", "minimum", "norm", "parameter", "parameter_names", "pi", "power", "product",
+    "select", "sin", "spherical_harmonics_potential", "sqrt", "substitute", "sum_of", "tan",
+    "time", "variable", "variable_names", "variables",
 ]  # fmt: skip
 
 
@@ -62,6 +64,8 @@ def constant(value: float) -> Expr:
 
 def variable(name: str) -> Expr:
     """Return the variable of this name."""
+    if name.startswith(_PARAMETER):
+        raise InputError(f"variable {name!r}: names with {_PARAMETER!r} are run-time parameters")
     return cast(Expr, _hy.expression(name))
 
 
@@ -137,7 +141,7 @@ def log(x: Scalar) -> Expr:
 
 
 def power(x: Scalar, exponent: float) -> Expr:
-    """x to a constant power."""
+    """Raise x to a constant power."""
     return _as_expr(x) ** exponent
 
 
@@ -149,6 +153,26 @@ def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
 def greater(a: Scalar, b: Scalar) -> Expr:
     """Condition a > b, for `select`."""
     return cast(Expr, _hy.gt(_as_expr(a), _as_expr(b)))
+
+
+def less(a: Scalar, b: Scalar) -> Expr:
+    """Condition a < b, for `select`."""
+    return cast(Expr, _hy.lt(_as_expr(a), _as_expr(b)))
+
+
+def minimum(a: Scalar, b: Scalar) -> Expr:
+    """Smaller of two expressions, lane by lane."""
+    return select(less(a, b), a, b)
+
+
+def maximum(a: Scalar, b: Scalar) -> Expr:
+    """Larger of two expressions, lane by lane."""
+    return select(greater(a, b), a, b)
+
+
+def is_zero(e: Scalar) -> bool:
+    """Whether an expression is literally the number zero (``0 * x`` is, ``x - x`` is not)."""
+    return bool(_as_expr(e) == constant(0.0))
 
 
 def absolute(x: Scalar) -> Expr:
@@ -190,7 +214,8 @@ def matvec(matrix: Sequence[Sequence[Scalar]], vector: Sequence[Scalar]) -> tupl
 
 
 def substitute(
-    expressions: Sequence[Expr], replacements: Mapping[Expr, Scalar] | Mapping[str, Scalar]
+    expressions: Sequence[Expr],
+    replacements: Mapping[Expr, Scalar] | Mapping[str, Scalar] | Mapping[Expr | str, Scalar],
 ) -> tuple[Expr, ...]:
     """Replace variables, all at once.
 
@@ -207,15 +232,13 @@ def substitute(
         In the order given.
     """
     table = {
-        (key if isinstance(key, str) else _hy.expression(key)): _as_expr(value)
+        (variable(key) if isinstance(key, str) else key): _as_expr(value)
         for key, value in replacements.items()
     }
     return tuple(cast("list[Expr]", _hy.subs([_as_expr(e) for e in expressions], table)))
 
 
-def jacobian(
-    expressions: Sequence[Scalar], by: Sequence[Expr]
-) -> tuple[tuple[Expr, ...], ...]:
+def jacobian(expressions: Sequence[Scalar], by: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
     """Exact first derivatives.
 
     Parameters
@@ -231,6 +254,8 @@ def jacobian(
         m rows of n derivatives.
     """
     functions = [_as_expr(e) for e in expressions]
+    if not functions or not by:
+        return ((),) * len(functions)
     tensors = _hy.diff_tensors(functions, diff_args=list(by), diff_order=1)
     table = tensors.jacobian
     return tuple(

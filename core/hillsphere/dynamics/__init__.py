@@ -1,5 +1,27 @@
-"""The engine: what is written in `hillsphere.symbolic`, compiled and propagated."""
+"""The engine: what is written in `hillsphere.symbolic`, compiled and propagated.
+
+`system` makes equations of a plant; `StepMap` and `Taylor` propagate them, `Derivatives` and
+`ArrayFunction` evaluate them.
+"""
 
 from hillsphere.dynamics.compiled import ArrayFunction
+from hillsphere.dynamics.step_map import Crossing, StepMap
+from hillsphere.dynamics.system import External, System, system
+from hillsphere.dynamics.tableaux import Tableau, tableau
+from hillsphere.dynamics.taylor import Flight, Taylor
+from hillsphere.dynamics.variational import Derivatives, variational_equations
 
-__all__ = ["ArrayFunction"]
+__all__ = [
+    "ArrayFunction",
+    "Crossing",
+    "Derivatives",
+    "External",
+    "Flight",
+    "StepMap",
+    "System",
+    "Tableau",
+    "Taylor",
+    "system",
+    "tableau",
+    "variational_equations",
+]

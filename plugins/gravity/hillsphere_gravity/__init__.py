@@ -1,11 +1,43 @@
-"""Built-in gravity plugin."""
+"""Built-in gravity: point mass, homogeneous ellipsoid, spherical harmonics, and sums of models.
+
+Read in this order to write a plugin of your own: this module tells the framework what the package
+brings, `specs` declares the parameters of each model, and one module per model holds its equations,
+written once as expressions; values on arrays, gradients and run-time parameters follow from them.
+"""
 
 from __future__ import annotations
 
 from hillsphere.plugins import Component, hookimpl
 
 
+def _gravity(type_: str, target: str, spec: str, summary: str) -> Component:
+    return Component(
+        "gravity",
+        type_,
+        f"hillsphere_gravity.{target}",
+        f"hillsphere_gravity.specs:{spec}",
+        summary,
+    )
+
+
 @hookimpl
 def hillsphere_components() -> list[Component]:
     """Return the components of this package."""
-    return []
+    return [
+        _gravity("point_mass", "point_mass:PointMass", "PointMassSpec", "a point mass"),
+        _gravity(
+            "ellipsoid",
+            "ellipsoid:Ellipsoid",
+            "EllipsoidSpec",
+            "a homogeneous tri-axial ellipsoid, exact inside and outside",
+        ),
+        _gravity(
+            "harmonics",
+            "harmonics:Harmonics",
+            "HarmonicsSpec",
+            "a spherical-harmonic series from a table, an ICGEM .gfc or a PDS SHADR file",
+        ),
+        _gravity(
+            "sum", "composite:gravity_sum", "SumSpec", "a sum of models, each placed and turned"
+        ),
+    ]

@@ -1,4 +1,4 @@
-"""Built-in plants plugin."""
+"""Built-in plants plugin: equations of motion near small bodies."""
 
 from __future__ import annotations
 
@@ -8,4 +8,12 @@ from hillsphere.plugins import Component, hookimpl
 @hookimpl
 def hillsphere_components() -> list[Component]:
     """Return the components of this package."""
-    return []
+    return [
+        Component(
+            "plant",
+            "hill",
+            "hillsphere_plants.hill:hill",
+            "hillsphere_plants.specs:HillSpec",
+            "circular Hill problem about a moon, with any gravity model",
+        ),
+    ]

@@ -1,0 +1,92 @@
+"""From a mission's Specs to its components: classes are imported here, references injected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from hillsphere.errors import InputError
+from hillsphere.mission import Mission
+from hillsphere.mission_links import Node, topological
+from hillsphere.spec import Spec
+
+__all__ = ["Assembly", "build"]
+
+
+@dataclass
+class Assembly:
+    """The components of a mission, each made once, when it is first asked for.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    """
+
+    mission: Mission
+    _made: dict[Node, Any] = field(default_factory=dict, repr=False)
+
+    def get(self, kind: str, name: str) -> Any:
+        """Return the component of a table; what it refers to is made first.
+
+        Parameters
+        ----------
+        kind, name : str
+            The table ``[kind.name]``.
+
+        Returns
+        -------
+        object
+            The component. A stage's references to other stages (its needs) stay unbound: they
+            stand for products, which the pipeline passes.
+
+        Raises
+        ------
+        InputError
+            If the component refuses its Spec or cannot read its data; the message begins with the
+            table's file, line and name.
+        PluginError
+            If its class cannot be imported.
+        """
+        if kind == "stage":
+            return self._one(kind, name)
+        if (kind, name) not in self._made:
+            # In order of dependence, so that a long chain of references needs no recursion.
+            for other_kind, other in topological([(kind, name)], self.mission.specs):
+                if other_kind != "stage":
+                    self._one(other_kind, other)
+        return self._made[kind, name]
+
+    def bound(self, kind: str, name: str) -> Spec:
+        """Return the Spec of a table with its references bound to their components."""
+        spec = self.mission.specs[kind][name]
+        return spec.bound(lambda other, ref: None if other == "stage" else self.get(other, ref))
+
+    def _one(self, kind: str, name: str) -> Any:
+        if (kind, name) not in self._made:
+            target = self.mission.components[kind][name].load_target()
+            spec = self.bound(kind, name)
+            try:
+                self._made[kind, name] = target(spec)
+            except (InputError, OSError) as error:
+                place = self.mission.places[kind, name]
+                raise InputError(f"{place}: {kind}.{name}: {error}") from error
+        return self._made[kind, name]
+
+
+def build(mission: Mission, kind: str, name: str) -> Any:
+    """Make one component of a mission and what it refers to.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    kind, name : str
+        The table ``[kind.name]``.
+
+    Returns
+    -------
+    object
+        The component; see `Assembly.get` for its errors. Use one `Assembly` to make several.
+    """
+    return Assembly(mission).get(kind, name)

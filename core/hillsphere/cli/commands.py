@@ -1,0 +1,224 @@
+"""The commands of the framework; each imports what it needs when it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hillsphere.cli.output import write, write_json, write_table
+from hillsphere.cli.plugin_commands import CommandGroup
+
+if TYPE_CHECKING:
+    from hillsphere.mission import Mission
+    from hillsphere.plugins import Registry
+    from hillsphere.problems import Problem
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="hillsphere",
+    cls=CommandGroup,
+    help="Mission analysis for small bodies: missions are TOML files, models are plugins.",
+    epilog="Exit codes: 0 success, 1 a stage failed, 2 bad input, 3 internal error, "
+    "130 interrupted.",
+    add_completion=False,
+    rich_markup_mode=None,
+    invoke_without_command=True,
+)
+
+MissionName = Annotated[
+    str, typer.Argument(metavar="MISSION", help="Name of a packaged mission, or path of a .toml.")
+]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, e.g. stage.a.b_km=3."),
+]
+Profile = Annotated[str | None, typer.Option(metavar="NAME", help="Apply [profile.NAME].")]
+Json = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
+AllowPath = Annotated[
+    bool, typer.Option("--allow-path", help="Let the mission read files outside its directory.")
+]
+StrictPlugins = Annotated[
+    bool, typer.Option("--strict-plugins", help="Stop at the first broken plugin.")
+]
+
+
+@app.callback()
+def _hillsphere(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    if version:
+        from hillsphere import __version__
+
+        write(f"hillsphere {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        write(context.get_help())
+
+
+@app.command()
+def run(
+    mission: MissionName,
+    sets: Sets = None,
+    profile: Profile = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Run directory; must be empty or absent."),
+    ] = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Neither read nor write stage results.")
+    ] = False,
+    json: Json = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    allow_path: AllowPath = False,
+    strict_plugins: StrictPlugins = False,
+) -> int:
+    """Run a mission and write its results to a run directory."""
+    registry = _registry(strict_plugins)
+    loaded = _load(mission, sets, profile, registry, allow_path)
+    from hillsphere.cli.running import run_and_show
+
+    return run_and_show(
+        loaded, registry=registry, out=out, use_cache=not no_cache, quiet=quiet, json=json
+    )
+
+
+@app.command()
+def validate(
+    missions: Annotated[
+        list[str], typer.Argument(metavar="MISSION...", help="Packaged names or paths.")
+    ],
+    sets: Sets = None,
+    profile: Profile = None,
+    json: Json = False,
+    allow_path: AllowPath = False,
+    strict_plugins: StrictPlugins = False,
+) -> int:
+    """Check missions without running them."""
+    from hillsphere.cli.endings import ExitCode, say
+    from hillsphere.errors import InputError
+
+    registry = _registry(strict_plugins)
+    results: list[dict[str, Any]] = []
+    for name in missions:
+        try:
+            loaded = _load(name, sets, profile, registry, allow_path)
+        except InputError as error:
+            problems = [_problem(problem) for problem in getattr(error, "problems", ())]
+            problems = problems or [_problem(str(error))]
+            results.append({"mission": name, "valid": False, "problems": problems})
+            if not json:
+                say(str(error))
+        else:
+            results.append({"mission": name, "valid": True, "problems": []})
+            if not json:
+                count = len(loaded.order())
+                write(f"{name}: valid ({count} stage{'s' * (count != 1)})")
+    if json:
+        write_json(results)
+    return ExitCode.SUCCESS if all(r["valid"] for r in results) else ExitCode.BAD_INPUT
+
+
+@app.command()
+def missions(json: Json = False) -> None:
+    """List the packaged missions."""
+    from hillsphere.mission import packaged_missions
+
+    found = packaged_missions()
+    if json:
+        write_json([{"name": name, "title": title} for name, title in found])
+    else:
+        write_table(found)
+
+
+@app.command()
+def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
+    """List plugins and their components."""
+    registry = _registry(strict_plugins)
+    records = [
+        {
+            "kind": r.component.kind,
+            "type": r.component.type,
+            "plugin": r.plugin,
+            "distribution": r.distribution,
+            "summary": r.component.summary,
+        }
+        for r in registry
+    ]
+    if json:
+        write_json(
+            {
+                "components": records,
+                "broken": registry.broken,
+                "disabled": list(registry.disabled),
+            }
+        )
+        return
+    columns = ("kind", "type", "plugin", "summary")
+    write_table([[r[c] for c in columns] for r in records], header=columns)
+    for name, reason in sorted(registry.broken.items()):
+        write(f"broken: {name}: {reason}")
+    for name in registry.disabled:
+        write(f"disabled: {name}")
+
+
+@app.command()
+def schema() -> None:
+    """Write the JSON Schema of mission files."""
+    from hillsphere.mission_schema import mission_schema
+
+    write_json(mission_schema(_registry(strict=False)))
+
+
+@app.command()
+def doctor(json: Json = False) -> int:
+    """Check the installation."""
+    from hillsphere.cli.endings import ExitCode
+    from hillsphere.doctor import examine
+
+    findings = examine()
+    if json:
+        write_json(
+            {
+                "ok": all(f.ok for f in findings),
+                "checks": [
+                    {"group": f.group, "name": f.name, "state": f.state, "detail": f.detail}
+                    for f in findings
+                ],
+            }
+        )
+    else:
+        write_table([[f.state, f.group, f.name, f.detail] for f in findings])
+    return ExitCode.SUCCESS if all(f.ok for f in findings) else ExitCode.FAILED
+
+
+def _problem(problem: Problem | str) -> dict[str, Any]:
+    from hillsphere.problems import format_key
+
+    if isinstance(problem, str):
+        return {"source": "", "line": None, "key": "", "message": problem}
+    return {
+        "source": problem.source,
+        "line": problem.line,
+        "key": format_key(problem.key),
+        "message": problem.message,
+    }
+
+
+def _registry(strict: bool) -> Registry:
+    from hillsphere.plugins import default_registry, discover
+
+    return discover(strict=True) if strict else default_registry()
+
+
+def _load(
+    name: str, sets: list[str] | None, profile: str | None, registry: Registry, allow_path: bool
+) -> Mission:
+    from hillsphere.mission import load_mission
+
+    return load_mission(
+        name, sets=tuple(sets or ()), profile=profile, registry=registry, allow_path=allow_path
+    )

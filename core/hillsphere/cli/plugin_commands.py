@@ -1,0 +1,60 @@
+"""Commands of plugins: named in ``--help``, imported only when they are called."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+from hillsphere.errors import PluginError
+from hillsphere.plugins import Registered, default_registry
+
+__all__ = ["CommandGroup"]
+
+
+class CommandGroup(TyperGroup):
+    """The framework's own commands and, after them, those of installed plugins.
+
+    A plugin cannot take the place of one of the framework's commands. A plugin that is broken
+    shows its error when its command is called, and leaves the others alone.
+    """
+
+    @cached_property
+    def _from_plugins(self) -> dict[str, Registered]:
+        offered = {r.component.type: r for r in default_registry().of_kind("command")}
+        return {name: r for name, r in offered.items() if name not in self.commands}
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return [*super().list_commands(ctx), *self._from_plugins]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command by name; a plugin's is a stand-in that loads it when called."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None or cmd_name not in self._from_plugins:
+            return own
+        return _Deferred(self._from_plugins[cmd_name])
+
+
+class _Deferred(TyperCommand):
+    """Stand-in for a plugin's command: help from the registry, everything else from the plugin."""
+
+    def __init__(self, record: Registered) -> None:
+        self._record = record
+        component = record.component
+        super().__init__(name=component.type, help=component.summary, rich_markup_mode=None)
+
+    def make_context(self, info_name: Any, args: Any, parent: Any = None, **extra: Any) -> Any:
+        """Import the plugin's typer application and hand over to it."""
+        import typer
+
+        application = self._record.load_target()
+        if not isinstance(application, typer.Typer):
+            component = self._record.component
+            raise PluginError(
+                f"plugin {self._record.plugin!r}: command {component.type!r}: {component.target} "
+                f"must be a typer.Typer, got {type(application).__name__}"
+            )
+        command = typer.main.get_command(application)
+        return command.make_context(info_name, args, parent=parent, **extra)

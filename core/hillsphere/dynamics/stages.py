@@ -1,0 +1,157 @@
+"""One Runge–Kutta step of many lanes at once, compiled whole or stage by stage in numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from hillsphere._heyoka import heyoka as _hy
+from hillsphere.dynamics.system import System
+from hillsphere.dynamics.tableaux import Tableau
+from hillsphere.dynamics.variational import Derivatives, variational_equations
+from hillsphere.interfaces import Array
+from hillsphere.symbolic import Expr, parameter, substitute, sum_of
+
+__all__ = ["ArrayStages", "CompiledStep", "Stepper"]
+
+Advance = Callable[[Array, Array, Array], None]
+"""(y, out, t): write into `out` (rows, N) what `y` (rows, N) becomes one step after t (N,)."""
+
+
+class Stepper(Protocol):
+    """One step of a fixed formula."""
+
+    rows: int
+    """n, or n + n(n + k) with derivatives."""
+
+    def bind(self, h: Array, p: Array) -> Advance:
+        """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        ...
+
+
+class CompiledStep:
+    """A whole step composed symbolically and compiled as one function.
+
+    The stages are substituted into one another, so that the compiler sees one straight-line
+    program: common subexpressions of a stage are evaluated once, nothing is stored between
+    stages, and a step costs one call. Step and run-time parameters are parameters of the
+    function; time enters stage i as t + c_i h.
+
+    Parameters
+    ----------
+    system : System
+        Wholly symbolic.
+    tableau : Tableau
+        The formula.
+    derivatives : bool
+        Whether the variational equations are carried along.
+    parameters : sequence of str
+        Run-time parameters by which to differentiate too.
+    compact : bool
+        Compile in compact mode.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        tableau: Tableau,
+        derivatives: bool,
+        parameters: Sequence[str],
+        compact: bool,
+    ) -> None:
+        y, rate = (
+            variational_equations(system, parameters) if derivatives else (system.x, system.rhs)
+        )
+        names = system.run_time_names
+        # The last parameter of the function is the step.
+        h = _hy.par[len(names)]
+        numbered = {parameter(name): _hy.par[i] for i, name in enumerate(names)}
+        if numbered:
+            rate = substitute(rate, numbered)
+        self.rows = len(y)
+        self._function: Any = _hy.cfunc(
+            _compose(y, rate, tableau, h), vars=list(y), compact_mode=compact
+        )
+
+    def bind(self, h: Array, p: Array) -> Advance:
+        """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        function = self._function
+        options: dict[str, Any] = {}
+        if function.nparams:
+            options["pars"] = np.concatenate([p, h[None]])[: function.nparams]
+        if not function.is_time_dependent:
+            return lambda y, out, t: function(y, out, **options)
+        return lambda y, out, t: function(y, out, time=t, **options)
+
+
+def _compose(y: Sequence[Expr], rate: Sequence[Expr], tableau: Tableau, h: Expr) -> list[Expr]:
+    """Return the state after one step as expressions of the state before it."""
+    slopes: list[tuple[Expr, ...]] = []
+    for i, node in enumerate(tableau.c.tolist()):
+        table: dict[Expr, Expr] = {}
+        for j, state in enumerate(y):
+            terms = [w * slopes[m][j] for m, w in _weights(tableau.a[i])]
+            if terms:
+                table[state] = state + h * sum_of(terms)
+        if node:
+            table[_hy.time] = _hy.time + node * h
+        slopes.append(substitute(rate, table) if table else tuple(rate))
+    final = _weights(tableau.b)
+    return [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
+
+
+def _weights(row: Array) -> list[tuple[int, float]]:
+    return [(m, w) for m, w in enumerate(row.tolist()) if w]
+
+
+class ArrayStages:
+    """A step in numpy, stage by stage, for systems with terms that are functions of arrays.
+
+    Parameters
+    ----------
+    system : System
+        Equations.
+    tableau : Tableau
+        The formula.
+    derivatives : bool
+        Whether the variational equations are carried along.
+    parameters : sequence of str
+        Run-time parameters (controls) by which to differentiate too.
+    """
+
+    def __init__(
+        self, system: System, tableau: Tableau, derivatives: bool, parameters: Sequence[str]
+    ) -> None:
+        self._n, self._tableau, self._derivatives = len(system.x), tableau, derivatives
+        self._columns = self._n + len(parameters) if derivatives else 0
+        self._functions = Derivatives(system, parameters)
+        self.rows = self._n * (1 + self._columns)
+
+    def bind(self, h: Array, p: Array) -> Advance:
+        """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        tableau = self._tableau
+
+        def advance(y: Array, out: Array, t: Array) -> None:
+            slopes: list[Array] = []
+            for i, node in enumerate(tableau.c.tolist()):
+                at = y.copy()
+                for m, w in _weights(tableau.a[i]):
+                    at += (w * h) * slopes[m]
+                slopes.append(self._slope(at, p, t + node * h))
+            np.copyto(out, y)
+            for m, w in _weights(tableau.b):
+                out += (w * h) * slopes[m]
+
+        return advance
+
+    def _slope(self, y: Array, p: Array, t: Array) -> Array:
+        n = self._n
+        if not self._derivatives:
+            return self._functions.rate(y, p, t)
+        rate, jacobian = self._functions.both(y[:n], p, t)
+        phi = y[n:].reshape(n, self._columns, -1)
+        change = np.einsum("ikN,kjN->ijN", jacobian[:, :n], phi)
+        change[:, n:] += jacobian[:, n:]
+        return np.concatenate([rate, change.reshape(n * self._columns, -1)])

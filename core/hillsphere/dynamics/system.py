@@ -1,0 +1,300 @@
+"""A plant as a system of first-order equations, physical or normalised."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hillsphere.dynamics.compiled import ArrayFunction, spread
+from hillsphere.errors import InputError
+from hillsphere.interfaces import (
+    Array,
+    ConservedQuantity,
+    ExternalInputs,
+    MirrorSymmetry,
+    Parameter,
+    Plant,
+    Variable,
+)
+from hillsphere.symbolic import (
+    Expr,
+    Params,
+    constant,
+    parameter,
+    parameter_names,
+    substitute,
+    time,
+    variable,
+    variable_names,
+)
+
+__all__ = ["External", "System", "system"]
+
+CONTROL = "u:"
+"""Prefix of a control among the run-time parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class External:
+    """Terms of the right-hand side that are functions of arrays (see `ExternalInputs`).
+
+    Parameters
+    ----------
+    variables : tuple of Expr
+        The m variables that stand for the terms, SI, in the right-hand side.
+    values : callable
+        (x (n, N), t (N,), p (k, N)) → (m, N); x and t in the system's units, p its run-time rows.
+    jacobian : callable
+        The same arguments → (m, n, N), by x in the system's units.
+    """
+
+    variables: tuple[Expr, ...]
+    values: Callable[[Array, Array, Array], Array]
+    jacobian: Callable[[Array, Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """n first-order equations ẋ = f(t, x; p), ready to be compiled.
+
+    Parameters
+    ----------
+    states : tuple of Variable
+        The n states, with their dimensions.
+    x, rhs : tuple of Expr
+        Their symbols and time derivatives, in the system's units.
+    run_time : tuple of Parameter
+        The k run-time parameters in the order of the rows of `p`, with nominal values; always SI.
+    events : mapping of str to Expr
+        Functions whose fall through zero ends a flight; their values are the plant's, SI.
+    integral : Expr or None
+        Integral of motion, in the system's units.
+    unit : ndarray, shape (n,)
+        SI size of one unit of each state; ones if the system is physical.
+    scale : ndarray, shape (n,)
+        Typical size of each state in the system's units; ones if it is normalised. Differences
+        are measured in it.
+    time_unit_s : float
+        Unit of time, s; 1 if the system is physical.
+    frame : str
+        Frame of the states.
+    mirrors : mapping of str to tuple of int
+        Sign of each state under the plant's time reversals (see `MirrorSymmetry`).
+    external : External or None
+        Terms that are functions of arrays.
+    """
+
+    states: tuple[Variable, ...]
+    x: tuple[Expr, ...]
+    rhs: tuple[Expr, ...]
+    run_time: tuple[Parameter, ...]
+    events: Mapping[str, Expr]
+    integral: Expr | None
+    unit: Array
+    scale: Array
+    time_unit_s: float
+    frame: str
+    mirrors: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    external: External | None = None
+
+    @property
+    def run_time_names(self) -> tuple[str, ...]:
+        """Names of the run-time parameters, in the order of the rows of `p`."""
+        return tuple(p.name for p in self.run_time)
+
+    def parameters(self, p: ArrayLike | None, cases: int) -> Array:
+        """Return run-time parameters as (k, N): as given, or nominal if None.
+
+        Parameters
+        ----------
+        p : array_like, shape (k,) or (k, N), or None
+            Values, SI.
+        cases : int
+            N.
+
+        Returns
+        -------
+        numpy.ndarray, shape (k, N)
+            Contiguous.
+
+        Raises
+        ------
+        InputError
+            If the shape does not fit.
+        """
+        if p is None:
+            p = np.array([q.value for q in self.run_time])
+        return spread(p, len(self.run_time), cases, "p")
+
+    def function(self, *expressions: Expr) -> ArrayFunction:
+        """Compile expressions of the states, time and run-time parameters.
+
+        Parameters
+        ----------
+        *expressions : Expr
+            In the symbols of `x`, in the system's units (e.g. `integral`).
+
+        Returns
+        -------
+        ArrayFunction
+            f(x (n, N), p, t) → (m, N).
+        """
+        return ArrayFunction(expressions, self.x, self.run_time_names)
+
+
+def system(
+    plant: Plant,
+    *,
+    run_time: Sequence[str] = (),
+    normalised: bool = False,
+    controls: bool = False,
+) -> System:
+    """Make a system of equations of a plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        Equations, SI.
+    run_time : sequence of str
+        Names of ``plant.parameters()`` that stay run-time parameters, in the order of the rows of
+        `p`; the others become constants.
+    normalised : bool
+        Whether states, time, right-hand side and integral are in units of ``plant.scales``
+        (x̂ = x/unit, t̂ = t/time_unit). Run-time parameters and the values of events stay SI.
+    controls : bool
+        Whether the controls follow as further run-time parameters, ``"u:" + name``, SI; otherwise
+        they are zero.
+
+    Returns
+    -------
+    System
+        What the propagators of this package take.
+
+    Raises
+    ------
+    InputError
+        If the plant is not consistent, or a name is unknown or given twice.
+    """
+    kind = type(plant).__name__
+    states = tuple(plant.states)
+    names = [v.name for v in states]
+    if len(set(names)) != len(names) or not names:
+        raise InputError(f"{kind}: states need different names, got {names}")
+    kept = _run_time(plant, run_time, controls)
+    chosen = {q.name for q in kept}
+
+    x = tuple(variable(name) for name in names)
+    p: Params = {
+        q.name: parameter(q.name) if q.name in chosen else constant(q.value)
+        for q in plant.parameters()
+    }
+    u = tuple(parameter(CONTROL + v.name) if controls else constant(0.0) for v in plant.controls)
+    rhs = tuple(plant.derivative(x, u, time, p))
+    if len(rhs) != len(x):
+        raise InputError(f"{kind}: {len(x)} states but {len(rhs)} derivatives")
+    outside = plant if isinstance(plant, ExternalInputs) and plant.external else None
+    externals = tuple(variable(v.name) for v in outside.external) if outside else ()
+    events = dict(plant.events(x, time, p))
+    integral = plant.integral(x, p) if isinstance(plant, ConservedQuantity) else None
+    _check_symbols(kind, "derivative", rhs, names + variable_names(externals), chosen)
+    _check_symbols(kind, "events", tuple(events.values()), names, chosen)
+
+    scales = plant.scales
+    typical = scales.of(states)
+    if not (np.isfinite(typical).all() and (typical > 0).all() and scales.time_s > 0):
+        raise InputError(f"{kind}: scales must be positive and finite, got {scales}")
+    unit, time_unit = (typical, scales.time_s) if normalised else (np.ones(len(x)), 1.0)
+    if normalised:
+        to_si = {s: s * size for s, size in zip(x, unit.tolist(), strict=True)}
+        to_si[time] = time * time_unit
+        rhs = tuple(
+            f * (time_unit / size)
+            for f, size in zip(substitute(rhs, to_si), unit.tolist(), strict=True)
+        )
+        events = dict(zip(events, substitute(tuple(events.values()), to_si), strict=True))
+        if integral is not None and isinstance(plant, ConservedQuantity):
+            size = float(scales.of([plant.integral_variable])[0])
+            integral = substitute([integral], to_si)[0] / size
+    return System(
+        states=states,
+        x=x,
+        rhs=rhs,
+        run_time=kept,
+        events=events,
+        integral=integral,
+        unit=unit,
+        scale=typical / unit,
+        time_unit_s=time_unit,
+        frame=plant.frame,
+        mirrors=dict(plant.mirrors) if isinstance(plant, MirrorSymmetry) else {},
+        external=_external(outside, plant.parameters(), kept, unit, time_unit) if outside else None,
+    )
+
+
+def _run_time(plant: Plant, names: Sequence[str], controls: bool) -> tuple[Parameter, ...]:
+    """Return the run-time parameters asked for, then the controls."""
+    if isinstance(names, str):
+        raise InputError(f"run_time must be a sequence of names, got the string {names!r}")
+    kind = type(plant).__name__
+    known = {q.name: q for q in plant.parameters()}
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; it has {sorted(known) or 'none'}"
+            raise InputError(f"{kind} has no parameter {name!r}{hint}")
+    if len(set(names)) != len(names):
+        raise InputError(f"run-time parameters given twice: {list(names)}")
+    kept = tuple(known[name] for name in names)
+    if controls:
+        kept += tuple(Parameter(CONTROL + v.name, 0.0, v.unit) for v in plant.controls)
+    return kept
+
+
+def _check_symbols(
+    kind: str, what: str, expressions: Sequence[Expr], names: Sequence[str], chosen: set[str]
+) -> None:
+    """Refuse symbols that nothing would give a value."""
+    if unknown := sorted(set(variable_names(expressions)) - set(names)):
+        raise InputError(f"{kind}: {what} holds variables that are not states: {unknown}")
+    if unknown := sorted(set(parameter_names(expressions)) - chosen):
+        raise InputError(f"{kind}: {what} holds parameters that it did not declare: {unknown}")
+
+
+def _external(
+    plant: ExternalInputs,
+    declared: Sequence[Parameter],
+    kept: Sequence[Parameter],
+    unit: Array,
+    time_unit: float,
+) -> External:
+    """Bring a plant's array terms to the system's units and run-time parameters."""
+    nominal = np.array([[q.value] for q in declared]).reshape(len(declared), 1)
+    rows = {q.name: i for i, q in enumerate(declared)}
+    pairs = [(rows[q.name], k) for k, q in enumerate(kept) if q.name in rows]
+    n, m = len(unit), len(plant.external)
+
+    def arguments(x: Array, t: Array, p: Array) -> tuple[Array, Array, Array]:
+        full = np.repeat(nominal, x.shape[1], axis=1)
+        for row, k in pairs:
+            full[row] = p[k]
+        return x * unit[:, None], t * time_unit, full
+
+    def values(x: Array, t: Array, p: Array) -> Array:
+        found = np.asarray(plant.external_array(*arguments(x, t, p)), dtype=float)
+        if found.shape != (m, x.shape[1]):
+            raise InputError(f"external_array must return {(m, x.shape[1])}, got {found.shape}")
+        return found
+
+    def jacobian(x: Array, t: Array, p: Array) -> Array:
+        found = np.asarray(plant.external_jacobian(*arguments(x, t, p)), dtype=float)
+        if found.shape != (m, n, x.shape[1]):
+            raise InputError(
+                f"external_jacobian must return {(m, n, x.shape[1])}, got {found.shape}"
+            )
+        return found * unit[None, :, None]
+
+    return External(tuple(variable(v.name) for v in plant.external), values, jacobian)

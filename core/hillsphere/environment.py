@@ -1,0 +1,48 @@
+"""What a result's last bits depend on: versions, machine and CPU features."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable
+from functools import cache
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+__all__ = ["environment", "package_versions"]
+
+NUMERICAL = ("numpy", "scipy", "heyoka")
+PACKAGES = ("hillsphere", *NUMERICAL, "matplotlib", "pluggy", "pydantic")
+
+
+@cache
+def environment() -> dict[str, Any]:
+    """Return Python and library versions, machine and CPU features.
+
+    Returns
+    -------
+    dict
+        ``python``, ``packages`` (the numerical ones), ``system``, ``machine``, ``cpu_features``
+        (those that numpy found). Nothing in it names a host or a user.
+    """
+    # A numpy built without run-time dispatch has no such section.
+    simd = np.show_config(mode="dicts").get("SIMD Extensions", {})
+    return {
+        "python": platform.python_version(),
+        "packages": package_versions(NUMERICAL),
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "cpu_features": [*simd.get("baseline", []), *simd.get("found", [])],
+    }
+
+
+def package_versions(names: Iterable[str] = PACKAGES) -> dict[str, str]:
+    """Return the versions of installed distributions; those not installed are left out."""
+    found = {}
+    for name in names:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,148 @@
+"""What every file of spherical-harmonic coefficients holds, whatever its format."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from hillsphere.errors import InputError
+
+__all__ = ["Coefficient", "CoefficientTable", "LineReader"]
+
+_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+_INTEGER = re.compile(r"\d{1,6}")
+
+
+class Coefficient(NamedTuple):
+    """One row: degree, order, C, S and their standard deviations (0 where none are given)."""
+
+    n: int
+    m: int
+    c: float
+    s: float
+    sigma_c: float = 0.0
+    sigma_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class CoefficientTable:
+    """A gravity field as its file states it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model, or of the file if it has none.
+    gm_m3_s2 : float
+        Gravitational parameter, m³/s².
+    reference_radius_m : float
+        Radius to which the coefficients refer, m.
+    max_degree : int
+        Highest degree.
+    normalisation : {"full", "none"} or None
+        4π-normalised or conventional; None if the file does not say.
+    tide_system : str or None
+        ``"tide_free"``, ``"zero_tide"``, ``"mean_tide"``, ``"unknown"``; None if the file does not
+        say.
+    rows : tuple of Coefficient
+        In the order of the file, each (n, m) once.
+    """
+
+    name: str
+    gm_m3_s2: float
+    reference_radius_m: float
+    max_degree: int
+    normalisation: Literal["full", "none"] | None
+    tide_system: str | None
+    rows: tuple[Coefficient, ...]
+
+
+class LineReader:
+    """The lines of a text file, and faults that name file and line.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.number = 0
+        self._first_line: dict[tuple[int, int], int] = {}
+        try:
+            # Comments of older files are in Latin-1; every number is ASCII in either. Not
+            # splitlines, which counts bytes of UTF-8 comments (0x85) as ends of line.
+            self._lines = path.read_text(encoding="latin-1").split("\n")
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            raise InputError(f"{path}: cannot be read: {reason}") from error
+
+    def __iter__(self) -> Iterator[str]:
+        for self.number, line in enumerate(self._lines, start=1):  # noqa: B020
+            yield line
+
+    def fault(self, text: str, line: int | None = None) -> InputError:
+        """Make an error that names the file and a line: the present one, or none if `line` is 0."""
+        number = self.number if line is None else line
+        return InputError(f"{self.path}:{number}: {text}" if number else f"{self.path}: {text}")
+
+    def real(self, text: str, what: str, line: int | None = None) -> float:
+        """Read a real number; Fortran's D exponents are accepted."""
+        if _REAL.fullmatch(text):
+            value = float(text.replace("d", "e").replace("D", "e"))
+            if isfinite(value):
+                return value
+        raise self.fault(f"{what}: expected a finite number, got {text!r}", line)
+
+    def positive(self, text: str, what: str, line: int | None = None) -> float:
+        """Read a real number > 0."""
+        value = self.real(text, what, line)
+        if value <= 0.0:
+            raise self.fault(f"{what}: must be > 0, got {text}", line)
+        return value
+
+    def integer(self, text: str, what: str, line: int | None = None) -> int:
+        """Read an integer ≥ 0."""
+        if not _INTEGER.fullmatch(text):
+            raise self.fault(f"{what}: expected an integer ≥ 0, got {text!r}", line)
+        return int(text)
+
+    def coefficient(self, words: list[str], max_degree: int) -> Coefficient:
+        """Read the columns n, m, C, S and, if they are there, the two standard deviations."""
+        if len(words) < 4:
+            raise self.fault(f"expected degree, order, C and S, got {len(words)} columns")
+        n, m = self.integer(words[0], "degree"), self.integer(words[1], "order")
+        if n > max_degree:
+            raise self.fault(f"degree {n} is beyond the {max_degree} of the head")
+        if m > n:
+            raise self.fault(f"order m must be ≤ degree n, got n = {n}, m = {m}")
+        earlier = self._first_line.setdefault((n, m), self.number)
+        if earlier != self.number:
+            raise self.fault(f"degree {n}, order {m} stands in line {earlier} already")
+        row = Coefficient(
+            n, m, *(self.real(w, k) for w, k in zip(words[2:6], _COLUMNS, strict=False))
+        )
+        if m == 0 and row.s != 0.0:
+            raise self.fault(f"S of order 0 multiplies sin 0 and must be 0, got {words[3]}")
+        return row
+
+    def check_degrees(self, rows: list[Coefficient], max_degree: int) -> None:
+        """Refuse a table in which a whole degree from 2 up is missing: a torn or wrong file."""
+        found = {row.n for row in rows}
+        if missing := [n for n in range(2, max_degree + 1) if n not in found]:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            raise self.fault(
+                f"no row of degree {missing[0]}{more}; the head says {max_degree}", line=0
+            )
+
+
+_COLUMNS = ("C", "S", "sigma C", "sigma S")

@@ -1,0 +1,237 @@
+"""Products as files: one generic, lossless npz codec for frozen dataclasses.
+
+A product is a frozen dataclass whose fields are arrays, numbers, strings, ``None``, tuples of
+these and further products. Its file is an ordinary ``.npz``: every array stands under the path of
+its field, so that ``numpy.load("family.npz")["orbits.x0"]`` works without this package, and the
+entry ``__product__`` holds the rest as JSON. Nothing is pickled, in either direction.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import re
+import sys
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hillsphere.atomic import replacing
+from hillsphere.errors import InputError
+
+__all__ = ["load_product", "save_product"]
+
+FORMAT = 1
+HEADER = "__product__"
+_SPECIAL_FLOATS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+_CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+def save_product(path: str | Path, product: Any) -> None:
+    """Write a product to an ``.npz`` file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Where; the file appears complete or not at all.
+    product : object
+        A frozen dataclass of arrays (any dtype but object), numbers, strings, ``None``, tuples of
+        these and further such dataclasses. Its class stands at the top level of a module.
+
+    Raises
+    ------
+    InputError
+        If the product holds anything else; the field is named.
+    OSError
+        If the file cannot be written.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    if not _is_product(product):
+        raise InputError(
+            f"a product must be a frozen dataclass, got {type(product).__name__}; "
+            "decorate its class with @dataclass(frozen=True)"
+        )
+    root = _encode(product, (), arrays)
+    # allow_nan is off on purpose: a special float that slipped through would not be JSON.
+    text = json.dumps({"format": FORMAT, "root": root}, allow_nan=False)
+    header = np.frombuffer(text.encode("ascii"), dtype=np.uint8)
+    # Not numpy.savez: it takes member names as keyword arguments, where "file" is taken.
+    with replacing(Path(path)) as stream, zipfile.ZipFile(stream, "w") as archive:
+        for name, array in [(HEADER, header), *arrays.items()]:
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def load_product(path: str | Path) -> Any:
+    """Read a product that `save_product` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        The ``.npz`` file.
+
+    Returns
+    -------
+    object
+        An instance of the class that was saved, equal to it bit by bit.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, if it is torn or was not written by `save_product`, if its class
+        does not belong to the framework or an installed plugin, or has changed since.
+
+    Notes
+    -----
+    A file never chooses what is imported beyond that: a module is imported only if it belongs to
+    the framework or to the package of a registered plugin, or if it was imported already.
+    """
+    place = Path(path)
+    try:
+        text, arrays = _members(place)
+        head = json.loads(text)
+        if head["format"] != FORMAT:
+            raise InputError(
+                f"{place.name}: written in product format {head['format']!r}; this version reads "
+                f"format {FORMAT}"
+            )
+        return _decode(head["root"], arrays, place.name)
+    except OSError as error:
+        raise InputError(f"{place.name}: cannot be read: {error.strerror or error}") from error
+    except InputError:
+        raise
+    except (zipfile.BadZipFile, EOFError, LookupError, TypeError, ValueError, AttributeError,
+            RuntimeError, ArithmeticError, MemoryError) as error:  # fmt: skip
+        raise InputError(
+            f"{place.name}: not a product file, or a damaged one "
+            f"({type(error).__name__}: {error}); run the mission again"
+        ) from error
+
+
+def _members(path: Path) -> tuple[str, dict[str, np.ndarray[Any, Any]]]:
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            if member.compress_type != zipfile.ZIP_STORED:
+                raise InputError(f"{path.name}: not a product file (its entries are compressed)")
+            # A whole member is read at once: only then does zipfile check its CRC.
+            data = BytesIO(archive.read(member))
+            array = np.lib.format.read_array(data, allow_pickle=False)
+            arrays[member.filename.removesuffix(".npy")] = array
+    if HEADER not in arrays:
+        raise InputError(f"{path.name}: not a product file (it has no entry {HEADER})")
+    return arrays.pop(HEADER).tobytes().decode("ascii"), arrays
+
+
+def _is_product(value: Any) -> bool:
+    return (
+        is_dataclass(value)
+        and not isinstance(value, type)
+        and bool(value.__dataclass_params__.frozen)  # type: ignore[attr-defined]
+    )
+
+
+def _stored_fields(cls: type) -> Iterator[str]:
+    return (field.name for field in fields(cls) if field.init)
+
+
+def _encode(
+    value: Any, where: tuple[str, ...], arrays: dict[str, np.ndarray[Any, Any]]
+) -> dict[str, Any] | str | int | float | bool | None:
+    if value is None or type(value) in (bool, int, str):
+        return value  # type: ignore[no-any-return]
+    if type(value) is float:
+        # repr in JSON is exact for finite numbers; JSON has no others.
+        return value if math.isfinite(value) else {"float": repr(value)}
+    if type(value) is complex:
+        return {"complex": [value.real.hex(), value.imag.hex()]}
+    if type(value) is tuple:
+        items = [_encode(item, (*where, str(i)), arrays) for i, item in enumerate(value)]
+        return {"tuple": items}
+    if type(value) is np.ndarray or isinstance(value, np.generic):
+        array = np.asarray(value)
+        if array.dtype.hasobject:
+            raise InputError(f"{'.'.join(where)}: an array of Python objects cannot be stored")
+        key = ".".join(where)
+        arrays[key] = array
+        return {"array" if type(value) is np.ndarray else "scalar": key}
+    if _is_product(value):
+        cls = type(value)
+        path = f"{cls.__module__}:{cls.__qualname__}"
+        if not _CLASS.fullmatch(path):
+            raise InputError(f"product class {path} must stand at the top level of a module")
+        table = {
+            name: _encode(getattr(value, name), (*where, name), arrays)
+            for name in _stored_fields(cls)
+        }
+        return {"product": path, "fields": table}
+    raise InputError(
+        f"{'.'.join(where)}: a {type(value).__name__} cannot be stored in a product; use arrays, "
+        "numbers, strings, None, tuples of these, or a frozen dataclass"
+    )
+
+
+def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> Any:
+    if not isinstance(node, dict):
+        return node
+    if "product" in node:
+        cls = _product_class(node["product"], file)
+        table = {k: _decode(v, arrays, file) for k, v in node["fields"].items()}
+        if set(table) != set(_stored_fields(cls)):
+            raise InputError(
+                f"{file}: {cls.__name__} has other fields now than when the file was written; "
+                "run the mission again"
+            )
+        return cls(**table)
+    ((tag, content),) = node.items()
+    decoders: dict[str, Callable[[Any], Any]] = {
+        "float": lambda text: _SPECIAL_FLOATS[text],
+        "complex": lambda parts: complex(*(float.fromhex(part) for part in parts)),
+        "tuple": lambda items: tuple(_decode(item, arrays, file) for item in items),
+        "array": lambda key: arrays[key],
+        "scalar": lambda key: arrays[key][()],
+    }
+    return decoders[tag](content)
+
+
+def _product_class(path: str, file: str) -> type:
+    if not _CLASS.fullmatch(path):
+        raise InputError(f"{file}: {path!r} is not a product class")
+    module_name, _, name = path.partition(":")
+    module = sys.modules.get(module_name)
+    if module is None:
+        if module_name.partition(".")[0] not in _trusted_packages():
+            raise InputError(
+                f"{file}: its class {path} belongs to no installed plugin; install the package "
+                "that wrote the file, or import it first"
+            )
+        try:
+            module = importlib.import_module(module_name)
+        except ImportError as error:
+            raise InputError(f"{file}: its class {path} cannot be imported: {error}") from error
+    cls: Any = module
+    for part in name.split("."):
+        cls = getattr(cls, part, None)
+    if (
+        not isinstance(cls, type)
+        or not is_dataclass(cls)
+        or not cls.__dataclass_params__.frozen  # type: ignore[attr-defined]
+        or cls.__module__ != module_name
+        or cls.__qualname__ != name
+    ):
+        raise InputError(f"{file}: {path} is not a frozen dataclass of the module named")
+    return cls
+
+
+def _trusted_packages() -> set[str]:
+    from hillsphere.plugins import default_registry
+
+    return {"hillsphere"} | {
+        record.component.target.partition(":")[0].partition(".")[0] for record in default_registry()
+    }

@@ -1,0 +1,42 @@
+"""Conformance kit for authors of plugins: contract checks by kind of component.
+
+Each check is a plain function that returns nothing (or what it made) if the component keeps the
+contract of its kind, and raises `ContractViolation`, an `AssertionError`, saying what is broken
+and what was found. A plugin's tests call them with any test runner::
+
+    import numpy as np
+    import hillsphere_dumbbell
+    from hillsphere.testing import check_gravity, check_plugin, example
+
+    def test_plugin():
+        check_plugin(hillsphere_dumbbell)
+
+    def test_gravity():
+        points = np.random.default_rng(1).normal(size=(3, 20)) * 30e3
+        check_gravity(example("gravity", "dumbbell"), points)
+
+`example` makes any installed component from the examples of its Spec.
+"""
+
+from hillsphere.testing.context import RecordingContext
+from hillsphere.testing.contract import ContractViolation
+from hillsphere.testing.examples import example, example_product
+from hillsphere.testing.gravity import check_gravity
+from hillsphere.testing.plants import check_plant
+from hillsphere.testing.plugins import HEAVY_MODULES, check_plugin, check_spec
+from hillsphere.testing.stages import check_presentation, check_product, check_stage
+
+__all__ = [
+    "HEAVY_MODULES",
+    "ContractViolation",
+    "RecordingContext",
+    "check_gravity",
+    "check_plant",
+    "check_plugin",
+    "check_presentation",
+    "check_product",
+    "check_spec",
+    "check_stage",
+    "example",
+    "example_product",
+]

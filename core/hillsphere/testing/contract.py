@@ -1,0 +1,95 @@
+"""The exception of the conformance kit, and what its numerical checks share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hillsphere.errors import HillsphereError
+from hillsphere.interfaces import Array
+
+__all__ = ["ContractViolation", "check_close", "derivative_by_differences", "require"]
+
+_STENCIL = ((1, 3.0 / 4.0), (2, -3.0 / 20.0), (3, 1.0 / 60.0))
+
+
+class ContractViolation(HillsphereError, AssertionError):  # noqa: N818 - read in test reports
+    """A component does not keep the contract of its kind."""
+
+
+def require(condition: object, message: str) -> None:
+    """Raise `ContractViolation` with the message unless the condition holds."""
+    if not condition:
+        raise ContractViolation(message)
+
+
+def check_close(what: str, got: Array, expected: Array, scale: Array | float, tol: float) -> None:
+    """Require |got − expected| ≤ tol·scale everywhere.
+
+    Parameters
+    ----------
+    what : str
+        For the message.
+    got, expected : ndarray, shape (..., N)
+        Of the same shape.
+    scale : ndarray or float
+        Size against which the difference is measured; broadcast.
+    tol : float
+        Largest relative difference.
+
+    Raises
+    ------
+    ContractViolation
+        Naming the worst case; also for a shape that differs or a value that is not finite.
+    """
+    require(got.shape == expected.shape, f"{what}: shape {got.shape}, expected {expected.shape}")
+    require(np.all(np.isfinite(got)), f"{what}: not finite in cases {_bad_cases(got)}")
+    error = np.abs(got - expected) / scale
+    if error.size and not float(error.max()) <= tol:
+        worst = np.unravel_index(int(np.nanargmax(error)), error.shape)
+        raise ContractViolation(
+            f"{what}: relative difference {error[worst]:.2e} over {tol:.0e} "
+            f"(got {got[worst]:.12g}, expected {expected[worst]:.12g}, case {worst[-1]})"
+        )
+
+
+def derivative_by_differences(function: Callable[[Array], Array], x: Array, steps: Array) -> Array:
+    """Return the Jacobian by sixth-order central differences [1]_.
+
+    Parameters
+    ----------
+    function : callable
+        (n, N) → (m, N).
+    x : ndarray, shape (n, N)
+        Where.
+    steps : ndarray, shape (n, N)
+        Step of each input.
+
+    Returns
+    -------
+    ndarray, shape (m, n, N)
+        Truncation is of order h⁶, round-off of order ε/h.
+
+    References
+    ----------
+    .. [1] Fornberg (1988), Generation of finite difference formulas on arbitrarily spaced grids,
+       Math. Comp. 51, table 1.
+    """
+    n, cases = x.shape
+    shifted = [
+        x + np.where(np.arange(n)[:, None] == i, sign * reach * steps, 0.0)
+        for i in range(n)
+        for reach, _ in _STENCIL
+        for sign in (1.0, -1.0)
+    ]
+    values = function(np.ascontiguousarray(np.concatenate(shifted, axis=1)))
+    table = values.reshape(values.shape[0], n, len(_STENCIL), 2, cases)
+    weights = np.array([weight for _, weight in _STENCIL])
+    odd = table[:, :, :, 0] - table[:, :, :, 1]
+    return np.asarray(np.einsum("mirc,r->mic", odd, weights) / steps)
+
+
+def _bad_cases(values: Array) -> list[int]:
+    bad = ~np.isfinite(values).reshape(-1, values.shape[-1]).all(axis=0)
+    return [int(i) for i in np.flatnonzero(bad)][:10]

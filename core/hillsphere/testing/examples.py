@@ -1,0 +1,136 @@
+"""Components and products made from the examples that every Spec carries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hillsphere.plugins import Registered, Registry, default_registry, load_object, validate
+from hillsphere.spec import Ref, Spec, StageSpec
+from hillsphere.testing.context import RecordingContext
+from hillsphere.testing.contract import require
+
+__all__ = ["bound_example", "example", "example_inputs", "example_product"]
+
+
+def example(kind: str, type_: str, number: int = 0, *, registry: Registry | None = None) -> Any:
+    """Make a component from an example of its Spec.
+
+    Parameters
+    ----------
+    kind, type_ : str
+        What to make.
+    number : int
+        Which of ``Spec.examples``.
+    registry : Registry, optional
+        Where it is found; by default all installed plugins.
+
+    Returns
+    -------
+    object
+        The component. Each reference in the example is filled by the simplest installed component
+        of its kind, made from its own first example.
+
+    Raises
+    ------
+    ContractViolation
+        If the Spec has no such example, or a reference cannot be filled.
+    """
+    registry = registry or default_registry()
+    record = registry.get(kind, type_)
+    return record.load_target()(bound_example(record, registry, number))
+
+
+def bound_example(record: Registered, registry: Registry, number: int = 0) -> Spec:
+    """Return the Spec of an example with its references filled, a stage's inputs left open."""
+    return _example_spec(record, number).bound(
+        lambda kind, name: None if kind == "stage" else _simplest(kind, record, registry)
+    )
+
+
+def example_inputs(spec: Spec, registry: Registry | None = None) -> dict[str, Any]:
+    """Make the products that a stage takes from earlier stages.
+
+    Parameters
+    ----------
+    spec : Spec
+        The stage's.
+    registry : Registry, optional
+        Where stages are found; by default all installed plugins.
+
+    Returns
+    -------
+    dict of str to object
+        By name of the input, as `run` takes them.
+    """
+    needs = getattr(spec, "needs", None)
+    if not isinstance(needs, Spec):
+        return {}
+
+    def made(value: Any, path: str) -> Any:
+        if isinstance(value, Ref):
+            return example_product(path, registry=registry)
+        if isinstance(value, tuple):
+            return tuple(made(item, path) for item in value)
+        return value
+
+    return {
+        name: made(getattr(needs, name), str(needs.schema_extra(name).get("x-product", "")))
+        for name in type(needs).model_fields
+    }
+
+
+def example_product(path: str, *, registry: Registry | None = None) -> Any:
+    """Make a product by running the stage that yields it and needs least, on its first example.
+
+    Parameters
+    ----------
+    path : str
+        Import path of the product's class, ``"package.module:Class"``.
+    registry : Registry, optional
+        Where the stage is found; by default all installed plugins.
+
+    Returns
+    -------
+    object
+        The product.
+
+    Raises
+    ------
+    ContractViolation
+        If no installed stage yields it.
+    """
+    registry = registry or default_registry()
+    wanted = load_object(path)
+    candidates = []
+    for record in registry.of_kind("stage"):
+        spec = record.load_spec()
+        if issubclass(spec, StageSpec) and issubclass(load_object(spec.produces), wanted):
+            needs = len(list(_example_spec(record, 0).needs_of()))
+            candidates.append((needs, record.component.type, record))
+    require(candidates, f"no installed stage yields {path}")
+    record = min(candidates, key=lambda candidate: candidate[:2])[2]
+    bound = bound_example(record, registry)
+    return record.load_target()(bound).run(RecordingContext(), **example_inputs(bound, registry))
+
+
+def _example_spec(record: Registered, number: int) -> Spec:
+    spec = record.load_spec()
+    what = f"{record.component.kind} {record.component.type!r}"
+    require(
+        len(spec.examples) > number,
+        f"{what}: {spec.__name__}.examples has {len(spec.examples)} tables, number {number} is "
+        "wanted; give at least one table as a mission would write it, without 'type'",
+    )
+    return validate(spec, spec.examples[number], where=f"{what}, example {number}")
+
+
+def _simplest(kind: str, user: Registered, registry: Registry) -> Any:
+    candidates = []
+    for record in registry.of_kind(kind):
+        if record == user:
+            continue
+        references = len(list(_example_spec(record, 0).references()))
+        candidates.append((references, record.component.type, record))
+    require(candidates, f"{user.component.type}: no other installed component is a {kind}")
+    record = min(candidates, key=lambda candidate: candidate[:2])[2]
+    return record.load_target()(bound_example(record, registry))

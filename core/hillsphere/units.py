@@ -1,0 +1,49 @@
+"""Units that a mission may write, and their factors to SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+__all__ = ["UNITS", "unit_keys", "unit_text"]
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "length": {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "au": 1.495978707e11},
+    "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0},
+    "angle": {"rad": 1.0, "deg": 0.017453292519943295, "arcsec": 4.84813681109536e-06},
+    "speed": {"m_s": 1.0, "km_s": 1e3, "cm_s": 1e-2, "mm_s": 1e-3},
+    "acceleration": {"m_s2": 1.0, "km_s2": 1e3, "mm_s2": 1e-3},
+    "angular_rate": {"rad_s": 1.0, "deg_s": 0.017453292519943295, "deg_h": 4.84813681109536e-06},
+    "gravitational_parameter": {"m3_s2": 1.0, "km3_s2": 1e9},
+    "density": {"kg_m3": 1.0, "g_cm3": 1e3},
+    "mass": {"kg": 1.0, "t": 1e3},
+    "area_to_mass": {"m2_kg": 1.0},
+    "frequency": {"hz": 1.0},
+}
+"""Closed list of unit suffixes: dimension → suffix → factor to SI; the SI suffix stands first."""
+
+_SUPERSCRIPTS = str.maketrans("23", "²³")
+
+
+def unit_keys(name: str, dimension: str) -> dict[str, float]:
+    """Every key that a mission may write for an SI field, with its factor to SI.
+
+    Parameters
+    ----------
+    name : str
+        Field name, ending in the dimension's SI suffix.
+    dimension : str
+        A key of `UNITS`.
+
+    Returns
+    -------
+    dict of str to float
+        ``{"axes_m": 1.0, "axes_km": 1000.0, …}``.
+    """
+    units = UNITS[dimension]
+    stem = name.removesuffix(next(iter(units)))
+    return {stem + suffix: factor for suffix, factor in units.items()}
+
+
+def unit_text(suffix: str) -> str:
+    """Write a unit suffix as a unit: ``"km3_s2"`` → ``"km³/s²"``."""
+    return suffix.replace("_", "/").translate(_SUPERSCRIPTS)

@@ -1,0 +1,143 @@
+"""Gravity of a homogeneous tri-axial ellipsoid."""
+
+from __future__ import annotations
+
+from math import pi, prod
+
+from hillsphere.interfaces import Parameter
+from hillsphere.symbolic import Expr, Params, Vec3, acos, cos, dot, greater, select, sqrt
+from hillsphere_gravity.carlson import carlson_rf_rd
+from hillsphere_gravity.specs import EllipsoidSpec
+
+__all__ = ["CODATA_2018_G", "Ellipsoid"]
+
+CODATA_2018_G = 6.67430e-11
+"""Constant of gravitation, m³/(kg s²): Tiesinga et al. (2021), Rev. Mod. Phys. 93, 025010."""
+
+_ACOS_LIMIT = 1.0 - 1e-12
+_AXIS_NAMES = ("axis_x", "axis_y", "axis_z")
+
+
+class Ellipsoid:
+    r"""A homogeneous ellipsoid, exact inside, on and outside its surface.
+
+    With Λ the largest root of x²/(a²+Λ) + y²/(b²+Λ) + z²/(c²+Λ) = 1 outside and 0 inside, and
+    u = a²+Λ, v = b²+Λ, w = c²+Λ [1]_ [2]_::
+
+        U   = GM (³⁄₂ R_F(u,v,w) − ½ [x² R_D(v,w;u) + y² R_D(w,u;v) + z² R_D(u,v;w)])
+        g_x = −GM x R_D(v,w;u), and so on.
+
+    Spheres and spheroids need no special case, and the axes no order of size.
+
+    Parameters
+    ----------
+    spec : EllipsoidSpec
+        Its parameters. Run-time parameters: ``density`` or ``gm``, whichever the spec gives, and
+        ``axis_x``, ``axis_y``, ``axis_z``. Axes set at run time change the attraction; with a
+        density the mass as well; `surface` keeps the nominal ones.
+
+    References
+    ----------
+    .. [1] S. Chandrasekhar (1969), Ellipsoidal Figures of Equilibrium, ch. 3.
+    .. [2] B. C. Carlson (1995), Numerical Algorithms 10, 13–26 (the integrals).
+    """
+
+    frame = "body"
+
+    def __init__(self, spec: EllipsoidSpec) -> None:
+        self._axes = spec.axes_m
+        self._density = spec.density_kg_m3
+        constant_g = spec.gravitational_constant
+        self._gravitational_constant = CODATA_2018_G if constant_g is None else constant_g
+        if spec.gm_m3_s2 is not None:
+            self.gm_m3_s2 = spec.gm_m3_s2
+        elif spec.density_kg_m3 is not None:
+            volume = 4.0 / 3.0 * pi * prod(spec.axes_m)
+            self.gm_m3_s2 = self._gravitational_constant * spec.density_kg_m3 * volume
+        # Lengths are divided by the greatest axis, so that powers up to the sixth of a distance
+        # stay of order one near the body whatever its size.
+        self._unit = max(spec.axes_m)
+
+    def semi_axes_m(self) -> tuple[float, float, float]:
+        """Return the nominal semi-axes along x, y, z, m."""
+        return self._axes
+
+    def surface(self, r: Vec3) -> Expr:
+        """Return x²/a² + y²/b² + z²/c² − 1: negative inside, zero on the nominal surface."""
+        x, y, z = (r[i] / self._axes[i] for i in range(3))
+        return x * x + y * y + z * z - 1.0
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return ``density`` or ``gm``, then the three axes."""
+        mass = (
+            Parameter("gm", self.gm_m3_s2, "m3/s2")
+            if self._density is None
+            else Parameter("density", self._density, "kg/m3")
+        )
+        axes = zip(_AXIS_NAMES, self._axes, strict=True)
+        return (mass, *(Parameter(name, value, "m") for name, value in axes))
+
+    def potential(self, r: Vec3, p: Params) -> Expr:
+        """Return +U, m²/s², at the body-fixed position r, m."""
+        position, squares = self._scaled(r, p)
+        rf, rd = carlson_rf_rd(_confocal(position, squares))
+        moment = dot([q * q for q in position], rd)
+        return self._gm(p) / self._unit * (1.5 * rf - 0.5 * moment)
+
+    def acceleration(self, r: Vec3, p: Params) -> Vec3:
+        """Return ∇U, m/s², at the body-fixed position r, m."""
+        position, squares = self._scaled(r, p)
+        _, rd = carlson_rf_rd(_confocal(position, squares))
+        factor = -self._gm(p) / self._unit**2
+        return (
+            factor * position[0] * rd[0],
+            factor * position[1] * rd[1],
+            factor * position[2] * rd[2],
+        )
+
+    def _gm(self, p: Params) -> Expr:
+        if self._density is None:
+            return p["gm"]
+        a, b, c = (p[name] for name in _AXIS_NAMES)
+        return (4.0 / 3.0 * pi * self._gravitational_constant) * p["density"] * a * b * c
+
+    def _scaled(self, r: Vec3, p: Params) -> tuple[Vec3, Vec3]:
+        """Position and squared axes in units of the greatest nominal axis."""
+        a, b, c = (p[name] / self._unit for name in _AXIS_NAMES)
+        return (r[0] / self._unit, r[1] / self._unit, r[2] / self._unit), (a * a, b * b, c * c)
+
+
+def _confocal(position: Vec3, squares: Vec3) -> Vec3:
+    """Squared semi-axes of the confocal ellipsoid through a point, of the body itself inside.
+
+    Λ solves the cubic λ³ + p₂λ² + p₁λ + p₀ = 0; three real roots, by the trigonometric formula.
+    For a nearly round body two of them nearly coincide and the argument of the arc cosine reaches
+    ±1, where its derivative is infinite: the argument is clamped, which costs at most 1e-6,
+    and one Newton step on the confocal equation restores Λ to rounding. The step also makes the
+    automatic derivative right: its own derivative is that of the implicit function, the starting
+    value enters it only through its error.
+    """
+    a2, b2, c2 = squares
+    x, y, z = position
+    outside = greater(x * x / a2 + y * y / b2 + z * z / c2, 1.0)
+    # Inside, the cubic is evaluated at a harmless point outside: its own values there may be
+    # infinite, and in a derivative zero times infinity is not zero.
+    x2 = select(outside, x * x, 4.0 * a2)
+    y2 = select(outside, y * y, 0.0)
+    z2 = select(outside, z * z, 0.0)
+    p2 = a2 + b2 + c2 - x2 - y2 - z2
+    p1 = a2 * b2 + b2 * c2 + c2 * a2 - x2 * (b2 + c2) - y2 * (c2 + a2) - z2 * (a2 + b2)
+    p0 = a2 * b2 * c2 - x2 * b2 * c2 - y2 * c2 * a2 - z2 * a2 * b2
+    q = p2 * p2 / 9.0 - p1 / 3.0
+    cosine = ((p1 * p2 - 3.0 * p0) / 6.0 - p2 * p2 * p2 / 27.0) / (q * sqrt(q))
+    root = 2.0 * sqrt(q) * cos(acos(_clamped(cosine)) / 3.0) - p2 / 3.0
+    u, v, w = root + a2, root + b2, root + c2
+    excess = x2 / u + y2 / v + z2 / w - 1.0
+    root = root + excess / (x2 / (u * u) + y2 / (v * v) + z2 / (w * w))
+    root = select(outside, root, 0.0)
+    return (root + a2, root + b2, root + c2)
+
+
+def _clamped(x: Expr) -> Expr:
+    below = select(greater(x, _ACOS_LIMIT), _ACOS_LIMIT, x)
+    return select(greater(below, -_ACOS_LIMIT), below, -_ACOS_LIMIT)

@@ -1,0 +1,163 @@
+"""Gravity as a spherical-harmonic series."""
+
+from __future__ import annotations
+
+from math import prod, sqrt
+
+from hillsphere.errors import InputError
+from hillsphere.formats.coefficients import Coefficient, CoefficientTable
+from hillsphere.formats.icgem import read_icgem
+from hillsphere.formats.shadr import read_shadr
+from hillsphere.interfaces import Parameter
+from hillsphere.symbolic import (
+    Expr,
+    Params,
+    Vec3,
+    constant,
+    gradient,
+    spherical_harmonics_potential,
+    substitute,
+    variables,
+)
+from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
+
+__all__ = ["Harmonics", "normalisation_factor"]
+
+_READERS = {"icgem": read_icgem, "shadr": read_shadr}
+_PLAIN = variables("harmonics:x", "harmonics:y", "harmonics:z")
+
+
+class Harmonics:
+    """U = (GM/R) Σ (R/r)^(n+1) P̄nm(sin φ) (C̄nm cos mλ + S̄nm sin mλ).
+
+    φ and λ are latitude and east longitude in the body-fixed frame; P̄nm is 4π-normalised, without
+    the Condon–Shortley phase ([1]_, §3.2). Finite at the poles. The series converges outside the
+    sphere about the origin that holds the body (Brillouin sphere); nearer it may mean nothing.
+    `hillsphere.gravity.GravityField` says what each degree costs to compile and to evaluate.
+
+    Parameters
+    ----------
+    spec : HarmonicsSpec
+        Its parameters. Run-time parameters: ``gm`` and, for each listed coefficient above degree
+        0, ``Cn,m`` and (m > 0) ``Sn,m``, in the normalisation of the spec; list one as zero to
+        disperse it about zero.
+
+    Raises
+    ------
+    InputError
+        If a file is malformed, contradicts the spec, lacks what the spec does not give, or does
+        not reach `max_degree`.
+
+    References
+    ----------
+    .. [1] O. Montenbruck, E. Gill (2000), Satellite Orbits.
+    """
+
+    frame = "body"
+
+    def __init__(self, spec: HarmonicsSpec) -> None:
+        table = _table(spec)
+        self.degree = table.max_degree if spec.max_degree is None else spec.max_degree
+        self.order = self.degree if spec.max_order is None else spec.max_order
+        self.reference_radius_m = table.reference_radius_m
+        self.normalisation = table.normalisation
+        self.tide_system = table.tide_system
+        used = sorted(row for row in table.rows if row.n <= self.degree and row.m <= self.order)
+        # C00 scales the whole mass, as gm does; one of the two is enough to disperse.
+        self._c00 = next((row.c for row in used if row.n == 0), 1.0)
+        self._rows = tuple(row for row in used if row.n > 0)
+        self._gm = table.gm_m3_s2
+        self.gm_m3_s2 = self._gm * self._c00
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return ``gm``, then the coefficients by degree and order, C before S."""
+        found = [Parameter("gm", self._gm, "m3/s2")]
+        for row in self._rows:
+            found.append(Parameter(f"C{row.n},{row.m}", row.c))
+            if row.m > 0:
+                found.append(Parameter(f"S{row.n},{row.m}", row.s))
+        return tuple(found)
+
+    def potential(self, r: Vec3, p: Params) -> Expr:
+        """Return +U, m²/s², at the body-fixed position r, m."""
+        zero = constant(0.0)
+        pairs = {(0, 0): (constant(self._c00), zero)}
+        for row in self._rows:
+            n, m = row.n, row.m
+            factor = normalisation_factor(n, m) if self.normalisation == "none" else 1.0
+            pairs[n, m] = (
+                p[f"C{n},{m}"] / factor,
+                p[f"S{n},{m}"] / factor if m > 0 else zero,
+            )
+        triangle = [(n, m) for n in range(self.degree + 1) for m in range(n + 1)]
+        coefficients = [pairs.get(place, (zero, zero)) for place in triangle]
+        return spherical_harmonics_potential(r, coefficients, p["gm"], self.reference_radius_m)
+
+    def acceleration(self, r: Vec3, p: Params) -> Vec3:
+        """Return ∇U, m/s², at the body-fixed position r, m."""
+        x, y, z = _PLAIN
+        slopes = gradient(self.potential((x, y, z), p), _PLAIN)
+        gx, gy, gz = substitute(slopes, dict(zip(_PLAIN, r, strict=True)))
+        return (gx, gy, gz)
+
+
+def normalisation_factor(n: int, m: int) -> float:
+    """Ratio of the normalised to the conventional Legendre function, P̄nm / Pnm.
+
+    Parameters
+    ----------
+    n, m : int
+        Degree and order.
+
+    Returns
+    -------
+    float
+        √((2 − δ0m) (2n+1) (n−m)! / (n+m)!); a conventional coefficient divided by it is the
+        normalised one.
+    """
+    return sqrt((2 - (m == 0)) * (2 * n + 1)) / prod(sqrt(k) for k in range(n - m + 1, n + m + 1))
+
+
+def _table(spec: HarmonicsSpec) -> CoefficientTable:
+    """Bring rows of the spec, or a file and what the spec says beside it, to one table."""
+    if spec.file is not None:
+        return _merged(spec, _READERS[file_format_of(spec)](spec.file))
+    gm, radius = spec.gm_m3_s2, spec.reference_radius_m
+    if gm is None or radius is None:
+        raise InputError("coefficients need gm_m3_s2 and reference_radius_m")
+    return CoefficientTable(
+        name="",
+        gm_m3_s2=gm,
+        reference_radius_m=radius,
+        max_degree=max(row.n for row in spec.coefficients),
+        normalisation=spec.normalisation,
+        tide_system=spec.tide_system,
+        rows=tuple(Coefficient(row.n, row.m, row.c, row.s) for row in spec.coefficients),
+    )
+
+
+def _merged(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
+    """Hold a file against the spec: what neither states or both state differently is an error."""
+    for key in ("gm_m3_s2", "reference_radius_m", "normalisation", "tide_system"):
+        asked, stated = getattr(spec, key), getattr(table, key)
+        if asked is None and stated is None:
+            raise InputError(f"{spec.file} does not state {key}; give it beside file")
+        if asked is not None and stated is not None and asked != stated:
+            raise InputError(f"{key} is {asked}, but {spec.file} states {stated}; leave it out")
+    if spec.max_degree is not None and spec.max_degree > table.max_degree:
+        raise InputError(
+            f"max_degree must be ≤ {table.max_degree}, the degree of {spec.file}, "
+            f"got {spec.max_degree}"
+        )
+    degree = table.max_degree if spec.max_degree is None else spec.max_degree
+    if spec.max_order is not None and spec.max_order > degree:
+        raise InputError(f"max_order must be ≤ {degree}, the degree used, got {spec.max_order}")
+    return CoefficientTable(
+        name=table.name,
+        gm_m3_s2=table.gm_m3_s2,
+        reference_radius_m=table.reference_radius_m,
+        max_degree=table.max_degree,
+        normalisation=table.normalisation or spec.normalisation,
+        tide_system=table.tide_system or spec.tide_system,
+        rows=table.rows,
+    )

@@ -1,0 +1,286 @@
+"""What a mission may write for each gravity model."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Literal, Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    Vector3,
+    data_path,
+    option,
+    quantity,
+    reference,
+)
+
+__all__ = [
+    "CoefficientSpec",
+    "EllipsoidSpec",
+    "HarmonicsSpec",
+    "PartSpec",
+    "PointMassSpec",
+    "SumSpec",
+    "file_format_of",
+]
+
+Normalisation = Literal["full", "none"]
+TideSystem = Literal["tide_free", "zero_tide", "mean_tide", "none", "unknown"]
+FileFormat = Literal["icgem", "shadr"]
+
+_SUFFIXES: dict[str, FileFormat] = {
+    ".gfc": "icgem",
+    ".shadr": "shadr",
+    ".sha": "shadr",
+    ".tab": "shadr",
+}
+
+
+def _fault(key: str, text: str) -> PydanticCustomError:
+    """Make a validation error that the mission reader places at `key`."""
+    # The text goes in as a value: pydantic would read braces in a template.
+    return PydanticCustomError("gravity", "{text}", {"text": text, "key": key})
+
+
+class PointMassSpec(Spec):
+    """A point mass at the origin."""
+
+    examples = ({"gm_km3_s2": 7.0875e-4},)
+
+    gm_m3_s2: float = quantity("gravitational_parameter", "gravitational parameter GM", gt=0)
+
+
+class EllipsoidSpec(Spec):
+    """A homogeneous ellipsoid; its mass is given as a density or as GM, not both."""
+
+    examples = (
+        {"axes_km": [13.03, 11.40, 9.14], "density_g_cm3": 1.860},
+        {"axes_km": [13.03, 11.40, 9.14], "gm_km3_s2": 7.0875e-4},
+    )
+
+    axes_m: Vector3 = quantity(
+        "length", "semi-axes along the body's x, y, z, in any order of size", gt=0
+    )
+    density_kg_m3: float | None = quantity("density", "density", default=None, gt=0)
+    gm_m3_s2: float | None = quantity(
+        "gravitational_parameter", "gravitational parameter GM", default=None, gt=0
+    )
+    gravitational_constant: float | None = option(
+        "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
+        "2018 value 6.67430e-11",
+        default=None,
+        gt=0,
+    )
+
+    @model_validator(mode="after")
+    def _one_mass(self) -> Self:
+        if self.density_kg_m3 is not None and self.gm_m3_s2 is not None:
+            raise _fault("gm_m3_s2", "density and gm both give the mass; keep one")
+        if self.density_kg_m3 is None and self.gm_m3_s2 is None:
+            raise _fault(
+                "density_kg_m3",
+                "the mass is missing; give density_kg_m3 (or density_g_cm3) or gm_m3_s2 "
+                "(or gm_km3_s2)",
+            )
+        if self.gm_m3_s2 is not None and self.gravitational_constant is not None:
+            raise _fault(
+                "gravitational_constant", "goes with a density only; gm needs none, remove it"
+            )
+        return self
+
+
+class CoefficientSpec(Spec):
+    """One row of a table of harmonic coefficients."""
+
+    examples = ({"n": 2, "m": 0, "c": -4.698e-2}, {"n": 2, "m": 2, "c": 2.276e-2, "s": -2.02e-4})
+
+    n: int = option("degree", ge=0)
+    m: int = option("order", ge=0)
+    c: float = option("coefficient of cos mλ")
+    s: float = option("coefficient of sin mλ; must be 0 or left out where m = 0", default=0.0)
+
+    @model_validator(mode="after")
+    def _in_triangle(self) -> Self:
+        if self.m > self.n:
+            raise _fault("m", f"order m must be ≤ degree n, got n = {self.n}, m = {self.m}")
+        if self.m == 0 and self.s != 0.0:
+            raise _fault("s", f"S of order 0 multiplies sin 0 and must be 0, got {self.s}")
+        return self
+
+
+class HarmonicsSpec(Spec):
+    """A spherical-harmonic series, from rows in the mission or from a file.
+
+    With rows in the mission, `gm_m3_s2`, `reference_radius_m`, `normalisation` and `tide_system`
+    are required. With a file they are taken from it; what the file does not state must be given
+    here, and what both state must agree.
+    """
+
+    examples = (
+        {
+            "gm_km3_s2": 7.087546066894452e-4,
+            "reference_radius_km": 11.1,
+            "normalisation": "full",
+            "tide_system": "none",
+            "coefficients": [{"n": 2, "m": 0, "c": -4.698e-2}, {"n": 2, "m": 2, "c": 2.276e-2}],
+        },
+    )
+
+    gm_m3_s2: float | None = quantity(
+        "gravitational_parameter", "gravitational parameter GM", default=None, gt=0
+    )
+    reference_radius_m: float | None = quantity(
+        "length", "reference radius of the coefficients", default=None, gt=0
+    )
+    normalisation: Normalisation | None = option(
+        "'full': 4π-normalised, 'none': conventional; neither with the Condon–Shortley phase",
+        default=None,
+    )
+    tide_system: TideSystem | None = option(
+        "what of the permanent tide the degree-2 zonal holds; 'none' for a body without one. "
+        "Recorded, never converted",
+        default=None,
+    )
+    coefficients: tuple[CoefficientSpec, ...] = option(
+        "rows {n, m, c, s} in any order; a coefficient that is not listed is zero, C00 one",
+        default=(),
+    )
+    file: DataPath | None = data_path("ICGEM .gfc or PDS SHADR file", default=None)
+    file_format: FileFormat | None = option(
+        "format of the file; left out: by its suffix (.gfc; .shadr, .sha, .tab)", default=None
+    )
+    max_degree: int | None = option("use degrees up to this", default=None, ge=0)
+    max_order: int | None = option("use orders up to this", default=None, ge=0)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if self.coefficients and self.file is not None:
+            raise _fault("file", "coefficients and file both give the series; keep one")
+        if self.file is not None:
+            file_format_of(self)
+        elif not self.coefficients:
+            raise _fault("coefficients", "the series is missing; give coefficients or file")
+        elif self.file_format is not None:
+            raise _fault("file_format", "says how to read a file, and none is given; remove it")
+        else:
+            self._check_table()
+        return self
+
+    def _check_table(self) -> None:
+        required = ("gm_m3_s2", "reference_radius_m", "normalisation", "tide_system")
+        if missing := [key for key in required if getattr(self, key) is None]:
+            raise _fault(missing[0], f"missing beside coefficients: {', '.join(missing)}")
+        first: dict[tuple[int, int], int] = {}
+        for index, row in enumerate(self.coefficients):
+            earlier = first.setdefault((row.n, row.m), index)
+            if earlier != index:
+                raise _fault(
+                    "coefficients",
+                    f"degree {row.n}, order {row.m} stands in row {earlier + 1} and again in row "
+                    f"{index + 1}; keep one",
+                )
+        highest = max(row.n for row in self.coefficients)
+        if self.max_degree is not None and self.max_degree > highest:
+            raise _fault(
+                "max_degree", f"must be ≤ {highest}, the table's degree, got {self.max_degree}"
+            )
+        degree = highest if self.max_degree is None else self.max_degree
+        if self.max_order is not None and self.max_order > degree:
+            raise _fault("max_order", f"must be ≤ {degree}, the degree, got {self.max_order}")
+
+
+def file_format_of(spec: HarmonicsSpec) -> FileFormat:
+    """Format of a coefficient file, as given or by its suffix.
+
+    Parameters
+    ----------
+    spec : HarmonicsSpec
+        With `file` set.
+
+    Returns
+    -------
+    str
+        ``"icgem"`` or ``"shadr"``.
+
+    Raises
+    ------
+    PydanticCustomError
+        If the suffix says nothing and `file_format` is not given.
+    """
+    if spec.file_format is not None:
+        return spec.file_format
+    suffix = PurePath(spec.file or "").suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise _fault(
+            "file", f"cannot tell the format from the suffix {suffix!r}; give file_format "
+            "= 'icgem' or 'shadr'"
+        )  # fmt: skip
+    return _SUFFIXES[suffix]
+
+
+class PartSpec(Spec):
+    """One model of a sum, turned and placed in the frame of the sum."""
+
+    examples = ({"model": "phobos", "name": "core", "position_km": [0.5, 0.0, 0.0]},)
+
+    model: Ref = reference("gravity", "the model")
+    name: str | None = option(
+        "prefix of its run-time parameters ('core.gm'); left out: the name of the model's table",
+        default=None,
+        min_length=1,
+        pattern=r"^[A-Za-z][A-Za-z0-9_-]*$",
+    )
+    position_m: Vector3 = quantity(
+        "length", "origin of the part in the frame of the sum", default=(0.0, 0.0, 0.0)
+    )
+    rotation_zxz_rad: Vector3 = quantity(
+        "angle",
+        "3-1-3 Euler angles (α, β, γ): the part's axes are those of the sum turned about z by α, "
+        "then about the new x by β, then about the new z by γ (as pole and prime meridian of a "
+        "body: α = 90° + right ascension, β = 90° − declination, γ = W)",
+        default=(0.0, 0.0, 0.0),
+    )
+    scale: float = option(
+        "factor on the part's attraction; negative for a void to be taken out", default=1.0
+    )
+
+
+class SumSpec(Spec):
+    """Gravity of several models together, e.g. a body with a dense core or a void."""
+
+    examples = (
+        {
+            "parts": [
+                {"model": "shell"},
+                {"model": "core", "position_km": [0.5, 0.0, 0.0], "rotation_zxz_deg": [90, 0, 0]},
+            ]
+        },
+    )
+
+    parts: tuple[PartSpec, ...] = option("the models, at least one")
+
+    @model_validator(mode="after")
+    def _distinct_names(self) -> Self:
+        if not self.parts:
+            raise _fault("parts", "must hold at least one part, got none")
+        names = self.part_names()
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                raise _fault(
+                    "parts",
+                    f"parts {names.index(name) + 1} and {index + 1} are both called {name!r}; "
+                    "give one a name",
+                )
+        return self
+
+    def part_names(self) -> tuple[str, ...]:
+        """Return the parts' names: as given, else that of the model's table, else ``part<i>``."""
+        return tuple(
+            part.name or (f"part{i}" if part.model.name == "(given)" else part.model.name)
+            for i, part in enumerate(self.parts, start=1)
+        )

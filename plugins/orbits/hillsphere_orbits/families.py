@@ -1,0 +1,245 @@
+"""Quasi-satellite orbits as a family: where it starts, how it is corrected, where it ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hillsphere.dynamics import ArrayFunction
+from hillsphere.errors import ConvergenceError, InputError
+from hillsphere.interfaces import Array, Plant
+from hillsphere.symbolic import gradient
+from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
+from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.members import Quantity, coordinate
+from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
+from hillsphere_orbits.specs import QsoSpec
+
+__all__ = ["Family", "Qso"]
+
+_FAR = 4.0  # units of length: the 2:1 ellipse is good to a few per cent there
+_CLEARANCE = 1e-9  # of an event: on the surface itself the gravity gradient is ambiguous
+_NEAR = 0.1  # units of length: where the family of a body without surface ends by default
+_STATES = ("x", "y", "z", "vx", "vy", "vz")
+
+
+@dataclass(frozen=True)
+class Family:
+    """A computed piece of a family with the equations that its members solve.
+
+    Parameters
+    ----------
+    problem : Shooting
+        The equations, with as many sub-steps as rounding allows.
+    branch : Branch
+        Members from the largest amplitude to the smallest.
+    method : str
+        How the orbits were found, in words.
+    """
+
+    problem: Shooting
+    branch: Branch
+    method: str
+
+    @property
+    def amplitude(self) -> Quantity:
+        """X at the crossing with the section, normalised."""
+        return coordinate(self.problem.unknowns.index("x"))
+
+    @property
+    def period(self) -> Quantity:
+        """Full period, normalised."""
+        last = len(self.problem.unknowns) - 1
+        whole = float(self.problem.period(np.ones((last + 1, 1)))[0])
+        return coordinate(last, whole)
+
+    @property
+    def integral(self) -> Quantity:
+        """Integral of motion, normalised; `InputError` if the plant has none."""
+        flow = self.problem.flow
+        if flow.system.integral is None:
+            raise InputError("the plant has no integral of motion; choose members by x or period")
+        slopes = gradient(flow.system.integral, flow.system.x)
+        compiled = flow.system.function(flow.system.integral, *slopes)
+        rows = [1 + flow.names.index(name) for name in self.problem.unknowns[:-1]]
+
+        def quantity(z: Array) -> tuple[Array, Array]:
+            found = compiled(self.problem.state(z), flow.system.parameters(None, z.shape[1]))
+            return found[0], np.concatenate([found[rows], np.zeros((1, z.shape[1]))])
+
+        return quantity
+
+
+class Qso:
+    """Quasi-satellite orbits: retrograde, from the far 2:1 ellipse inwards.
+
+    Far from the moon its attraction vanishes and the Hill equations have the solutions
+    x = A cos nt, y = −2A sin nt: ellipses of axis ratio 2:1 about the moon with its orbital
+    period. The family is followed from one of them, inwards to the orbit that grazes the moon's
+    surface and outwards to the largest amplitude.
+
+    If the equations keep the mirror plane xz, half a period between perpendicular crossings is
+    solved, in the plane if they keep the plane z = 0 as well; otherwise (harmonics with S terms,
+    a tilted body) a full period with the section y = 0.
+
+    Parameters
+    ----------
+    spec : QsoSpec
+        With its reference bound; the plant needs the states x, y, z, vx, vy, vz of a frame in
+        which the moon stands still, and natural units in which its mean motion is 1.
+
+    References
+    ----------
+    .. [1] Hénon, M., Numerical exploration of the restricted problem. V. Hill's case: periodic
+       orbits and their stability, Astron. Astrophys. 1, 1969, p. 223 (family f).
+    """
+
+    def __init__(self, spec: QsoSpec) -> None:
+        self.plant: Plant = spec.plant.get()
+        names = tuple(v.name for v in self.plant.states)
+        if names != _STATES:
+            raise InputError(
+                f"quasi-satellite orbits need a plant with states {', '.join(_STATES)}; "
+                f"{type(self.plant).__name__} has {', '.join(names)}"
+            )
+
+    @cached_property
+    def flow(self) -> Flow:
+        """The plant's flow, normalised; compiled on first use."""
+        return flow_of(self.plant)
+
+    @cached_property
+    def problem(self) -> tuple[Shooting, str]:
+        """The shooting problem that suits the symmetries of the equations, and why."""
+        flow = self.flow
+        samples = _samples()
+        flat = (1, 1, -1, 1, 1, -1)
+        frozen = ("z", "vz") if flow.keeps(flat, samples, reverses_time=False) else ()
+        where = "in the plane z = 0" if frozen else "in space (the gravity has no mirror plane xy)"
+        mirror = flow.system.mirrors.get("xz")
+        if mirror is not None and flow.keeps(mirror, samples, reverses_time=True):
+            problem: Shooting = SymmetricShooting(flow, mirror, frozen)
+            return problem, f"half a period between perpendicular crossings of the x axis, {where}"
+        problem = PeriodicShooting(flow, "y", frozen)
+        return problem, (
+            "a full period with the section y = 0 and least squares, because the equations do not "
+            f"keep the mirror plane xz; {where}"
+        )
+
+    def family(self, x_min_m: float | None, x_max_m: float, members: int = 161) -> Family:
+        """Compute the family between two amplitudes.
+
+        Parameters
+        ----------
+        x_min_m : float or None
+            Smallest amplitude; None goes on until an orbit grazes the body (or, for a body
+            without surface, to a tenth of the unit of length).
+        x_max_m : float
+            Largest amplitude.
+        members : int
+            Members of the result, equally spaced in arclength.
+
+        Returns
+        -------
+        Family
+            From the largest amplitude to the smallest.
+
+        Raises
+        ------
+        ConvergenceError
+            If no orbit is found near the far ellipse, or the family breaks off there.
+        """
+        unit = self.plant.scales.length_m
+        problem, method = self.problem
+        x = problem.unknowns.index("x")
+        grazing = self._grazing(problem)
+        ends = list(grazing)
+        if x_min_m is not None or not grazing:
+            low = _NEAR if x_min_m is None else x_min_m / unit
+            ends.append(Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low))
+        else:
+            low = 0.0
+        high = x_max_m / unit
+        outermost = Boundary(f"largest amplitude {_km(x_max_m)}", lambda z: high - z[x])
+        control = StepControl(first=0.1)
+        inwards = -np.eye(len(problem.unknowns))[x]
+
+        far = max(_FAR, low)
+        start = self._far_member(problem, far)
+        problem = problem.with_steps(self._steps(problem, start))
+        if high < far:
+            inner = Boundary("the range begins", lambda z: z[x] - high)
+            approach = follow(problem, start[:, 0], inwards, boundaries=[inner, *grazing],
+                              control=control)  # fmt: skip
+            if approach.ends[1] != inner.reason:
+                raise ConvergenceError(
+                    f"there is no quasi-satellite orbit of amplitude {_km(x_max_m)}: "
+                    f"{approach.ends[1]} at {_km(approach.z[x, -1] * unit)}"
+                )
+            branch = follow(problem, approach.z[:, -1], inwards, boundaries=ends, control=control)
+            branch = Branch(branch.z, branch.tangent, (outermost.reason, branch.ends[1]))
+        else:
+            branch = continue_both(
+                problem, start[:, 0], inwards, boundaries=[outermost, *ends], control=control
+            )
+        if branch.size < 2:
+            raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
+        problem = problem.with_steps(self._steps(problem, branch.z))
+        return Family(problem, branch.resampled(problem, members), method)
+
+    def _far_member(self, problem: Shooting, amplitude: float) -> Array:
+        ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
+        guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
+        held = fixed(problem.unknowns.index("x"), amplitude)
+        name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
+        return correct(problem, guess, held, iterations=20).checked("far 2:1 ellipse", [name])
+
+    def _steps(self, problem: Shooting, z: Array) -> int:
+        return self.flow.steps_for(problem.state(z), z[-1])
+
+    def _grazing(self, problem: Shooting) -> list[Boundary]:
+        """Return a boundary for each event of the plant: its least value along the orbit."""
+        flow, found = self.flow, []
+        for name, expression in flow.system.events.items():
+            compiled = flow.system.function(expression)
+
+            def least(z: Array, compiled: ArrayFunction = compiled) -> Array:
+                way = flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
+                states, points, cases = way.shape
+                flat = np.ascontiguousarray(way.reshape(states, points * cases))
+                p = flow.system.parameters(None, points * cases)
+                return _least(compiled(flat, p)[0].reshape(points, cases)) - _CLEARANCE
+
+            reason = "the orbit grazes the surface" if name == "impact" else f"event {name!r}"
+            found.append(Boundary(reason, least))
+        return found
+
+
+def _least(values: Array) -> Array:
+    """Least value of each column (K, N) of samples on a closed curve, refined by a parabola."""
+    i = np.argmin(values[:-1], axis=0)
+    lane, points = np.arange(values.shape[1]), values.shape[0] - 1
+    here = values[i, lane]
+    before, after = values[(i - 1) % points, lane], values[(i + 1) % points, lane]
+    bend = before - 2.0 * here + after
+    slope = 0.5 * (after - before)
+    refined: Array = here - np.where(
+        bend > 0.0, 0.5 * slope**2 / np.where(bend > 0.0, bend, 1.0), 0.0
+    )
+    return refined
+
+
+def _samples() -> Array:
+    """States around the body at which symmetries are tried, shape (6, 48), normalised."""
+    rng = np.random.default_rng(20)
+    direction = rng.normal(size=(3, 48))
+    radius = np.geomspace(0.7, _FAR, 48)
+    place = radius * direction / np.linalg.norm(direction, axis=0)
+    return np.concatenate([place, rng.normal(size=(3, 48))])
+
+
+def _km(length_m: float) -> str:
+    return f"{length_m / 1e3:.6g} km"

@@ -1,0 +1,116 @@
+"""The compiled flow of a plant, as the orbit tools use it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from hillsphere.dynamics import ArrayFunction, StepMap, System, system
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Plant
+
+__all__ = ["Flow", "flow_of"]
+
+_FLOWS: WeakKeyDictionary[Plant, Flow] = WeakKeyDictionary()
+
+
+def flow_of(plant: Plant) -> Flow:
+    """Return the normalised flow of a plant; stages that share a plant share its compiled code.
+
+    Compiling takes a second, so it is kept for as long as the plant lives.
+    """
+    if plant not in _FLOWS:
+        _FLOWS[plant] = Flow(system(plant, normalised=True))
+    return _FLOWS[plant]
+
+
+class Flow:
+    """Flow of an autonomous system with its state transition matrix.
+
+    One compiled map serves everything: lengths of flight differ from lane to lane, the number of
+    sub-steps is common.
+
+    Parameters
+    ----------
+    system : hillsphere.dynamics.System
+        Equations of motion, usually normalised.
+
+    Raises
+    ------
+    InputError
+        If the equations depend on time: the orbits of a family would not be periodic.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.names: tuple[str, ...] = tuple(v.name for v in system.states)
+        self.map = StepMap(system, method="dop853", stm=True)
+        probe = np.linspace(0.9, 1.7, len(self.names))[:, None] * system.scale[:, None]
+        if not np.array_equal(self.rate(probe, 0.0), self.rate(probe, 0.37), equal_nan=True):
+            raise InputError(
+                "periodic orbits need equations without explicit time; this plant's depend on it"
+            )
+
+    @cached_property
+    def _rate(self) -> ArrayFunction:
+        outside = self.system.external
+        symbols = (*self.system.x, *(outside.variables if outside else ()))
+        return ArrayFunction(self.system.rhs, symbols, self.system.run_time_names)
+
+    def rate(self, x: Array, t: float = 0.0) -> Array:
+        """Return dx/dt (n, N) at x (n, N)."""
+        cases = x.shape[1]
+        p = self.system.parameters(None, cases)
+        if self.system.external is not None:
+            terms = self.system.external.values(x, np.full(cases, t), p)
+            x = np.concatenate([x, terms])
+        return self._rate(x, p, np.full(cases, t))
+
+    def with_matrix(self, x: Array, duration: Array | float, steps: int) -> tuple[Array, Array]:
+        """Return the states (n, N) after the durations (N,) and the matrices (n, n, N)."""
+        end, phi = self.map.propagate(x, duration, steps)
+        return end, phi
+
+    def trajectory(self, x: Array, duration: Array | float, steps: int) -> Array:
+        """Return the states (n, steps + 1, N) along the way, ends included."""
+        return self.map.trajectory(x, duration, steps)
+
+    def at_once(self, x: Array, h: Array) -> Array:
+        """Return the states (n, N) one sub-step of length h (N,) later."""
+        end: Array = self.map.step(x, h)[0]
+        return end
+
+    def steps_for(self, x: Array, duration: Array | float, tolerance: float = 1e-12) -> int:
+        """Return sub-steps for which the error is rounding, by step doubling.
+
+        The tolerance is relative to the largest state; the number that meets it is doubled, which
+        divides the error of an eighth-order method by 256.
+        """
+        size = max(1.0, float(np.max(np.abs(x) / self.system.scale[:, None])))
+        return 2 * self.map.choose_steps(x, duration, tolerance * size)
+
+    def keeps(self, mirror: Sequence[int], x: Array, *, reverses_time: bool) -> bool:
+        """Whether the equations are unchanged under a mirror, tried at sample states.
+
+        Parameters
+        ----------
+        mirror : sequence of int
+            Sign of each state.
+        x : ndarray, shape (n, N)
+            Where to try it.
+        reverses_time : bool
+            Whether the mirror also reverses time.
+
+        Returns
+        -------
+        bool
+            f(S x) = ±S f(x) to rounding at all samples.
+        """
+        sign = np.asarray(mirror, dtype=float)[:, None]
+        here, there = self.rate(x), self.rate(sign * x)
+        expected = (-sign if reverses_time else sign) * here
+        size = np.max(np.abs(here), axis=0)
+        return bool(np.all(np.abs(there - expected) <= 1e-13 * size))

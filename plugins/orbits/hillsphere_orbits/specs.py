@@ -1,0 +1,218 @@
+"""Specs of the orbit families and stages: what a mission may write."""
+
+from __future__ import annotations
+
+from math import gcd
+from typing import Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    quantity,
+    reference,
+)
+
+__all__ = [
+    "BifurcationNeeds",
+    "BifurcationSpec",
+    "QsoFamilyNeeds",
+    "QsoFamilySpec",
+    "QsoSpec",
+    "read_resonance",
+]
+
+_FAMILY = "hillsphere_orbits.products:QsoFamily"
+
+
+def _rule(key: str, text: str) -> PydanticCustomError:
+    """Return a fault of a rule between keys, placed at one of them."""
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+
+
+class QsoSpec(Spec):
+    """Quasi-satellite orbits of a plant."""
+
+    examples = ({"plant": "hill"},)
+
+    plant: Ref = reference("plant", "equations of motion about a locked moon, e.g. 'hill'")
+
+
+class _OfFamily(StageSpec):
+    """What the stages have in common: the family's equations."""
+
+    plant: Ref | None = reference(
+        "plant", "equations of motion; their quasi-satellite orbits are meant", default=None
+    )
+    family: Ref | None = reference(
+        "orbit_family", "the family, where it is declared in a table of its own", default=None
+    )
+    label: str = option(
+        "appended to the names of tables, figures and metrics, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _one_family(self) -> Self:
+        if (self.plant is None) == (self.family is None):
+            if self.plant is not None:
+                raise _rule("family", "plant and family say the same thing; keep one")
+            raise _rule("plant", "missing: plant (or family); which equations the orbits solve")
+        return self
+
+
+class QsoFamilyNeeds(Spec):
+    """Products of earlier stages that ``qso_family`` can use."""
+
+    compare: Ref | None = need(
+        _FAMILY, "another family, over whose range this one is computed and shown", default=None
+    )
+
+
+class QsoFamilySpec(_OfFamily):
+    """The family of quasi-satellite orbits and its members at prescribed values.
+
+    An amplitude is x at the crossing of the x axis on the far side from the primary.
+    """
+
+    produces = _FAMILY
+    examples = (
+        {"plant": "hill", "x_amplitudes_km": [100, 50], "curve_members": 41},
+        {"plant": "hill", "periods_h": [7.0], "jacobi_constants": [-1.0], "x_max_km": 120},
+    )
+
+    needs: QsoFamilyNeeds = option("products of earlier stages", default=QsoFamilyNeeds())
+    x_amplitudes_m: tuple[float, ...] = quantity(
+        "length", "orbits asked for, by amplitude", default=(), gt=0
+    )
+    periods_s: tuple[float, ...] = quantity("time", "orbits asked for, by period", default=(), gt=0)
+    jacobi_constants: tuple[float, ...] = option(
+        "orbits asked for, by Jacobi constant: ½(3x² − z²) + U − ½v² in natural units", default=()
+    )
+    x_min_m: float | None = quantity(
+        "length",
+        "smallest amplitude of the family; left out: that of the family compared with, or the "
+        "orbit that grazes the surface",
+        default=None,
+        gt=0,
+    )
+    x_max_m: float | None = quantity(
+        "length",
+        "largest amplitude of the family; left out: that of the family compared with, or a little "
+        "beyond the largest one asked for, at least 4 natural units",
+        default=None,
+        gt=0,
+    )
+    curve_members: int = option(
+        "orbits along the family, for figures and for what is searched on it",
+        default=161,
+        ge=21,
+        le=4001,
+    )
+    drift_revolutions: int = option(
+        "revolutions over which the drift of the Jacobi constant is measured",
+        default=100,
+        ge=1,
+        le=10000,
+    )
+    reference: DataPath | None = data_path(
+        "cited CSV of published orbits, matched by x0_km, shown beside the computed ones",
+        default=None,
+    )
+
+    @model_validator(mode="after")
+    def _in_range(self) -> Self:
+        if not (self.x_amplitudes_m or self.periods_s or self.jacobi_constants):
+            raise _rule(
+                "x_amplitudes_m",
+                "no orbit is asked for; give x_amplitudes_km, periods_h or jacobi_constants",
+            )
+        low, high = self.x_min_m, self.x_max_m
+        if low is not None and high is not None and low >= high:
+            raise _rule("x_min_m", "the smallest amplitude must be below the largest")
+        outside = [
+            f"{x / 1e3:g} km"
+            for x in self.x_amplitudes_m
+            if (low is not None and x < low) or (high is not None and x > high)
+        ]
+        if outside:
+            text = f"outside the range from x_min to x_max: {', '.join(outside)}"
+            raise _rule("x_amplitudes_m", text)
+        return self
+
+
+class BifurcationNeeds(Spec):
+    """Products of earlier stages that ``bifurcations`` uses."""
+
+    family: Ref = need(_FAMILY, "the family that is searched")
+    compare: Ref | None = need(
+        _FAMILY, "another family, shown beside it in the figure", default=None
+    )
+
+
+class BifurcationSpec(_OfFamily):
+    """Where other families branch off a family: its stability index is 2 cos(2π d/n)."""
+
+    produces = "hillsphere.products:Bifurcations"
+    examples = (
+        {"plant": "hill", "needs": {"family": "family"}, "vertical": ["1:5"], "planar": ["1:4"]},
+        {"plant": "hill", "needs": {"family": "family"}, "n_max": 7, "d_max": 2},
+    )
+
+    needs: BifurcationNeeds = option("products of earlier stages")
+    vertical: tuple[str, ...] = option(
+        "out-of-plane resonances d:n, orbits of n revolutions", default=()
+    )
+    planar: tuple[str, ...] = option("in-plane resonances d:n", default=())
+    n_max: int | None = option(
+        "search every resonance of both planes up to this n as well", default=None, ge=1, le=100
+    )
+    d_max: int = option("with n_max: and up to this d", default=1, ge=1, le=50)
+
+    @model_validator(mode="after")
+    def _resonances(self) -> Self:
+        for key in ("vertical", "planar"):
+            listed = getattr(self, key)
+            for text in listed:
+                if fault := _fault_of(text):
+                    raise _rule(key, fault)
+            if len(set(listed)) < len(listed):
+                raise _rule(key, "a resonance stands twice")
+        if not (self.vertical or self.planar or self.n_max):
+            raise _rule("vertical", "no resonance is asked for; give vertical, planar or n_max")
+        return self
+
+
+def read_resonance(text: str) -> tuple[int, int] | None:
+    """Return (d, n) of ``"d:n"``, or None if it is not written so."""
+    d, colon, n = text.partition(":")
+    if not (colon and d.isascii() and n.isascii() and d.isdigit() and n.isdigit()):
+        return None
+    if len(d) > 4 or len(n) > 4 or int(d) < 1 or int(n) < 1:
+        return None
+    return int(d), int(n)
+
+
+def _fault_of(text: str) -> str:
+    """Say what is wrong with a resonance; empty if nothing is."""
+    pair = read_resonance(text)
+    if pair is None:
+        return f"expected d:n such as '1:17', got {text[:40]!r}"
+    d, n = pair
+    if (common := gcd(d, n)) > 1:
+        return f"{text} is {d // common}:{n // common}; write it so"
+    if n == 1:
+        return "" if d == 1 else f"{text} is 1:1; write it so"
+    if 2 * d > n:
+        same = abs((d + n // 2) % n - n // 2)
+        return f"{text} has the stability index of {same}:{n}; write it so"
+    return ""

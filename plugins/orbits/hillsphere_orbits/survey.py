@@ -1,0 +1,164 @@
+"""Everything that is said of a family's members: states, stability, extent, and checks."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from hillsphere.dynamics import Taylor
+from hillsphere.interfaces import Array, Plant
+from hillsphere.products import PeriodicOrbits
+from hillsphere_orbits.shooting import Shooting
+
+__all__ = ["ArrayConserved", "LockedMoon", "Surveyor", "extent", "tracks"]
+
+_TRACK_POINTS = 240
+
+
+@runtime_checkable
+class LockedMoon(Protocol):
+    """What a plant may tell of the moon that stands still in its frame."""
+
+    body_name: str
+    primary_distance_m: float
+
+    @property
+    def gravity_name(self) -> str:
+        """Kind of its gravity model in words."""
+        ...
+
+    @property
+    def semi_axes_m(self) -> tuple[float, float, float] | None:
+        """Semi-axes of its surface along its own axes, m."""
+        ...
+
+    @property
+    def prime_meridian_rad(self) -> float:
+        """Angle from +x to its longitude 0."""
+        ...
+
+
+@runtime_checkable
+class ArrayConserved(Protocol):
+    """A plant whose integral of motion is a function of arrays, not an expression."""
+
+    def integral_array(self, x: Array) -> Array:
+        """Return the integral (N,), m²/s², at states (n, N), SI."""
+        ...
+
+
+class Surveyor:
+    """Describes the orbits that solve a shooting problem.
+
+    Closure and drift are measured by another propagator than the one that found the orbits: the
+    Taylor integrator, or for terms that are functions of arrays the step map with half the step.
+
+    Parameters
+    ----------
+    plant : Plant
+        The equations.
+    problem : Shooting
+        The same equations as the orbits solve them, normalised.
+    """
+
+    def __init__(self, plant: Plant, problem: Shooting) -> None:
+        self.plant, self.problem = plant, problem
+        self.system = problem.flow.system
+        self._taylor = Taylor(self.system) if self.system.external is None else None
+        self._energy = (
+            self.system.function(self.system.integral) if self.system.integral is not None else None
+        )
+
+    @property
+    def check(self) -> str:
+        """How closure and drift are measured, in words."""
+        if self._taylor is not None:
+            return "re-propagated by Taylor series, independent of the step map that found them"
+        return "re-propagated with half the step"
+
+    def propagate(self, x: Array, duration: Array, revolutions: int = 1) -> Array:
+        """Return the states (n, N) after the durations (N,), normalised."""
+        if self._taylor is not None:
+            end: Array = self._taylor.propagate(x, duration)
+            return end
+        # Sub-steps belong to half a period or a whole one; either way this is at least twice.
+        steps = 4 * self.problem.steps * revolutions
+        return self.problem.flow.with_matrix(x, duration, steps)[0]
+
+    def integral(self, x: Array) -> Array:
+        """Return the integral (N,) at normalised states; NaN if the plant has none."""
+        if self._energy is not None:
+            return np.asarray(self._energy(x, self.system.parameters(None, x.shape[1]))[0])
+        if isinstance(self.plant, ArrayConserved):
+            unit = self.plant.scales.length_m / self.plant.scales.time_s
+            return self.plant.integral_array(x * self.system.unit[:, None]) / unit**2
+        return np.full(x.shape[1], np.nan)
+
+    def orbits(self, z: Array, labels: tuple[str, ...]) -> PeriodicOrbits:
+        """Return the orbits of the unknowns z (m, N) as a product."""
+        x, period = self.problem.state(z), self.problem.period(z)
+        scales = self.plant.scales
+        return PeriodicOrbits(
+            frame=self.system.frame,
+            states=self.problem.flow.names,
+            x0=x * self.system.unit[:, None],
+            period_s=period * self.system.time_unit_s,
+            integral=self.integral(x),
+            monodromy=self.problem.monodromy(z),
+            residual=np.linalg.norm(self.propagate(x, period) - x, axis=0),
+            labels=labels,
+            length_m=scales.length_m,
+            time_s=scales.time_s,
+        )
+
+    def drift(self, z: Array, revolutions: int) -> Array:
+        """Return the largest change of the integral (N,) in ten looks over the revolutions."""
+        x, period = self.problem.state(z), self.problem.period(z)
+        start, worst = self.integral(x), np.zeros(z.shape[1])
+        done = 0
+        for target in np.unique(np.linspace(0, revolutions, 11).astype(int))[1:]:
+            x = self.propagate(x, (target - done) * period, int(target - done))
+            worst = np.maximum(worst, np.abs(self.integral(x) - start))
+            done = int(target)
+        return worst
+
+
+def tracks(problem: Shooting, z: Array) -> Array:
+    """Return normalised positions (3, P, N) along one revolution, ends included."""
+    # whole multiples of the sub-steps of a revolution, thinned to about as many as a figure needs
+    steps = 2 * problem.steps
+    way = problem.flow.trajectory(problem.state(z), problem.period(z), steps)
+    return np.ascontiguousarray(way[:3, :: max(1, steps // _TRACK_POINTS)])
+
+
+def extent(problem: Shooting, z: Array) -> tuple[Array, Array]:
+    """Largest y of each orbit and vx there.
+
+    Parameters
+    ----------
+    problem : Shooting
+        The equations; states x, y, z, vx, vy, vz.
+    z : ndarray, shape (m, N)
+        Members.
+
+    Returns
+    -------
+    y, vx : ndarray, shape (N,)
+        Normalised, at the root of vy nearest to the largest y of the sub-steps.
+    """
+    flow, steps = problem.flow, 2 * problem.steps
+    period = problem.period(z)
+    way = flow.trajectory(problem.state(z), period, steps)
+    lane = np.arange(z.shape[1])
+    top = np.argmax(way[1], axis=0)
+    base = way[:, top, lane]
+    h = np.zeros(z.shape[1])
+    here = base
+    for _ in range(8):
+        change = here[4] / flow.rate(here)[4]
+        h = h - change
+        here = flow.at_once(base, h)
+        if float(np.max(np.abs(change) / period)) < 1e-12:
+            break
+    return here[1], here[3]

@@ -1,0 +1,97 @@
+"""A plugin for tests of the command line: stages that fail on demand, commands that misbehave."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import typer
+
+from hillsphere.errors import StageError
+from hillsphere.interfaces import Context
+from hillsphere.plugins import Component, hookimpl
+from hillsphere.presentation import Metric, Presentation
+from hillsphere.spec import StageSpec, option, quantity
+
+
+class StepSpec(StageSpec):
+    """What the stage does."""
+
+    produces: ClassVar[str] = "faulty_plugin:Done"
+    examples = ({},)
+
+    fails: Literal["", "plainly", "strangely"] = option("how it fails", default="")
+    lasts_s: float = quantity("time", "how long it takes", default=0.0, ge=0)
+
+
+@dataclass(frozen=True)
+class Done:
+    """That it was done."""
+
+    value: float
+
+
+class Step:
+    """A stage."""
+
+    def __init__(self, spec: StepSpec) -> None:
+        self.spec = spec
+
+    def run(self, ctx: Context) -> Done:
+        """Do as the Spec says."""
+        ctx.info("under way")
+        time.sleep(self.spec.lasts_s)
+        if self.spec.fails == "plainly":
+            raise StageError("the tank is empty")
+        if self.spec.fails == "strangely":
+            raise ZeroDivisionError("never mind")
+        return Done(1.0 / 3.0)
+
+    def present(self, product: Done) -> Presentation:
+        """Show the number."""
+        metrics = {"third": Metric(product.value, "m²/s²"), "sound": Metric(True)}
+        return Presentation(metrics=metrics, verdict=["All is well."])
+
+
+greet = typer.Typer(add_completion=False)
+explode = typer.Typer(add_completion=False)
+leave = typer.Typer(add_completion=False)
+not_an_application = "a string"
+
+
+@greet.command()
+def _greet(name: str, loud: bool = False) -> None:
+    """Greet someone."""
+    typer.echo(f"hello {name}" + "!" * loud)
+
+
+@explode.command()
+def _explode() -> None:
+    raise RuntimeError("the fuse\nwas short")
+
+
+@leave.command()
+def _leave() -> None:
+    sys.exit(7)
+
+
+@hookimpl
+def hillsphere_components() -> list[Component]:
+    """Return the components."""
+    commands = {
+        "greet": "greet",
+        "explode": "explode",
+        "leave": "leave",
+        "stringy": "not_an_application",
+        "absent": "nowhere_to_be_found",
+        "run": "greet",
+    }
+    return [
+        Component("stage", "step", "faulty_plugin:Step", "faulty_plugin:StepSpec", "a step"),
+        *(
+            Component("command", name, f"faulty_plugin:{target}", "", f"the command {name}")
+            for name, target in commands.items()
+        ),
+    ]

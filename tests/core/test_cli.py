@@ -1,0 +1,348 @@
+"""The command line: what it prints where, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FAULTY = Path(__file__).parent / "faulty"
+MISSION = """format = 1
+name = "trial"
+title = "A trial"
+seed = 1
+
+[stage.step]
+type = "step"
+"""
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("HILLSPHERE_", "PYTHONIO"))}
+    return {**kept, "PYTHONPATH": str(FAULTY), "HILLSPHERE_CACHE": str(tmp_path / "cache")}
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    path = tmp_path / "trial.toml"
+    path.write_text(MISSION, "utf-8")
+    return path
+
+
+class Runner:
+    """Runs the command line in a process of its own."""
+
+    def __init__(self, environment: dict[str, str], directory: Path) -> None:
+        self.environment = environment
+        self.directory = directory
+
+    def __call__(self, *arguments: object, **extra: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "hillsphere", *map(str, arguments)],
+            cwd=self.directory, env={**self.environment, **extra}, capture_output=True,
+            text=True, check=False, encoding="utf-8", stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def start(self, *arguments: object, **options: Any) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "hillsphere", *map(str, arguments)],
+            cwd=self.directory, env=self.environment, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True, **options,
+        )  # fmt: skip
+
+
+@pytest.fixture
+def hillsphere(environment: dict[str, str], tmp_path: Path) -> Runner:
+    return Runner(environment, tmp_path)
+
+
+def test_help_names_the_commands_of_plugins_without_importing_them(hillsphere: Runner) -> None:
+    done = hillsphere("--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    for line in ("run       Run a mission", "greet     the command greet", "absent    the command"):
+        assert line in done.stdout
+    assert done.stdout.count("  run ") == 1
+
+
+def test_help_takes_at_most_three_tenths_of_a_second_of_cpu(hillsphere: Runner) -> None:
+    def cpu_s() -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        hillsphere("--help")
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    assert min(cpu_s() for _ in range(3)) <= 0.3
+
+
+def test_no_arguments_shows_help(hillsphere: Runner) -> None:
+    done = hillsphere()
+    assert done.returncode == 0
+    assert done.stdout.startswith("Usage: hillsphere")
+
+
+def test_version(hillsphere: Runner) -> None:
+    import hillsphere as package
+
+    assert hillsphere("--version").stdout == f"hillsphere {package.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["rnu"], "hillsphere: No such command 'rnu'. Did you mean 'run'?; see"),
+        (["run"], "hillsphere run: Missing argument 'MISSION'; see 'hillsphere run --help'"),
+        (["run", "x", "--foo"], "hillsphere run: No such option: --foo"),
+        (["run", "x", "--set"], "hillsphere: Option '--set' requires an argument"),
+        (["plugins", "extra"], "hillsphere plugins: Got unexpected extra argument"),
+    ],
+)
+def test_usage_errors_are_one_line(hillsphere: Runner, arguments: list[str], message: str) -> None:
+    done = hillsphere(*arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(message)
+    assert done.stderr.count("\n") == 1
+
+
+def test_run_prints_metrics_and_the_report(hillsphere: Runner, mission: Path) -> None:
+    done = hillsphere("run", mission, "--out", "out")
+    assert done.returncode == 0
+    assert done.stderr == ""  # not a terminal: no progress
+    assert done.stdout.splitlines() == [
+        "trial: success",
+        "  All is well.",
+        "third  0.3333333333  m²/s²",
+        "sound  True",
+        "report: out/report.html",
+    ]
+    assert (hillsphere.directory / "out" / "report.html").is_file()
+
+
+def test_run_in_the_working_directory_by_default(hillsphere: Runner, mission: Path) -> None:
+    done = hillsphere("run", mission.name)
+    assert done.returncode == 0
+    (directory,) = (hillsphere.directory / "runs").iterdir()
+    assert done.stdout.splitlines()[-1] == f"report: runs/{directory.name}/report.html"
+
+
+def test_run_json(hillsphere: Runner, mission: Path) -> None:
+    done = hillsphere("run", mission, "--out", "out", "--json", "--no-cache", "--quiet")
+    shown = json.loads(done.stdout)
+    assert shown["metrics"]["third"] == {"value": 1.0 / 3.0, "unit": "m²/s²"}
+    assert shown["directory"] == "out"
+    stored = json.loads((hillsphere.directory / "out" / "summary.json").read_text("utf-8"))
+    assert {key: shown[key] for key in stored} == stored
+
+
+def test_output_survives_a_terminal_without_unicode(hillsphere: Runner, mission: Path) -> None:
+    done = hillsphere("run", mission, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert done.returncode == 0
+    assert "m\\xb2/s\\xb2" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("plainly", "stage 'step' failed: the tank is empty\n"),
+        ("strangely", "stage 'step' failed: ZeroDivisionError: never mind\n"),
+    ],
+)
+def test_a_failed_stage_ends_with_1(
+    hillsphere: Runner, mission: Path, how: str, message: str
+) -> None:
+    done = hillsphere("run", mission, "--set", f"stage.step.fails={how}", "--out", "out")
+    assert done.returncode == 1
+    assert done.stderr == message
+    assert done.stdout.startswith("trial: failed\n")
+    assert "Traceback" in (hillsphere.directory / "out" / "log.txt").read_text("utf-8")
+
+
+def test_bad_missions_end_with_2_and_all_messages(hillsphere: Runner, mission: Path) -> None:
+    mission.write_text(MISSION + 'fals = "plainly"\nlasts_min = -1\n', "utf-8")
+    for command in ("run", "validate"):
+        done = hillsphere(command, mission)
+        assert (done.returncode, done.stdout) == (2, "")
+        first, second = done.stderr.splitlines()
+        assert first.startswith(f"{mission}:8: stage.step.fals: ")
+        assert second.startswith(f"{mission}:9: stage.step.lasts_min: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["phobos-qs0"], "phobos-qs0"),
+        (["absent.toml"], "absent.toml"),
+        (["trial.toml", "--set", "stage.step.lasts_h=soon"], "--set stage.step.lasts_h"),
+        (["trial.toml", "--profile", "slow"], "slow"),
+        (["trial.toml", "--out", "trial.toml"], "trial.toml"),
+        (["trial.toml", "--out", "/proc/no/such"], "/proc/no/such"),
+        (["trial.toml", "--strict-plugins"], "plugin 'shattered' is broken"),
+    ],
+)
+def test_bad_input_ends_with_2(
+    hillsphere: Runner, mission: Path, arguments: list[str], message: str
+) -> None:
+    done = hillsphere("run", *arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (hillsphere.directory / "runs").exists()
+
+
+def test_validate_says_what_is_valid(hillsphere: Runner, mission: Path) -> None:
+    bad = mission.with_name("bad.toml")
+    bad.write_text("format = 2\n", "utf-8")
+    done = hillsphere("validate", mission, bad)
+    assert done.returncode == 2
+    assert done.stdout == f"{mission}: valid (1 stage)\n"
+    assert done.stderr.startswith(f"{bad}")
+    shown = json.loads(hillsphere("validate", mission, bad, "--json").stdout)
+    assert [(entry["mission"], entry["valid"]) for entry in shown] == [
+        (str(mission), True),
+        (str(bad), False),
+    ]
+    (problem, *_) = shown[1]["problems"]
+    assert set(problem) == {"source", "line", "key", "message"}
+
+
+def test_plugins_lists_what_is_broken_and_disabled(hillsphere: Runner) -> None:
+    done = hillsphere("plugins", HILLSPHERE_DISABLE_PLUGINS="hillsphere_orbits")
+    assert done.returncode == 0
+    assert "stage    step" in done.stdout
+    assert "qso_family" not in done.stdout
+    assert "broken: shattered: ModuleNotFoundError" in done.stdout
+    assert "disabled: hillsphere_orbits" in done.stdout
+    shown = json.loads(hillsphere("plugins", "--json").stdout)
+    assert list(shown["broken"]) == ["shattered"]
+    assert {c["kind"] for c in shown["components"]} >= {"gravity", "plant", "stage", "command"}
+    assert hillsphere("plugins", "--strict-plugins").returncode == 2
+
+
+def test_missions_are_listed(hillsphere: Runner) -> None:
+    from hillsphere.mission import packaged_missions
+
+    found = packaged_missions()
+    shown = json.loads(hillsphere("missions", "--json").stdout)
+    assert [(m["name"], m["title"]) for m in shown] == found
+    lines = hillsphere("missions").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == [name for name, _ in found]
+
+
+def test_schema_is_json_schema_with_the_plugins_in_it(hillsphere: Runner, mission: Path) -> None:
+    import tomllib
+
+    import jsonschema
+
+    schema = json.loads(hillsphere("schema").stdout)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    assert validator.is_valid(tomllib.loads(MISSION))
+    assert not validator.is_valid(tomllib.loads(MISSION + "lasts_min = -1\n"))
+
+
+def test_a_plugins_command_runs(hillsphere: Runner) -> None:
+    assert hillsphere("greet", "you", "--loud").stdout == "hello you!\n"
+    assert "Greet someone." in hillsphere("greet", "--help").stdout
+    done = hillsphere("greet")
+    assert done.returncode == 2
+    assert done.stderr.startswith("hillsphere greet: Missing argument 'name'")
+    assert hillsphere("leave").returncode == 7
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("absent", "plugin 'faulty_plugin': command 'absent' (faulty_plugin:nowhere_to_be_found)"),
+        ("stringy", "must be a typer.Typer, got str"),
+    ],
+)
+def test_a_broken_command_says_so_when_called(
+    hillsphere: Runner, command: str, message: str
+) -> None:
+    done = hillsphere(command)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_an_internal_error_is_logged(hillsphere: Runner) -> None:
+    done = hillsphere("explode")
+    assert (done.returncode, done.stdout) == (3, "")
+    start = "internal error: RuntimeError: the fuse was short; the traceback is in "
+    assert done.stderr.startswith(start)
+    assert done.stderr.count("\n") == 1
+    log = Path(done.stderr.removeprefix(start).strip()).read_text("utf-8")
+    assert "explode" in log.splitlines()[0]
+    assert "Traceback" in log
+    assert "was short" in log
+
+
+def test_an_internal_error_can_be_shown(hillsphere: Runner) -> None:
+    done = hillsphere("explode", HILLSPHERE_TRACEBACK="1")
+    assert done.returncode == 3
+    assert "Traceback" in done.stderr
+    assert done.stderr.splitlines()[-1] == "internal error: RuntimeError: the fuse was short"
+
+
+def test_an_internal_error_without_a_place_for_its_log(hillsphere: Runner, mission: Path) -> None:
+    done = hillsphere("explode", HILLSPHERE_CACHE=str(mission))
+    assert done.returncode == 3
+    assert "no log could be written" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_with_130(
+    hillsphere: Runner, mission: Path, number: signal.Signals
+) -> None:
+    process = hillsphere.start("run", mission, "--set", "stage.step.lasts_s=60", "--out", "out")
+    log = hillsphere.directory / "out" / "log.txt"
+    deadline = time.monotonic() + 60
+    while not (log.exists() and "under way" in log.read_text("utf-8")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(number)
+    stdout, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stdout) == (130, "")
+    assert stderr.startswith("interrupted")
+    assert stderr.count("\n") == 1
+    manifest = json.loads((log.parent / "manifest.json").read_text("utf-8"))
+    assert manifest["state"] == "interrupted"
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["plugins"], ["schema"], ["run", "trial.toml"]])
+def test_a_reader_that_has_gone_is_no_error(
+    hillsphere: Runner, mission: Path, arguments: list[str]
+) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hillsphere", *arguments], cwd=hillsphere.directory,
+        env=hillsphere.environment, stdout=write, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    os.close(write)
+    _, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stderr) == (0, "")
+
+
+def test_doctor(hillsphere: Runner) -> None:
+    done = hillsphere("doctor", "--json")
+    shown = json.loads(done.stdout)
+    failed = [c for c in shown["checks"] if c["state"] == "fail"]
+    # What is wrong here is what this test's own plugin brings; all else must be in order.
+    assert {c["name"] for c in failed} == {"shattered", "command absent"}
+    assert (done.returncode, shown["ok"]) == (1, False)
+    groups = {c["group"] for c in shown["checks"]}
+    assert {"version", "plugin", "compile cache", "self-test"} <= groups
+    done = hillsphere("doctor", PYTHONPATH="")
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count("self-test") == 3

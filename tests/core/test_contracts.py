@@ -1,0 +1,89 @@
+"""Contract checks over every registered component, made from the examples of its Spec."""
+
+from __future__ import annotations
+
+from importlib import import_module, metadata
+
+import numpy as np
+import pytest
+
+from hillsphere.interfaces import Array
+from hillsphere.plugins import Registered, default_registry
+from hillsphere.testing import (
+    check_gravity,
+    check_plant,
+    check_plugin,
+    check_spec,
+    check_stage,
+    example,
+)
+
+PLUGINS = ["hillsphere.components", *(p.value for p in metadata.entry_points(group="hillsphere"))]
+COMPONENTS = [r for r in default_registry() if r.component.kind != "command"]
+
+
+def named(record: Registered) -> str:
+    return f"{record.component.kind}-{record.component.type}"
+
+
+def of_kind(kind: str) -> list[tuple[str, int]]:
+    """Type and number of every example of every component of a kind."""
+    return [
+        (record.component.type, number)
+        for record in default_registry().of_kind(kind)
+        for number in range(len(record.load_spec().examples))
+    ]
+
+
+def directions(count: int) -> Array:
+    vectors = np.random.default_rng(7).normal(size=(3, count))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=0))
+
+
+def outside(model: object, count: int) -> Array:
+    """Points two to three times as far out as the largest length that the model declares."""
+    spec = getattr(model, "spec", None)
+    axes = getattr(model, "semi_axes_m", None)
+    sizes = [axes()] if callable(axes) else []
+    sizes += [getattr(spec, k) for k in ("reference_radius_m", "length_m") if hasattr(spec, k)]
+    size = float(np.max(sizes)) if sizes else 15e3
+    reach = 2.0 + np.random.default_rng(8).random(count)
+    return directions(count) * size * reach
+
+
+def test_no_plugin_is_broken() -> None:
+    assert default_registry().broken == {}
+
+
+@pytest.mark.parametrize("name", PLUGINS)
+def test_plugin(name: str) -> None:
+    check_plugin(import_module(name))
+
+
+@pytest.mark.parametrize("record", COMPONENTS, ids=named)
+def test_spec(record: Registered) -> None:
+    check_spec(record.load_spec())
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("gravity"))
+def test_gravity(type_: str, number: int) -> None:
+    model = example("gravity", type_, number)
+    check_gravity(model, outside(model, 30))
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("plant"))
+def test_plant(type_: str, number: int) -> None:
+    plant = example("plant", type_, number)
+    random = np.random.default_rng(9)
+    unit = plant.scales.of(plant.states)[:, None]
+    states = random.normal(size=(len(plant.states), 20)) * 0.3 * unit
+    # Positions one to two natural lengths out: outside any body, within the plant's range.
+    states[:3] = directions(20) * plant.scales.length_m * (1.0 + random.random(20))
+    check_plant(plant, states)
+
+
+@pytest.mark.parametrize(
+    "type_", [record.component.type for record in default_registry().of_kind("stage")]
+)
+def test_stage(type_: str) -> None:
+    check_stage(type_)

@@ -1,0 +1,217 @@
+"""The registry: discovery, broken and competing plugins, unknown types."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from importlib import metadata
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from hillsphere.errors import InputError, PluginError, UnknownComponentError
+from hillsphere.plugins import (
+    API_VERSION,
+    ENTRY_POINT_GROUP,
+    Component,
+    Registry,
+    create,
+    discover,
+    hookimpl,
+    load_object,
+)
+
+MOON = ("hillsphere.bodies:Moon", "hillsphere.bodies:MoonSpec")
+
+
+class Plugin:
+    """Offers what it is given."""
+
+    def __init__(self, offered: Any) -> None:
+        self.offered = offered
+
+    @hookimpl
+    def hillsphere_components(self) -> Iterable[Component]:
+        """Return it, or call it."""
+        return self.offered() if callable(self.offered) else self.offered  # type: ignore[no-any-return]
+
+
+def _moon(type_: str = "moon", kind: str = "body", **options: Any) -> Component:
+    return Component(kind, type_, *MOON, "a moon", **options)
+
+
+def _quit() -> None:
+    sys.exit(3)
+
+
+BROKEN = [
+    (lambda: 1 / 0, "ZeroDivisionError: division by zero"),
+    (_quit, "SystemExit: 3"),
+    ([], "offers no component"),
+    (None, "offers no component"),
+    (3, "TypeError"),
+    (["moon"], "must return Component records, got str"),
+    ([_moon(api=API_VERSION + 1)], f"written for plugin API {API_VERSION + 1}"),
+    ([_moon(kind="gravty")], "unknown kind 'gravty'; did you mean 'gravity'?"),
+    ([_moon(kind="zzz")], "kinds: body, gravity"),
+    ([_moon(type_="Big Moon")], "a type is named with small letters"),
+    ([_moon(), _moon()], "offers body 'moon' twice"),
+    ([Component("body", "moon", "no colon", MOON[1], "")], "'no colon' is not 'package"),
+    ([Component("body", "moon", MOON[0], "", "")], "'' is not 'package.module:Class'"),
+]
+
+
+@pytest.mark.parametrize(("offered", "reason"), BROKEN)
+def test_broken_plugin_is_set_aside(offered: Any, reason: str) -> None:
+    registry = Registry()
+    registry.add_plugin("good", Plugin([_moon()]))
+    registry.add_plugin("bad", Plugin(offered))
+    assert reason in registry.broken["bad"]
+    assert [record.plugin for record in registry] == ["good"]
+    with pytest.raises(PluginError, match="plugin 'bad' is broken"):
+        Registry(strict=True).add_plugin("bad", Plugin(offered))
+
+
+def test_module_without_the_hook_is_broken() -> None:
+    registry = Registry()
+    registry.add_plugin("empty", ModuleType("empty"))
+    assert "is hillsphere_components marked?" in registry.broken["empty"]
+
+
+def test_same_type_of_two_plugins_names_both() -> None:
+    registry = Registry()
+    registry.add_plugin("one", Plugin([_moon(), _moon("other")]))
+    registry.add_plugin("two", Plugin([_moon()]))
+    assert registry.get("body", "other").plugin == "one"
+    with pytest.raises(PluginError, match="'one' and 'two'; disable one with HILLSPHERE_DISABLE"):
+        registry.get("body", "moon")
+    strict = Registry(strict=True)
+    strict.add_plugin("one", Plugin([_moon()]))
+    with pytest.raises(PluginError, match="offered by two plugins"):
+        strict.add_plugin("two", Plugin([_moon()]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "type_", "message"),
+    [
+        ("body", "mon", "no body of type 'mon'; did you mean 'moon'?"),
+        ("body", "zzz", "no body of type 'zzz'; installed: comet, moon"),
+        ("orbit_family", "qso", "no orbit family of type 'qso'; no plugin brings an orbit family"),
+        ("body", "z" * 1000, "no body of type '" + "z" * 60 + "'; installed"),
+    ],
+)
+def test_unknown_type(kind: str, type_: str, message: str) -> None:
+    registry = Registry()
+    registry.add_plugin("one", Plugin([_moon(), _moon("comet")]))
+    with pytest.raises(UnknownComponentError) as caught:
+        registry.get(kind, type_)
+    assert str(caught.value).startswith(message)
+    registry.add_plugin("bad", Plugin([]))
+    with pytest.raises(UnknownComponentError, match=r"\(set aside as broken: bad\)"):
+        registry.get(kind, type_)
+
+
+@pytest.mark.parametrize(
+    ("target", "spec", "reason"),
+    [
+        ("no_such_module:X", MOON[1], "ModuleNotFoundError"),
+        ("hillsphere.bodies:Sun", MOON[1], "AttributeError"),
+        (MOON[0], "hillsphere.bodies:Nothing", "AttributeError"),
+        (MOON[0], "hillsphere.bodies:Moon", "is not a subclass of hillsphere.spec.Spec"),
+    ],
+)
+def test_component_that_cannot_be_imported_names_its_plugin(
+    target: str, spec: str, reason: str
+) -> None:
+    registry = Registry()
+    registry.add_plugin("one", Plugin([Component("body", "sun", target, spec, "a sun")]))
+    record = registry.get("body", "sun")
+    with pytest.raises(PluginError, match=f"plugin 'one': body 'sun'.*{reason}"):
+        record.load_spec() if spec != MOON[1] else record.load_target()
+
+
+def test_component_loads() -> None:
+    registry = Registry()
+    registry.add_plugin("one", Plugin([_moon()]), "dist 1.0")
+    record = registry.get("body", "moon")
+    assert record.distribution == "dist 1.0"
+    assert record.load_target() is load_object(MOON[0])
+    assert record.load_spec() is load_object(MOON[1])
+
+
+# --- discovery ------------------------------------------------------------------------------
+
+
+class _Point:
+    """An entry point that loads what it is given."""
+
+    dist = None
+
+    def __init__(self, name: str, loaded: Any) -> None:
+        self.name = name
+        self.loaded = loaded
+
+    def load(self) -> Any:
+        """Load it."""
+        if isinstance(self.loaded, BaseException):
+            raise self.loaded
+        return self.loaded
+
+
+def _install(monkeypatch: pytest.MonkeyPatch, *points: _Point) -> None:
+    def entry_points(*, group: str) -> list[_Point]:
+        assert group == ENTRY_POINT_GROUP
+        return list(points)
+
+    monkeypatch.setattr(metadata, "entry_points", entry_points)
+
+
+def test_plugin_that_cannot_be_imported_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    _install(
+        monkeypatch,
+        _Point("a-broken", ImportError("no module named 'gone'")),
+        _Point("b-exits", SystemExit(1)),
+        _Point("c-good", Plugin([_moon("comet")])),
+    )
+    registry = discover(disabled=())
+    assert registry.get("body", "comet").plugin == "c-good"
+    assert registry.get("body", "moon").plugin == "hillsphere"
+    assert registry.broken == {
+        "a-broken": "ImportError: no module named 'gone'", "b-exits": "SystemExit: 1",
+    }  # fmt: skip
+    with pytest.raises(PluginError, match="'a-broken' is broken: ImportError"):
+        discover(strict=True, disabled=())
+
+
+def test_disabled_plugin_is_not_even_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    _install(monkeypatch, _Point("bad", ImportError("x")), _Point("good", Plugin([_moon("comet")])))
+    monkeypatch.setenv("HILLSPHERE_DISABLE_PLUGINS", " bad , other")
+    registry = discover(strict=True)
+    assert registry.disabled == ("bad", "other")
+    assert registry.get("body", "comet").plugin == "good"
+
+
+def test_installed_plugins_are_sound() -> None:
+    registry = discover(strict=True)
+    assert {record.plugin for record in registry} >= {"hillsphere", "hillsphere_gravity"}
+    for record in registry:
+        if record.component.kind != "command":
+            record.load_spec()
+        assert record.component.summary
+
+
+# --- creation from Python -------------------------------------------------------------------
+
+
+def test_create() -> None:
+    moon = create("body", "moon", primary_gm_km3_s2=42828.37, semi_major_axis_km=9377.0)
+    assert moon.semi_major_axis_m == 9377e3
+
+
+def test_create_names_every_fault() -> None:
+    with pytest.raises(InputError) as caught:
+        create("body", "moon", primary_gm_km3_s2=-1, semi_major_axis=3, name=3)
+    assert len(str(caught.value).splitlines()) == 3
+    with pytest.raises(UnknownComponentError, match="did you mean 'moon'"):
+        create("body", "mooon")

@@ -1,0 +1,113 @@
+"""The files of a run directory: what JSON and CSV make of numbers, and that none is ever torn."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import math
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pytest
+
+from hillsphere.drawing import Drawing
+from hillsphere.errors import InputError, StageError
+from hillsphere.presentation import Column, Printed, Table
+from hillsphere.store import RunDirectory, csv_text, plain_json
+
+NOW = datetime(2026, 11, 21, 3, 4, 5, tzinfo=UTC)
+
+
+def directory(tmp_path: Path) -> RunDirectory:
+    return RunDirectory.create(tmp_path / "run", "small", NOW)
+
+
+@pytest.mark.parametrize(
+    ("value", "plain"),
+    [
+        (math.nan, None),
+        (np.float64("inf"), None),
+        (np.float32(0.5), 0.5),
+        (np.int64(3), 3),
+        (np.bool_(True), True),
+        (Printed("7.10"), 7.1),
+        (np.array([[1.0, np.nan]]), [[1.0, None]]),
+        ((1, "a", None), [1, "a", None]),
+        ({1: NOW}, {"1": "2026-11-21T03:04:05+00:00"}),
+        (np.str_("Φ"), "Φ"),
+    ],
+)
+def test_json_knows_every_number(value: Any, plain: Any) -> None:
+    found = plain_json(value)
+    assert found == plain
+    assert type(found) is type(plain)
+    json.dumps(found, allow_nan=False)
+
+
+@pytest.mark.parametrize("value", [object(), {1, 2}, 1j, Path("x")])
+def test_json_refuses_what_it_has_no_word_for(value: Any) -> None:
+    with pytest.raises(InputError, match=f"a {type(value).__name__} cannot stand in a JSON file"):
+        plain_json({"a": [value]})
+
+
+def test_csv_holds_every_digit_and_reads_back() -> None:
+    values = [0.1 + 0.2, np.float64(1 / 3), -0.0, 1e-300, math.nan, None, 7]
+    rows = [{"name": f'a,"{i}"\n', "x": value} for i, value in enumerate(values)]
+    rows[0]["x_paper"] = Printed("0.30")
+    columns = [Column("name", ""), Column("x"), Column("x_paper")]
+    text = csv_text(Table("T", columns, rows))
+    head, *lines = csv.reader(text.splitlines(keepends=True))
+    assert head == ["name", "x", "x_paper"]
+    assert lines[0] == ['a,"0"\n', "0.30000000000000004", "0.30"]
+    assert [line[1] for line in lines[1:]] == [
+        repr(1 / 3), "-0.0", "1e-300", "nan", "", "7",
+    ]  # fmt: skip
+
+
+def test_files_stand_where_they_belong(tmp_path: Path) -> None:
+    run = directory(tmp_path)
+    run.put_json("summary.json", {"Φ": math.nan})
+    run.put_table("t", Table("T", [Column("a")], [{"a": 1}]))
+    run.put_drawing("f", Drawing(b"<svg/>", b"png"))
+    run.put_text("report.html", "lone surrogate: \udcff")
+    run.log("one\n")
+    run.log("two \udcff")
+    found = {p.relative_to(run.path).as_posix(): p.read_text() for p in run.path.rglob("*.*")}
+    assert found == {
+        "summary.json": '{\n  "Φ": null\n}\n',
+        "tables/t.csv": "a\n1\n",
+        "figures/f.svg": "<svg/>",
+        "figures/f.png": "png",
+        "report.html": "lone surrogate: \\udcff",
+        "log.txt": "one\ntwo \\udcff\n",
+    }
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_full_disk_keeps_the_old_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    run = directory(tmp_path)
+    run.put_json("manifest.json", {"state": "running"})
+
+    def full(*_: Any) -> NoReturn:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, call, full)
+        with pytest.raises(StageError, match=r"manifest\.json cannot be written.*No space.*--out"):
+            run.put_json("manifest.json", {"state": "finished"})
+    assert json.loads((run.path / "manifest.json").read_text()) == {"state": "running"}
+    assert {p.name for p in run.path.iterdir()} == {"manifest.json", "log.txt"}
+
+
+def test_log_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    run = directory(tmp_path)
+    (run.path / "log.txt").unlink()
+    (run.path / "log.txt").mkdir()
+    with pytest.raises(StageError, match=r"log\.txt cannot be written"):
+        run.log("line")
