@@ -13,6 +13,6 @@ from hillsphere.paths import cache_directory
 
 os.environ.setdefault("HEYOKA_CACHE_DIR", str(cache_directory() / "compiled"))
 
-import heyoka  # noqa: E402
+import heyoka
 
 __all__ = ["heyoka"]

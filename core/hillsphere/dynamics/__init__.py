@@ -5,7 +5,8 @@
 """
 
 from hillsphere.dynamics.compiled import ArrayFunction
-from hillsphere.dynamics.step_map import Crossing, StepMap
+from hillsphere.dynamics.crossing import Crossing
+from hillsphere.dynamics.step_map import StepMap
 from hillsphere.dynamics.system import External, System, system
 from hillsphere.dynamics.tableaux import Tableau, tableau
 from hillsphere.dynamics.taylor import Flight, Taylor

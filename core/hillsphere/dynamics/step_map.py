@@ -2,55 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hillsphere.dynamics.compiled import ArrayFunction
-from hillsphere.dynamics.lanes import (
-    initial_derivatives,
-    per_lane,
-    refuse_non_finite,
-    start_states,
-)
-from hillsphere.dynamics.root_finding import bracketed_roots
-from hillsphere.dynamics.stages import Advance, ArrayStages, CompiledStep, Stepper
+from hillsphere.dynamics.crossing import Crossing, first_crossing
+from hillsphere.dynamics.lanes import refuse_non_finite
+from hillsphere.dynamics.march import March
+from hillsphere.dynamics.stages import ArrayStages, CompiledStep, Stepper
+from hillsphere.dynamics.step_doubling import fewest_steps
 from hillsphere.dynamics.system import System
 from hillsphere.dynamics.tableaux import tableau
-from hillsphere.errors import InputError, PropagationError
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr
 
-__all__ = ["Crossing", "StepMap"]
-
-_FIRST_STEPS = 8
-_ROUNDING = 1e-9
-"""Differences that stop shrinking below this are taken for rounding, above it for coarse steps."""
-
-
-@dataclass(frozen=True, eq=False)
-class Crossing:
-    """Where each of N lanes first meets an event.
-
-    Parameters
-    ----------
-    found : ndarray of bool, shape (N,)
-        Whether it does.
-    time : ndarray, shape (N,)
-        Time of the event on the system's clock (t0 included); NaN if not found.
-    x : ndarray, shape (n, N)
-        State at the event; at the end of the flight if not found.
-    phi : ndarray, shape (n, n + k, N), or None
-        Derivatives of the flow for the time of the event held fixed, from the start to `x`.
-    """
-
-    found: NDArray[np.bool_]
-    time: Array
-    x: Array
-    phi: Array | None
+__all__ = ["StepMap"]
 
 
 class StepMap:
@@ -189,11 +159,11 @@ class StepMap:
         PropagationError
             If a lane turns non-finite.
         """
-        flight = _Flight(self, x, duration, steps, p, t0)
-        y = flight.end(steps)
+        march = self._march(x, duration, steps, p, t0)
+        y = march.end()
         if strict:
             refuse_non_finite(y, self._where(duration, steps))
-        state, phi = self._split(y, flight.single)
+        state, phi = march.split(y)
         return (state, phi) if self.stm else state
 
     def trajectory(
@@ -223,14 +193,14 @@ class StepMap:
         PropagationError
             If a lane turns non-finite.
         """
-        flight = _Flight(self, x, duration, steps, p, t0)
-        out = np.empty((self._n, steps + 1, flight.cases))
-        out[:, 0] = flight.y[: self._n]
-        for j, y in enumerate(flight.march(steps), start=1):
-            out[:, j] = y[: self._n]
+        march = self._march(x, duration, steps, p, t0)
+        out = np.empty((march.n, steps + 1, march.cases))
+        out[:, 0] = march.start[: march.n]
+        for j, y in enumerate(march, start=1):
+            out[:, j] = y[: march.n]
         if strict:
             refuse_non_finite(out[:, -1], self._where(duration, steps))
-        return out[:, :, 0] if flight.single else out
+        return out[:, :, 0] if march.single else out
 
     def choose_steps(
         self,
@@ -266,35 +236,15 @@ class StepMap:
         PropagationError
             If the difference stops shrinking (rounding), or `most` steps do not suffice.
         """
-        if not (np.isfinite(tol) and tol > 0):
-            raise InputError(f"tol must be positive, got {tol}")
-        n, best, stalled = _FIRST_STEPS, np.inf, 0
-        coarse = _Flight(self, x, duration, n, p, t0).end(n)
-        while 2 * n <= most:
-            fine = _Flight(self, x, duration, 2 * n, p, t0).end(2 * n)
-            difference = self._difference(coarse, fine)
-            if difference <= tol:
-                return n
-            stalled = stalled + 1 if difference > 0.5 * best and difference < _ROUNDING else 0
-            best = min(best, difference)
-            if stalled >= 2:
-                raise PropagationError(
-                    f"tolerance {tol:g} is below the rounding error: with {n} steps of "
-                    f"{self.method} the difference stays at {best:.2g}; ask for more than that"
-                )
-            if np.isfinite(difference):
-                guess = n * 1.05 * (difference / tol) ** (1.0 / self.order)
-                following = int(min(4.0 * n, max(guess + 1.0, n + 1.0)))
-            else:
-                following = 2 * n
-            if following == 2 * n:
-                coarse = fine
-            else:
-                coarse = _Flight(self, x, duration, following, p, t0).end(following)
-            n = following
-        raise PropagationError(
-            f"{self.method}: {most} steps do not meet the tolerance {tol:g} (best difference "
-            f"{best:.2g}); the flight may meet a singularity, or is too long"
+        known: dict[int, Array] = {}
+
+        def end(steps: int) -> Array:
+            if steps not in known:
+                known[steps] = self._march(x, duration, steps, p, t0).end()
+            return known[steps]
+
+        return fewest_steps(
+            lambda n: self._difference(end(n), end(2 * n)), self.order, tol, most, self.method
         )
 
     def locate(
@@ -342,45 +292,19 @@ class StepMap:
         PropagationError
             If a lane turns non-finite before the event.
         """
-        value = self._event(event)
-        flight = _Flight(self, x, duration, steps, p, t0)
-        wait = np.abs(per_lane(after, flight.cases, "after"))
-        cases, h, y0 = flight.cases, flight.h, flight.y
-        before, begin = y0.copy(), flight.t0.copy()
-        g_before, g_after = np.zeros(cases), np.zeros(cases)
-        found = np.zeros(cases, dtype=bool)
-        last, g_last = y0.copy(), value(y0[: self._n], flight.p, flight.t0)[0]
-        end = y0
-        for j, end in enumerate(flight.march(steps), start=1):
-            g = value(end[: self._n], flight.p, flight.t0 + j * h)[0]
-            hit = _crosses(g_last, g, direction) & ~found & (j * np.abs(h) > wait)
-            before[:, hit], begin[hit] = last[:, hit], (flight.t0 + (j - 1) * h)[hit]
-            g_before[hit], g_after[hit] = g_last[hit], g[hit]
-            found |= hit
-            if found.all():
-                break
-            last, g_last = end.copy(), g
-        result = end.copy()
-        if strict:
-            lost = np.where(found, 0.0, result)
-            refuse_non_finite(lost, self._where(duration, steps))
-        partial = np.empty_like(before)
+        march = self._march(x, duration, steps, p, t0)
+        where = self._where(duration, steps) if strict else None
+        return first_crossing(march, self._event(event), direction, after, where)
 
-        def at(tau: Array) -> Array:
-            self._stepper.bind(tau, flight.p)(before, partial, begin)
-            values: Array = value(partial[: self._n], flight.p, begin + tau)[0]
-            return values
-
-        zero = np.zeros(cases)
-        width = 4.0 * np.finfo(float).eps * np.maximum(np.abs(h), np.abs(begin))
-        tau = bracketed_roots(at, zero, np.where(found, h, 0.0), g_before, g_after, width)
-        at(tau)
-        result = np.where(found, partial, result)
-        state, phi = self._split(result, flight.single)
-        time = np.where(found, begin + tau, np.nan)
-        if flight.single:
-            found, time = found[0], time[0]
-        return Crossing(found, time, state, phi)
+    def _march(
+        self,
+        x: ArrayLike,
+        duration: ArrayLike,
+        steps: int,
+        p: ArrayLike | None,
+        t0: ArrayLike,
+    ) -> March:
+        return March(self.system, self._stepper, self._columns, x, duration, steps, p, t0)
 
     def _event(self, event: str | Expr) -> ArrayFunction:
         if isinstance(event, str):
@@ -394,78 +318,19 @@ class StepMap:
             self._functions[expression] = self.system.function(expression)
         return self._functions[expression]
 
-    def _split(self, y: Array, single: bool) -> tuple[Array, Array | None]:
-        state = y[: self._n]
-        phi = y[self._n :].reshape(self._n, self._columns, -1) if self.stm else None
-        if single:
-            return state[:, 0], None if phi is None else phi[:, :, 0]
-        return state, phi
-
     def _difference(self, coarse: Array, fine: Array) -> float:
         if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
-            return np.inf
-        scale = self.system.scale
-        largest = float(np.max(np.abs(coarse[: self._n] - fine[: self._n]) / scale[:, None]))
+            return float("inf")
+        n, scale = self._n, self.system.scale
+        largest = float(np.max(np.abs(coarse[:n] - fine[:n]) / scale[:, None]))
         if self.stm:
             columns = np.ones(self._columns)
-            columns[: self._n] = scale
-            factor = (columns / scale[:, None])[:, :, None]
-            a, b = (self._split(y, False)[1] for y in (coarse, fine))
-            assert a is not None
-            assert b is not None
-            size = np.max(np.abs(b * factor), axis=(0, 1))
-            largest = max(largest, float(np.max(np.abs((a - b) * factor) / size)))
+            columns[:n] = scale
+            factor = (columns / scale[:, None]).reshape(-1, 1)
+            a, b = coarse[n:] * factor, fine[n:] * factor
+            largest = max(largest, float(np.max(np.abs(a - b) / np.max(np.abs(b), axis=0))))
         return largest
 
     def _where(self, duration: ArrayLike, steps: int) -> str:
         longest = float(np.max(np.abs(duration)))
         return f"{self.method}, {steps} steps over up to {longest:g} units of time"
-
-
-def _crosses(before: Array, after: Array, direction: int) -> NDArray[np.bool_]:
-    falling, rising = (before > 0) & (after <= 0), (before < 0) & (after >= 0)
-    if direction == 0:
-        return falling | rising
-    return falling if direction < 0 else rising
-
-
-class _Flight:
-    """Lanes made ready to march: checked, contiguous, with their initial derivatives."""
-
-    def __init__(
-        self,
-        step_map: StepMap,
-        x: ArrayLike,
-        duration: ArrayLike,
-        steps: int,
-        p: ArrayLike | None,
-        t0: ArrayLike,
-    ) -> None:
-        if steps < 1:
-            raise InputError(f"steps must be at least 1, got {steps}")
-        states, self.single = start_states(x, step_map._n)
-        self.cases = states.shape[1]
-        self.h = per_lane(duration, self.cases, "duration") / steps
-        self.t0 = per_lane(t0, self.cases, "t0")
-        self.p = step_map.system.parameters(p, self.cases)
-        self.y = states
-        if step_map.stm:
-            extra = initial_derivatives(step_map._n, step_map._columns, self.cases)
-            self.y = np.concatenate([states, extra])
-        self._advance: Advance = step_map._stepper.bind(self.h, self.p)
-
-    def march(self, steps: int) -> Iterator[Array]:
-        """Yield y after each step; the array is overwritten two steps later."""
-        here, there, spare = self.y, np.empty_like(self.y), np.empty_like(self.y)
-        for j in range(steps):
-            self._advance(here, there, self.t0 + j * self.h)
-            yield there
-            # The start is the caller's: it is never written to.
-            here, there, spare = there, spare, there
-
-    def end(self, steps: int) -> Array:
-        """Return y after all steps."""
-        y = self.y
-        for y in self.march(steps):  # noqa: B007
-            pass
-        return y

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Sized
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias, cast
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hillsphere._heyoka import heyoka as _hy
 from hillsphere.dynamics.lanes import (
@@ -17,6 +17,7 @@ from hillsphere.dynamics.lanes import (
     start_states,
 )
 from hillsphere.dynamics.system import System
+from hillsphere.dynamics.taylor_batches import TaylorBatches
 from hillsphere.dynamics.variational import variational_equations
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -24,13 +25,9 @@ from hillsphere.symbolic import Expr, parameter, substitute
 
 __all__ = ["Flight", "Taylor"]
 
-_BATCH = 4
-"""Lanes in one SIMD batch; eight does not pay without AVX-512."""
 _COMPACT_FROM = 400
 """Size of a right-hand side (terms) from which compilation in full mode takes over two seconds."""
 _TOLERANCES = (1e-16, 1e-3)
-_TIME_LIMIT = int(_hy.taylor_outcome.time_limit)
-_NON_FINITE = int(_hy.taylor_outcome.err_nf_state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +53,6 @@ class Flight:
     time: Array
     ended_by: tuple[str | None, ...]
     crossings: Mapping[str, tuple[tuple[Array, Array], ...]]
-
-
-_Lanes: TypeAlias = NDArray[np.intp]
-
-
-@dataclass(eq=False)
-class _Batch:
-    """What the callbacks of one integrator see of the lanes that it now carries."""
-
-    lanes: _Lanes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    alive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    sense: Array = field(default_factory=lambda: np.zeros(0))
-    met: dict[tuple[str, int], list[tuple[float, Array]]] = field(default_factory=dict)
 
 
 class Taylor:
@@ -141,19 +125,22 @@ class Taylor:
         y, rate = (system.x, system.rhs)
         if stm:
             y, rate = variational_equations(system, parameters)
-        self._compact = _is_large(rate) or stm if compact is None else compact
-        self._ends = {name: _event(system, name) for name in events}
-        self._recorded = (
+        numbers = {parameter(q): _hy.par[i] for i, q in enumerate(system.run_time_names)}
+        ends = {name: _event(system, name) for name in events}
+        recorded = (
             dict(record)
             if isinstance(record, Mapping)
             else {name: _event(system, name) for name in record}
         )
-        numbered = {parameter(q): _hy.par[i] for i, q in enumerate(system.run_time_names)}
-        self._equations = list(zip(y, _numbered(rate, numbered), strict=True))
-        self._end_functions = _numbered(tuple(self._ends.values()), numbered)
-        self._recorded_functions = _numbered(tuple(self._recorded.values()), numbered)
-        self._batch = _Batch()
-        self._integrators: dict[int, Any] = {}
+        self._ends, self._recorded = tuple(ends), tuple(recorded)
+        self._batches = TaylorBatches(
+            list(zip(y, _numbered(rate, numbers), strict=True)),
+            self._n,
+            tol,
+            dict(zip(ends, _numbered(tuple(ends.values()), numbers), strict=True)),
+            dict(zip(recorded, _numbered(tuple(recorded.values()), numbers), strict=True)),
+            _is_large(rate) or stm if compact is None else compact,
+        )
 
     def propagate(
         self,
@@ -224,25 +211,19 @@ class Taylor:
         target = start + per_lane(duration, cases, "duration")
         q = self.system.parameters(p, cases)
         y = self._with_derivatives(states)
-        end, time = np.empty_like(y), np.empty(cases)
-        ended: list[str | None] = [None] * cases
-        batch = self._batch
-        batch.met = {}
-        for lanes in _groups(cases):
-            self._fly_group(lanes, y, q, start, target, end, time, ended)
+        ends = self._batches.fly(y, q, start, target)
         if strict:
-            refuse_non_finite(end, self._where())
-        phi = None
-        if self.stm:
-            phi = end[self._n :].reshape(self._n, self._columns, -1)
+            refuse_non_finite(ends.y, self._where())
+        state = ends.y[: self._n]
+        phi = ends.y[self._n :].reshape(self._n, self._columns, -1) if self.stm else None
         crossings = {
-            name: tuple(self._crossings(name, lane) for lane in range(cases))
+            name: tuple(self._crossings(ends.met.get((name, i), [])) for i in range(cases))
             for name in self._recorded
         }
         if single:
             phi = None if phi is None else phi[:, :, 0]
-            return Flight(end[: self._n, 0], phi, time[0], tuple(ended), crossings)
-        return Flight(end[: self._n], phi, time, tuple(ended), crossings)
+            return Flight(state[:, 0], phi, ends.time[0], ends.ended_by, crossings)
+        return Flight(state, phi, ends.time, ends.ended_by, crossings)
 
     def sample(
         self,
@@ -288,21 +269,10 @@ class Taylor:
         # The integrator wants strictly monotone times; repeated ones share a sample.
         fresh = np.concatenate([[True], steps != 0])
         place = np.cumsum(fresh) - 1
-        unique = grid[fresh]
-        q = self.system.parameters(p, cases)
-        y = self._with_derivatives(states)
-        out = np.empty((self._n, len(grid) - 1, cases))
-        for lanes in _groups(cases):
-            width = len(lanes)
-            integrator = self._integrator(width)
-            self._load(integrator, y[:, lanes], q[:, lanes], np.full(width, float(t0)))
-            self._batch.alive = np.zeros(width, dtype=bool)
-            if len(unique) > 1:
-                table = np.repeat(unique[:, None], width, axis=1)
-                _, found = integrator.propagate_grid(np.ascontiguousarray(table))
-            else:
-                found = y[None][:, :, lanes]
-            out[:, :, lanes] = found[place[1:], : self._n].transpose(1, 0, 2)
+        out = np.repeat(states[:, None], len(grid) - 1, axis=1)
+        if np.count_nonzero(fresh) > 1:
+            y, q = self._with_derivatives(states), self.system.parameters(p, cases)
+            out = self._batches.on_grid(y, q, grid[fresh])[:, place[1:]]
         refuse_non_finite(out.reshape(-1, cases), self._where())
         return out[:, :, 0] if single else out
 
@@ -315,124 +285,9 @@ class Taylor:
     def _where(self) -> str:
         return f"Taylor, tolerance {self.tol:g}"
 
-    def _crossings(self, name: str, lane: int) -> tuple[Array, Array]:
-        met = self._batch.met.get((name, lane), [])
+    def _crossings(self, met: Sequence[tuple[float, Array]]) -> tuple[Array, Array]:
         times = np.array([time for time, _ in met])
         return times, np.array([state for _, state in met]).reshape(len(met), self._n).T
-
-    def _integrator(self, width: int) -> Any:
-        """Return the integrator of so many lanes, compiled when first asked for."""
-        if width not in self._integrators:
-            options: dict[str, Any] = {}
-            if self._ends:
-                options["t_events"] = [
-                    _hy.t_event_batch(f, callback=self._ender()) for f in self._end_functions
-                ]
-            if self._recorded:
-                options["nt_events"] = [
-                    _hy.nt_event_batch(f, callback=self._recorder(name))
-                    for name, f in zip(self._recorded, self._recorded_functions, strict=True)
-                ]
-            self._integrators[width] = _hy.taylor_adaptive_batch(
-                self._equations,
-                np.zeros((len(self._equations), width)),
-                tol=self.tol,
-                compact_mode=self._compact,
-                **options,
-            )
-        return self._integrators[width]
-
-    def _ender(self) -> Any:
-        """Return a callback that lets a flight go on (True) unless the event falls along it."""
-        batch = self._batch
-
-        def goes_on(integrator: Any, sign: int, lane: int) -> bool:
-            return bool(sign * batch.sense[lane] > 0)
-
-        return goes_on
-
-    def _recorder(self, name: str) -> Any:
-        batch, n = self._batch, self._n
-
-        def record(integrator: Any, time: float, sign: int, lane: int) -> None:
-            if not batch.alive[lane]:
-                return
-            integrator.update_d_output([time] * len(batch.alive))
-            state = np.array(integrator.d_output[:n, lane])
-            batch.met.setdefault((name, int(batch.lanes[lane])), []).append((time, state))
-
-        return record
-
-    def _load(self, integrator: Any, y: Array, p: Array, t: Array) -> None:
-        integrator.state[:] = y
-        if len(integrator.pars):
-            integrator.pars[:] = p[: len(integrator.pars)]
-        integrator.set_time(t)
-        if self._ends:
-            integrator.reset_cooldowns()
-
-    def _fly_group(
-        self,
-        lanes: _Lanes,
-        y: Array,
-        p: Array,
-        start: Array,
-        target: Array,
-        end: Array,
-        time: Array,
-        ended: list[str | None],
-    ) -> None:
-        """Fly one batch; an event that ends one lane halts all, so go on until every one is done.
-
-        A lane that is done follows a copy of one that is not: an integrator has no empty lanes.
-        """
-        integrator = self._integrator(len(lanes))
-        self._load(integrator, y[:, lanes], p[:, lanes], start[lanes])
-        batch, names = self._batch, list(self._ends)
-        goal = target[lanes].copy()
-        batch.lanes, batch.sense = lanes, np.sign(target[lanes] - start[lanes])
-        # A lane that pads the last batch repeats its neighbour and reports nothing.
-        batch.alive = np.concatenate([[True], np.diff(lanes) > 0])
-        while batch.alive.any():
-            integrator.propagate_until(goal)
-            for i, result in enumerate(integrator.propagate_res):
-                if not batch.alive[i]:
-                    continue
-                outcome, lane = int(result[0]), int(lanes[i])
-                by_event = -len(names) <= outcome < 0
-                if outcome == _NON_FINITE:
-                    end[:, lane] = np.nan
-                elif by_event or outcome == _TIME_LIMIT:
-                    end[:, lane] = integrator.state[:, i]
-                else:
-                    continue
-                time[lane] = integrator.time[i]
-                ended[lane] = names[-outcome - 1] if by_event else None
-                batch.alive[i] = False
-            self._refill(integrator, goal)
-
-    def _refill(self, integrator: Any, goal: Array) -> None:
-        batch = self._batch
-        if not batch.alive.any() or batch.alive.all():
-            return
-        model = int(np.argmax(batch.alive))
-        dead = np.flatnonzero(~batch.alive)
-        times = np.array(integrator.time)
-        times[dead] = times[model]
-        integrator.state[:, dead] = integrator.state[:, [model]]
-        if len(integrator.pars):
-            integrator.pars[:, dead] = integrator.pars[:, [model]]
-        integrator.set_time(times)
-        goal[dead] = goal[model]
-        batch.sense[dead] = batch.sense[model]
-
-
-def _groups(cases: int) -> list[_Lanes]:
-    """Return lane numbers in batches of four, the last one padded; a single lane goes alone."""
-    if cases == 1:
-        return [np.array([0])]
-    count = -(-cases // _BATCH)
-    return list(np.minimum(np.arange(count * _BATCH), cases - 1).reshape(count, _BATCH))
 
 
 def _event(system: System, name: str) -> Expr:

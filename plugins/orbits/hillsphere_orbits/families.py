@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import gradient
@@ -23,6 +22,8 @@ __all__ = ["Family", "Qso"]
 _FAR = 4.0  # units of length: the 2:1 ellipse is good to a few per cent there
 _CLEARANCE = 1e-9  # of an event: on the surface itself the gravity gradient is ambiguous
 _NEAR = 0.1  # units of length: where the family of a body without surface ends by default
+_FARTHEST = 1e3  # units of length
+_PASSES = 4  # of continuation, each with the sub-steps that the last one's orbits need
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 
 
@@ -154,68 +155,82 @@ class Qso:
         """
         unit = self.plant.scales.length_m
         problem, method = self.problem
-        x = problem.unknowns.index("x")
-        grazing = self._grazing(problem)
-        ends = list(grazing)
-        if x_min_m is not None or not grazing:
-            low = _NEAR if x_min_m is None else x_min_m / unit
-            ends.append(Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low))
-        else:
-            low = 0.0
-        high = x_max_m / unit
-        outermost = Boundary(f"largest amplitude {_km(x_max_m)}", lambda z: high - z[x])
-        control = StepControl(first=0.1)
-        inwards = -np.eye(len(problem.unknowns))[x]
-
-        far = max(_FAR, low)
-        start = self._far_member(problem, far)
+        has_surface = "impact" in self.flow.system.events
+        low = x_min_m / unit if x_min_m is not None else (0.0 if has_surface else _NEAR)
+        start = self._start(problem, low)
         problem = problem.with_steps(self._steps(problem, start))
-        if high < far:
-            inner = Boundary("the range begins", lambda z: z[x] - high)
-            approach = follow(problem, start[:, 0], inwards, boundaries=[inner, *grazing],
-                              control=control)  # fmt: skip
-            if approach.ends[1] != inner.reason:
-                raise ConvergenceError(
-                    f"there is no quasi-satellite orbit of amplitude {_km(x_max_m)}: "
-                    f"{approach.ends[1]} at {_km(approach.z[x, -1] * unit)}"
-                )
-            branch = follow(problem, approach.z[:, -1], inwards, boundaries=ends, control=control)
-            branch = Branch(branch.z, branch.tangent, (outermost.reason, branch.ends[1]))
-        else:
-            branch = continue_both(
-                problem, start[:, 0], inwards, boundaries=[outermost, *ends], control=control
-            )
-        if branch.size < 2:
-            raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
+        for _ in range(_PASSES):
+            branch = self._follow(problem, start, low, x_max_m / unit)
+            # The member at the surface is exact only if the steps are; it is left out here.
+            needed = self._steps(problem, branch.z[:, :-1])
+            if needed <= 2 * problem.steps:
+                break
+            problem = problem.with_steps(needed)
         problem = problem.with_steps(self._steps(problem, branch.z))
         return Family(problem, branch.resampled(problem, members), method)
 
-    def _far_member(self, problem: Shooting, amplitude: float) -> Array:
-        ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
-        guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
-        held = fixed(problem.unknowns.index("x"), amplitude)
-        name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
-        return correct(problem, guess, held, iterations=20).checked("far 2:1 ellipse", [name])
+    def _start(self, problem: Shooting, low: float) -> Array:
+        """Return a member near the far ellipse, clear of the body and not below `low`."""
+        amplitude, surface = max(_FAR, low), self._grazing(problem)
+        while True:
+            ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
+            guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
+            held = fixed(problem.unknowns.index("x"), amplitude)
+            name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
+            found = correct(problem, guess, held, iterations=20)
+            z = found.checked("far 2:1 ellipse", [name])
+            if all(boundary.function(z)[0] > 0.0 for boundary in surface):
+                return z
+            if amplitude > _FARTHEST:
+                raise ConvergenceError(
+                    f"no orbit clears the body up to {name}: it is too large for its gravity"
+                )
+            amplitude *= 1.5
+
+    def _follow(self, problem: Shooting, start: Array, low: float, high: float) -> Branch:
+        """Follow the family from `high` to `low`, or to the surface, through a member."""
+        unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
+        surface = self._grazing(problem)
+        inner = [*surface, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
+        outer = Boundary(f"largest amplitude {_km(high * unit)}", lambda z: high - z[x])
+        control = StepControl(first=0.1)
+        inwards = -np.eye(len(problem.unknowns))[x]
+        if high >= start[x, 0]:
+            return continue_both(
+                problem, start[:, 0], inwards, boundaries=[outer, *inner], control=control
+            )
+        there = Boundary("the range begins", lambda z: z[x] - high)
+        approach = follow(
+            problem, start[:, 0], inwards, boundaries=[there, *surface], control=control
+        )
+        if approach.ends[1] != there.reason:
+            raise ConvergenceError(
+                f"there is no quasi-satellite orbit of amplitude {_km(high * unit)}: "
+                f"{approach.ends[1]} at {_km(approach.z[x, -1] * unit)}"
+            )
+        branch = follow(problem, approach.z[:, -1], inwards, boundaries=inner, control=control)
+        if branch.size < 2:
+            raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
+        return Branch(branch.z, branch.tangent, (outer.reason, branch.ends[1]))
 
     def _steps(self, problem: Shooting, z: Array) -> int:
         return self.flow.steps_for(problem.state(z), z[-1])
 
     def _grazing(self, problem: Shooting) -> list[Boundary]:
-        """Return a boundary for each event of the plant: its least value along the orbit."""
-        flow, found = self.flow, []
-        for name, expression in flow.system.events.items():
-            compiled = flow.system.function(expression)
+        """Return the boundary at the surface, if there is one: clearance along the orbit."""
+        flow = problem.flow
+        if "impact" not in flow.system.events:
+            return []
+        compiled = flow.system.function(flow.system.events["impact"])
 
-            def least(z: Array, compiled: ArrayFunction = compiled) -> Array:
-                way = flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
-                states, points, cases = way.shape
-                flat = np.ascontiguousarray(way.reshape(states, points * cases))
-                p = flow.system.parameters(None, points * cases)
-                return _least(compiled(flat, p)[0].reshape(points, cases)) - _CLEARANCE
+        def clearance(z: Array) -> Array:
+            way = flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
+            states, points, cases = way.shape
+            flat = np.ascontiguousarray(way.reshape(states, points * cases))
+            values = compiled(flat, flow.system.parameters(None, points * cases))[0]
+            return _least(values.reshape(points, cases)) - _CLEARANCE
 
-            reason = "the orbit grazes the surface" if name == "impact" else f"event {name!r}"
-            found.append(Boundary(reason, least))
-        return found
+        return [Boundary("the orbit grazes the surface", clearance)]
 
 
 def _least(values: Array) -> Array:
