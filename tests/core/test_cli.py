@@ -303,15 +303,22 @@ def test_an_internal_error_without_a_place_for_its_log(hillsphere: Runner, missi
 def test_an_interrupted_run_ends_with_130(
     hillsphere: Runner, mission: Path, number: signal.Signals
 ) -> None:
-    process = hillsphere.start("run", mission, "--set", "stage.step.lasts_s=60", "--out", "out")
+    # A shell starts background jobs with SIGINT ignored, and this test may run in one.
+    process = hillsphere.start(
+        "run", mission, "--set", "stage.step.lasts_s=60", "--out", "out",
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
     log = hillsphere.directory / "out" / "log.txt"
-    deadline = time.monotonic() + 60
-    while not (log.exists() and "under way" in log.read_text("utf-8")):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    process.send_signal(number)
-    stdout, stderr = process.communicate(timeout=60)
+    try:
+        deadline = time.monotonic() + 60
+        while not (log.exists() and "under way" in log.read_text("utf-8")):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=30)
+    finally:
+        process.kill()
     assert (process.returncode, stdout) == (130, "")
     assert stderr.startswith("interrupted")
     assert stderr.count("\n") == 1

@@ -25,6 +25,8 @@ class Stepper(Protocol):
 
     rows: int
     """n, or n + n(n + k) with derivatives."""
+    needs_time: bool
+    """Whether the steps depend on time; where not, nobody need keep it."""
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
@@ -74,6 +76,7 @@ class CompiledStep:
         self._function: Any = _hy.cfunc(
             _compose(y, rate, tableau, h), vars=list(y), compact_mode=compact
         )
+        self.needs_time: bool = self._function.is_time_dependent
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
@@ -81,7 +84,7 @@ class CompiledStep:
         options: dict[str, Any] = {}
         if function.nparams:
             options["pars"] = np.concatenate([p, h[None]])[: function.nparams]
-        if not function.is_time_dependent:
+        if not self.needs_time:
             return lambda y, out, t: function(y, out, **options)
         return lambda y, out, t: function(y, out, time=t, **options)
 
@@ -120,6 +123,8 @@ class ArrayStages:
     parameters : sequence of str
         Run-time parameters (controls) by which to differentiate too.
     """
+
+    needs_time = True
 
     def __init__(
         self, system: System, tableau: Tableau, derivatives: bool, parameters: Sequence[str]
