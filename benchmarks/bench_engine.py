@@ -134,12 +134,10 @@ def figures() -> dict[str, float]:
         return float(np.abs(phi - exact).max() / size)
 
     steps = next(
-        n for n in range(20, 400, 4) if error(step_map.propagate(START, PERIOD, n)[1]) < ACCURACY
+        n for n in range(20, 400) if error(step_map.propagate(START, PERIOD, n)[1]) < ACCURACY
     )
     tolerance = next(
-        tol
-        for tol in (1e-8, 3e-9, 1e-9, 3e-10, 1e-10, 3e-11, 1e-11, 3e-12, 1e-12, 3e-13, 1e-13)
-        if error(scipy_stm(START, tol)) < ACCURACY
+        float(tol) for tol in np.logspace(-8, -13, 41) if error(scipy_stm(START, tol)) < ACCURACY
     )
     found["stm_map_steps"] = steps
     found["stm_map_error"] = error(step_map.propagate(START, PERIOD, steps)[1])

@@ -74,9 +74,14 @@ def test_help_names_the_commands_of_plugins_without_importing_them(hillsphere: R
 
 
 def test_help_takes_at_most_three_tenths_of_a_second_of_cpu(hillsphere: Runner) -> None:
+    # The tracer of a coverage run is started through the environment; it is not what is measured.
+    hillsphere.environment = {
+        key: value for key, value in hillsphere.environment.items() if not key.startswith("COV")
+    }
+
     def cpu_s() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        hillsphere("--help")
+        assert hillsphere("--help").returncode == 0
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 

@@ -363,9 +363,9 @@ def test_jacobi_drift_over_100_revolutions(phobos_qso: Run, case: Case) -> None:
         Taylor(equations, tol=1e-15).propagate(x, 100 * period),
         steps.propagate(x, 100 * period, count),
     ):
-        # Measured 6e-13; and, for the orbits are stable, they come back: 9e-11.
-        assert np.abs(jacobi(end) - jacobi(x)).max() <= 2e-12
-        assert np.abs(end - x).max() <= 4e-10
+        # Measured 9e-13; and, for the orbits are stable, they come back: 3e-11.
+        assert np.abs(jacobi(end) - jacobi(x)).max() <= 3e-12
+        assert np.abs(end - x).max() <= 1.5e-10
 
 
 def check_bifurcations(run: Run) -> set[tuple[str, tuple[int, int]]]:

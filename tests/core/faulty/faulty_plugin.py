@@ -5,15 +5,17 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import typer
 
 from hillsphere.errors import StageError
-from hillsphere.interfaces import Context
 from hillsphere.plugins import Component, hookimpl
 from hillsphere.presentation import Metric, Presentation
 from hillsphere.spec import StageSpec, option, quantity
+
+if TYPE_CHECKING:
+    from hillsphere.interfaces import Context
 
 
 class StepSpec(StageSpec):
