@@ -78,7 +78,7 @@ class QsoFamilyStage:
         family = qso.family(low, high, spec.curve_members)
         problem = family.problem
         ctx.info(f"orbits found over {family.method}; {problem.steps} sub-steps")
-        ctx.info(f"the family goes from {family.branch.ends[0]} to {family.branch.ends[1]}")
+        ctx.info(f"ends of the family: {family.branch.ends[0]}; {family.branch.ends[1]}")
         advance(1)
         z, labels = self._members(family)
         advance(1)
@@ -159,10 +159,10 @@ class QsoFamilyStage:
                     f"{span.min():.6g} to {span.max():.6g}{unit})"
                 )
         if missing:
+            inner = family.amplitude(family.branch.z)[0][-1] * scales.length_m / 1e3
             raise InputError(
-                f"the family has no member with {'; '.join(missing)}; it ends at "
-                f"{family.branch.ends[0]} and at {family.branch.ends[1]}"
-                f" ({family.amplitude(family.branch.z)[0][-1] * scales.length_m / 1e3:.6g} km)"
+                f"the family has no member with {'; '.join(missing)}; its ends: "
+                f"{family.branch.ends[0]}; {family.branch.ends[1]} ({inner:.6g} km)"
             )
         z = np.concatenate(columns, axis=1)
         return z, self._named(family.amplitude(z)[0] * scales.length_m / 1e3, labels)
