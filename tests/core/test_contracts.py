@@ -11,6 +11,7 @@ from hillsphere.interfaces import Array
 from hillsphere.plugins import Registered, default_registry
 from hillsphere.testing import (
     check_gravity,
+    check_orbit_family,
     check_plant,
     check_plugin,
     check_spec,
@@ -80,6 +81,15 @@ def test_plant(type_: str, number: int) -> None:
     # Positions one to two natural lengths out: outside any body, within the plant's range.
     states[:3] = directions(20) * plant.scales.length_m * (1.0 + random.random(20))
     check_plant(plant, states)
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("orbit_family"))
+def test_orbit_family(type_: str, number: int) -> None:
+    family = example("orbit_family", type_, number)
+    unknowns = family.problem[0].unknowns
+    # Far out every family of the plants that are shipped tends to its linear motion.
+    guess = {"x": [3.0, 2.0], "vy": [-6.1, -4.1], "half_period": [3.0, 2.9], "period": [6.0, 5.8]}
+    check_orbit_family(family, np.array([guess.get(name, [0.0, 0.0]) for name in unknowns]))
 
 
 @pytest.mark.parametrize(

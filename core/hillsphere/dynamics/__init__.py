@@ -6,6 +6,7 @@
 
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.crossing import Crossing
+from hillsphere.dynamics.root_finding import bracketed_roots
 from hillsphere.dynamics.step_map import StepMap
 from hillsphere.dynamics.system import External, System, system
 from hillsphere.dynamics.tableaux import Tableau, tableau
@@ -22,6 +23,7 @@ __all__ = [
     "System",
     "Tableau",
     "Taylor",
+    "bracketed_roots",
     "system",
     "tableau",
     "variational_equations",

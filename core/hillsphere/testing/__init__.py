@@ -22,6 +22,7 @@ from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import ContractViolation
 from hillsphere.testing.examples import example, example_product
 from hillsphere.testing.gravity import check_gravity
+from hillsphere.testing.orbit_families import check_orbit_family
 from hillsphere.testing.plants import check_plant
 from hillsphere.testing.plugins import HEAVY_MODULES, check_plugin, check_spec
 from hillsphere.testing.stages import check_presentation, check_product, check_stage
@@ -31,6 +32,7 @@ __all__ = [
     "ContractViolation",
     "RecordingContext",
     "check_gravity",
+    "check_orbit_family",
     "check_plant",
     "check_plugin",
     "check_presentation",

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.dynamics.root_finding import bracketed_roots
+from hillsphere.dynamics import bracketed_roots
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.correction import Constraint, Problem, correct, on_planes, tangents

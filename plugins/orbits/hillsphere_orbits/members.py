@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.dynamics.root_finding import bracketed_roots
+from hillsphere.dynamics import bracketed_roots
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import Problem, correct

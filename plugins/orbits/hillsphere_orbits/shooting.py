@@ -22,15 +22,15 @@ from typing import Protocol
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, OrbitProblem
 from hillsphere_orbits.flow import Flow
 from hillsphere_orbits.stability import monodromy_of_half
 
 __all__ = ["PeriodicShooting", "Shooting", "SymmetricShooting"]
 
 
-class Shooting(Protocol):
-    """What both problems offer beside being a `continuation.Problem`."""
+class Shooting(OrbitProblem, Protocol):
+    """What both problems offer beside being the problem of an orbit family."""
 
     @property
     def flow(self) -> Flow:
@@ -40,23 +40,6 @@ class Shooting(Protocol):
     @property
     def steps(self) -> int:
         """Sub-steps of the time of flight."""
-        ...
-
-    @property
-    def unknowns(self) -> tuple[str, ...]:
-        """Names of the unknowns; the last one is the time of flight."""
-        ...
-
-    def residual(self, z: Array) -> tuple[Array, Array]:
-        """Return F and dF/dz."""
-        ...
-
-    def state(self, z: Array) -> Array:
-        """Return the initial states (n, N)."""
-        ...
-
-    def period(self, z: Array) -> Array:
-        """Return the full periods (N,)."""
         ...
 
     def unknowns_at(self, x: Array, period: Array) -> Array:

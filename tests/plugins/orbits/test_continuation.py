@@ -86,9 +86,9 @@ def test_redundant_equations_by_least_squares() -> None:
     start = correct(RedundantHelix(), np.array([[1.0, 0.1, 0.05]]).T, fixed(2, 0.0)).z[:, 0]
     edge = Boundary("one turn", lambda z: 2 * np.pi - z[2])
     branch = follow(RedundantHelix(), start, np.array([0.0, 0.0, 1.0]), boundaries=[edge])
-    np.testing.assert_allclose(branch.z[0], np.cos(branch.z[2]), atol=1e-11)
-    np.testing.assert_allclose(branch.z[1], np.sin(branch.z[2]), atol=1e-11)
-    np.testing.assert_allclose(branch.z[:, -1], [1.0, 0.0, 2 * np.pi], atol=1e-11)
+    np.testing.assert_allclose(branch.z[0], np.cos(branch.z[2]), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(branch.z[1], np.sin(branch.z[2]), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(branch.z[:, -1], [1.0, 0.0, 2 * np.pi], rtol=0, atol=1e-11)
 
 
 def test_failed_lanes_are_named() -> None:
@@ -101,11 +101,11 @@ def test_failed_lanes_are_named() -> None:
 def test_through_turning_points() -> None:
     branch = arc(Circle())
     assert branch.ends == ("start", "x at its limit")
-    np.testing.assert_allclose(branch.z[:, -1], [-0.5, 0.75**0.5], atol=1e-11)
-    np.testing.assert_allclose(np.linalg.norm(branch.z, axis=0), 1.0, atol=1e-11)
+    np.testing.assert_allclose(branch.z[:, -1], [-0.5, 0.75**0.5], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(np.linalg.norm(branch.z, axis=0), 1.0, rtol=0, atol=1e-11)
     angle = np.arctan2(branch.z[1], branch.z[0])
     assert bool(np.all(np.diff(angle) > 0))
-    np.testing.assert_allclose(branch.tangent, [-np.sin(angle), np.cos(angle)], atol=1e-11)
+    np.testing.assert_allclose(branch.tangent, [-np.sin(angle), np.cos(angle)], rtol=0, atol=1e-11)
 
 
 def test_steps_adapt() -> None:
@@ -124,7 +124,7 @@ def test_both_directions() -> None:
     edges = [Boundary("top", lambda z: 0.9 - z[1]), Boundary("bottom", lambda z: z[1] + 0.9)]
     branch = continue_both(Circle(), START, UP, boundaries=edges)
     assert branch.ends == ("bottom", "top")
-    np.testing.assert_allclose(branch.z[1, [0, -1]], [-0.9, 0.9], atol=1e-11)
+    np.testing.assert_allclose(branch.z[1, [0, -1]], [-0.9, 0.9], rtol=0, atol=1e-11)
     assert bool(np.all(np.diff(branch.z[1]) > 0))
     assert bool(np.all(np.sum(branch.tangent[:, :-1] * np.diff(branch.z, axis=1), axis=0) > 0))
 
@@ -162,19 +162,21 @@ def test_family_of_one_member() -> None:
 def test_resampling_keeps_ends_and_spaces_evenly() -> None:
     branch = arc(Circle())
     even = branch.resampled(Circle(), 31)
-    np.testing.assert_allclose(even.z[:, [0, -1]], branch.z[:, [0, -1]], atol=1e-11)
+    np.testing.assert_allclose(even.z[:, [0, -1]], branch.z[:, [0, -1]], rtol=0, atol=1e-11)
     steps = np.linalg.norm(np.diff(even.z, axis=1), axis=0)
     assert steps.max() / steps.min() < 1.01
-    np.testing.assert_allclose(even.tangent, tangents(Circle(), even.z, even.tangent), atol=1e-14)
+    np.testing.assert_allclose(
+        even.tangent, tangents(Circle(), even.z, even.tangent), rtol=0, atol=1e-14
+    )
 
 
 def test_members_between_two() -> None:
     branch = arc(Circle())
     z = branch.at(Circle(), np.linspace(0, branch.size - 1, 57))
-    np.testing.assert_allclose(np.linalg.norm(z, axis=0), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(z, axis=0), 1.0, rtol=0, atol=1e-12)
     guess, _ = branch.guess(np.linspace(0, branch.size - 1, 57))
     # chords of at most 0.25: the cubic is good to s⁴/384
-    np.testing.assert_allclose(guess, z, atol=3e-5)
+    np.testing.assert_allclose(guess, z, rtol=0, atol=3e-5)
 
 
 def test_prescribed_values_are_all_found() -> None:
@@ -185,7 +187,7 @@ def test_prescribed_values_are_all_found() -> None:
     np.testing.assert_array_equal(found.target, [0, 0, 2])
     assert found.missing(3) == [1]
     expected = [0.0975**0.5, -(0.0975**0.5), 0.91**0.5]
-    np.testing.assert_allclose(found.z[0], expected, atol=1e-13)
+    np.testing.assert_allclose(found.z[0], expected, rtol=0, atol=1e-13)
     at_end = members_at(Circle(), branch, coordinate(0), np.array([end]))
     assert at_end.z[0, 0] == pytest.approx(end, abs=1e-14)
 
@@ -203,7 +205,7 @@ def test_function_roots_beside_an_extremum() -> None:
     found = members_where(Circle(), branch, lambda z: z[1], np.array([target, 1.5, 0.5]))
     np.testing.assert_array_equal(found.target, [0, 0, 2])
     root = (1 - target**2) ** 0.5
-    np.testing.assert_allclose(found.z[0], [root, -root, 0.75**0.5], atol=1e-9)
+    np.testing.assert_allclose(found.z[0], [root, -root, 0.75**0.5], rtol=0, atol=1e-9)
 
 
 def test_nothing_found() -> None:
@@ -224,8 +226,8 @@ def test_extrema_inside_and_next_to_the_ends(at: float, sign: float) -> None:
         return np.asarray(sign * (u - at) ** 2)
 
     u, f = extrema(parabola, parabola(np.arange(7.0)))
-    np.testing.assert_allclose(u, [at], atol=1e-5)
-    np.testing.assert_allclose(f, [0.0], atol=1e-10)
+    np.testing.assert_allclose(u, [at], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(f, [0.0], rtol=0, atol=1e-10)
 
 
 def test_no_extrema() -> None:

@@ -94,4 +94,4 @@ def test_monodromy_of_half_of_an_oscillator() -> None:
         [-omega * np.sin(omega * half), np.cos(omega * half)],
     ])  # fmt: skip
     whole = monodromy_of_half(rotation[:, :, None], (1, -1))
-    np.testing.assert_allclose(whole[:, :, 0], rotation @ rotation, atol=1e-14)
+    np.testing.assert_allclose(whole[:, :, 0], rotation @ rotation, rtol=0, atol=1e-14)
