@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -32,6 +32,12 @@ def family_of(plant: object | None, family: object | None) -> Qso:
             f"this stage needs an orbit family of type 'qso', got a {type(family).__name__}"
         )
     return family
+
+
+def _snap(x_m: Array, asked_m: Sequence[float]) -> None:
+    """Put amplitudes that were asked for in place of those that differ by scaling's rounding."""
+    for value in asked_m:
+        x_m[np.abs(x_m - value) <= 4.0 * np.spacing(value)] = value
 
 
 class QsoFamilyStage:
@@ -84,6 +90,7 @@ class QsoFamilyStage:
         advance(1)
         surveyor = Surveyor(qso.plant, problem)
         members = surveyor.orbits(z, labels)
+        _snap(members.x0[0], spec.x_amplitudes_m)
         curve = surveyor.orbits(family.branch.z, ("",) * family.branch.size)
         advance(1)
         drift = surveyor.drift(z, spec.drift_revolutions)
