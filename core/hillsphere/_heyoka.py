@@ -7,7 +7,10 @@ module. Plugins import `hillsphere.symbolic` and `hillsphere.dynamics`, never th
 
 from __future__ import annotations
 
+import logging
 import os
+import tempfile
+from pathlib import Path
 
 from hillsphere.paths import cache_directory
 
@@ -16,3 +19,24 @@ os.environ.setdefault("HEYOKA_CACHE_DIR", str(cache_directory() / "compiled"))
 import heyoka
 
 __all__ = ["heyoka"]
+
+
+def _keep_compiled_code(directory: Path) -> None:
+    """Switch the on-disk cache off, with one warning, if its directory cannot be written."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        heyoka.llvm_state.set_diskcache_enabled(False)
+        logging.getLogger("hillsphere").warning(
+            "compiled code is not kept: %s cannot be written (%s); set HILLSPHERE_CACHE to a "
+            "directory that can",
+            directory,
+            error.strerror or error,
+        )
+
+
+# heyoka's logger writes to stdout, which belongs to the results; its errors are raised anyway.
+heyoka.set_logger_level_critical()
+_keep_compiled_code(Path(os.environ["HEYOKA_CACHE_DIR"]))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from typing import Any
 
 from hillsphere.errors import InputError
 from hillsphere.mission import Mission
 from hillsphere.mission_links import Node, topological
+from hillsphere.problems import Key, format_key
 from hillsphere.spec import Spec
 
 __all__ = ["Assembly", "build"]
@@ -44,7 +46,7 @@ class Assembly:
         ------
         InputError
             If the component refuses its Spec or cannot read its data; the message begins with the
-            table's file, line and name.
+            table's file, line and name, or with those of the key that names the data.
         PluginError
             If its class cannot be imported.
         """
@@ -69,9 +71,24 @@ class Assembly:
             try:
                 self._made[kind, name] = target(spec)
             except (InputError, OSError) as error:
-                place = self.mission.places[kind, name]
-                raise InputError(f"{place}: {kind}.{name}: {error}") from error
+                key = (kind, name, *_key_of_file(error, spec))
+                place = self.mission.places[key]
+                raise InputError(f"{place}: {format_key(key)}: {error}") from error
         return self._made[kind, name]
+
+
+def _key_of_file(error: InputError | OSError, spec: Spec) -> Key:
+    """Key that names the file which an error is about; empty if it is about no input file.
+
+    An `OSError` carries the file; a reader's message begins with its path or name, as in
+    ``orbits.csv:3: …``.
+    """
+    for where, path in spec.data_paths():
+        heads = (f"{path}:", f"{path} ", f"{os.path.basename(path)}:")
+        carried = isinstance(error, OSError) and error.filename == path
+        if carried or str(error).startswith(heads):
+            return where
+    return ()
 
 
 def build(mission: Mission, kind: str, name: str) -> Any:

@@ -7,7 +7,7 @@ import platform
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -47,22 +47,33 @@ class Finding:
         return self.state != "fail"
 
 
-def examine(registry: Registry | None = None) -> list[Finding]:
+def examine(
+    registry: Registry | None = None, contested: Mapping[tuple[str, str], str] | None = None
+) -> list[Finding]:
     """Examine this installation.
 
     Parameters
     ----------
     registry : Registry, optional
         Plugins to look at; by default all that are installed.
+    contested : mapping, optional
+        (kind, type) to a message, of components that nobody can use as two offer them; by default
+        those of the registry.
 
     Returns
     -------
     list of Finding
         In the order in which they should be read.
     """
+    registry = default_registry() if registry is None else registry
+    contested = registry.contested if contested is None else contested
     return [
         *_versions(),
-        *_plugins(registry or default_registry()),
+        *_plugins(registry),
+        *(
+            Finding("plugin", f"contested {kind} {type_}", "fail", message)
+            for (kind, type_), message in contested.items()
+        ),
         *_compile_cache(cache_directory() / "compiled"),
         *_self_test(),
     ]

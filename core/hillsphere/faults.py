@@ -37,10 +37,13 @@ class Fault:
         Path of the key as the user wrote it, or should have written it.
     message : str
         What is wrong and the remedy.
+    is_remark : bool
+        It is about the list of faults, not one of them: it belongs at the end.
     """
 
     key: Key
     message: str
+    is_remark: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def faults_of(spec: type[S], keys: Mapping[str, Any]) -> tuple[S | None, list[Fa
             faults[Fault((*above_key, name), message)] = None
     ordered = sorted(faults, key=lambda fault: _order(keys, fault.key))
     if count > MOST_FAULTS:
-        ordered.append(Fault((), f"{count - MOST_FAULTS} more faults are not listed"))
+        ordered.append(Fault((), f"{count - MOST_FAULTS} more faults are not listed", True))
     return None, ordered
 
 
@@ -337,15 +340,13 @@ _WORDS: dict[str, Callable[[_Place, Mapping[str, Any]], str]] = {
 def _unknown_and_missing(table: _Table) -> Iterator[tuple[str, str]]:
     """Explain them together: a misspelt key is one fault, not an unknown and a missing one."""
     fields = {name: _keys(table.spec, name) for name in table.spec.model_fields}
-    absent = {
-        key: name
-        for name, keys in fields.items()
-        if not any(key in table.value for key in keys)
-        for key in keys
-    }
+    # All keys, as a misspelt one may stand beside the right one (as with --set); absent ones first,
+    # as they are the likelier ones.
+    is_given = {name: any(key in table.value for key in keys) for name, keys in fields.items()}
+    valid = {key: name for name in sorted(fields, key=is_given.__getitem__) for key in fields[name]}
     missing = dict.fromkeys(table.missing)
     for word in table.unknown:
-        if name := _without_unit(table.spec, word, absent):
+        if name := _without_unit(table.spec, word, valid):
             missing.pop(name, None)
             keys = fields[name]
             stem = name.removesuffix(_suffix(table.spec, name))
@@ -356,10 +357,10 @@ def _unknown_and_missing(table: _Table) -> Iterator[tuple[str, str]]:
                 f"{what}; write {', '.join(keys[:-1])}{' or ' if keys[:-1] else ''}{keys[-1]}",
             )
         else:
-            near = get_close_matches(word[:100], absent, n=1)
+            near = get_close_matches(word[:100], valid, n=1)
             if near:
-                missing.pop(absent[near[0]], None)
-            hint = did_you_mean(word, absent, otherwise="valid keys")
+                missing.pop(valid[near[0]], None)
+            hint = did_you_mean(word, valid, otherwise="valid keys")
             yield word, f"unknown key {_short(word)!r}{hint}"
     for name in missing:
         keys = fields[name]
@@ -384,9 +385,9 @@ def _suffix(spec: type[Spec], name: str) -> str:
     return next(iter(UNITS[dimension])) if dimension else ""
 
 
-def _without_unit(spec: type[Spec], word: str, absent: Mapping[str, str]) -> str | None:
+def _without_unit(spec: type[Spec], word: str, valid: Mapping[str, str]) -> str | None:
     """Quantity that a word names without a unit or with one that is not in the closed list."""
-    for name in dict.fromkeys(absent.values()):
+    for name in dict.fromkeys(valid.values()):
         suffix = _suffix(spec, name)
         stem = name.removesuffix(suffix)
         unit = word.removeprefix(stem)

@@ -134,6 +134,29 @@ class ArrayGravityModel(Protocol):
 
 
 @runtime_checkable
+class SeriesGravity(Protocol):
+    """Gravity as a series that is sure to converge only outside a sphere about the centre."""
+
+    @property
+    def series_radius_m(self) -> float | None:
+        """Radius of that sphere as far as the model knows it, m; None if there is no series."""
+        ...
+
+
+@runtime_checkable
+class Piecewise(Protocol):
+    """A `GravityModel` whose expressions change branch (`hillsphere.symbolic.select`)."""
+
+    def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
+        """Return functions that vanish where the branch changes, at the body-fixed position r, m.
+
+        Without dimension and of order one about the body, with a slope at their zeros. The
+        position may be any expression: do not differentiate by it.
+        """
+        ...
+
+
+@runtime_checkable
 class Surface(Protocol):
     """A body with a surface: positive outside, zero on it, negative inside."""
 
@@ -150,7 +173,8 @@ class Plant(Protocol):
     """Equations of motion in a named frame, SI.
 
     A plant whose gravity is an `ArrayGravityModel` also offers `ExternalInputs`; one with an
-    integral of motion `ConservedQuantity`, with a time-reversal symmetry `MirrorSymmetry`.
+    integral of motion `ConservedQuantity`, with a time-reversal symmetry `MirrorSymmetry`; one
+    whose expressions change branch offers `PiecewisePlant`.
     `hillsphere.dynamics.system` makes a system of equations of it, normalised or not.
     """
 
@@ -237,6 +261,19 @@ class MirrorSymmetry(Protocol):
     @property
     def mirrors(self) -> Mapping[str, tuple[int, ...]]:
         """Mirror name (``"xz"``: the plane that stays) → sign of each state under time reversal."""
+        ...
+
+
+@runtime_checkable
+class PiecewisePlant(Protocol):
+    """A plant whose derivative changes branch, its own or that of a `Piecewise` gravity model."""
+
+    def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
+        """Return functions that vanish where the branch changes.
+
+        Without dimension and of order one, with a slope at their zeros. The Taylor propagator
+        begins a new series where one of them changes sign; they end no flight.
+        """
         ...
 
 

@@ -15,6 +15,7 @@ from hillsphere.mission_tables import (
     MISSION_KINDS,
     MOST_PROBLEMS,
     TOP_KEYS,
+    Tables,
     unknown_top_key,
     validated,
 )
@@ -60,7 +61,8 @@ class Mission:
     components : mapping
         Kind → name → record of the component in the registry.
     places : mapping
-        (kind, name) → ``"file:line"`` of the table, for messages.
+        (kind, name) → ``"file:line"`` of the table, for messages; (kind, name, key …) → that of
+        the key, where it names an input file.
     """
 
     format: int
@@ -76,7 +78,7 @@ class Mission:
     profiles: tuple[str, ...]
     specs: Mapping[str, Mapping[str, Spec]] = field(repr=False)
     components: Mapping[str, Mapping[str, Registered]] = field(repr=False)
-    places: Mapping[tuple[str, str], str] = field(repr=False)
+    places: Mapping[Key, str] = field(repr=False)
 
     def order(self) -> list[str]:
         """Return the names of the stages, each after those it needs, else in file order."""
@@ -177,7 +179,7 @@ def load_mission(
         profiles=tuple(profiles),
         specs=found.specs,
         components=found.components,
-        places={(kind, name): _place(layers.problem((kind, name), "")) for kind, name, _ in found},
+        places=_places(found, layers),
     )
 
 
@@ -274,15 +276,23 @@ def _lay_setting(text: str, layers: Layers, problems: list[Problem]) -> None:
     problems.append(Problem(setting.source, None, setting.key, message))
 
 
-def _place(problem: Problem) -> str:
-    return problem.source if problem.line is None else f"{problem.source}:{problem.line}"
+def _places(tables: Tables, layers: Layers) -> dict[Key, str]:
+    """Where the tables, and the keys in them that name input files, were written."""
+    keys: list[Key] = []
+    for kind, name, spec in tables:
+        keys += [(kind, name), *((kind, name, *where) for where, _ in spec.data_paths())]
+    problems = {key: layers.problem(key, "") for key in keys}
+    return {
+        key: problem.source if problem.line is None else f"{problem.source}:{problem.line}"
+        for key, problem in problems.items()
+    }
 
 
 def _listed(problems: list[Problem], source: str) -> list[Problem]:
-    """Sort by line, the file before the settings, and end a list that is too long."""
+    """Sort by line, the file before the settings, remarks last; end a list that is too long."""
     unique = dict.fromkeys(problems)
-    ordered = sorted(unique, key=lambda p: (p.source != source, p.line or 0))
-    if len(ordered) > MOST_PROBLEMS:
-        ordered = ordered[:MOST_PROBLEMS]
-        ordered.append(Problem(source, None, (), "there are more problems than are listed"))
+    ordered = sorted(unique, key=lambda p: (p.is_remark, p.source != source, p.line or 0))
+    if sum(not problem.is_remark for problem in ordered) > MOST_PROBLEMS:
+        more = Problem(source, None, (), "there are more problems than are listed", True)
+        return [*ordered[:MOST_PROBLEMS], more]
     return ordered

@@ -200,6 +200,8 @@ def _resolved(path: str, roots: list[str], *, allow_path: bool) -> tuple[str, st
             return found, ""
         elif os.path.isdir(found):
             return "", f"{text!r} is a directory; an input file is needed"
+        elif os.path.exists(found):
+            return "", f"{text!r} is not a regular file; an input file is needed"
     if outside:
         return "", (
             f"{text!r} leads out of the directories of the mission and of the packaged data; "

@@ -43,10 +43,15 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
     -------
     dict
         The schema. A component whose Spec cannot be imported stands under ``"x-broken"`` with the
-        reason and is accepted with any keys.
+        reason and is accepted with any keys; what several plugins offer stands there too and is
+        refused, as nobody can say which is meant.
     """
     definitions: dict[str, Any] = {}
-    broken: dict[str, str] = {}
+    broken = {
+        f"{kind}.{type_}": message
+        for (kind, type_), message in registry.contested.items()
+        if kind in MISSION_KINDS
+    }
     head = _object(Head.model_json_schema(mode="validation"))
     properties: dict[str, Any] = {
         "format": {"const": FORMAT, "description": "version of the mission format"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pydantic import field_validator
@@ -125,7 +125,10 @@ def validated(layers: Layers, registry: Registry) -> Tables:
             return found  # another format has other keys
     head = {key: tables[key] for key in Head.model_fields if key in tables}
     found.head, faults = faults_of(Head, head)
-    found.problems += [layers.problem(fault.key, fault.message) for fault in faults]
+    found.problems += [
+        replace(layers.problem(fault.key, fault.message), is_remark=fault.is_remark)
+        for fault in faults
+    ]
     for key, value in tables.items():
         if key in MISSION_KINDS:
             _kind(key, value, layers, registry, found)
@@ -215,7 +218,8 @@ def _table(
     keys = without_superseded_units(spec_class, keys, (kind, name), layers)
     spec, faults = faults_of(spec_class, keys)
     for fault in faults:
-        refuse(fault.message, *fault.key)
+        problem = layers.problem((kind, name, *fault.key), fault.message)
+        found.problems.append(replace(problem, is_remark=fault.is_remark))
     if spec is not None:
         found.specs.setdefault(kind, {})[name] = spec
 

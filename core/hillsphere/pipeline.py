@@ -233,7 +233,8 @@ class _Run:
         for name in self.order:
             stage = self.record.stages.setdefault(name, StageRecord(name, self._type(name)))
             if stage.state == "running":
-                stage.state = "interrupted"
+                # Its product is stored as soon as it is there; presenting it may come too late.
+                stage.state = "done" if name in self.products else "interrupted"
         self._finish("interrupted")
 
     def _finish(self, state: str) -> Mapping[str, Any]:

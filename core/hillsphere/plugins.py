@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import pluggy
@@ -112,7 +113,7 @@ class Registered:
         except (Exception, SystemExit) as error:  # a plugin's module may do anything
             raise PluginError(
                 f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
-                f"({path}) cannot be imported: {type(error).__name__}: {error}"
+                f"({path}) cannot be imported: {_one_line(error)}"
             ) from error
 
 
@@ -141,13 +142,19 @@ class Registry:
     ----------
     strict : bool
         Raise at the first broken plugin instead of setting it aside.
+    broken : dict
+        Name of a plugin that was set aside → reason, on one line.
+    disabled : tuple of str
+        Plugins that were to be left out.
+    unknown_disabled : tuple of str
+        Those of them that are not installed: most likely misspelt.
     """
 
     strict: bool = False
     broken: dict[str, str] = field(default_factory=dict)
     disabled: tuple[str, ...] = ()
-    _found: dict[tuple[str, str], Registered] = field(default_factory=dict)
-    _contested: dict[tuple[str, str], str] = field(default_factory=dict)
+    unknown_disabled: tuple[str, ...] = ()
+    _offers: dict[tuple[str, str], list[Registered]] = field(default_factory=dict)
 
     def add_plugin(self, name: str, plugin: object, distribution: str = "") -> None:
         """Register what a plugin module or object offers.
@@ -188,24 +195,29 @@ class Registry:
 
     def _add(self, new: Registered) -> None:
         key = (new.component.kind, new.component.type)
-        old = self._found.get(key)
-        if old is not None:
-            text = (
-                f"{key[0]} {key[1]!r} is offered by two plugins, {old.plugin!r} and "
-                f"{new.plugin!r}; disable one with HILLSPHERE_DISABLE_PLUGINS"
-            )
-            if self.strict:
-                raise PluginError(text)
-            self._contested[key] = text
-            return
-        self._found[key] = new
+        self._offers.setdefault(key, []).append(new)
+        if self.strict and key in self.contested:
+            raise PluginError(self.contested[key])
 
     def _set_aside(self, name: str, error: BaseException) -> None:
         if self.strict:
-            raise PluginError(
-                f"plugin {name!r} is broken: {type(error).__name__}: {error}"
-            ) from error
-        self.broken[name] = f"{type(error).__name__}: {error}"
+            raise PluginError(f"plugin {name!r} is broken: {_one_line(error)}") from error
+        self.broken[name] = _one_line(error)
+
+    @property
+    def contested(self) -> Mapping[tuple[str, str], str]:
+        """What several plugins offer and nobody gets: (kind, type) → message that names them."""
+        texts = {}
+        for (kind, type_), offers in sorted(self._offers.items()):
+            if len(offers) > 1:
+                *others, last = (repr(offer.plugin) for offer in offers)
+                number = "two" if len(offers) == 2 else str(len(offers))
+                texts[kind, type_] = (
+                    f"{kind} {type_!r} is offered by {number} plugins, {', '.join(others)} and "
+                    f"{last}; disable {'one' if len(offers) == 2 else 'all but one'} with "
+                    "HILLSPHERE_DISABLE_PLUGINS"
+                )
+        return MappingProxyType(texts)
 
     def get(self, kind: str, type_: str) -> Registered:
         """Return the component of this kind and type.
@@ -225,32 +237,41 @@ class Registry:
         Raises
         ------
         UnknownComponentError
-            With the nearest installed type, and the broken plugins if there are any.
+            With the nearest installed type, and the broken and disabled plugins if there are any.
         PluginError
-            If two plugins offer it.
+            If several plugins offer it.
         """
         key = (kind, type_)
-        if key in self._contested:
-            raise PluginError(self._contested[key])
-        if key in self._found:
-            return self._found[key]
-        types = [c.component.type for c in self.of_kind(kind)]
+        offers = self._offers.get(key, [])
+        if len(offers) > 1:
+            raise PluginError(self.contested[key])
+        if offers:
+            return offers[0]
+        types = [offered for of_kind, offered in sorted(self._offers) if of_kind == kind]
         article = "an" if kind[0] in "aeiou" else "a"
         text = f"no {kind.replace('_', ' ')} of type {type_[:60]!r}"
         hint = did_you_mean(type_, types, otherwise="installed")
         text += hint or f"; no plugin brings {article} {kind.replace('_', ' ')}"
         if self.broken:
             text += f" (set aside as broken: {', '.join(sorted(self.broken))})"
+        if absent := [name for name in self.disabled if name not in self.unknown_disabled]:
+            text += f" (disabled: {', '.join(absent)})"
         raise UnknownComponentError(text)
 
     def of_kind(self, kind: str) -> Iterator[Registered]:
-        """Yield the components of a kind, sorted by type."""
-        for key in sorted(self._found):
-            if key[0] == kind:
-                yield self._found[key]
+        """Yield the components of a kind, sorted by type; not the `contested` ones."""
+        return (record for record in self if record.component.kind == kind)
 
     def __iter__(self) -> Iterator[Registered]:
-        return iter(self._found[key] for key in sorted(self._found))
+        """Yield the components, sorted by kind and type; not the `contested` ones."""
+        for _, offers in sorted(self._offers.items()):
+            if len(offers) == 1:
+                yield offers[0]
+
+
+def _one_line(error: BaseException) -> str:
+    """Say what was raised; lists and messages have a line for each fault."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 _TYPE_NAME = re.compile(r"[a-z][a-z0-9_-]*")
@@ -259,6 +280,13 @@ _TYPE_NAME = re.compile(r"[a-z][a-z0-9_-]*")
 def _check(component: object) -> None:
     if not isinstance(component, Component):
         raise PluginError(f"must return Component records, got {type(component).__name__}")
+    for name in ("kind", "type", "target", "spec", "summary", "api"):
+        value, expected = getattr(component, name), int if name == "api" else str
+        if not isinstance(value, expected) or isinstance(value, bool):
+            raise PluginError(
+                f"a Component's {name} must be {'an' if expected is int else 'a'} "
+                f"{expected.__name__}, got {type(value).__name__}"
+            )
     if component.api != API_VERSION:
         raise PluginError(
             f"{component.kind} {component.type!r} was written for plugin API {component.api}; "
@@ -302,6 +330,7 @@ def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> 
     registry = Registry(strict=strict, disabled=tuple(sorted(left_out)))
     registry.add_plugin("hillsphere", import_module("hillsphere.components"))
     points = sorted(metadata.entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name)
+    registry.unknown_disabled = tuple(sorted(left_out - {point.name for point in points}))
     for point in dict.fromkeys(points):
         if point.name in left_out:
             continue

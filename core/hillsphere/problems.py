@@ -36,12 +36,15 @@ class Problem:
         Path of the key that is meant; empty for the file as a whole.
     message : str
         What is wrong and the remedy.
+    is_remark : bool
+        It is about the list of problems, not one of them: it belongs at the end.
     """
 
     source: str
     line: int | None
     key: Key
     message: str
+    is_remark: bool = False
 
     def __str__(self) -> str:
         """Return ``file:line: key: message``."""

@@ -146,7 +146,12 @@ def power(x: Scalar, exponent: float) -> Expr:
 
 
 def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
-    """One of two expressions, lane by lane; both are evaluated."""
+    """One of two expressions, lane by lane; both are evaluated.
+
+    A Taylor series is that of the branch on which its step begins: a model tells where it changes
+    branch by `switches` (`hillsphere.interfaces.Piecewise`, or `PiecewisePlant` for a plant), or
+    `hillsphere.dynamics.Taylor` flies past without notice. The step map needs no such help.
+    """
     return cast(Expr, _hy.select(condition, _as_expr(if_true), _as_expr(if_false)))
 
 

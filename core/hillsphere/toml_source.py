@@ -113,6 +113,8 @@ def _read(path: Path, source: str) -> bytes:
             raise _refused(source, "is not a regular file")
         with open(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)
+    except MissionError:  # from above; it is a ValueError
+        raise
     except FileNotFoundError:
         raise _refused(source, "no such file") from None
     except PermissionError:

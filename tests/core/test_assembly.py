@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from hillsphere.assembly import Assembly, build
 from hillsphere.errors import InputError
 from hillsphere.mission import Mission, load_mission
 from hillsphere.plugins import Registry
+from hillsphere.reference import ReferenceTable
 
 
 def _mission(path: Path, toys: Registry, text: str) -> Mission:
@@ -68,3 +70,46 @@ def test_long_chain_is_built_without_recursion(
     mission = _mission(tmp_path / "m.toml", toys, text)
     hill: Any = Assembly(mission).get("stage", "family").spec.plant.get()
     assert hill.spec.gravity.name == "h0"
+
+
+def _unreadable(path: Path) -> Exception:
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(InputError) as caught:
+        ReferenceTable.read(path)
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("error", "key"),
+    [
+        (_unreadable, ".file"),
+        (lambda path: InputError(f"{path}:3: not a number"), ".file"),
+        (lambda path: InputError(f"{path} does not state gm_m3_s2"), ".file"),
+        (lambda path: FileNotFoundError(2, "No such file", str(path)), ".file"),
+        (lambda _: FileNotFoundError(2, "No such file", "/other"), ""),
+        (lambda _: InputError("c.csvx: not a number"), ""),
+        (lambda _: InputError("max_degree is beyond c.csv: 3"), ""),
+    ],
+)
+def test_fault_of_an_input_file_names_the_key_that_names_the_file(
+    error: Callable[[Path], Exception],
+    key: str,
+    tmp_path: Path,
+    toys: Registry,
+    sound_mission: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    file = tmp_path / "c.csv"
+    file.write_text("")
+    raised = error(file)
+
+    def refuse(self: object, spec: object) -> None:
+        raise raised
+
+    text = sound_mission + '[gravity.file]\ntype = "file"\nfile = "c.csv"\n'
+    mission = _mission(tmp_path / "m.toml", toys, text)
+    monkeypatch.setattr(mission.components["gravity"]["file"].load_target(), "__init__", refuse)
+    with pytest.raises(InputError) as caught:
+        build(mission, "gravity", "file")
+    line = 46 if key else 44
+    assert str(caught.value) == f"{tmp_path}/m.toml:{line}: gravity.file{key}: {raised}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -27,7 +28,9 @@ type = "step"
 
 @pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("HILLSPHERE_", "PYTHONIO"))}
+    # A test that imported heyoka in this process has set HEYOKA_CACHE_DIR.
+    ours = ("HILLSPHERE_", "HEYOKA_", "PYTHONIO")
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
     return {**kept, "PYTHONPATH": str(FAULTY), "HILLSPHERE_CACHE": str(tmp_path / "cache")}
 
 
@@ -278,10 +281,13 @@ def test_a_broken_command_says_so_when_called(
     assert done.stderr.count("\n") == 1
 
 
-def test_an_internal_error_is_logged(hillsphere: Runner) -> None:
+def test_an_error_in_a_plugins_command_is_logged_under_its_name(hillsphere: Runner) -> None:
     done = hillsphere("explode")
     assert (done.returncode, done.stdout) == (3, "")
-    start = "internal error: RuntimeError: the fuse was short; the traceback is in "
+    start = (
+        "plugin 'faulty_plugin': its command 'explode' failed: RuntimeError: the fuse was short; "
+        "the traceback is in "
+    )
     assert done.stderr.startswith(start)
     assert done.stderr.count("\n") == 1
     log = Path(done.stderr.removeprefix(start).strip()).read_text("utf-8")
@@ -290,11 +296,28 @@ def test_an_internal_error_is_logged(hillsphere: Runner) -> None:
     assert "was short" in log
 
 
+def test_an_internal_error_is_ours(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from hillsphere import mission
+    from hillsphere.cli.endings import run
+
+    def fails() -> None:
+        raise OSError(errno.EACCES, "no entry")
+
+    monkeypatch.setattr(mission, "packaged_missions", fails)
+    monkeypatch.setenv("HILLSPHERE_CACHE", str(tmp_path))
+    assert run(["missions"]) == 3
+    assert capsys.readouterr().err.startswith("internal error: PermissionError: [Errno 13]")
+
+
 def test_an_internal_error_can_be_shown(hillsphere: Runner) -> None:
     done = hillsphere("explode", HILLSPHERE_TRACEBACK="1")
     assert done.returncode == 3
     assert "Traceback" in done.stderr
-    assert done.stderr.splitlines()[-1] == "internal error: RuntimeError: the fuse was short"
+    assert done.stderr.splitlines()[-1] == (
+        "plugin 'faulty_plugin': its command 'explode' failed: RuntimeError: the fuse was short"
+    )
 
 
 def test_an_internal_error_without_a_place_for_its_log(hillsphere: Runner, mission: Path) -> None:
@@ -331,6 +354,201 @@ def test_an_interrupted_run_ends_with_130(
     assert manifest["state"] == "interrupted"
 
 
+def unblocked() -> None:
+    """Take the signals as at a terminal, whatever started this test ignores."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        (signal.SIGINT, "interrupted\n"),
+        (signal.SIGTERM, "interrupted by SIGTERM\n"),
+        (signal.SIGHUP, "interrupted by SIGHUP\n"),
+    ],
+)
+def test_a_signal_outside_of_a_run_ends_with_130(
+    hillsphere: Runner, number: signal.Signals, message: str
+) -> None:
+    process = hillsphere.start("wait", preexec_fn=unblocked)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "waiting\n"
+        process.send_signal(number)
+        _, stderr = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, stderr) == (130, message)
+
+
+def test_under_nohup_a_hangup_is_ignored(hillsphere: Runner) -> None:
+    def ignoring_hangups() -> None:
+        unblocked()
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    process = hillsphere.start("wait", preexec_fn=ignoring_hangups)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "waiting\n"
+        process.send_signal(signal.SIGHUP)
+        process.send_signal(signal.SIGTERM)
+        _, stderr = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, stderr) == (130, "interrupted by SIGTERM\n")
+
+
+@pytest.mark.parametrize("again", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_during_the_ending_do_not_change_it(
+    hillsphere: Runner, again: signal.Signals
+) -> None:
+    process = hillsphere.start("wait", preexec_fn=unblocked)
+    try:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == "waiting\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.readline() == "interrupted\n"
+        deadline = time.monotonic() + 30
+        while process.poll() is None:
+            assert time.monotonic() < deadline
+            process.send_signal(again)
+            time.sleep(0.001)
+        _, stderr = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, stderr) == (130, "")
+
+
+def test_a_stage_whose_product_is_stored_is_finished(hillsphere: Runner, mission: Path) -> None:
+    process = hillsphere.start(
+        "run", mission, "--set", "stage.step.shows_s=60", "--out", "out", preexec_fn=unblocked
+    )
+    product = hillsphere.directory / "out" / "step.npz"
+    log = hillsphere.directory / "out" / "log.txt"
+    try:
+        deadline = time.monotonic() + 60
+        while not (log.exists() and "to be shown" in log.read_text("utf-8")):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGHUP)
+        _, stderr = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "finished stages: step;" in stderr
+    assert product.exists()
+
+
+@pytest.mark.parametrize(
+    ("redirections", "code", "message"),
+    [
+        (">&-", 2, "standard output is closed; redirect it to /dev/null if it is not wanted\n"),
+        (">/dev/full", 2, "standard output cannot be written: No space left on device\n"),
+        ("<&-", 0, ""),
+        ("2>&-", 0, ""),
+    ],
+)
+@pytest.mark.parametrize("command", ["plugins", "--help", "greet you"])
+def test_streams_that_cannot_be_used(
+    hillsphere: Runner, command: str, redirections: str, code: int, message: str
+) -> None:
+    done = subprocess.run(
+        f"'{sys.executable}' -m hillsphere {command} {redirections}", shell=True,
+        env=hillsphere.environment, cwd=hillsphere.directory, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (code, message)
+
+
+@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "0>&- 2>&-"])
+def test_a_message_that_nobody_can_read(hillsphere: Runner, redirection: str) -> None:
+    done = subprocess.run(
+        f"'{sys.executable}' -m hillsphere run nosuch {redirection}", shell=True,
+        env=hillsphere.environment, cwd=hillsphere.directory, capture_output=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (2, b"", b"")
+
+
+def test_a_working_directory_that_is_gone(hillsphere: Runner) -> None:
+    gone = hillsphere.directory / "gone"
+    gone.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "hillsphere", "validate", "phobos-qso"], cwd=gone,
+        env=hillsphere.environment, capture_output=True, text=True, check=False,
+        preexec_fn=gone.rmdir,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("the working directory cannot be used (No such file")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_compile_cache_that_cannot_be_written(hillsphere: Runner, mission: Path) -> None:
+    done = hillsphere("doctor", "--json", HILLSPHERE_CACHE=str(mission), PYTHONPATH="")
+    checks = json.loads(done.stdout)["checks"]
+    assert {c["state"] for c in checks if c["group"] == "self-test"} == {"ok"}
+    assert done.stderr.startswith(f"compiled code is not kept: {mission}/compiled cannot be")
+    assert done.stderr.count("\n") == 1
+
+
+def test_validate_checks_every_profile(hillsphere: Runner, mission: Path) -> None:
+    good = MISSION + "[profile.slow]\nstage.step.lasts_min = 1\n"
+    mission.write_text(good, "utf-8")
+    done = hillsphere("validate", mission)
+    assert done.stdout == f"{mission}: valid (1 stage; also with profile slow)\n"
+    mission.write_text(good + "[profile.never]\nstage.step.lasts_min = -1\n", "utf-8")
+    done = hillsphere("validate", mission)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"{mission}:11: ")
+    assert done.stderr.endswith("(with profile never)\n")
+    assert done.stderr.count("\n") == 1
+    (problem,) = json.loads(hillsphere("validate", mission, "--json").stdout)[0]["problems"]
+    assert problem["line"] == 11
+    assert hillsphere("validate", mission, "--profile", "slow").returncode == 0
+
+
+@pytest.fixture
+def rival(hillsphere: Runner, tmp_path: Path) -> None:
+    """Install a second plugin that offers what the faulty one offers."""
+    place = tmp_path / "rival"
+    info = place / "rival_plugin-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rival-plugin\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[hillsphere]\nrival_plugin = rival_plugin\n")
+    (place / "rival_plugin.py").write_text(
+        "from hillsphere.plugins import Component, hookimpl\n"
+        "@hookimpl\n"
+        "def hillsphere_components():\n"
+        "    return [Component('stage', 'step', 'a:B', 'a:C', 'a rival'),\n"
+        "            Component('command', 'greet', 'a:d', '', 'another rival')]\n"
+    )
+    hillsphere.environment["PYTHONPATH"] += f"{os.pathsep}{place}"
+
+
+@pytest.mark.usefixtures("rival")
+def test_contested_components_are_shown(hillsphere: Runner) -> None:
+    offered = "is offered by two plugins, 'faulty_plugin' and 'rival_plugin'"
+    shown = json.loads(hillsphere("plugins", "--json").stdout)["contested"]
+    assert [(c["kind"], c["type"]) for c in shown] == [
+        ("command", "greet"), ("stage", "step"), ("command", "run"),
+    ]  # fmt: skip
+    assert f"stage 'step' {offered}" in shown[1]["message"]
+    lines = hillsphere("plugins").stdout.splitlines()
+    assert sum(line.startswith("contested: ") for line in lines) == 3
+    assert any(line.startswith(f"contested: stage 'step' {offered}") for line in lines)
+    done = hillsphere("schema")
+    assert done.returncode == 0
+    assert f"not in the schema: stage 'step' {offered}" in done.stderr
+    done = hillsphere("greet", "you")
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"command 'greet' {offered}")
+    checks = json.loads(hillsphere("doctor", "--json").stdout)["checks"]
+    failed = {c["name"] for c in checks if c["state"] == "fail"}
+    assert {"contested stage step", "contested command greet", "contested command run"} <= failed
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["plugins"], ["schema"], ["run", "trial.toml"]])
 def test_a_reader_that_has_gone_is_no_error(
     hillsphere: Runner, mission: Path, arguments: list[str]
@@ -351,7 +569,9 @@ def test_doctor(hillsphere: Runner) -> None:
     shown = json.loads(done.stdout)
     failed = [c for c in shown["checks"] if c["state"] == "fail"]
     # What is wrong here is what this test's own plugin brings; all else must be in order.
-    assert {c["name"] for c in failed} == {"shattered", "command absent"}
+    assert {c["name"] for c in failed} == {
+        "shattered", "command absent", "contested command run",
+    }  # fmt: skip
     assert (done.returncode, shown["ok"]) == (1, False)
     groups = {c["group"] for c in shown["checks"]}
     assert {"version", "plugin", "compile cache", "self-test"} <= groups

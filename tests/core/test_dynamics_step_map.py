@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import pi, sqrt
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import pytest
@@ -287,17 +287,38 @@ def test_non_finite_lanes_are_named() -> None:
     ("x", "duration", "steps", "message"),
     [
         (np.zeros(3), 1.0, 4, r"x must be \(2,\) or \(2, N\)"),
-        (np.zeros((2, 0)), 1.0, 4, r"N at least 1, got \(2, 0\)"),
         (np.zeros((2, 1, 1)), 1.0, 4, "x must be"),
         (np.array([[1.0, np.nan], [0.0, 0.0]]), 1.0, 4, r"lane 1 \(of 2\) start with non-finite"),
         (np.zeros((2, 3)), np.ones(2), 4, r"duration must be a number or \(3,\), got \(2,\)"),
         (np.zeros((2, 3)), np.inf, 4, "duration must be finite"),
         (np.zeros((2, 3)), 1.0, 0, "steps must be at least 1"),
+        (np.zeros((2, 3)), 1.0, 2.5, r"steps must be a whole number, got 2\.5"),
     ],
 )
-def test_bad_arguments(x: Array, duration: Array | float, steps: int, message: str) -> None:
+def test_bad_arguments(x: Array, duration: Array | float, steps: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         StepMap(system(OSCILLATOR)).propagate(x, duration, steps)
+
+
+def test_steps_may_be_an_integer_of_numpy() -> None:
+    step_map, x0 = StepMap(system(OSCILLATOR)), np.array([1.0, 0.0])
+    found = step_map.trajectory(x0, 1.0, cast(int, np.int64(4)))
+    np.testing.assert_array_equal(found, step_map.trajectory(x0, 1.0, 4))
+
+
+@pytest.mark.parametrize("stm", [False, True])
+def test_no_lanes_give_empty_results(stm: bool) -> None:
+    s = system(OSCILLATOR, run_time=["k"])
+    step_map, none = StepMap(s, stm=stm), np.zeros((2, 0))
+    for p in (None, [4.0], np.zeros((1, 0))):
+        found = step_map.propagate(none, np.zeros(0), 4, p)
+        x, phi = found if stm else (found, np.zeros((2, 2, 0)))
+        assert (x.shape, phi.shape) == ((2, 0), (2, 2, 0))
+    assert step_map.trajectory(none, 1.0, 4).shape == (2, 5, 0)
+    assert step_map.choose_steps(none, 1.0, 1e-9) >= 1
+    crossing = step_map.locate("ground", none, 1.0, 4)
+    assert (crossing.found.shape, crossing.time.shape, crossing.x.shape) == ((0,), (0,), (2, 0))
+    assert s.function(*s.rhs)(none, [4.0]).shape == (2, 0)
 
 
 def test_bad_configuration() -> None:

@@ -92,7 +92,10 @@ EDITS: list[tuple[str, str, str, tuple[Expected, ...]]] = [
     ("key-misspelt", "axes_km", "axs_km", (
         (13, "gravity.brick.axs_km", "unknown key 'axs_km'; did you mean 'axes_km'?"),)),
     ("key-unknown", "spin_deg = 180", "zzz = 180", (
-        (27, "plant.hill.zzz", "unknown key 'zzz'; valid keys: spin_rad, spin_deg, spin_arcsec"),)),
+        (27, "plant.hill.zzz",
+        "unknown key 'zzz'; valid keys: spin_rad, spin_deg, spin_arcsec, body, gravity"),)),
+    ("key-misspelt-beside-right-one", 'body = "moon"', 'body = "moon"\nbdoy = "moon"', (
+        (26, "plant.hill.bdoy", "did you mean 'body'?"),)),
     ("key-case", "axes_km", "Axes_km", (
         (13, "gravity.brick.Axes_km", "did you mean 'axes_km'?"),)),
     ("key-missing", "density_g_cm3 = 1.860", "", (
@@ -330,6 +333,9 @@ def test_long_unterminated_values_and_many_faults_are_told_briefly(
     path.write_text(sound_mission + "[gravity.big]\ntype = 'ball'\n" + keys)
     problems = _problems(path, toys)
     assert len(problems) == 101
+    # 5000 unknown keys and a missing one, of which 100 are explained.
+    assert problems[-1].message == "4901 more faults are not listed"
+    assert problems[-1].line == 44
 
 
 # --- what is not a readable file ------------------------------------------------------------
@@ -341,7 +347,9 @@ def test_missing_file(tmp_path: Path, toys: Registry) -> None:
 
 def test_directory(tmp_path: Path, toys: Registry) -> None:
     (tmp_path / "d.toml").mkdir()
-    _seen(_problems(tmp_path / "d.toml", toys), ((None, "", "is a directory"),))
+    problems = _problems(tmp_path / "d.toml", toys)
+    _seen(problems, ((None, "", "is a directory"),))
+    assert problems[0].message == "is a directory; give the mission file itself"
 
 
 def test_pipe(tmp_path: Path, toys: Registry) -> None:
@@ -410,7 +418,15 @@ SETTINGS: list[tuple[str, Expected]] = [
     ("name=a/b", (None, "name", "directory")),
     ("format=2", (None, "format", "reads format 1")),
     ("plant.hill.gravity=hep", (None, "plant.hill.gravity", "did you mean 'heap'?")),
-]
+    # Misspelt, while the file has the right key already.
+    ("stage.family.plnat=hill", (None, "stage.family.plnat", "did you mean 'plant'?")),
+    ("gravity.brick.axis_km=[1,2,3]", (None, "gravity.brick.axis_km", "you mean 'axes_km'?")),
+    ("gravity.brick.axes=[1,2,3]", (None, "gravity.brick.axes", "needs a unit; write axes_m,")),
+    ("titel=x", (None, "titel", "did you mean 'title'?")),
+    ("plant.hill.zzz=1", (
+        None, "plant.hill.zzz",
+        "valid keys: body, gravity, spin_rad, spin_deg, spin_arcsec")),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("setting", "expected"), SETTINGS, ids=[s[0][:30] for s in SETTINGS])
@@ -460,6 +476,7 @@ def test_fault_in_a_profile_names_the_profile_line(
         (r"a\u0000b", "null character"),
         ("x" * 5000, "no file"),
         ("~/x.csv", "no file"),
+        ("pipe.csv", "'pipe.csv' is not a regular file"),
     ],
     ids=lambda text: str(text)[:24],
 )
@@ -470,6 +487,7 @@ def test_bad_input_file(
     home = tmp_path / "home"
     (home / "sub").mkdir(parents=True)
     (home / "link.csv").symlink_to(tmp_path / "secret.csv")
+    os.mkfifo(home / "pipe.csv")
     path = home / "m.toml"
     path.write_text(sound_mission + f'[gravity.file]\ntype = "file"\nfile = "{file}"\n')
     _seen(_problems(path, toys), ((46, "gravity.file.file", fragment),))

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from hillsphere.errors import InputError, PluginError, UnknownComponentError
+from hillsphere.mission_schema import mission_schema
 from hillsphere.plugins import (
     API_VERSION,
     ENTRY_POINT_GROUP,
@@ -45,6 +46,10 @@ def _quit() -> None:
     sys.exit(3)
 
 
+def _fail_in_lines() -> None:
+    raise RuntimeError("first\n  second\r\n\tthird\n")
+
+
 BROKEN = [
     (lambda: 1 / 0, "ZeroDivisionError: division by zero"),
     (_quit, "SystemExit: 3"),
@@ -53,6 +58,15 @@ BROKEN = [
     (3, "TypeError"),
     (["moon"], "must return Component records, got str"),
     ([_moon(api=API_VERSION + 1)], f"written for plugin API {API_VERSION + 1}"),
+    ([_moon(api=API_VERSION - 1)], f"written for plugin API {API_VERSION - 1}"),
+    ([_moon(api="1")], "a Component's api must be an int, got str"),
+    ([_moon(kind=["body"])], "a Component's kind must be a str, got list"),  # type: ignore[arg-type]
+    ([_moon(type_=3)], "a Component's type must be a str, got int"),  # type: ignore[arg-type]
+    (
+        [Component("body", "moon", MOON[0], None, "")],  # type: ignore[arg-type]
+        "a Component's spec must be a str, got NoneType",
+    ),
+    (_fail_in_lines, "RuntimeError: first second third"),
     ([_moon(kind="gravty")], "unknown kind 'gravty'; did you mean 'gravity'?"),
     ([_moon(kind="zzz")], "kinds: body, gravity"),
     ([_moon(type_="Big Moon")], "a type is named with small letters"),
@@ -86,6 +100,23 @@ def test_same_type_of_two_plugins_names_both() -> None:
     assert registry.get("body", "other").plugin == "one"
     with pytest.raises(PluginError, match="'one' and 'two'; disable one with HILLSPHERE_DISABLE"):
         registry.get("body", "moon")
+    # Neither side is shown as if it could be had.
+    assert dict(registry.contested) == {
+        ("body", "moon"): (
+            "body 'moon' is offered by two plugins, 'one' and 'two'; disable one with "
+            "HILLSPHERE_DISABLE_PLUGINS"
+        )
+    }
+    assert [record.component.type for record in registry] == ["other"]
+    assert [record.component.type for record in registry.of_kind("body")] == ["other"]
+    schema = mission_schema(registry)
+    assert "body.moon" not in schema["$defs"]
+    assert "'one' and 'two'" in schema["x-broken"]["body.moon"]
+    registry.add_plugin("three", Plugin([_moon()]))
+    with pytest.raises(PluginError, match="by 3 plugins, 'one', 'two' and 'three'; disable all"):
+        registry.get("body", "moon")
+    with pytest.raises(UnknownComponentError, match="did you mean 'moon'"):
+        registry.get("body", "mooon")
     strict = Registry(strict=True)
     strict.add_plugin("one", Plugin([_moon()]))
     with pytest.raises(PluginError, match="offered by two plugins"):
@@ -189,7 +220,12 @@ def test_disabled_plugin_is_not_even_imported(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("HILLSPHERE_DISABLE_PLUGINS", " bad , other")
     registry = discover(strict=True)
     assert registry.disabled == ("bad", "other")
+    assert registry.unknown_disabled == ("other",)
     assert registry.get("body", "comet").plugin == "good"
+    # What is not there may be in a plugin that was left out, but not in one that is not installed.
+    with pytest.raises(UnknownComponentError) as caught:
+        registry.get("gravity", "ellipsoid")
+    assert str(caught.value).endswith("no plugin brings a gravity (disabled: bad)")
 
 
 def test_installed_plugins_are_sound() -> None:

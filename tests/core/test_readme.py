@@ -67,3 +67,7 @@ def test_plugin_example_is_a_plugin(monkeypatch: pytest.MonkeyPatch) -> None:
     distance2 = 25e6 + 25e6
     np.testing.assert_allclose(field.potential(r), 7e5 / np.sqrt(distance2), rtol=1e-14)
     np.testing.assert_allclose(field.acceleration(r), -7e5 * r / distance2**1.5, rtol=1e-14)
+
+
+def test_nothing_is_left_to_be_filled_in() -> None:
+    assert not re.search(r"[A-Z]+_PLACEHOLDER|TODO|TBD", README)

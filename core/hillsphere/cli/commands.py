@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hillsphere.cli.output import write, write_json, write_table
-from hillsphere.cli.plugin_commands import CommandGroup
+from hillsphere.cli.plugin_commands import CommandGroup, shadowed
 
 if TYPE_CHECKING:
     from hillsphere.mission import Mission
@@ -97,26 +98,30 @@ def validate(
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
 ) -> int:
-    """Check missions without running them."""
+    """Check missions, under each of their profiles, without running them."""
     from hillsphere.cli.endings import ExitCode, say
     from hillsphere.errors import InputError
 
     registry = _registry(strict_plugins)
     results: list[dict[str, Any]] = []
     for name in missions:
+        problems: list[dict[str, Any]] = []
+        told = ""
         try:
             loaded = _load(name, sets, profile, registry, allow_path)
+            if profile is None:
+                _check_profiles(loaded, name, sets, registry, allow_path)
         except InputError as error:
+            told = str(error)
             problems = [_problem(problem) for problem in getattr(error, "problems", ())]
-            problems = problems or [_problem(str(error))]
-            results.append({"mission": name, "valid": False, "problems": problems})
-            if not json:
-                say(str(error))
+            problems = problems or [_problem(told)]
+        results.append({"mission": name, "valid": not problems, "problems": problems})
+        if json:
+            continue
+        if problems:
+            say(told)
         else:
-            results.append({"mission": name, "valid": True, "problems": []})
-            if not json:
-                count = len(loaded.order())
-                write(f"{name}: valid ({count} stage{'s' * (count != 1)})")
+            write(f"{name}: valid ({_extent(loaded)})")
     if json:
         write_json(results)
     return ExitCode.SUCCESS if all(r["valid"] for r in results) else ExitCode.BAD_INPUT
@@ -138,6 +143,7 @@ def missions(json: Json = False) -> None:
 def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
     """List plugins and their components."""
     registry = _registry(strict_plugins)
+    contested = _contested(registry)
     records = [
         {
             "kind": r.component.kind,
@@ -153,6 +159,10 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
             {
                 "components": records,
                 "broken": registry.broken,
+                "contested": [
+                    {"kind": kind, "type": type_, "message": message}
+                    for (kind, type_), message in contested.items()
+                ],
                 "disabled": list(registry.disabled),
             }
         )
@@ -161,6 +171,8 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
     write_table([[r[c] for c in columns] for r in records], header=columns)
     for name, reason in sorted(registry.broken.items()):
         write(f"broken: {name}: {reason}")
+    for message in contested.values():
+        write(f"contested: {message}")
     for name in registry.disabled:
         write(f"disabled: {name}")
 
@@ -168,9 +180,13 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
 @app.command()
 def schema() -> None:
     """Write the JSON Schema of mission files."""
+    from hillsphere.cli.endings import say
     from hillsphere.mission_schema import mission_schema
 
-    write_json(mission_schema(_registry(strict=False)))
+    registry = _registry(strict=False)
+    write_json(mission_schema(registry))
+    for message in registry.contested.values():
+        say(f"not in the schema: {message}")
 
 
 @app.command()
@@ -179,7 +195,8 @@ def doctor(json: Json = False) -> int:
     from hillsphere.cli.endings import ExitCode
     from hillsphere.doctor import examine
 
-    findings = examine()
+    registry = _registry(strict=False)
+    findings = examine(registry, _contested(registry))
     if json:
         write_json(
             {
@@ -212,6 +229,44 @@ def _registry(strict: bool) -> Registry:
     from hillsphere.plugins import default_registry, discover
 
     return discover(strict=True) if strict else default_registry()
+
+
+def _check_profiles(
+    mission: Mission, name: str, sets: list[str] | None, registry: Registry, allow_path: bool
+) -> None:
+    """Raise `MissionError` with what is wrong under any profile of a mission sound without one."""
+    from hillsphere.problems import MissionError
+
+    found: dict[Problem, list[str]] = {}
+    for profile in mission.profiles:
+        try:
+            _load(name, sets, profile, registry, allow_path)
+        except MissionError as error:
+            for problem in error.problems:
+                found.setdefault(problem, []).append(profile)
+    if found:
+        raise MissionError(
+            replace(problem, message=f"{problem.message} (with profile {', '.join(profiles)})")
+            for problem, profiles in found.items()
+        )
+
+
+def _extent(mission: Mission) -> str:
+    count = len(mission.order())
+    text = f"{count} stage{'s' * (count != 1)}"
+    if mission.profile is None and mission.profiles:
+        text += f"; also with profile {', '.join(mission.profiles)}"
+    return text
+
+
+def _contested(registry: Registry) -> dict[tuple[str, str], str]:
+    """Return what two plugins offer, or a plugin and the framework, each with a message."""
+    own = {
+        str(command.name or command.callback.__name__)
+        for command in app.registered_commands
+        if command.callback
+    }
+    return {**registry.contested, **shadowed(registry, own)}
 
 
 def _load(

@@ -5,14 +5,17 @@ code   meaning
 =====  ==================================================================================
 0      success
 1      the mission ran but a stage failed; a check of ``doctor`` failed
-2      bad input: the command line, the mission, a plugin that cannot be used
-3      internal error; the traceback stands in a log file that the message names
-130    interrupted (SIGINT, SIGTERM); what was finished is kept
+2      bad input: the command line, the mission, a plugin that cannot be used; an environment in
+       which no command can work (stdout closed or full, no working directory)
+3      internal error, or one of a plugin's command, which is named then; the traceback stands in
+       a log file that the message names
+130    interrupted (SIGINT, SIGTERM, SIGHUP); what was finished is kept
 =====  ==================================================================================
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -21,12 +24,21 @@ from enum import IntEnum
 from types import FrameType
 from typing import NoReturn
 
+from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
 from hillsphere.errors import HillsphereError, InputError, Interrupted, PluginError
 
 __all__ = ["ExitCode", "main", "run", "say"]
 
 TRACEBACK_VARIABLE = "HILLSPHERE_TRACEBACK"
 """Set to 1, an internal error shows its traceback on stderr instead of logging it."""
+
+_STOPPING = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)  # Windows has no SIGHUP
+]
+
+_UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 class ExitCode(IntEnum):
@@ -41,10 +53,19 @@ class ExitCode(IntEnum):
 
 def main() -> NoReturn:
     """Run the command line of this process and exit."""
-    signal.signal(signal.SIGTERM, _terminated)
-    code = run(sys.argv[1:])
-    # Interpreter shutdown flushes stdout once more; a reader that has gone must not show there.
-    _flush_or_drop()
+    _take_signals()
+    code: int = ExitCode.INTERRUPTED
+    try:
+        fault = _environment_fault()
+        if fault:
+            say(fault)
+        code = ExitCode.BAD_INPUT if fault else run(sys.argv[1:])
+    except KeyboardInterrupt:
+        # A second signal met what the first had begun.
+        code = ExitCode.INTERRUPTED
+    _ignore_signals()
+    # Interpreter shutdown flushes stdout once more; what is wrong with it must not show there.
+    code = _code_of_stdout(flush_stdout(), code)
     sys.exit(int(code))
 
 
@@ -60,15 +81,26 @@ def run(arguments: Sequence[str]) -> int:
     -------
     int
         One of `ExitCode`, or what a plugin's command exits with.
+
+    Notes
+    -----
+    Once a command was interrupted, further signals are ignored: the process is about to exit.
     """
     try:
         return _invoke(list(arguments))
     except (KeyboardInterrupt, Interrupted) as stop:
+        _ignore_signals()
         say(str(stop) or "interrupted")
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
-        _drop_stdout()
+        drop(sys.stdout)
         return ExitCode.SUCCESS
+    except OSError as error:
+        # Failures to write anything but stdout name a file, or were told as such where they arose.
+        if error.filename is not None or error.errno not in _UNWRITABLE:
+            return _internal(error)
+        drop(sys.stdout)
+        return _code_of_stdout(error, ExitCode.SUCCESS)
     except (InputError, PluginError) as error:
         say(str(error))
         return ExitCode.BAD_INPUT
@@ -110,8 +142,44 @@ def _usage_message(error: BaseException) -> str:
     return f"{path}: {message.rstrip('.')}; see '{path} --help'"
 
 
-def _terminated(number: int, frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt("interrupted by SIGTERM")
+def _environment_fault() -> str:
+    """Return what makes any command impossible here, or an empty text."""
+    if "stdout" in replace_closed():
+        return "standard output is closed; redirect it to /dev/null if it is not wanted"
+    try:
+        os.getcwd()
+    except OSError as error:
+        return f"the working directory cannot be used ({error.strerror}); change to another"
+    return ""
+
+
+def _code_of_stdout(error: OSError | None, code: int) -> int:
+    """Return the exit code of a command that ended with `code` and left stdout in that state."""
+    if error is None or isinstance(error, BrokenPipeError):
+        return code  # a reader that has had enough is no fault
+    say(f"standard output cannot be written: {error.strerror or error}")
+    return code or ExitCode.BAD_INPUT
+
+
+def _take_signals() -> None:
+    """Let the signals that end a process interrupt it; under nohup SIGHUP stays ignored."""
+    for number in _STOPPING:
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _interrupt)
+
+
+def _ignore_signals() -> None:
+    while True:
+        try:
+            for number in _STOPPING:
+                signal.signal(number, signal.SIG_IGN)
+        except KeyboardInterrupt:
+            continue  # one more that had already arrived
+        return
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt(f"interrupted by {signal.Signals(number).name}")
 
 
 def _code_of(leaving: SystemExit) -> int:
@@ -127,16 +195,22 @@ def _internal(error: Exception) -> int:
     import traceback
 
     text = "".join(traceback.format_exception(error))
-    summary = " ".join(f"{type(error).__name__}: {error}".split())
+    summary = " ".join(f"{_culprit(error)}: {type(error).__name__}: {error}".split())
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
-        say(f"{text}internal error: {summary}")
+        say(f"{text}{summary}")
         return ExitCode.INTERNAL
     try:
         where = f"the traceback is in {_log(text)}"
     except OSError as unwritable:
         where = f"no log could be written ({unwritable}); see it with {TRACEBACK_VARIABLE}=1"
-    say(f"internal error: {summary}; {where}")
+    say(f"{summary}; {where}")
     return ExitCode.INTERNAL
+
+
+def _culprit(error: Exception) -> str:
+    """Return whose error it is; `CommandGroup.invoke` notes on it whether it is a plugin's."""
+    notes: list[str] = getattr(error, "__notes__", [])
+    return next((note for note in notes if note.startswith("plugin ")), "internal error")
 
 
 def _log(text: str) -> str:
@@ -150,34 +224,3 @@ def _log(text: str) -> str:
     command = " ".join(sys.argv)
     path.write_text(f"{command}\n\n{text}", encoding="utf-8", errors="backslashreplace")
     return str(path)
-
-
-def say(message: str) -> None:
-    """Write a message to stderr.
-
-    Parameters
-    ----------
-    message : str
-        One or more lines.
-    """
-    # A message may quote a file name or key that the terminal's encoding cannot show.
-    encoding = sys.stderr.encoding or "utf-8"
-    shown = message.encode(encoding, "backslashreplace").decode(encoding)
-    try:
-        print(shown, file=sys.stderr, flush=True)  # noqa: T201 - the message is for the user
-    except OSError:
-        # Nobody reads stderr any more; the exit code still says what happened.
-        return
-
-
-def _flush_or_drop() -> None:
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        _drop_stdout()
-
-
-def _drop_stdout() -> None:
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)

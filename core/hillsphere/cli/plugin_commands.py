@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from functools import cached_property
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
 from hillsphere.errors import PluginError
-from hillsphere.plugins import Registered, default_registry
+from hillsphere.plugins import Registered, Registry, default_registry
 
-__all__ = ["CommandGroup"]
+__all__ = ["CommandGroup", "shadowed"]
+
+
+def shadowed(registry: Registry, own: Container[str]) -> dict[tuple[str, str], str]:
+    """Return the commands of plugins that cannot be reached.
+
+    Parameters
+    ----------
+    registry : Registry
+        The plugins.
+    own : container of str
+        Names of the framework's commands.
+
+    Returns
+    -------
+    dict
+        ("command", name) to a message, as in `Registry.contested`.
+    """
+    return {
+        ("command", r.component.type): (
+            f"command {r.component.type!r} of plugin {r.plugin!r} has the name of one of the "
+            "framework's commands and cannot be called"
+        )
+        for r in registry.of_kind("command")
+        if r.component.type in own
+    }
 
 
 class CommandGroup(TyperGroup):
@@ -19,6 +45,17 @@ class CommandGroup(TyperGroup):
     A plugin cannot take the place of one of the framework's commands. A plugin that is broken
     shows its error when its command is called, and leaves the others alone.
     """
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; an error that leaves a plugin's command carries the plugin's name."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            name = ctx.invoked_subcommand
+            if name in self._from_plugins:
+                plugin = self._from_plugins[name].plugin
+                error.add_note(f"plugin {plugin!r}: its command {name!r} failed")
+            raise
 
     @cached_property
     def _from_plugins(self) -> dict[str, Registered]:
@@ -32,6 +69,8 @@ class CommandGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by name; a plugin's is a stand-in that loads it when called."""
         own = super().get_command(ctx, cmd_name)
+        if own is None and (message := default_registry().contested.get(("command", cmd_name))):
+            raise PluginError(message)
         if own is not None or cmd_name not in self._from_plugins:
             return own
         return _Deferred(self._from_plugins[cmd_name])

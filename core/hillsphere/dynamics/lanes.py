@@ -14,7 +14,7 @@ _SHOWN = 10
 
 
 def start_states(x: ArrayLike, n: int) -> tuple[Array, bool]:
-    """Bring states given as (n,) or (n, N) to a contiguous (n, N).
+    """Bring states given as (n,) or (n, N) to a contiguous (n, N); N may be zero.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ def start_states(x: ArrayLike, n: int) -> tuple[Array, bool]:
         If the shape does not fit or a value is not finite.
     """
     states = np.ascontiguousarray(x, dtype=float)
-    if states.ndim not in (1, 2) or len(states) != n or states.size == 0:
-        raise InputError(f"x must be ({n},) or ({n}, N), N at least 1, got {states.shape}")
+    if states.ndim not in (1, 2) or len(states) != n:
+        raise InputError(f"x must be ({n},) or ({n}, N), got {states.shape}")
     single = states.ndim == 1
     if single:
         states = states[:, None]

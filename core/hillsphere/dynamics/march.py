@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import index
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +34,7 @@ class March:
     Raises
     ------
     InputError
-        If a shape does not fit or a value is not finite.
+        If a shape does not fit, a value is not finite or the steps are no positive whole number.
     """
 
     def __init__(
@@ -47,6 +48,10 @@ class March:
         p: ArrayLike | None,
         t0: ArrayLike,
     ) -> None:
+        try:
+            steps = index(steps)
+        except TypeError:
+            raise InputError(f"steps must be a whole number, got {steps!r}") from None
         if steps < 1:
             raise InputError(f"steps must be at least 1, got {steps}")
         self.n, self.columns, self.steps, self.stepper = len(system.x), columns, steps, stepper

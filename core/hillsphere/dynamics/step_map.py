@@ -53,10 +53,11 @@ class StepMap:
     parameters, so that neither dispersions nor step sizes recompile it. Systems with terms that
     are functions of arrays run the same formula stage by stage in numpy.
 
-    In the methods below x is (n, N) or, for one lane, (n,), and the results lose that axis
-    likewise. Durations and steps are scalars or (N,), in the system's unit of time, and may be
-    negative. Run-time parameters p are (k,) or (k, N), SI; nominal if absent. A lane that turns
-    non-finite raises `PropagationError`, unless ``strict=False``: then it is returned as it is.
+    In the methods below x is (n, N), N may be zero, or, for one lane, (n,), and the results lose
+    that axis likewise. Durations and steps are scalars or (N,), in the system's unit of time, and
+    may be negative. Run-time parameters p are (k,) or (k, N), SI; nominal if absent. A lane that
+    turns non-finite raises `PropagationError`, unless ``strict=False``: then it is returned as it
+    is.
     """
 
     def __init__(
@@ -194,7 +195,7 @@ class StepMap:
             If a lane turns non-finite.
         """
         march = self._march(x, duration, steps, p, t0)
-        out = np.empty((march.n, steps + 1, march.cases))
+        out = np.empty((march.n, march.steps + 1, march.cases))
         out[:, 0] = march.start[: march.n]
         for j, y in enumerate(march, start=1):
             out[:, j] = y[: march.n]
@@ -321,6 +322,8 @@ class StepMap:
     def _difference(self, coarse: Array, fine: Array) -> float:
         if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
             return float("inf")
+        if not coarse.size:
+            return 0.0
         n, scale = self._n, self.system.scale
         largest = float(np.max(np.abs(coarse[:n] - fine[:n]) / scale[:, None]))
         if self.stm:
@@ -332,5 +335,5 @@ class StepMap:
         return largest
 
     def _where(self, duration: ArrayLike, steps: int) -> str:
-        longest = float(np.max(np.abs(duration)))
+        longest = float(np.max(np.abs(duration), initial=0.0))
         return f"{self.method}, {steps} steps over up to {longest:g} units of time"

@@ -17,6 +17,7 @@ from hillsphere.interfaces import (
     ExternalInputs,
     MirrorSymmetry,
     Parameter,
+    PiecewisePlant,
     Plant,
     Variable,
 )
@@ -86,6 +87,8 @@ class System:
         Sign of each state under the plant's time reversals (see `MirrorSymmetry`).
     external : External or None
         Terms that are functions of arrays.
+    switches : tuple of Expr
+        Functions that vanish where the right-hand side changes branch (see `PiecewisePlant`).
     """
 
     states: tuple[Variable, ...]
@@ -100,6 +103,7 @@ class System:
     frame: str
     mirrors: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     external: External | None = None
+    switches: tuple[Expr, ...] = ()
 
     @property
     def run_time_names(self) -> tuple[str, ...]:
@@ -199,9 +203,11 @@ def system(
     outside = plant if isinstance(plant, ExternalInputs) and plant.external else None
     externals = tuple(variable(v.name) for v in outside.external) if outside else ()
     events = dict(plant.events(x, time, p))
+    switches = tuple(plant.switches(x, time, p)) if isinstance(plant, PiecewisePlant) else ()
     integral = plant.integral(x, p) if isinstance(plant, ConservedQuantity) else None
     _check_symbols(kind, "derivative", rhs, names + variable_names(externals), chosen)
     _check_symbols(kind, "events", tuple(events.values()), names, chosen)
+    _check_symbols(kind, "switches", switches, names, chosen)
 
     scales = plant.scales
     typical = scales.of(states)
@@ -216,6 +222,7 @@ def system(
             for f, size in zip(substitute(rhs, to_si), unit.tolist(), strict=True)
         )
         events = dict(zip(events, substitute(tuple(events.values()), to_si), strict=True))
+        switches = substitute(switches, to_si)
         if integral is not None and isinstance(plant, ConservedQuantity):
             size = float(scales.of([plant.integral_variable])[0])
             integral = substitute([integral], to_si)[0] / size
@@ -232,6 +239,7 @@ def system(
         frame=plant.frame,
         mirrors=dict(plant.mirrors) if isinstance(plant, MirrorSymmetry) else {},
         external=_external(outside, plant.parameters(), kept, unit, time_unit) if outside else None,
+        switches=switches,
     )
 
 

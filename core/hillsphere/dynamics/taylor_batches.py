@@ -17,6 +17,10 @@ __all__ = ["Ends", "TaylorBatches"]
 
 _BATCH = 4
 """Lanes in one SIMD batch; eight does not pay without AVX-512."""
+_LEAST_HAIR = 1e-12
+_HAIR = 16.0
+"""How far past its zero, in tolerances, a switch ends a step; truncation misses it by up to 5."""
+_ROUNDING = 4.0 * np.finfo(float).eps
 _TIME_LIMIT = int(_hy.taylor_outcome.time_limit)
 _NON_FINITE = int(_hy.taylor_outcome.err_nf_state)
 _Lanes: TypeAlias = NDArray[np.intp]
@@ -42,6 +46,8 @@ class _Carried:
     lanes: _Lanes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     alive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     sense: Array = field(default_factory=lambda: np.zeros(0))
+    start: Array = field(default_factory=lambda: np.zeros(0))
+    clock: Array = field(default_factory=lambda: np.zeros(0))
     met: dict[tuple[str, int], list[tuple[float, Array]]] = field(default_factory=dict)
 
 
@@ -58,6 +64,8 @@ class TaylorBatches:
         Tolerance.
     ends, recorded : mapping of str to Expr
         Events that end a lane when they fall along the flight; events to record.
+    switches : sequence of Expr
+        Functions whose zeros end a step and nothing else.
     compact : bool
         Compile in compact mode.
     """
@@ -69,10 +77,15 @@ class TaylorBatches:
         tol: float,
         ends: Mapping[str, Expr],
         recorded: Mapping[str, Expr],
+        switches: Sequence[Expr],
         compact: bool,
     ) -> None:
         self._equations, self._n, self._tol, self._compact = list(equations), n, tol, compact
         self._ends, self._recorded = dict(ends), dict(recorded)
+        # A step over a switch must end on the side it flies to, beyond doubt, for the next one to
+        # take the right branch: outbound on the upper of these two levels, inbound on the lower.
+        hair = max(_LEAST_HAIR, _HAIR * tol)
+        self._levels = [s + offset for s in switches for offset in (-hair, hair)]
         self._carried = _Carried()
         self._integrators: dict[int, Any] = {}
 
@@ -133,10 +146,11 @@ class TaylorBatches:
         """Return the integrator of so many lanes, compiled when first asked for."""
         if width not in self._integrators:
             options: dict[str, Any] = {}
-            if self._ends:
-                options["t_events"] = [
-                    _hy.t_event_batch(f, callback=self._ender()) for f in self._ends.values()
-                ]
+            # Those of the caller first: an outcome is told by its place in this list.
+            terminal = [_hy.t_event_batch(f, callback=self._ender()) for f in self._ends.values()]
+            terminal += [_hy.t_event_batch(f, callback=_goes_on) for f in self._levels]
+            if terminal:
+                options["t_events"] = terminal
             if self._recorded:
                 options["nt_events"] = [
                     _hy.nt_event_batch(f, callback=self._recorder(name))
@@ -166,6 +180,9 @@ class TaylorBatches:
         def record(integrator: Any, time: float, sign: int, lane: int) -> None:
             if not batch.alive[lane]:
                 return
+            # A zero at the start is no crossing, nor is one that rounding puts beside it.
+            if abs(time - batch.start[lane]) <= _ROUNDING * batch.clock[lane]:
+                return
             integrator.update_d_output([time] * len(batch.alive))
             state = np.array(integrator.d_output[:n, lane])
             batch.met.setdefault((name, int(batch.lanes[lane])), []).append((time, state))
@@ -177,7 +194,7 @@ class TaylorBatches:
         if len(integrator.pars):
             integrator.pars[:] = p[: len(integrator.pars)]
         integrator.set_time(t)
-        if self._ends:
+        if self._ends or self._levels:
             integrator.reset_cooldowns()
 
     def _fly_group(
@@ -200,6 +217,8 @@ class TaylorBatches:
         batch, names = self._carried, list(self._ends)
         goal = target[lanes].copy()
         batch.lanes, batch.sense = lanes, np.sign(target[lanes] - start[lanes])
+        batch.start = start[lanes]
+        batch.clock = np.maximum(np.abs(start[lanes]), np.abs(target[lanes]))
         # A lane that pads the last batch repeats its neighbour and reports nothing.
         batch.alive = np.concatenate([[True], np.diff(lanes) > 0])
         while batch.alive.any():
@@ -234,6 +253,10 @@ class TaylorBatches:
         integrator.set_time(times)
         goal[dead] = goal[model]
         batch.sense[dead] = batch.sense[model]
+
+
+def _goes_on(integrator: Any, sign: int, lane: int) -> bool:
+    return True
 
 
 def _groups(cases: int) -> list[_Lanes]:

@@ -17,7 +17,7 @@ from hillsphere.gravity import (
     is_array_model,
     potential_at,
 )
-from hillsphere.interfaces import Array, GravityModel, Parameter
+from hillsphere.interfaces import Array, GravityModel, Parameter, Piecewise
 from hillsphere.symbolic import Expr, Params, Vec3, matvec, sum_of
 from hillsphere_gravity.specs import SumSpec
 
@@ -141,6 +141,15 @@ class GravitySum(_Sum):
             terms.append([p[f"{part.name}.scale"] * component for component in turned])
         x, y, z = (sum_of(components) for components in zip(*terms, strict=True))
         return (x, y, z)
+
+    def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
+        """Return those of all parts that change branch, where they are placed."""
+        return tuple(
+            switch
+            for _, model, local, own in self._local(r, p)
+            if isinstance(model, Piecewise)
+            for switch in model.switches(local, own)
+        )
 
     def _local(self, r: Vec3, p: Params) -> Iterator[tuple[_Part, GravityModel, Vec3, Params]]:
         """Yield each part with its model, the position in its frame and its own parameters."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import pi, prod
+from sys import float_info
 
 from hillsphere.interfaces import Parameter
 from hillsphere.symbolic import Expr, Params, Vec3, acos, cos, dot, greater, select, sqrt
@@ -15,6 +16,9 @@ CODATA_2018_G = 6.67430e-11
 """Constant of gravitation, m³/(kg s²): Tiesinga et al. (2021), Rev. Mod. Phys. 93, 025010."""
 
 _ACOS_LIMIT = 1.0 - 1e-12
+_ON_SURFACE = 1.0 - 8.0 * float_info.epsilon
+"""A point on the surface but for rounding has the gradient outside: what stands on a body leaves
+it upwards."""
 _AXIS_NAMES = ("axis_x", "axis_y", "axis_z")
 
 
@@ -66,6 +70,11 @@ class Ellipsoid:
         """Return x²/a² + y²/b² + z²/c² − 1: negative inside, zero on the nominal surface."""
         x, y, z = (r[i] / self._axes[i] for i in range(3))
         return x * x + y * y + z * z - 1.0
+
+    def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
+        """Return x²/a² + y²/b² + z²/c² − 1 with the axes of `p`: inside, Λ is zero."""
+        position, squares = self._scaled(r, p)
+        return (_level(position, squares) - 1.0,)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``density`` or ``gm``, then the three axes."""
@@ -119,7 +128,7 @@ def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     """
     a2, b2, c2 = squares
     x, y, z = position
-    outside = greater(x * x / a2 + y * y / b2 + z * z / c2, 1.0)
+    outside = greater(_level(position, squares), _ON_SURFACE)
     # Inside, the cubic is evaluated at a harmless point outside: its own values there may be
     # infinite, and in a derivative zero times infinity is not zero.
     x2 = select(outside, x * x, 4.0 * a2)
@@ -136,6 +145,13 @@ def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     root = root + excess / (x2 / (u * u) + y2 / (v * v) + z2 / (w * w))
     root = select(outside, root, 0.0)
     return (root + a2, root + b2, root + c2)
+
+
+def _level(position: Vec3, squares: Vec3) -> Expr:
+    """Return x²/a² + y²/b² + z²/c², one on the surface."""
+    x, y, z = position
+    a2, b2, c2 = squares
+    return x * x / a2 + y * y / b2 + z * z / c2
 
 
 def _clamped(x: Expr) -> Expr:

@@ -69,6 +69,11 @@ class Harmonics:
         self._gm = table.gm_m3_s2
         self.gm_m3_s2 = self._gm * self._c00
 
+    @property
+    def series_radius_m(self) -> float:
+        """The reference radius: the Brillouin sphere is a matter of the body's shape."""
+        return self.reference_radius_m
+
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``gm``, then the coefficients by degree and order, C before S."""
         found = [Parameter("gm", self._gm, "m3/s2")]

@@ -41,6 +41,16 @@ _SUFFIXES: dict[str, FileFormat] = {
 }
 
 
+# From a pebble to the Sun, no denser than a nucleus: what lies outside is a slip, and far outside
+# the powers of lengths leave the range of floats. `gt` first, for the plain message on a sign.
+_LENGTH_M = {"gt": 0, "ge": 1e-3, "le": 1e9}
+_DENSITY_KG_M3 = {"gt": 0, "ge": 1e-3, "le": 1e18}
+_GM_M3_S2 = {"gt": 0, "ge": 1e-20, "le": 1e25}
+
+MOST_ELONGATED = 100.0
+"""Largest ratio of two semi-axes of an ellipsoid for which its integrals were verified."""
+
+
 def _fault(key: str, text: str) -> PydanticCustomError:
     """Make a validation error that the mission reader places at `key`."""
     # The text goes in as a value: pydantic would read braces in a template.
@@ -52,7 +62,7 @@ class PointMassSpec(Spec):
 
     examples = ({"gm_km3_s2": 7.0875e-4},)
 
-    gm_m3_s2: float = quantity("gravitational_parameter", "gravitational parameter GM", gt=0)
+    gm_m3_s2: float = quantity("gravitational_parameter", "gravitational parameter GM", **_GM_M3_S2)
 
 
 class EllipsoidSpec(Spec):
@@ -64,18 +74,34 @@ class EllipsoidSpec(Spec):
     )
 
     axes_m: Vector3 = quantity(
-        "length", "semi-axes along the body's x, y, z, in any order of size", gt=0
+        "length",
+        "semi-axes along the body's x, y, z, in any order of size; the longest at most 100 times "
+        "the shortest",
+        **_LENGTH_M,
     )
-    density_kg_m3: float | None = quantity("density", "density", default=None, gt=0)
+    density_kg_m3: float | None = quantity("density", "density", default=None, **_DENSITY_KG_M3)
     gm_m3_s2: float | None = quantity(
-        "gravitational_parameter", "gravitational parameter GM", default=None, gt=0
+        "gravitational_parameter", "gravitational parameter GM", default=None, **_GM_M3_S2
     )
     gravitational_constant: float | None = option(
         "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
         "2018 value 6.67430e-11",
         default=None,
         gt=0,
+        ge=1e-12,
+        le=1.0,
     )
+
+    @model_validator(mode="after")
+    def _not_too_elongated(self) -> Self:
+        ratio = max(self.axes_m) / min(self.axes_m)
+        if ratio > MOST_ELONGATED:
+            raise _fault(
+                "axes_m",
+                f"the longest must be at most {MOST_ELONGATED:g} times the shortest, got "
+                f"{ratio:.4g} times; further out the integrals lose digits",
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:
@@ -132,10 +158,10 @@ class HarmonicsSpec(Spec):
     )
 
     gm_m3_s2: float | None = quantity(
-        "gravitational_parameter", "gravitational parameter GM", default=None, gt=0
+        "gravitational_parameter", "gravitational parameter GM", default=None, **_GM_M3_S2
     )
     reference_radius_m: float | None = quantity(
-        "length", "reference radius of the coefficients", default=None, gt=0
+        "length", "reference radius of the coefficients", default=None, **_LENGTH_M
     )
     normalisation: Normalisation | None = option(
         "'full': 4π-normalised, 'none': conventional; neither with the Condon–Shortley phase",

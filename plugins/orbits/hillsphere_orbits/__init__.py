@@ -35,4 +35,18 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_orbits.specs:BifurcationSpec",
             "where other families branch off a family of planar orbits",
         ),
+        Component(
+            "stage",
+            "spatial_qso_families",
+            "hillsphere_orbits.spatial_stage:SpatialFamiliesStage",
+            "hillsphere_orbits.spatial_specs:SpatialFamiliesSpec",
+            "families in space from vertical bifurcations: members, multipliers, windows",
+        ),
+        Component(
+            "stage",
+            "station_keeping_index",
+            "hillsphere_orbits.station_keeping:StationKeepingStage",
+            "hillsphere_orbits.spatial_specs:StationKeepingSpec",
+            "analytic cost of nulling the unstable component once per period",
+        ),
     ]

@@ -24,18 +24,19 @@ from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.families import Qso
 from hillsphere_orbits.figures import draw_resonances
-from hillsphere_orbits.members import members_where
+from hillsphere_orbits.members import members_where, resolved
 from hillsphere_orbits.products import QsoFamily
 from hillsphere_orbits.qso_family import family_of
 from hillsphere_orbits.qso_presentation import named
 from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.specs import BifurcationSpec, read_resonance
 from hillsphere_orbits.stability import stability_indices
-from hillsphere_orbits.survey import Surveyor
+from hillsphere_orbits.survey import Surveyor, require_accuracy
 
 __all__ = ["BifurcationStage", "resonances_up_to"]
 
 _SAME_EQUATIONS = 1e-8
+_RESOLUTION = 1e-4  # of the index: extrema this shallow are seen
 _PLANES = ("planar", "vertical")
 _COLUMNS = (
     Column("plane", "", "plane"),
@@ -74,7 +75,9 @@ class BifurcationStage:
     def __init__(self, spec: BifurcationSpec) -> None:
         self.spec = spec
         self.qso = family_of(
-            spec.plant.get() if spec.plant else None, spec.family.get() if spec.family else None
+            spec.plant.get() if spec.plant else None,
+            spec.family.get() if spec.family else None,
+            spec.accuracy,
         )
 
     def run(
@@ -118,7 +121,7 @@ class BifurcationStage:
 
                 found = members_where(
                     problem,
-                    branch,
+                    resolved(problem, branch, index, _RESOLUTION),
                     index,
                     np.array([2.0 * cos(2.0 * pi * d / n) for d, n in wanted]),
                 )
@@ -131,6 +134,7 @@ class BifurcationStage:
         z = np.concatenate(columns, axis=1) if columns else branch.z[:, :0]
         labels = tuple(f"{p} {d}:{n}" for p, (d, n) in zip(plane_of, pairs, strict=True))
         orbits = surveyor.orbits(z, labels)
+        require_accuracy(orbits, self.qso.accuracy)
         indices = np.array(stability_indices(orbits.monodromy))
         rows = [_PLANES.index(plane) for plane in plane_of]
         return Bifurcations(
@@ -183,7 +187,8 @@ class BifurcationStage:
                     "Stability indices with the resonances",
                     lambda figure: draw_resonances(figure, family, compare, product),
                     "Marked: where a family of orbits of n revolutions branches off, "
-                    "b = 2 cos(2π d/n). Dashed: the family compared with.",
+                    "b = 2 cos(2π d/n); where they crowd, some stay without a name (the table has "
+                    "all). Dashed: the family compared with.",
                     size_in=(8.0, 5.0),
                 )
             },
@@ -204,7 +209,9 @@ class BifurcationStage:
         system, curve = problem.flow.system, family.curve
         scales = qso.plant.scales
         z = problem.unknowns_at(curve.x0 / system.unit[:, None], curve.period_s / scales.time_s)
-        problem = problem.with_steps(problem.flow.steps_for(problem.state(z), z[-1]))
+        problem = problem.with_steps(
+            problem.flow.steps_for(problem.state(z), z[-1], 0.1 * qso.accuracy)
+        )
         error = float(np.max(np.abs(problem.residual(z)[0])))
         if curve.frame != system.frame or not error <= _SAME_EQUATIONS:
             raise StageError(

@@ -80,11 +80,43 @@ class Branch:
         """
         guess, planes = self.guess(u)
         names = [f"position {value:.3f}" for value in np.asarray(u)]
-        return correct(problem, guess, planes).checked("member between two others", names)
+        z = correct(problem, guess, planes).checked("member between two others", names)
+        return self.near(u, z, "member between two others", names)
 
-    def resampled(self, problem: Problem, members: int) -> Branch:
-        """Return the same piece with this many members, equally spaced in chord length."""
-        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.z, axis=1), axis=0))])
+    def near(self, u: Array, z: Array, what: str, names: Sequence[str]) -> Array:
+        """Return members z (m, K), or raise if one is not near its position u on the chain.
+
+        Newton's iteration can end on another solution of the equations (a rest, another family)
+        when its guess is poor; a member lies within a chord of both its neighbours.
+
+        Raises
+        ------
+        ConvergenceError
+            Naming the members that wandered off.
+        """
+        i = np.clip(np.floor(np.asarray(u, dtype=float)).astype(int), 0, self.size - 2)
+        chord = np.linalg.norm(self.z[:, i + 1] - self.z[:, i], axis=0)
+        away = np.minimum(
+            np.linalg.norm(z - self.z[:, i], axis=0), np.linalg.norm(z - self.z[:, i + 1], axis=0)
+        )
+        if lost := [name for name, bad in zip(names, away > chord, strict=True) if bad]:
+            raise ConvergenceError(
+                f"{what}: Newton's iteration left the family for {', '.join(lost[:5])}; it needs "
+                "more members on its curve"
+            )
+        return z
+
+    def resampled(self, problem: Problem, members: int, *, relative: bool = False) -> Branch:
+        """Return the same piece with this many members, equally spaced in chord length.
+
+        With `relative` lengths count relative to the distance from the origin where that is above
+        one, so that a long tail does not starve the part near it.
+        """
+        chord = np.linalg.norm(np.diff(self.z, axis=1), axis=0)
+        if relative:
+            distance = np.linalg.norm(self.z, axis=0)
+            chord = chord / np.maximum(1.0, np.minimum(distance[1:], distance[:-1]))
+        length = np.concatenate([[0.0], np.cumsum(chord)])
         u = np.interp(np.linspace(0.0, length[-1], members), length, np.arange(self.size))
         z = self.at(problem, u)
         sense = np.gradient(z, axis=1)

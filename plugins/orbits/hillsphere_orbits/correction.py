@@ -99,7 +99,7 @@ def correct(
     constraint : callable, optional
         Further equations, see `Constraint`.
     tolerance : float
-        Largest residual of a solution.
+        Largest residual of a solution, relative to the largest unknown where that is above one.
     iterations : int
         Newton steps allowed.
 
@@ -127,12 +127,13 @@ def correct(
         best[:, better], error[better] = z[:, better], size[better]
         if polishing:
             break
-        if bool(np.all(error <= tolerance)):
+        bound = tolerance * np.maximum(1.0, np.max(np.abs(best), axis=0))
+        if bool(np.all(error <= bound)):
             used, polishing = count, True
         elif count == iterations:
             break
         z = z - _least_squares(slopes, values)
-    return Correction(best, error, error <= tolerance, used)
+    return Correction(best, error, error <= bound, used)
 
 
 def _least_squares(slopes: Array, values: Array) -> Array:

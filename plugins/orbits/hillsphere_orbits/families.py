@@ -16,6 +16,7 @@ from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.specs import QsoSpec
+from hillsphere_orbits.survey import ArrayConserved, LockedMoon, Surveyor
 
 __all__ = ["Family", "Qso"]
 
@@ -33,14 +34,17 @@ class Family:
 
     Parameters
     ----------
+    plant : Plant
+        The equations of motion.
     problem : Shooting
-        The equations, with as many sub-steps as rounding allows.
+        The equations of the orbits, with as many sub-steps as rounding allows.
     branch : Branch
         Members from the largest amplitude to the smallest.
     method : str
         How the orbits were found, in words.
     """
 
+    plant: Plant
     problem: Shooting
     branch: Branch
     method: str
@@ -62,7 +66,7 @@ class Family:
         """Integral of motion, normalised; `InputError` if the plant has none."""
         flow = self.problem.flow
         if flow.system.integral is None:
-            raise InputError("the plant has no integral of motion; choose members by x or period")
+            return self._array_integral()
         slopes = gradient(flow.system.integral, flow.system.x)
         compiled = flow.system.function(flow.system.integral, *slopes)
         rows = [1 + flow.names.index(name) for name in self.problem.unknowns[:-1]]
@@ -70,6 +74,28 @@ class Family:
         def quantity(z: Array) -> tuple[Array, Array]:
             found = compiled(self.problem.state(z), flow.system.parameters(None, z.shape[1]))
             return found[0], np.concatenate([found[rows], np.zeros((1, z.shape[1]))])
+
+        return quantity
+
+    def _array_integral(self) -> Quantity:
+        """Return the integral of a plant with array gravity; its gradient by differences.
+
+        Newton corrects what the gradient lacks: 1e-9 of it costs no iteration.
+        """
+        surveyor, problem = Surveyor(self.plant, self.problem), self.problem
+        if not isinstance(self.plant, ArrayConserved):
+            raise InputError("the plant has no integral of motion; choose members by x or period")
+
+        def values(z: Array) -> Array:
+            return surveyor.integral(problem.state(z))
+
+        def quantity(z: Array) -> tuple[Array, Array]:
+            slopes = np.zeros_like(z)
+            for i in range(z.shape[0] - 1):
+                h = np.zeros_like(z)
+                h[i] = 1e-5
+                slopes[i] = (values(z + h) - values(z - h)) / 2e-5
+            return values(z), slopes
 
         return quantity
 
@@ -100,6 +126,7 @@ class Qso:
 
     def __init__(self, spec: QsoSpec) -> None:
         self.plant: Plant = spec.plant.get()
+        self.accuracy = spec.accuracy
         names = tuple(v.name for v in self.plant.states)
         if names != _STATES:
             raise InputError(
@@ -137,11 +164,12 @@ class Qso:
         ----------
         x_min_m : float or None
             Smallest amplitude; None goes on until an orbit grazes the body (or, for a body
-            without surface, to a tenth of the unit of length).
+            without surface, to the radius outside which its gravity converges, or a tenth of the
+            unit of length). A family whose amplitude turns back before ends there.
         x_max_m : float
             Largest amplitude.
         members : int
-            Members of the result, equally spaced in arclength.
+            Members of the result, equally spaced in arclength relative to distance.
 
         Returns
         -------
@@ -155,8 +183,7 @@ class Qso:
         """
         unit = self.plant.scales.length_m
         problem, method = self.problem
-        has_surface = "impact" in self.flow.system.events
-        low = x_min_m / unit if x_min_m is not None else (0.0 if has_surface else _NEAR)
+        low = self._lowest() if x_min_m is None else x_min_m / unit
         start = self._start(problem, low)
         problem = problem.with_steps(self._steps(problem, start))
         for _ in range(_PASSES):
@@ -167,7 +194,16 @@ class Qso:
                 break
             problem = problem.with_steps(needed)
         problem = problem.with_steps(self._steps(problem, branch.z))
-        return Family(problem, branch.resampled(problem, members), method)
+        return Family(
+            self.plant, problem, branch.resampled(problem, members, relative=True), method
+        )
+
+    def _lowest(self) -> float:
+        """Return the amplitude, normalised, below which nothing is asked for by default."""
+        if "impact" in self.flow.system.events:
+            return 0.0
+        series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
+        return max(_NEAR, (series or 0.0) / self.plant.scales.length_m)
 
     def _start(self, problem: Shooting, low: float) -> Array:
         """Return a member near the far ellipse, clear of the body and not below `low`."""
@@ -193,12 +229,13 @@ class Qso:
         surface = self._grazing(problem)
         inner = [*surface, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
         outer = Boundary(f"largest amplitude {_km(high * unit)}", lambda z: high - z[x])
-        control = StepControl(first=0.1)
+        control = StepControl(first=0.1, largest=max(0.5, 0.02 * high))
         inwards = -np.eye(len(problem.unknowns))[x]
         if high >= start[x, 0]:
-            return continue_both(
+            whole = continue_both(
                 problem, start[:, 0], inwards, boundaries=[outer, *inner], control=control
             )
+            return self._before_turn(whole, x)
         there = Boundary("the range begins", lambda z: z[x] - high)
         approach = follow(
             problem, start[:, 0], inwards, boundaries=[there, *surface], control=control
@@ -211,10 +248,23 @@ class Qso:
         branch = follow(problem, approach.z[:, -1], inwards, boundaries=inner, control=control)
         if branch.size < 2:
             raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
-        return Branch(branch.z, branch.tangent, (outer.reason, branch.ends[1]))
+        branch = Branch(branch.z, branch.tangent, (outer.reason, branch.ends[1]))
+        return self._before_turn(branch, x)
+
+    def _before_turn(self, branch: Branch, x: int) -> Branch:
+        """Cut the branch where its amplitude stops falling: what follows is another family."""
+        turned = np.flatnonzero(branch.tangent[x] >= 0.0)
+        if not turned.size:
+            return branch
+        kept = int(turned[0])
+        place = _km(branch.z[x, max(kept - 1, 0)] * self.plant.scales.length_m)
+        if kept < 2:
+            raise ConvergenceError(f"the family turns back at once, at amplitude {place}")
+        reason = f"the amplitude turns back near {place}"
+        return Branch(branch.z[:, :kept], branch.tangent[:, :kept], (branch.ends[0], reason))
 
     def _steps(self, problem: Shooting, z: Array) -> int:
-        return self.flow.steps_for(problem.state(z), z[-1])
+        return self.flow.steps_for(problem.state(z), z[-1], 0.1 * self.accuracy)
 
     def _grazing(self, problem: Shooting) -> list[Boundary]:
         """Return the boundary at the surface, if there is one: clearance along the orbit."""

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import bracketed_roots
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch
-from hillsphere_orbits.correction import Problem, correct
+from hillsphere_orbits.correction import Problem, correct, tangents
 from hillsphere_orbits.roots import brackets, extrema
 
-__all__ = ["Found", "Quantity", "coordinate", "members_at", "members_where"]
+__all__ = ["Found", "Quantity", "coordinate", "members_at", "members_where", "resolved"]
 
 Quantity: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """z (m, N) → values (N,), gradients (m, N)."""
@@ -95,10 +95,57 @@ def members_at(problem: Problem, branch: Branch, quantity: Quantity, targets: Ar
         return (value - wanted)[None], gradient[None]
 
     guess, _ = branch.guess(u)
-    z = correct(problem, guess, hold).checked(
-        "member at a prescribed value", [f"{v:.9g}" for v in wanted]
-    )
-    return Found(which, z)
+    what, names = "member at a prescribed value", [f"{v:.9g}" for v in wanted]
+    z = correct(problem, guess, hold).checked(what, names)
+    return Found(which, branch.near(u, z, what, names))
+
+
+def resolved(
+    problem: Problem,
+    branch: Branch,
+    function: Callable[[Array], Array],
+    tolerance: float,
+    *,
+    passes: int = 7,
+) -> Branch:
+    """Insert members until a function is linear from one to the next, to a tolerance.
+
+    Parameters
+    ----------
+    problem : Problem
+        The equations.
+    branch : Branch
+        Members; none is removed.
+    function : callable
+        z (m, N) → (N,); lanes where it is not finite are left as they are.
+    tolerance : float
+        Largest difference between the function half-way between two members and their mean.
+    passes : int
+        Halvings of an interval at most.
+
+    Returns
+    -------
+    Branch
+        On which `members_where` overlooks no pair of roots deeper than the tolerance.
+    """
+    values, z, tangent = function(branch.z), branch.z, branch.tangent
+    coarse = np.ones(branch.size - 1, dtype=bool)
+    for _ in range(passes):
+        left = np.flatnonzero(coarse)
+        if not left.size:
+            break
+        middle = Branch(z, tangent, branch.ends).at(problem, np.asarray(left, dtype=float) + 0.5)
+        between = function(middle)
+        gap = np.abs(between - 0.5 * (values[left] + values[left + 1]))
+        fine = ~(gap > tolerance)
+        z = np.insert(z, left + 1, middle, axis=1)
+        tangent = np.insert(tangent, left + 1, tangents(problem, middle, tangent[:, left]), axis=1)
+        values = np.insert(values, left + 1, between)
+        # Both halves of an interval that was bent are looked at again.
+        again = np.zeros(coarse.shape, dtype=bool)
+        again[left] = ~fine
+        coarse = np.repeat(again, np.where(coarse, 2, 1))
+    return Branch(z, tangent, branch.ends)
 
 
 def members_where(

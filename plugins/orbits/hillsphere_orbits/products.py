@@ -19,13 +19,16 @@ class QsoFamily:
     members : PeriodicOrbits
         The N orbits asked for, in that order.
     curve : PeriodicOrbits
-        K orbits from the largest amplitude to the smallest, equally spaced in arclength.
+        K orbits from the largest amplitude to the smallest, equally spaced in arclength
+        relative to distance.
     member_indices, curve_indices : ndarray, shape (2, N), (2, K)
         Planar and vertical stability index; NaN where they are complex.
     y_max_m, vx_at_y_max_m_s : ndarray, shape (N,)
         Largest y of each member and vx there.
     tracks_m : ndarray, shape (3, P, N)
         Positions of the members along one revolution.
+    nearest_m : float
+        Least distance of any orbit of the curve from the moon's centre.
     drift : ndarray, shape (N,)
         Largest change of the integral over `drift_revolutions`, natural units.
     drift_revolutions : int
@@ -40,6 +43,8 @@ class QsoFamily:
         Angle from +x to its longitude 0.
     primary_distance_m : float or None
         Distance of the primary, by which the Hill approximation is judged.
+    series_radius_m : float or None
+        Radius inside which the gravity is a series without guarantee of convergence.
     method : str
         How the orbits were found.
     check : str
@@ -55,6 +60,7 @@ class QsoFamily:
     y_max_m: Array
     vx_at_y_max_m_s: Array
     tracks_m: Array
+    nearest_m: float
     drift: Array
     drift_revolutions: int
     name: str
@@ -62,6 +68,7 @@ class QsoFamily:
     semi_axes_m: tuple[float, ...]
     prime_meridian_rad: float
     primary_distance_m: float | None
+    series_radius_m: float | None
     method: str
     check: str
     ends: tuple[str, str]

@@ -16,17 +16,24 @@ from hillsphere_orbits.products import QsoFamily
 from hillsphere_orbits.qso_presentation import present_family
 from hillsphere_orbits.specs import QsoFamilySpec, QsoSpec
 from hillsphere_orbits.stability import stability_indices
-from hillsphere_orbits.survey import LockedMoon, Surveyor, extent, tracks
+from hillsphere_orbits.survey import (
+    LockedMoon,
+    Surveyor,
+    extent,
+    nearest,
+    require_accuracy,
+    tracks,
+)
 
 __all__ = ["QsoFamilyStage", "family_of"]
 
 _SAME_ORBIT_KM = 1e-6  # a published amplitude is a round number
 
 
-def family_of(plant: object | None, family: object | None) -> Qso:
+def family_of(plant: object | None, family: object | None, accuracy: float) -> Qso:
     """Return the family that a stage's Spec names, directly or by its plant."""
     if family is None:
-        return Qso(QsoSpec.model_validate({"plant": plant}))
+        return Qso(QsoSpec.model_validate({"plant": plant, "accuracy": accuracy}))
     if not isinstance(family, Qso):
         raise InputError(
             f"this stage needs an orbit family of type 'qso', got a {type(family).__name__}"
@@ -52,7 +59,9 @@ class QsoFamilyStage:
     def __init__(self, spec: QsoFamilySpec) -> None:
         self.spec = spec
         self.qso = family_of(
-            spec.plant.get() if spec.plant else None, spec.family.get() if spec.family else None
+            spec.plant.get() if spec.plant else None,
+            spec.family.get() if spec.family else None,
+            spec.accuracy,
         )
         self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
 
@@ -76,7 +85,7 @@ class QsoFamilyStage:
         InputError
             If orbits are asked for that the family does not have; all are named.
         ConvergenceError
-            If the family cannot be followed.
+            If the family cannot be followed, or an orbit does not keep the accuracy.
         """
         qso, spec = self.qso, self.spec
         low, high = self._range(compare)
@@ -94,6 +103,8 @@ class QsoFamilyStage:
         curve = surveyor.orbits(family.branch.z, ("",) * family.branch.size)
         advance(1)
         drift = surveyor.drift(z, spec.drift_revolutions)
+        require_accuracy(curve, qso.accuracy)
+        require_accuracy(members, qso.accuracy, drift)
         y_max, vx = extent(problem, z)
         advance(1)
         scales = qso.plant.scales
@@ -106,6 +117,7 @@ class QsoFamilyStage:
             y_max_m=y_max * scales.length_m,
             vx_at_y_max_m_s=vx * scales.length_m / scales.time_s,
             tracks_m=tracks(problem, z) * scales.length_m,
+            nearest_m=float(nearest(problem, family.branch.z) * scales.length_m),
             drift=drift,
             drift_revolutions=spec.drift_revolutions,
             name=spec.label.replace("_", " ") or (moon.gravity_name if moon else "this family"),
@@ -113,6 +125,7 @@ class QsoFamilyStage:
             semi_axes_m=tuple(moon.semi_axes_m or ()) if moon else (),
             prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
             primary_distance_m=moon.primary_distance_m if moon else None,
+            series_radius_m=moon.series_radius_m if moon else None,
             method=family.method,
             check=surveyor.check,
             ends=family.branch.ends,
@@ -163,7 +176,7 @@ class QsoFamilyStage:
                 span = quantity(family.branch.z)[0] * size
                 missing.append(
                     f"{symbol} = {', '.join(f'{values[k]:.9g}' for k in lost)}{unit} (it has "
-                    f"{span.min():.6g} to {span.max():.6g}{unit})"
+                    f"{span.min():.9g} to {span.max():.9g}{unit})"
                 )
         if missing:
             inner = family.amplitude(family.branch.z)[0][-1] * scales.length_m / 1e3

@@ -26,6 +26,7 @@ _COLUMNS = (
     Column("b_vertical", "-", "vertical index", 10),
 )
 _SAME_ORBIT_KM = 1e-6
+_BEYOND_HILL = 0.1  # part of the distance to the primary
 
 
 def named(identifier: str, label: str) -> str:
@@ -152,7 +153,14 @@ def _verdict(product: QsoFamily) -> list[str]:
         share = float(np.max(product.y_max_m)) / product.primary_distance_m
         sentences.append(
             f"The largest orbit reaches {100 * share:.2g} % of the distance to the primary; the "
-            "Hill approximation neglects terms of that relative order."
+            "Hill approximation neglects terms of that relative order"
+            + (": this orbit is beyond it." if share > _BEYOND_HILL else ".")
+        )
+    if product.series_radius_m is not None and product.nearest_m < product.series_radius_m:
+        sentences.append(
+            f"Orbits come as near as {product.nearest_m / 1e3:.4g} km, inside the sphere of "
+            f"{product.series_radius_m / 1e3:.4g} km outside which the harmonic series is sure to "
+            "converge: its gravity is used there without that guarantee."
         )
     return sentences
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import gcd
-from typing import Self
+from typing import Any, Self
 
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
@@ -37,12 +37,23 @@ def _rule(key: str, text: str) -> PydanticCustomError:
     return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
+def _accuracy() -> Any:
+    return option(
+        "closure and drift of the Jacobi constant, relative to size, natural units, that every "
+        "orbit must keep when it is propagated anew; raise it for gravity that is not smooth",
+        default=1e-11,
+        ge=1e-12,
+        le=1e-4,
+    )
+
+
 class QsoSpec(Spec):
     """Quasi-satellite orbits of a plant."""
 
     examples = ({"plant": "hill"},)
 
     plant: Ref = reference("plant", "equations of motion about a locked moon, e.g. 'hill'")
+    accuracy: float = _accuracy()
 
 
 class _OfFamily(StageSpec):
@@ -54,6 +65,7 @@ class _OfFamily(StageSpec):
     family: Ref | None = reference(
         "orbit_family", "the family, where it is declared in a table of its own", default=None
     )
+    accuracy: float = _accuracy()
     label: str = option(
         "appended to the names of tables, figures and metrics, to tell two such stages apart",
         default="",
@@ -67,6 +79,8 @@ class _OfFamily(StageSpec):
             if self.plant is not None:
                 raise _rule("family", "plant and family say the same thing; keep one")
             raise _rule("plant", "missing: plant (or family); which equations the orbits solve")
+        if self.family is not None and "accuracy" in self.model_fields_set:
+            raise _rule("accuracy", "belongs in the table of the family that is named here")
         return self
 
 
@@ -136,6 +150,10 @@ class QsoFamilySpec(_OfFamily):
                 "x_amplitudes_m",
                 "no orbit is asked for; give x_amplitudes_km, periods_h or jacobi_constants",
             )
+        for key in ("x_amplitudes_m", "periods_s", "jacobi_constants"):
+            values = getattr(self, key)
+            if len(set(values)) < len(values):
+                raise _rule(key, "a value stands twice")
         low, high = self.x_min_m, self.x_max_m
         if low is not None and high is not None and low >= high:
             raise _rule("x_min_m", "the smallest amplitude must be below the largest")

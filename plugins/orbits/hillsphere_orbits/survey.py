@@ -7,11 +7,21 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from hillsphere.dynamics import Taylor
+from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits
 from hillsphere_orbits.shooting import Shooting
+from hillsphere_orbits.stability import determinant_error, multipliers
 
-__all__ = ["ArrayConserved", "LockedMoon", "Surveyor", "extent", "tracks"]
+__all__ = [
+    "ArrayConserved",
+    "LockedMoon",
+    "Surveyor",
+    "extent",
+    "nearest",
+    "require_accuracy",
+    "tracks",
+]
 
 _TRACK_POINTS = 240
 
@@ -36,6 +46,11 @@ class LockedMoon(Protocol):
     @property
     def prime_meridian_rad(self) -> float:
         """Angle from +x to its longitude 0."""
+        ...
+
+    @property
+    def series_radius_m(self) -> float | None:
+        """Radius inside which its gravity is a series that may diverge; None if it is none."""
         ...
 
 
@@ -122,6 +137,49 @@ class Surveyor:
             worst = np.maximum(worst, np.abs(self.integral(x) - start))
             done = int(target)
         return worst
+
+
+def require_accuracy(orbits: PeriodicOrbits, accuracy: float, drift: Array | None = None) -> None:
+    """Raise `ConvergenceError` unless orbits close, keep their integral and keep the volume.
+
+    Parameters
+    ----------
+    orbits : PeriodicOrbits
+        With the residual of an independent propagation.
+    accuracy : float
+        Largest closure relative to the size of the orbit and to its largest multiplier (which is
+        how much one period magnifies rounding), and drift relative to the integral; natural units.
+    drift : ndarray, shape (N,), optional
+        Change of the integral; NaN where there is none.
+    """
+    unit = np.array([orbits.length_m] * 3 + [orbits.length_m / orbits.time_s] * 3)
+    size = np.maximum(1.0, np.max(np.abs(orbits.x0) / unit[:, None], axis=0))
+    growth = np.maximum(1.0, np.abs(multipliers(orbits.monodromy)[0]))
+    lost = ~(orbits.residual <= accuracy * size * growth)
+    what = f"closure {np.max(orbits.residual):.1e}"
+    # The determinant's rounding grows with the largest element, that is with the shear.
+    shear = np.maximum(1.0, np.max(np.abs(orbits.monodromy), axis=(0, 1)))
+    volume = np.abs(determinant_error(orbits.monodromy))
+    lost |= ~(volume <= 1e3 * accuracy * shear)
+    what += f", determinant error {np.max(volume):.1e}"
+    if drift is not None:
+        lost |= drift > accuracy * np.maximum(1.0, np.abs(orbits.integral)) * growth
+        what += f", drift {np.max(drift):.1e}"
+    if np.any(lost):
+        x_km = orbits.x0[0, lost] / 1e3
+        shown = ", ".join(f"x = {x:.6g} km" for x in x_km[:5])
+        more = f" and {len(x_km) - 5} more" if len(x_km) > 5 else ""
+        raise ConvergenceError(
+            f"orbits do not keep the accuracy {accuracy:g} when propagated anew: {shown}{more} "
+            f"(worst: {what}); orbits nearer to the surface than rounding, or gravity that is not "
+            "smooth, need another amplitude or a larger accuracy"
+        )
+
+
+def nearest(problem: Shooting, z: Array) -> float:
+    """Return the least normalised distance of any of the orbits (m, N) from the origin."""
+    way = problem.flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
+    return float(np.sqrt(np.min(np.sum(way[:3] ** 2, axis=0))))
 
 
 def tracks(problem: Shooting, z: Array) -> Array:

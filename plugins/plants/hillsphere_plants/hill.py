@@ -19,7 +19,9 @@ from hillsphere.interfaces import (
     ArrayGravityModel,
     GravityModel,
     Parameter,
+    Piecewise,
     Scales,
+    SeriesGravity,
     Surface,
     Variable,
 )
@@ -95,6 +97,16 @@ class _HillBase:
     def gravity_name(self) -> str:
         """Kind of the gravity model in words, for legends: ``"point mass"``."""
         return " ".join(re.findall("[A-Z][a-z0-9]*", type(self._model).__name__)).lower()
+
+    @property
+    def series_radius_m(self) -> float | None:
+        """Radius inside which the gravity is a harmonic series without guarantee of convergence.
+
+        The Brillouin sphere, that is the largest semi-axis, or where no shape is known the
+        reference radius of the series; None if the gravity is no series.
+        """
+        series = self._model.series_radius_m if isinstance(self._model, SeriesGravity) else None
+        return series if series is None or self.semi_axes_m is None else max(self.semi_axes_m)
 
     @property
     def prime_meridian_rad(self) -> float:
@@ -181,6 +193,12 @@ class Hill(_HillBase):
         place = self.rotation.to_body(_vector(x[:3]))
         pull = self.rotation.from_body(acceleration_at(self.gravity, place, _of_gravity(p)))
         return self._motion(x, u, p["mean_motion"], pull)
+
+    def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
+        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        if not isinstance(self.gravity, Piecewise):
+            return ()
+        return self.gravity.switches(self.rotation.to_body(_vector(x[:3])), _of_gravity(p))
 
     def integral(self, x: tuple[Expr, ...], p: Params) -> Expr:
         """Return the Jacobi constant C, m²/s²; larger means closer or slower."""

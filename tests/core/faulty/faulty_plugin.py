@@ -15,6 +15,8 @@ from hillsphere.presentation import Metric, Presentation
 from hillsphere.spec import StageSpec, option, quantity
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hillsphere.interfaces import Context
 
 
@@ -26,6 +28,7 @@ class StepSpec(StageSpec):
 
     fails: Literal["", "plainly", "strangely"] = option("how it fails", default="")
     lasts_s: float = quantity("time", "how long it takes", default=0.0, ge=0)
+    shows_s: float = quantity("time", "how long showing it takes", default=0.0, ge=0)
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,12 @@ class Step:
 
     def __init__(self, spec: StepSpec) -> None:
         self.spec = spec
+        self.info: Callable[[str], object] = str
 
     def run(self, ctx: Context) -> Done:
         """Do as the Spec says."""
         ctx.info("under way")
+        self.info = ctx.info
         time.sleep(self.spec.lasts_s)
         if self.spec.fails == "plainly":
             raise StageError("the tank is empty")
@@ -53,6 +58,8 @@ class Step:
 
     def present(self, product: Done) -> Presentation:
         """Show the number."""
+        self.info("to be shown")
+        time.sleep(self.spec.shows_s)
         metrics = {"third": Metric(product.value, "m²/s²"), "sound": Metric(True)}
         return Presentation(metrics=metrics, verdict=["All is well."])
 
@@ -60,6 +67,7 @@ class Step:
 greet = typer.Typer(add_completion=False)
 explode = typer.Typer(add_completion=False)
 leave = typer.Typer(add_completion=False)
+wait = typer.Typer(add_completion=False)
 not_an_application = "a string"
 
 
@@ -79,6 +87,13 @@ def _leave() -> None:
     sys.exit(7)
 
 
+@wait.command()
+def _wait() -> None:
+    typer.echo("waiting")
+    sys.stdout.flush()
+    time.sleep(60)
+
+
 @hookimpl
 def hillsphere_components() -> list[Component]:
     """Return the components."""
@@ -86,6 +101,7 @@ def hillsphere_components() -> list[Component]:
         "greet": "greet",
         "explode": "explode",
         "leave": "leave",
+        "wait": "wait",
         "stringy": "not_an_application",
         "absent": "nowhere_to_be_found",
         "run": "greet",

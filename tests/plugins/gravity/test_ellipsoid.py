@@ -179,6 +179,14 @@ def test_acceleration_is_the_gradient_of_the_potential(axes: tuple[float, float,
 
 
 @all_shapes
+def test_on_the_surface_but_for_rounding_is_outside(axes: tuple[float, float, float]) -> None:
+    # Of random points about half round to the inside; Laplace's equation tells the side.
+    on = shells(axes, np.repeat([1.0 - 3e-16, 1.0, 1.0 + 3e-16], 100))
+    diagonal = np.einsum("iiN->iN", field(axes).gradient(on))
+    assert np.max(np.abs(diagonal.sum(axis=0)) / np.abs(diagonal).sum(axis=0)) <= 4e-14
+
+
+@all_shapes
 def test_continuous_across_the_surface(axes: tuple[float, float, float]) -> None:
     # What the gradients on the two sides explain of the step is taken off: they differ, and half
     # of the way lies on each side.
@@ -279,6 +287,17 @@ def test_run_time_parameters_equal_compiled_constants() -> None:
     np.testing.assert_allclose(
         run_time.potential(points), GravityField(nominal).potential(points), rtol=3e-15
     )
+
+
+def test_switch_follows_the_axes_of_the_parameters() -> None:
+    model = Ellipsoid(EllipsoidSpec(axes_m=PHOBOS, gm_m3_s2=GM))
+    x, y, z = variables("x", "y", "z")
+    for axes in (PHOBOS, (9000.0, 20000.0, 9140.0)):
+        values = {f"axis_{q}": constant(a) for q, a in zip("xyz", axes, strict=True)}
+        (switch,) = model.switches((x, y, z), {"gm": constant(GM), **values})
+        factors = np.array([0.0, 0.5, 1.0, 1.5])
+        found = ArrayFunction((switch,), (x, y, z))(shells(axes, factors))[0]
+        np.testing.assert_allclose(found, factors**2 - 1.0, rtol=0, atol=1e-15)
 
 
 def test_surface_is_signed_and_reports_its_axes() -> None:

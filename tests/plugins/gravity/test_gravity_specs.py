@@ -50,6 +50,37 @@ def series(*rows: dict[str, Any], **more: Any) -> dict[str, Any]:
         ),
         ("ellipsoid", {"axes_km": [1, 1, -1], "gm_m3_s2": 1.0}, ["must be > 0"]),
         ("ellipsoid", {"axes_km": [1, 1], "gm_m3_s2": 1.0}, ["axes_km: expected three numbers"]),
+        (
+            "ellipsoid",
+            {"axes_km": [1e200, 1e200, 1e200], "gm_m3_s2": 1.0},
+            ["axes_km[0]: must be ≤ 1000000 km, got 1e+200 km"],
+        ),
+        (
+            "ellipsoid",
+            {"axes_m": [1.0, 1.0, 1e-320], "gm_m3_s2": 1.0},
+            ["axes_m[2]: must be ≥ 0.001 m"],
+        ),
+        (
+            "ellipsoid",
+            {"axes_km": [1, 100.1, 1], "gm_m3_s2": 1.0},
+            ["axes_km: the longest must be at most 100 times the shortest, got 100.1 times"],
+        ),
+        ("ellipsoid", {**AXES, "density_kg_m3": 1e19}, ["density_kg_m3: must be ≤ 1e+18 kg/m³"]),
+        ("ellipsoid", {**AXES, "density_kg_m3": 1e-4}, ["density_kg_m3: must be ≥ 0.001 kg/m³"]),
+        ("ellipsoid", {**AXES, "gm_m3_s2": 1e26}, ["gm_m3_s2: must be ≤ 1e+25 m³/s²"]),
+        (
+            "ellipsoid",
+            {**AXES, "density_kg_m3": 1e3, "gravitational_constant": 1e300},
+            ["gravitational_constant: must be ≤ 1"],
+        ),
+        ("point_mass", {"gm_m3_s2": 1e26}, ["gm_m3_s2: must be ≤ 1e+25 m³/s²"]),
+        ("point_mass", {"gm_m3_s2": 1e-300}, ["gm_m3_s2: must be ≥ 1e-20 m³/s²"]),
+        ("harmonics", series(ROW) | {"gm_km3_s2": 1e17}, ["gm_km3_s2: must be ≤ 1e+16 km³/s²"]),
+        (
+            "harmonics",
+            series(ROW) | {"reference_radius_km": 1e7},
+            ["reference_radius_km: must be ≤ 1000000 km"],
+        ),
         ("harmonics", series({"n": 2, "m": 3, "c": 0.1}), ["order m must be ≤ degree n"]),
         (
             "harmonics",
@@ -108,6 +139,11 @@ def test_refused(type_: str, keys: dict[str, Any], messages: list[str]) -> None:
     assert len(lines) == len(messages)
     for line, message in zip(lines, messages, strict=True):
         assert message in line
+
+
+def test_most_elongated_ellipsoid_is_accepted() -> None:
+    axes = [1.0, 1.0, specs.MOST_ELONGATED]
+    assert create("gravity", "ellipsoid", axes_km=axes, gm_m3_s2=1.0).gm_m3_s2 == 1.0
 
 
 def test_every_type_is_made_from_python() -> None:

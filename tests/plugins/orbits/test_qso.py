@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, radians, sin
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from hillsphere.interfaces import Array, Parameter
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext, check_stage
 from hillsphere_orbits.bifurcation import resonances_up_to
+from hillsphere_orbits.continuation import Branch
+from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.families import Family, Qso
 from hillsphere_orbits.members import members_at
 from hillsphere_orbits.products import QsoFamily
 from hillsphere_orbits.shooting import PeriodicShooting, SymmetricShooting
 from hillsphere_orbits.stability import determinant_error, stability_indices
-from hillsphere_orbits.survey import Surveyor, extent
+from hillsphere_orbits.survey import Surveyor, extent, require_accuracy
 
 # Phobos QSO bifurcation paper, section 2: axes, density, G; eq. 1 gives the mass.
 GM = 7.059650784871513e5
@@ -222,6 +225,7 @@ def test_all_that_is_missing_is_named(point_mass: Any) -> None:
     ({"x_amplitudes_km": [50], "x_max_km": 40}, "outside the range from x_min to x_max: 50 km"),
     ({"x_amplitudes_km": [50], "x_max_km": 40, "x_min_km": 45}, "must be below the largest"),
     ({"x_amplitudes_km": [-1]}, "must be > 0"),
+    ({"periods_h": [7, 5, 7.0]}, "periods_h: a value stands twice"),
     ({"x_amplitudes_km": [50], "label": "Point mass"}, "label"),
     ({"x_amplitudes_km": [50], "family": object()}, "plant and family say the same thing"),
 ])  # fmt: skip
@@ -350,6 +354,78 @@ def test_resonances_of_a_range() -> None:
 # --- gravity of other symmetry --------------------------------------------------------------
 
 
+def test_shallow_extrema_are_not_overlooked() -> None:
+    """Planar index of the ellipsoid, Phobos paper: it turns twice between 15 and 20 km."""
+    given = plant(create("gravity", "ellipsoid", axes_km=[13.03, 11.40, 9.14], gm_m3_s2=GM))
+    coarse = run(given, x_amplitudes_km=[100], curve_members=21)
+    found = bifurcations(given, coarse, planar=["93:233"])
+    # By bisection on the index along a curve of 4001 members, and by SciPy.
+    np.testing.assert_allclose(
+        found.orbits.x0[0] / 1e3, [19.580, 16.731, 15.279], atol=6e-4, rtol=0
+    )
+
+
+def test_family_ends_where_its_amplitude_turns_back() -> None:
+    """Harmonics of Phobos (Chao and Rubincam 1989) to degree 3, far inside the body."""
+    terms = [(2, 0, -4.698, 0), (2, 1, 0.136, 0.138), (2, 2, 2.276, -0.0202), (3, 0, 0.293, 0),
+             (3, 1, -0.309, 0.181), (3, 2, -0.847, -0.0655), (3, 3, 0.224, -1.392)]  # fmt: skip
+    gravity = create(
+        "gravity", "harmonics", gm_m3_s2=GM, reference_radius_km=11.1, normalisation="full",
+        tide_system="none",
+        coefficients=[{"n": n, "m": m, "c": c / 100, "s": s / 100} for n, m, c, s in terms],
+    )  # fmt: skip
+    given = plant(gravity)
+    made: Qso = create("orbit_family", "qso", plant=given)
+    family = made.family(2e3, 100e3, 41)
+    x = amplitudes_km(made, family)
+    assert bool(np.all(np.diff(x) < 0))
+    assert "turns back near" in family.branch.ends[1]
+    assert x[-1] < 20
+    # Without a wish the family ends where the series is sure to converge, or turns back before.
+    alone = made.family(None, 100e3, 41)
+    assert amplitudes_km(made, alone)[-1] >= 11.1 * (1 - 1e-9)
+
+
+def test_orbits_that_do_not_close_are_refused(computed: QsoFamily) -> None:
+    require_accuracy(computed.members, 1e-11, computed.drift)
+    x = computed.members.x0[0, 1] / 1e3
+    torn = computed.members.residual.copy()
+    torn[1] = 1e-9
+    with pytest.raises(ConvergenceError, match=rf"x = {x:.6g} km \(worst: closure 1.0e-09"):
+        require_accuracy(replace(computed.members, residual=torn), 1e-11)
+    with pytest.raises(ConvergenceError, match=r"drift 1.0e-09"):
+        require_accuracy(computed.members, 1e-11, computed.drift + 1e-9)
+    swollen = computed.members.monodromy * 1.001
+    with pytest.raises(ConvergenceError, match=r"determinant error 6.0e-03"):
+        require_accuracy(replace(computed.members, monodromy=swollen), 1e-11)
+    lost = np.full_like(torn, np.nan)
+    with pytest.raises(ConvergenceError, match="closure nan"):
+        require_accuracy(replace(computed.members, residual=lost), 1e-11)
+
+
+def test_member_far_from_its_guess_is_refused(qso: Qso, family: Family) -> None:
+    """No time of flight solves the half-period's equations too; a poor guess ends there."""
+    unit = qso.plant.scales.length_m
+    far = qso.family(90e3, 110e3, 21)
+    z = np.column_stack([far.branch.z[:, 0], family.branch.z[:, -1]])
+    names, u = ["rest"], np.array([0.5])
+    sparse = Branch(z, tangents(family.problem, z, z[:, 1] - z[:, 0]), ("", ""))
+    rest = np.array([[100e3 / unit], [-7.0], [0.0]])
+    assert float(np.max(np.abs(family.problem.residual(rest)[0]))) == 0.0
+    outside = z[:, :1] + 1.01 * (z[:, :1] - z[:, 1:])
+    with pytest.raises(ConvergenceError, match="left the family for rest"):
+        sparse.near(u, outside, "member", names)
+    dense = Branch(family.branch.z[:, :2], family.branch.tangent[:, :2], ("", ""))
+    with pytest.raises(ConvergenceError, match="left the family for rest"):
+        dense.near(u, rest, "member", names)
+
+
+def test_far_beyond_hill_is_said(point_mass: Any) -> None:
+    far = run(point_mass, x_amplitudes_km=[5000, 100], curve_members=41, drift_revolutions=3)
+    shown = stage(point_mass, x_amplitudes_km=[100]).present(far)
+    assert any("beyond it" in sentence for sentence in shown.verdict)
+
+
 def test_sine_terms_take_the_way_without_a_mirror() -> None:
     """A body turned by 10° and the same field written with sine terms have the same orbits."""
     angle = radians(10.0)
@@ -396,15 +472,17 @@ def test_both_ways_agree_where_the_mirror_holds(qso: Qso, family: Family) -> Non
 
 def test_array_gravity_gives_the_same_family(family: Family, qso: Qso) -> None:
     tabulated = plant(TabulatedPointMass())
-    product = run(tabulated, x_amplitudes_km=[90], x_min_km=85, x_max_km=96, curve_members=21,
-                  drift_revolutions=2)  # fmt: skip
+    product = run(tabulated, x_amplitudes_km=[90], jacobi_constants=[-7.5], x_min_km=85,
+                  x_max_km=96, curve_members=21, drift_revolutions=2)  # fmt: skip
+    assert product.members.integral[1] == pytest.approx(-7.5, abs=1e-12)
     found = members_at(
         family.problem, family.branch, family.amplitude,
         np.array([90e3 / qso.plant.scales.length_m]),
     )  # fmt: skip
     survey = Surveyor(qso.plant, family.problem).orbits(found.z, ("90",))
-    np.testing.assert_allclose(product.members.x0, survey.x0, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(product.members.integral, survey.integral, rtol=1e-12)
-    np.testing.assert_allclose(product.members.monodromy, survey.monodromy, rtol=0, atol=1e-9)
+    first = product.members
+    np.testing.assert_allclose(first.x0[:, :1], survey.x0, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(first.integral[:1], survey.integral, rtol=1e-12)
+    np.testing.assert_allclose(first.monodromy[..., :1], survey.monodromy, rtol=0, atol=1e-9)
     assert product.check == "re-propagated with half the step"
     assert float(product.members.residual[0]) < 1e-11

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hillsphere import create
-from hillsphere.dynamics import StepMap, system
+from hillsphere.dynamics import Derivatives, StepMap, system
 from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array, Parameter
@@ -54,6 +54,28 @@ class TabulatedPointMass:
 
     def acceleration_array(self, r: Array, p: Array) -> Array:
         return np.asarray(-p[0] * r / np.linalg.norm(r, axis=0) ** 3)
+
+
+class TabulatedHarmonics:
+    """Harmonics that hide their formula; unlike a point mass they show which way a body turns."""
+
+    frame = "body"
+    gm_m3_s2 = GM
+
+    def __init__(self) -> None:
+        self._field = GravityField(harmonics(0.0228, -0.013))
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return ()
+
+    def potential_array(self, r: Array, p: Array) -> Array:
+        return self._field.potential(r)
+
+    def acceleration_array(self, r: Array, p: Array) -> Array:
+        return self._field.acceleration(r)
+
+    def gradient_array(self, r: Array, p: Array) -> Array:
+        return self._field.gradient(r)
 
 
 def states(count: int = 12, *, nearest_m: float = 18e3) -> Array:
@@ -216,6 +238,36 @@ def test_array_gravity_gives_the_same_motion() -> None:
     np.testing.assert_allclose(
         tabulated.integral_array(states(5)), made.function(made.integral)(states(5))[0], rtol=1e-13
     )
+
+
+def test_array_gravity_turns_with_the_prime_meridian() -> None:
+    symbolic = hill(harmonics(0.0228, -0.013), prime_meridian_rad=0.4)
+    tabulated = hill(TabulatedHarmonics(), prime_meridian_rad=0.4)
+    one, other = (system(p, normalised=True) for p in (symbolic, tabulated))
+    x = states(6) / one.unit[:, None]
+    rate, jacobian = Derivatives(one).both(x)
+    rate_a, jacobian_a = Derivatives(other).both(x)
+    np.testing.assert_allclose(rate_a, rate, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(jacobian_a, jacobian, rtol=0, atol=1e-13)
+    made = system(symbolic)
+    assert made.integral is not None
+    np.testing.assert_allclose(
+        tabulated.integral_array(states(6)), made.function(made.integral)(states(6))[0], rtol=1e-13
+    )
+
+
+@pytest.mark.parametrize(
+    ("gravity", "axes_km", "radius_m"),
+    [("series", None, 11.1e3), ("series", [13.03, 11.4, 9.14], 13.03e3), ("none", None, None)],
+)
+def test_series_is_sure_outside_the_brillouin_sphere(
+    gravity: str, axes_km: list[float] | None, radius_m: float | None
+) -> None:
+    model = harmonics(0.02, 0.0)
+    if gravity == "none":
+        model = create("gravity", "point_mass", gm_m3_s2=GM)
+    body = phobos() if axes_km is None else phobos(semi_axes_km=axes_km)
+    assert hill(model, body=body).series_radius_m == radius_m
 
 
 def test_bad_keys_are_named() -> None:
