@@ -510,6 +510,9 @@ def test_array_terms_fly_like_symbols(method: str, normalised: bool) -> None:
     factor = (by / scale[:, None])[:, :, None]
     np.testing.assert_allclose(phi2 * factor, phi1 * factor, rtol=0, atol=1e-11)
 
+    none, no_phi = maps[1].propagate(x0[:, :0], 4.0 * clock, 2)
+    assert (none.shape, no_phi.shape) == ((6, 0), (6, 7, 0))
+
     plain1, plain2 = (StepMap(s, method) for s in (symbolic, array))
     a, b = (m.trajectory(x0, 4.0 * clock, 150, p, t0) for m in (plain1, plain2))
     np.testing.assert_allclose(

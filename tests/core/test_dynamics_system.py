@@ -236,6 +236,9 @@ class Odd:
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
         return {"stop": variable("hidden")} if self.fault == "event" else {}
 
+    def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
+        return (variable("hidden"),) if self.fault == "switch" else ()
+
 
 @pytest.mark.parametrize(
     ("fault", "message"),
@@ -247,6 +250,7 @@ class Odd:
         ("symbol", "Odd: derivative holds variables that are not states: ['hidden']"),
         ("parameter", "Odd: derivative holds parameters that it did not declare: ['hidden']"),
         ("event", "Odd: events holds variables that are not states: ['hidden']"),
+        ("switch", "Odd: switches holds variables that are not states: ['hidden']"),
     ],
 )
 def test_inconsistent_plants_are_refused(fault: str, message: str) -> None:
