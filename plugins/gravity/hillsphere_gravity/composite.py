@@ -17,7 +17,7 @@ from hillsphere.gravity import (
     is_array_model,
     potential_at,
 )
-from hillsphere.interfaces import Array, GravityModel, Parameter, Piecewise
+from hillsphere.interfaces import Array, GravityModel, Parameter, Piecewise, SeriesGravity
 from hillsphere.symbolic import Expr, Params, Vec3, matvec, sum_of
 from hillsphere_gravity.specs import SumSpec
 
@@ -107,6 +107,17 @@ class _Sum:
     def gm_m3_s2(self) -> float:
         """Gravitational parameter of all parts together, m³/s²."""
         return sum(part.scale * part.model.gm_m3_s2 for part in self._parts)
+
+    @property
+    def series_radius_m(self) -> float | None:
+        """Sphere about the origin that holds those of all parts that are series; None without."""
+        reach = [
+            float(np.linalg.norm(part.position_m)) + radius
+            for part in self._parts
+            if isinstance(part.model, SeriesGravity)
+            and (radius := part.model.series_radius_m) is not None
+        ]
+        return max(reach, default=None)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parts' parameters and scales: ``core.gm``, …, ``core.scale``, …."""

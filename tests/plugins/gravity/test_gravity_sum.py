@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hillsphere.errors import InputError
 from hillsphere.gravity import AnyGravityModel, GravityField
-from hillsphere.interfaces import ArrayGravityModel, Parameter
+from hillsphere.interfaces import ArrayGravityModel, Parameter, SeriesGravity
 from hillsphere_gravity.composite import (
     ArrayGravitySum,
     GravitySum,
@@ -208,3 +208,21 @@ def test_part_with_a_parameter_called_scale_is_refused() -> None:
 
     with pytest.raises(InputError, match="part 'part1' has a parameter 'scale' of its own"):
         total({"model": Scaled()})
+
+
+def test_series_of_the_parts_are_sure_outside_a_common_sphere() -> None:
+    series = Harmonics(
+        HarmonicsSpec.model_validate(
+            {"gm_m3_s2": 1.0, "reference_radius_m": 2.0, "normalisation": "full",
+             "tide_system": "none", "coefficients": [{"n": 2, "m": 0, "c": -0.05}]}
+        )
+    )  # fmt: skip
+    moved = {"model": series, "name": "series", "position_m": (3.0, 0.0, 4.0)}
+    found = total({"model": point(1.0), "name": "core"}, moved)
+    nested = total({"model": found, "name": "all"}, {"model": point(2.0), "name": "other"})
+    for model in (found, nested):
+        assert isinstance(model, SeriesGravity)
+        assert model.series_radius_m == 7.0
+    none = total({"model": point(1.0), "name": "a"}, {"model": point(2.0), "name": "b"})
+    assert isinstance(none, SeriesGravity)
+    assert none.series_radius_m is None
