@@ -157,10 +157,8 @@ def require_accuracy(orbits: PeriodicOrbits, accuracy: float, drift: Array | Non
     growth = np.maximum(1.0, np.abs(multipliers(orbits.monodromy)[0]))
     lost = ~(orbits.residual <= accuracy * size * growth)
     what = f"closure {np.max(orbits.residual):.1e}"
-    # The determinant's rounding grows with the largest element, that is with the shear.
-    shear = np.maximum(1.0, np.max(np.abs(orbits.monodromy), axis=(0, 1)))
     volume = np.abs(determinant_error(orbits.monodromy))
-    lost |= ~(volume <= 1e3 * accuracy * shear)
+    lost |= ~(volume <= 1e3 * accuracy)
     what += f", determinant error {np.max(volume):.1e}"
     if drift is not None:
         lost |= drift > accuracy * np.maximum(1.0, np.abs(orbits.integral)) * growth
