@@ -2,23 +2,71 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from dataclasses import dataclass
+from math import pi, sqrt
+from typing import Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Spec, Vector3, option, quantity
 
-__all__ = ["Moon", "MoonSpec"]
+__all__ = ["Moon", "MoonSpec", "Orientation"]
 
 
 class MoonSpec(Spec):
     """A small moon on a Keplerian orbit around its primary."""
 
-    examples = ({"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0},)
+    examples = (
+        {
+            "primary_gm_km3_s2": 42828.37,
+            "semi_major_axis_km": 9377.0,
+            "pole_right_ascension_deg": 317.67,
+            "pole_declination_deg": 52.89,
+            "prime_meridian_deg": 35.19,
+        },
+        {
+            "primary_gm_km3_s2": 42828.37,
+            "semi_major_axis_km": 9376.0,
+            "eccentricity": 0.0151,
+            "libration_amplitude_deg": -1.09,
+        },
+    )
 
     name: str = option("name used in frames and figures", default="body", min_length=1)
     primary_gm_m3_s2: float = quantity(
         "gravitational_parameter", "gravitational parameter of the primary", gt=0
     )
     semi_major_axis_m: float = quantity("length", "semi-major axis of the orbit", gt=0)
+    eccentricity: float = option(
+        "eccentricity of the orbit, for plants that move the moon on its ellipse",
+        default=0.0,
+        ge=0,
+        lt=1,
+    )
+    libration_amplitude_rad: float = quantity(
+        "angle",
+        "amplitude A of the physical libration in longitude: the moon has turned by M + A sin M "
+        "at the mean anomaly M; forced libration is negative where the free one is slower than "
+        "the orbit (Phobos: -1.09°); for plants whose moon librates",
+        default=0.0,
+    )
+    primary_name: str = option("name of the primary, for files", default="primary", min_length=1)
+    pole_right_ascension_rad: float | None = quantity(
+        "angle", "right ascension α0 of the north pole, ICRF, IAU convention", default=None
+    )
+    pole_declination_rad: float | None = quantity(
+        "angle", "declination δ0 of the north pole, ICRF", default=None, ge=-pi / 2, le=pi / 2
+    )
+    prime_meridian_rad: float | None = quantity(
+        "angle", "angle W of longitude 0 at J2000.0 TDB, IAU convention", default=None
+    )
+    rotation_rate_rad_s: float | None = quantity(
+        "angular_rate",
+        "rate of W, by which it is carried to an epoch; left out: the mean motion",
+        default=None,
+        gt=0,
+    )
     semi_axes_m: Vector3 | None = quantity(
         "length",
         "semi-axes of the body's surface along x, y, z, for impacts; left out: the surface of the "
@@ -26,6 +74,42 @@ class MoonSpec(Spec):
         default=None,
         gt=0,
     )
+
+    @model_validator(mode="after")
+    def _whole_orientation(self) -> Self:
+        keys = ("pole_right_ascension_rad", "pole_declination_rad", "prime_meridian_rad")
+        given = [key for key in keys if getattr(self, key) is not None]
+        if given and len(given) < len(keys):
+            missing = next(key for key in keys if key not in given)
+            text = f"missing: {missing}; an orientation needs {', '.join(keys)}"
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": given[0]})
+        return self
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """Orientation of a body in the ICRF by the IAU's angles, without periodic terms.
+
+    Parameters
+    ----------
+    right_ascension_rad, declination_rad : float
+        North pole, α0 and δ0.
+    prime_meridian_rad : float
+        W at J2000.0 TDB: from the ascending node of the body's equator on that of the ICRF,
+        eastward to longitude 0.
+    rate_rad_s : float
+        Rate of W.
+
+    References
+    ----------
+    .. [1] Archinal, B. A., et al., Report of the IAU Working Group on Cartographic Coordinates and
+       Rotational Elements: 2015, Celest. Mech. Dyn. Astron. 130, 22, 2018, section 2.
+    """
+
+    right_ascension_rad: float
+    declination_rad: float
+    prime_meridian_rad: float
+    rate_rad_s: float
 
 
 class Moon:
@@ -41,7 +125,17 @@ class Moon:
         self.name = spec.name
         self.primary_gm_m3_s2 = spec.primary_gm_m3_s2
         self.semi_major_axis_m = spec.semi_major_axis_m
+        self.eccentricity = spec.eccentricity
+        self.libration_amplitude_rad = spec.libration_amplitude_rad
         self.semi_axes_m = spec.semi_axes_m
+        self.primary_name = spec.primary_name
+        self.orientation: Orientation | None = None
+        ra, dec, w = (
+            spec.pole_right_ascension_rad, spec.pole_declination_rad, spec.prime_meridian_rad
+        )  # fmt: skip
+        if ra is not None and dec is not None and w is not None:
+            rate = spec.rotation_rate_rad_s or self.mean_motion_rad_s
+            self.orientation = Orientation(ra, dec, w, rate)
 
     @property
     def mean_motion_rad_s(self) -> float:

@@ -95,8 +95,8 @@ def reference(kind: str, description: str, *, default: Any = ...) -> Any:
     return option(description, default=default, extra={"x-kind": kind})
 
 
-def need(product: str, description: str, *, default: Any = ...) -> Any:
-    """Declare what a stage takes from an earlier stage; annotate the field as `Ref`.
+def need(product: str, description: str, *, default: Any = ..., **bounds: Any) -> Any:
+    """Declare what a stage takes from earlier stages; annotate it ``Ref`` or ``tuple[Ref, ...]``.
 
     Parameters
     ----------
@@ -106,13 +106,16 @@ def need(product: str, description: str, *, default: Any = ...) -> Any:
         What it is needed for.
     default : None, optional
         ``None`` makes the input optional.
+    **bounds
+        For several: ``min_length``, ``max_length``.
 
     Returns
     -------
     pydantic.fields.FieldInfo
         The field; it belongs in the nested Spec of a stage's ``needs``.
     """
-    return option(description, default=default, extra={"x-kind": "stage", "x-product": product})
+    extra = {"x-kind": "stage", "x-product": product}
+    return option(description, default=default, extra=extra, **bounds)
 
 
 def data_path(description: str, *, default: Any = ...) -> Any:

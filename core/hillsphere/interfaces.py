@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hillsphere.symbolic import Expr, Params, Vec3
 
 Array: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -314,6 +315,39 @@ class OrbitFamily(Protocol):
     @property
     def problem(self) -> tuple[OrbitProblem, str]:
         """The equations that a member solves, and in words why these."""
+        ...
+
+
+@runtime_checkable
+class Compensator(Protocol):
+    """A run-time law that acts at samples: what it sees to what the actuator is told.
+
+    Pure functions of arrays, lane by lane: the law keeps nothing between calls, its memory is the
+    array `xc` that `hillsphere.simulation` carries for it. Laws that act between samples too are
+    `hillsphere.simulation.ContinuousLaw`.
+    """
+
+    @property
+    def period_s(self) -> float:
+        """Time between two samples."""
+        ...
+
+    @property
+    def actuation(self) -> Literal["hold", "impulse"]:
+        """Whether u is held until the next sample (m/s²), or added to the velocities (m/s)."""
+        ...
+
+    def initial(self, n_cases: int) -> Array:
+        """Return the law's own states (m, N) before the first sample; m may be zero."""
+        ...
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        """Return u (p, N) and the law's states (m, N) after sample k; change no argument.
+
+        t_s (N,) is the time, y (q, N) what the navigation gives (the plant's states, SI), ref
+        (q, N) what it should be. u has one row per control of the plant, in their order, for
+        ``"hold"``; one per velocity, in the order of the states, for ``"impulse"``.
+        """
         ...
 
 

@@ -68,26 +68,29 @@ def _check_product(product: str, name: str, key: Key, tables: Tables, layers: La
     record = tables.components.get("stage", {}).get(name)
     if record is None:  # no such stage, or of unknown type: said elsewhere
         return
-    yields = getattr(record.load_spec(), "produces", "")
-    if yields == product:
+    yields = _yields(record)
+    if product in yields:
         return
     fitting = [
         other for other, component in tables.components["stage"].items()
-        if _yields(component) == product
+        if product in _yields(component)
     ]  # fmt: skip
     hint = f"; fitting: {', '.join(fitting)}" if fitting else ""
     message = (
         f"needs a {_class_name(product)}, but stage {name!r} yields "
-        f"{'a ' + _class_name(yields) if yields else 'nothing'}{hint}"
+        f"{'a ' + _class_name(yields[0]) if yields else 'nothing'}{hint}"
     )
     tables.problems.append(layers.problem(key, message))
 
 
-def _yields(record: Registered) -> str:
+def _yields(record: Registered) -> tuple[str, ...]:
+    """Return what the product of a stage can be taken as, its own class first."""
     try:
-        return str(getattr(record.load_spec(), "produces", ""))
+        spec = record.load_spec()
     except PluginError:
-        return ""
+        return ()
+    produces = str(getattr(spec, "produces", ""))
+    return (produces, *getattr(spec, "provides", ())) if produces else ()
 
 
 def _class_name(path: str) -> str:

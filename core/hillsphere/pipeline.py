@@ -339,6 +339,9 @@ class _Run:
             free = self.record.free_name("figures", key, name)
             self.directory.put_drawing(free, drawing)
             record.figures[free] = (figure, drawing)
+        for key, text in shown.files.items():
+            self.directory.put_text(f"files/{name}/{key}", text)
+            record.files = (*record.files, f"files/{name}/{key}")
 
 
 def _product_class(path: str, what: str) -> type:

@@ -18,6 +18,7 @@ __all__ = [
 ]  # fmt: skip
 
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,99}")
+_FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,80}(\.[a-z0-9]{1,8}){1,2}")
 _DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 Cell: TypeAlias = float | int | str | bool | None
@@ -179,12 +180,15 @@ class Presentation:
         mission use the same one, the later is called ``IDENTIFIER_STAGE``.
     verdict : sequence of str
         Sentences for the head of the report, model-validity warnings among them.
+    files : mapping
+        Further text files by name (``"qso.oem"``), for other programs to read.
     """
 
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     verdict: Sequence[str] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 def presentation_faults(presentation: Presentation) -> list[str]:
@@ -212,6 +216,11 @@ def presentation_faults(presentation: Presentation) -> list[str]:
             for name in group
             if not _IDENTIFIER.fullmatch(name)
         ]
+    faults += [
+        f"file {name!r}: its name must be letters, digits, '-', '_' and '.', with a suffix"
+        for name in presentation.files
+        if not _FILE.fullmatch(name)
+    ]
     for name, metric in presentation.metrics.items():
         if not _is_cell(metric.value):
             faults.append(f"metric {name!r}: its value is a {type(metric.value).__name__}")

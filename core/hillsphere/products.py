@@ -12,7 +12,15 @@ from dataclasses import dataclass
 from hillsphere.interfaces import Array
 from hillsphere.product_codec import load_product, save_product
 
-__all__ = ["Bifurcations", "PeriodicOrbits", "load_product", "save_product"]
+__all__ = [
+    "Bifurcations",
+    "FlightSet",
+    "OrbitSet",
+    "PeriodicOrbits",
+    "Trajectories",
+    "load_product",
+    "save_product",
+]
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,63 @@ class PeriodicOrbits:
     labels: tuple[str, ...]
     length_m: float
     time_s: float
+
+
+@dataclass(frozen=True)
+class OrbitSet:
+    """A product with periodic orbits that were asked for.
+
+    Products of families derive from it, so that any stage that judges orbits takes them, whatever
+    the family and whoever wrote it.
+
+    Parameters
+    ----------
+    members : PeriodicOrbits
+        The orbits.
+    """
+
+    members: PeriodicOrbits
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Coasts, that is flights without manoeuvres, one or more making up each plan.
+
+    Parameters
+    ----------
+    frame : str
+        Frame of the states, see `hillsphere.frames`.
+    states : tuple of str
+        Names of the n states.
+    plans : tuple of str
+        Name of the plan that each of the N coasts belongs to; those of a plan follow each other.
+    labels : tuple of str
+        Name of each coast.
+    t_s : ndarray, shape (K, N)
+        Times since the beginning of the plan, rising; NaN beyond a coast's end.
+    x : ndarray, shape (n, K, N)
+        States, SI; NaN beyond a coast's end.
+    """
+
+    frame: str
+    states: tuple[str, ...]
+    plans: tuple[str, ...]
+    labels: tuple[str, ...]
+    t_s: Array
+    x: Array
+
+
+@dataclass(frozen=True)
+class FlightSet:
+    """A product with flights, for stages that write or judge them.
+
+    Parameters
+    ----------
+    flights : Trajectories
+        The flights.
+    """
+
+    flights: Trajectories
 
 
 @dataclass(frozen=True)

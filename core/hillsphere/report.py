@@ -49,6 +49,8 @@ class Section:
         What went wrong.
     metrics, tables, figures : mapping
         What it shows, by identifier; a figure with its drawing.
+    files : tuple of str
+        Further files, relative to the page.
     """
 
     stage: str
@@ -60,6 +62,7 @@ class Section:
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
     figures: Mapping[str, tuple[Figure, Drawing]] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -175,9 +178,15 @@ def _section(section: Section) -> str:
         _metrics(section.metrics) if section.metrics else "",
         *(_table(name, table) for name, table in section.tables.items()),
         *(_figure(figure, drawing) for figure, drawing in section.figures.values()),
+        _files(section.files) if section.files else "",
         "</section>",
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _files(files: Sequence[str]) -> str:
+    links = ", ".join(f'<a href="{escape(name)}">{escape(name)}</a>' for name in files)
+    return f"<p class=soft>Further files: {links}</p>"
 
 
 def _metrics(metrics: Mapping[str, Metric]) -> str:
@@ -193,11 +202,14 @@ def _metrics(metrics: Mapping[str, Metric]) -> str:
 
 
 def _table(name: str, table: Table) -> str:
-    computed = {column.name for column in table.columns}
+    # a paper's column belongs to NAME, or to NAME with its unit: v_cm_paper beside v_cm_m_s
+    computed = {_names(column)[0]: column.name for column in table.columns}
+    computed.update({column.name: column.name for column in table.columns})
     twins = {
-        column.name
+        column.name: computed[base]
         for column in table.columns
-        if column.name.endswith(PAPER_SUFFIX) and column.name.removesuffix(PAPER_SUFFIX) in computed
+        if column.name.endswith(PAPER_SUFFIX)
+        and (base := column.name.removesuffix(PAPER_SUFFIX)) in computed
     }
     head = "".join(_heading(column, column.name in twins) for column in table.columns)
     rows = "".join(_row(table.columns, twins, row) for row in table.rows[:MAX_ROWS])
@@ -225,8 +237,13 @@ def _heading(column: Column, twin: bool) -> str:
 
 def _stem(column: Column) -> str:
     """``x0_km`` in km is x0: the unit stands below the name."""
+    return _names(column)[0].replace("_", " ")
+
+
+def _names(column: Column) -> tuple[str, str]:
+    """Return the name of a column without its unit's suffix, and as it is."""
     suffix = "_" + column.unit.replace("/", "_").replace("^", "").replace("²", "2")
-    return column.name.removesuffix(suffix).replace("_", " ")
+    return column.name.removesuffix(suffix), column.name
 
 
 def _unit(unit: str, css: str = "") -> str:
@@ -234,12 +251,12 @@ def _unit(unit: str, css: str = "") -> str:
     return f'<span class="{css}">{shown}</span>' if css else shown
 
 
-def _row(columns: Iterable[Column], twins: set[str], row: Mapping[str, Any]) -> str:
+def _row(columns: Iterable[Column], twins: Mapping[str, str], row: Mapping[str, Any]) -> str:
     cells = []
     for column in columns:
         value = row.get(column.name)
         if column.name in twins:
-            ours = row.get(column.name.removesuffix(PAPER_SUFFIX))
+            ours = row.get(twins[column.name])
             cells.append(f"<td class=twin>{_cell(value, column.digits)}{_mark(ours, value)}</td>")
         else:
             kind = " class=text" if not column.unit or isinstance(value, str) else ""

@@ -65,6 +65,7 @@ class StageRecord:
     metrics: dict[str, Metric] = field(default_factory=dict)
     tables: dict[str, Table] = field(default_factory=dict)
     figures: dict[str, tuple[Figure, Drawing]] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
 
 
 @dataclass
@@ -188,7 +189,7 @@ class RunRecord:
                 sections=[
                     Section(
                         s.name, s.type, s.state, s.seconds, s.cached, s.message,
-                        s.metrics, s.tables, s.figures,
+                        s.metrics, s.tables, s.figures, s.files,
                     )
                     for s in self.stages.values()
                 ],

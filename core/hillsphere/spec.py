@@ -348,7 +348,10 @@ class StageSpec(Spec):
     """Base of a stage's declaration.
 
     A stage says what it yields in `produces` (the import path of a product class) and, if it takes
-    anything from earlier stages, has a field ``needs`` whose type is a Spec of `need` fields.
+    anything from earlier stages, has a field ``needs`` whose type is a Spec of `need` fields. Where
+    the product class derives from others that a stage may need (``hillsphere.products:OrbitSet``),
+    `provides` lists them, so that a mission is checked without importing any of them.
     """
 
     produces: ClassVar[str] = ""
+    provides: ClassVar[tuple[str, ...]] = ()

@@ -7,13 +7,13 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from hashlib import sha256
 from types import FrameType
 
 import numpy as np
 
 from hillsphere.errors import Interrupted
 from hillsphere.progress import Progress
+from hillsphere.seeds import name_key
 from hillsphere.store import RunDirectory
 
 __all__ = ["StageContext", "stop_signals"]
@@ -69,7 +69,7 @@ class StageContext:
             PCG64 seeded by ``SeedSequence(seed, spawn_key=(hash of stage, hash of stream))``, each
             hash the first 8 bytes of the SHA-256 of the name.
         """
-        key = (_name_hash(self._stage), _name_hash(stream))
+        key = (name_key(self._stage), name_key(stream))
         return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
 
     def info(self, message: str) -> None:
@@ -101,10 +101,6 @@ class StageContext:
             draw(count)
 
         return advance
-
-
-def _name_hash(name: str) -> int:
-    return int.from_bytes(sha256(name.encode("utf-8", "surrogatepass")).digest()[:8], "big")
 
 
 @contextmanager

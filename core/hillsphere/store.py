@@ -6,6 +6,7 @@
     summary.json         verdict, metrics, tables, failures
     <stage>.npz          the product of a stage
     tables/<id>.csv      figures/<id>.svg  figures/<id>.png
+    files/<stage>/       what a stage writes for other programs (ephemerides)
     report.html          everything on one page
     log.txt              what the stages said; tracebacks of failures
 """
@@ -143,7 +144,7 @@ class RunDirectory:
     def _write(self, name: str, write: Callable[[Path], None]) -> None:
         path = self.path / name
         try:
-            path.parent.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
         except OSError as error:
             raise self._full(name, error) from error

@@ -12,7 +12,12 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "angle": {"rad": 1.0, "deg": 0.017453292519943295, "arcsec": 4.84813681109536e-06},
     "speed": {"m_s": 1.0, "km_s": 1e3, "cm_s": 1e-2, "mm_s": 1e-3},
     "acceleration": {"m_s2": 1.0, "km_s2": 1e3, "mm_s2": 1e-3},
-    "angular_rate": {"rad_s": 1.0, "deg_s": 0.017453292519943295, "deg_h": 4.84813681109536e-06},
+    "angular_rate": {
+        "rad_s": 1.0,
+        "deg_s": 0.017453292519943295,
+        "deg_h": 4.84813681109536e-06,
+        "deg_d": 2.0200570046230665e-07,
+    },
     "gravitational_parameter": {"m3_s2": 1.0, "km3_s2": 1e9},
     "density": {"kg_m3": 1.0, "g_cm3": 1e3},
     "mass": {"kg": 1.0, "t": 1e3},

@@ -10,6 +10,7 @@ import pytest
 from hillsphere.interfaces import Array
 from hillsphere.plugins import Registered, default_registry
 from hillsphere.testing import (
+    check_compensator,
     check_gravity,
     check_orbit_family,
     check_plant,
@@ -90,6 +91,12 @@ def test_orbit_family(type_: str, number: int) -> None:
     # Far out every family of the plants that are shipped tends to its linear motion.
     guess = {"x": [3.0, 2.0], "vy": [-6.1, -4.1], "half_period": [3.0, 2.9], "period": [6.0, 5.8]}
     check_orbit_family(family, np.array([guess.get(name, [0.0, 0.0]) for name in unknowns]))
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("compensator"))
+def test_compensator(type_: str, number: int) -> None:
+    # Six rows seen, three commanded: a spacecraft near a body.
+    check_compensator(example("compensator", type_, number), 6, 3)
 
 
 @pytest.mark.parametrize(

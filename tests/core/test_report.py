@@ -136,6 +136,17 @@ def test_paper_values_are_marked_beside_ours() -> None:
     assert "paper" not in plain.text
 
 
+def test_a_paper_value_stands_beside_a_name_that_carries_its_unit() -> None:
+    columns = [Column("v", ""), Column("v_m_s", "m/s"), Column("v_paper", "m/s")]
+    table = Table("T", columns[1:], [{"v_m_s": 0.93672, "v_paper": Printed("0.9367")}])
+    _, found = page(Section("one", "make", tables={"t": table}))
+    assert found.cells[:4] == ["vm/s", "paper", "0.93672", "0.9367 ✓"]
+    # a column of the very name is meant before one with a unit
+    exact = Table("T", columns, [{"v": "2", "v_m_s": 0.9, "v_paper": Printed("1")}])
+    _, found = page(Section("one", "make", tables={"t": exact}))
+    assert found.cells[3:6] == ["2", "0.9", "1"]
+
+
 @pytest.mark.parametrize(
     ("value", "shown"),
     [(True, "yes"), (False, "no"), (3, "3"), (1.23456789123e-12, "1.2345679e-12"), (None, "–"),

@@ -13,6 +13,7 @@ References
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 import hillsphere
 from hillsphere.errors import HillsphereError
 from hillsphere.products import load_product
+from hillsphere_orbits import spatial_family
 from hillsphere_orbits.spatial_products import SpatialFamilies
 
 if TYPE_CHECKING:
@@ -128,6 +130,16 @@ def test_every_cell_of_table_3(table: dict[tuple[int, float], dict[str, Any]]) -
     assert len(agreeing) == 61
 
 
+def test_rows_of_table_3(summary: dict[str, Any]) -> None:
+    """Exactly these keys, in this order."""
+    keys = ["n", "Az_km", "x0", "vy", "period", "jacobi", "lambda_max", "v_cm_m_s", "v_cm_paper"]
+    for row in summary["tables"]["table_3"]["rows"]:
+        assert list(row) == [*keys, "stable"]
+    differences = summary["tables"]["table_3_differences"]["rows"]
+    assert len(differences) == 65
+    assert sum(row["agrees"] for row in differences) == 61
+
+
 def test_what_the_notes_say(run: Path) -> None:
     report = (run / "report.html").read_text("utf-8")
     assert report.count("against the printed") == len(MISPRINTS)
@@ -190,6 +202,26 @@ def test_windows_of_stability(families: SpatialFamilies) -> None:
     for f in range(len(ORDERS)):
         first = families.window_z_m[0, families.window_family == f][0]
         assert first == pytest.approx(0.01 * families.members.length_m, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_twice_the_members_show_no_other_window(
+    run: Path, families: SpatialFamilies, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steps half as long: the same windows and bifurcations, to the place of their roots."""
+    control = replace(spatial_family._CONTROL, largest=0.2, turn=0.15)
+    monkeypatch.setattr(spatial_family, "_CONTROL", control)
+    sets = ["stage.families.z_amplitudes_km=[120]"]
+    out = run.parent / "denser"
+    mission = hillsphere.load_mission("phobos-3d-qso", sets=sets)
+    hillsphere.run_mission(mission, out=out, use_cache=False)
+    denser = load_product(out / "families.npz")
+    assert isinstance(denser, SpatialFamilies)
+    assert denser.curve_z_m.size > 1.4 * families.curve_z_m.size
+    np.testing.assert_array_equal(denser.window_family, families.window_family)
+    np.testing.assert_allclose(denser.window_z_m, families.window_z_m, rtol=0, atol=1.0)
+    assert denser.secondary_kind == families.secondary_kind
+    np.testing.assert_allclose(denser.secondary_z_m, families.secondary_z_m, rtol=0, atol=1.0)
 
 
 def test_families_reach_120_km(families: SpatialFamilies) -> None:

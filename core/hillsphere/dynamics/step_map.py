@@ -83,6 +83,11 @@ class StepMap:
         )
         self._functions: dict[Expr, ArrayFunction] = {}
 
+    @property
+    def stepper(self) -> Stepper:
+        """One step on arrays that are taken as they are, for loops that step by themselves."""
+        return self._stepper
+
     def step(
         self,
         x: ArrayLike,

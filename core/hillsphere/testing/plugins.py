@@ -108,6 +108,11 @@ def check_spec(spec: type[Spec]) -> None:
             is_dataclass(load_object(spec.produces)),
             f"{name}.produces: {spec.produces} is not a dataclass",
         )
+        for path in spec.provides:
+            require(
+                issubclass(load_object(spec.produces), load_object(path)),
+                f"{name}.provides: {spec.produces} does not derive from {path}",
+            )
 
 
 def check_light(modules: Iterable[str]) -> None:

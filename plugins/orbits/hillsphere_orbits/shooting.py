@@ -125,10 +125,18 @@ class SymmetricShooting:
 
     def residual(self, z: Array) -> tuple[Array, Array]:
         """Return the states with sign −1 at half the period, and their exact derivatives."""
-        end, phi = self.flow.with_matrix(self.state(z), z[-1], self.steps)
-        rate = self.flow.rate(end)
-        slopes = np.concatenate([phi[np.ix_(self._zero, self._free)], rate[self._zero, None]], 1)
-        return end[self._zero], slopes
+        start = self.state(z)
+        end, phi = self.flow.with_matrix(start, z[-1], self.steps)
+        return self.conditions(start, end, phi, self.flow.rate(end))
+
+    def conditions(self, start: Array, end: Array, phi: Array, rate: Array) -> tuple[Array, Array]:
+        """Return F and dF/dz from the flow over z[-1]; derivatives by parameters follow dF/dz.
+
+        `phi` is (n, n + k, N): by the initial states, then by k parameters.
+        """
+        rows = phi[self._zero]
+        slopes = [rows[:, self._free], rate[self._zero, None], rows[:, len(end) :]]
+        return end[self._zero], np.concatenate(slopes, axis=1)
 
     def monodromy(self, z: Array) -> Array:
         """Return M (n, n, N) = S M_h⁻¹ S M_h, from the half-period's matrix M_h."""
@@ -200,10 +208,17 @@ class PeriodicShooting:
         """Return x(T) − x(0) and its exact derivatives."""
         start = self.state(z)
         end, phi = self.flow.with_matrix(start, z[-1], self.steps)
+        return self.conditions(start, end, phi, self.flow.rate(end))
+
+    def conditions(self, start: Array, end: Array, phi: Array, rate: Array) -> tuple[Array, Array]:
+        """Return F and dF/dz from the flow over z[-1]; derivatives by parameters follow dF/dz.
+
+        `phi` is (n, n + k, N): by the initial states, then by k parameters.
+        """
         closing, free = self._closing, self._free
         slopes = phi[np.ix_(closing, free)] - np.eye(len(start))[np.ix_(closing, free)][:, :, None]
-        rate = self.flow.rate(end)[closing, None]
-        return (end - start)[closing], np.concatenate([slopes, rate], axis=1)
+        more = [slopes, rate[closing, None], phi[closing][:, len(end) :]]
+        return (end - start)[closing], np.concatenate(more, axis=1)
 
     def monodromy(self, z: Array) -> Array:
         """Return M (n, n, N)."""

@@ -47,12 +47,12 @@ class SpatialFamiliesNeeds(Spec):
 class SpatialFamiliesSpec(StageSpec):
     """Families of orbits in space that branch off at vertical bifurcations.
 
-    The amplitude of the branch "position" is z where the orbit starts, on its perpendicular
-    crossing of the plane xz with x > 0; that of the branch "velocity", which starts on the x axis,
-    is the largest z of the orbit.
+    The amplitude of orbits that start with z ≠ 0 on the plane xz is z there; that of others, which
+    start on the x axis or on the plane yz, is the largest z of the orbit.
     """
 
     produces = _FAMILIES
+    provides = ("hillsphere.products:OrbitSet",)
     examples = (
         {
             "plant": "hill",
@@ -74,9 +74,10 @@ class SpatialFamiliesSpec(StageSpec):
     resonances: tuple[str, ...] = option(
         "which vertical bifurcations d:n to start from; left out: all that were found", default=()
     )
-    branch: Literal["position", "velocity"] = option(
-        'which of the two families of a bifurcation: "position" starts with z ≠ 0 and ż = 0, '
-        '"velocity" with z = 0 and ż ≠ 0',
+    branch: Literal["position", "velocity", "companion"] = option(
+        'which of the two families of a bifurcation: "position" starts with z ≠ 0 and ż = 0 at '
+        'x > 0, "velocity" with z = 0 and ż ≠ 0 (for even n that can be the same family), '
+        '"companion" is always the other one than "position"',
         default="position",
     )
     z_amplitudes_m: tuple[float, ...] = quantity(

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.errors import InputError, StageError
+from hillsphere.errors import ConvergenceError, InputError, StageError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
-from hillsphere.products import Bifurcations
-from hillsphere_orbits.flow import flow_of
+from hillsphere.products import Bifurcations, PeriodicOrbits
+from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.shooting import SymmetricShooting
-from hillsphere_orbits.spatial_family import Spatial, branch_off, height, spatial_problem
+from hillsphere_orbits.spatial_group import Described, Group, joined
+from hillsphere_orbits.spatial_kernel import starts_of, symmetries_of
 from hillsphere_orbits.spatial_presentation import present_families
 from hillsphere_orbits.spatial_products import SpatialFamilies
+from hillsphere_orbits.spatial_shooting import MIRRORS, SpatialShooting
 from hillsphere_orbits.spatial_specs import SpatialFamiliesSpec
-from hillsphere_orbits.spatial_stability import is_stable, spectrum
 from hillsphere_orbits.specs import read_resonance
 from hillsphere_orbits.survey import LockedMoon, Surveyor
 
@@ -23,7 +26,6 @@ __all__ = ["SpatialFamiliesStage"]
 
 _SAME_EQUATIONS = 1e-8
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
-_TRACK_POINTS = 1600
 
 
 class SpatialFamiliesStage:
@@ -63,76 +65,116 @@ class SpatialFamiliesStage:
         Returns
         -------
         SpatialFamilies
-            Curves, members, windows of stability.
+            Curves, members, windows of stability. A family that could not be followed has no
+            curve, and the reason as its end.
 
         Raises
         ------
         InputError
-            If a resonance is not among the bifurcations, an amplitude is beyond a family, or the
-            plant's equations do not keep the mirrors.
+            If a resonance is not among the bifurcations, no family has any of the amplitudes, or
+            the plant's equations do not keep the mirrors.
         StageError
             If the bifurcations belong to other equations.
         ConvergenceError
-            If a family cannot be followed.
+            If no family can be followed.
         """
         spec, unit = self.spec, self.plant.scales.length_m
         chosen = self._chosen(bifurcations)
         flow = flow_of(self.plant)
-        problem = spatial_problem(flow, spec.branch, _samples())
-        x, period = self._planar(problem, bifurcations, chosen)
-        n = np.array(bifurcations.n)[chosen]
-        advance = ctx.track("families in space", 4)
-        heights = [z / unit for z in spec.z_amplitudes_m]
+        symmetries = symmetries_of(flow, _samples())
+        x, period = self._planar(flow, bifurcations, chosen)
+        d, n = (np.array(values)[chosen] for values in (bifurcations.d, bifurcations.n))
+        starts = [
+            starts_of(flow, x[:, k], float(period[k]), int(d[k]), int(n[k]),
+                      doubly=len(symmetries) > 1)[spec.branch]
+            for k in range(n.size)
+        ]  # fmt: skip
+        advance = ctx.track("families in space", n.size + 2)
         # a little beyond, so that the largest amplitude asked for is passed
         z_max = (spec.z_max_m or max(spec.z_amplitudes_m)) / unit * (1.0 + 1e-6)
-        problem, first = branch_off(problem, x, period, n)
-        spatial = Spatial.follow(problem, first, z_max)
-        problem = spatial.problem
-        ctx.info(f"{len(n)} families followed; {problem.steps} sub-steps of half a period")
+        surveyor = Surveyor(self.plant, SymmetricShooting(flow, MIRRORS["position"]))
+        groups, ends = [], [""] * n.size
+        for mirror in dict.fromkeys(start.mirror for start in starts):
+            own = np.flatnonzero([start.mirror == mirror for start in starts])
+            problem = SpatialShooting(flow, mirror, np.full(own.size, 64))
+            begin = np.array([starts[k].x for k in own]).T
+            group = Group.follow(
+                surveyor, problem, symmetries, own, begin, period[own], n[own], z_max, advance
+            )
+            for k, reason in (group.ends if isinstance(group, Group) else group).items():
+                ends[k] = reason
+            if isinstance(group, Group):
+                groups.append(group)
+        resonances = [f"{p}:{q}" for p, q in zip(d, n, strict=True)]
+        if not groups:
+            reasons = "; ".join(f"{a}: {b}" for a, b in zip(resonances, ends, strict=True))
+            raise ConvergenceError(f"no family could be followed ({reasons})")
+        ctx.info(f"{sum(g.number.size for g in groups)} of {n.size} families followed")
+        curve, _ = joined([group.curve for group in groups])
+        heights = [z / unit for z in spec.z_amplitudes_m]
+        parts = [group.members_at(heights) for group in groups]
+        members, order = joined([part[0] for part in parts])
+        target = np.concatenate([part[1] for part in parts])[order]
+        missing = self._missing(curve, members, target, resonances, ends)
         advance(1)
-        family, target, z = spatial.members_at(heights)
-        resonances = [f"{bifurcations.d[i]}:{bifurcations.n[i]}" for i in chosen]
-        self._refuse_missing(spatial, family, target, resonances)
-        advance(1)
-        surveyor = Surveyor(self.plant, problem)
+        events, event_order = joined([group.events_at for group in groups])
+        kinds = [event.kind for group in groups for event in group.events]
+        windows = sorted((row for group in groups for row in group.windows), key=itemgetter(0))
         asked = np.array(spec.z_amplitudes_m)[target]
-        labels = _labels(resonances, family, asked)
-        members = surveyor.orbits(z, labels)
-        curve_family, curve_z = spatial.curve
-        curve = surveyor.orbits(curve_z, ("",) * curve_z.shape[1])
-        advance(1)
-        window_family, begin, end = spatial.windows(curve.monodromy)
-        advance(1)
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
-        edges = np.empty((2, window_family.size))
-        if window_family.size:
-            edges = np.array([height(problem, begin), height(problem, end)]) * unit
+        advance(1)
         return SpatialFamilies(
+            members=self._orbits(members, _labels(resonances, members.family, asked)),
             branch=spec.branch,
-            d=tuple(bifurcations.d[i] for i in chosen),
-            n=tuple(bifurcations.n[i] for i in chosen),
+            d=tuple(d.tolist()),
+            n=tuple(n.tolist()),
+            starts=tuple(start.mirror for start in starts),
+            of_position=tuple(start.of_position for start in starts),
             bifurcation_x_m=bifurcations.orbits.x0[0, chosen],
-            ends=tuple(branch.ends[1] for branch in spatial.branches),
-            members=members,
-            curve=curve,
-            member_family=family,
-            curve_family=curve_family,
+            ends=tuple(ends),
+            missing=missing,
+            curve=self._orbits(curve, ("",) * curve.period.size),
+            member_family=members.family,
+            curve_family=curve.family,
             member_z_m=asked,
-            curve_z_m=height(problem, curve_z) * unit,
-            member_multipliers=spectrum(members.monodromy),
-            curve_multipliers=spectrum(curve.monodromy),
-            member_stable=is_stable(members.monodromy),
-            curve_stable=is_stable(curve.monodromy),
-            member_half_residual=_half_residual(surveyor, problem, z),
-            curve_half_residual=_half_residual(surveyor, problem, curve_z),
-            window_family=window_family,
-            window_z_m=edges,
-            tracks_m=_tracks(problem, z) * unit,
+            curve_z_m=curve.height * unit,
+            curve_place=curve.place,
+            member_multipliers=members.multipliers,
+            curve_multipliers=curve.multipliers,
+            curve_return_index=curve.return_index,
+            curve_return_power=curve.return_power,
+            member_stable=members.stable,
+            curve_stable=curve.stable,
+            member_half_residual=members.half,
+            curve_half_residual=curve.half,
+            window_family=np.array([row[0] for row in windows], dtype=np.int64),
+            window_z_m=np.array([row[1:] for row in windows]).reshape(-1, 2).T * unit,
+            secondary_family=events.family,
+            secondary_kind=tuple(kinds[k] for k in event_order),
+            secondary_z_m=events.height * unit,
+            secondary_jacobi=events.integral,
+            secondary_index=events.indices,
+            tracks_m=np.concatenate([part[2] for part in parts], axis=2)[:, :, order] * unit,
             method=f"half a period between two states that the mirror keeps; branch {spec.branch}",
             check=surveyor.check,
             body=moon.body_name if moon else "",
             semi_axes_m=tuple(moon.semi_axes_m or ()) if moon else (),
             prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
+        )
+
+    def _orbits(self, orbits: Described, labels: tuple[str, ...]) -> PeriodicOrbits:
+        system, scales = flow_of(self.plant).system, self.plant.scales
+        return PeriodicOrbits(
+            frame=system.frame,
+            states=_STATES,
+            x0=orbits.x * system.unit[:, None],
+            period_s=orbits.period * system.time_unit_s,
+            integral=orbits.integral,
+            monodromy=orbits.monodromy,
+            residual=orbits.closure,
+            labels=labels,
+            length_m=scales.length_m,
+            time_s=scales.time_s,
         )
 
     def present(self, product: SpatialFamilies, bifurcations: Bifurcations) -> Presentation:
@@ -161,13 +203,13 @@ class SpatialFamiliesStage:
         return [i for pair in wanted for i in vertical if pairs[i] == pair]
 
     def _planar(
-        self, problem: SymmetricShooting, bifurcations: Bifurcations, chosen: list[int]
+        self, flow: Flow, bifurcations: Bifurcations, chosen: list[int]
     ) -> tuple[Array, Array]:
         """Return normalised states and periods of the planar orbits, tried on these equations."""
-        system, orbits = problem.flow.system, bifurcations.orbits
+        system, orbits = flow.system, bifurcations.orbits
         x = orbits.x0[:, chosen] / system.unit[:, None]
         period = orbits.period_s[chosen] / system.time_unit_s
-        end = problem.flow.with_matrix(x, period, problem.flow.steps_for(x, period))[0]
+        end = flow.with_matrix(x, period, flow.steps_for(x, period))[0]
         error = float(np.max(np.abs(end - x)))
         if orbits.frame != system.frame or not error <= _SAME_EQUATIONS:
             raise StageError(
@@ -177,29 +219,32 @@ class SpatialFamiliesStage:
             )
         return x, period
 
-    def _refuse_missing(
+    def _missing(
         self,
-        spatial: Spatial,
-        family: NDArray[np.int64],
-        target: NDArray[np.int64],
+        curve: Described,
+        members: Described,
+        target: NDArray[np.intp],
         resonances: list[str],
-    ) -> None:
-        met = set(zip(family.tolist(), target.tolist(), strict=True))
+        ends: list[str],
+    ) -> tuple[str, ...]:
+        """Say which families have no member of which amplitudes; raise if there is none at all."""
+        met = set(zip(members.family.tolist(), target.tolist(), strict=True))
         faults = []
-        for f, branch in enumerate(spatial.branches):
+        for f in np.unique(curve.family).tolist():
             lost = [
                 f"{z / 1e3:.6g}"
                 for k, z in enumerate(self.spec.z_amplitudes_m)
                 if (f, k) not in met
             ]
             if lost:
-                tall = height(spatial.problem, branch.z) * self.plant.scales.length_m / 1e3
+                tall = curve.height[curve.family == f] * self.plant.scales.length_m / 1e3
                 faults.append(
                     f"{resonances[f]} has no member of amplitude {', '.join(lost)} km (it has "
-                    f"{tall.min():.6g} to {tall.max():.6g} km; it ends: {branch.ends[1]})"
+                    f"{tall.min():.6g} to {tall.max():.6g} km; it ends: {ends[f]})"
                 )
-        if faults:
+        if not met:
             raise InputError(f"z_amplitudes_m: {'; '.join(faults)}")
+        return tuple(faults)
 
 
 def _samples() -> Array:
@@ -217,19 +262,3 @@ def _labels(resonances: list[str], family: NDArray[np.int64], z_m: Array) -> tup
         count = sum(other.split(" #")[0] == name for other in names)
         names.append(f"{name} #{count + 1}" if count else name)
     return tuple(names)
-
-
-def _half_residual(surveyor: Surveyor, problem: SymmetricShooting, z: Array) -> Array:
-    """Largest state with sign −1 after half a period, by the surveyor's propagator, (N,)."""
-    end = surveyor.propagate(problem.state(z), z[-1])
-    odd = np.array(problem.mirror) == -1
-    return np.asarray(np.max(np.abs(end[odd]), axis=0))
-
-
-def _tracks(problem: SymmetricShooting, z: Array) -> Array:
-    """Return normalised positions (3, P, N) along one period, ends included."""
-    half = problem.flow.trajectory(problem.state(z), z[-1], problem.steps)
-    thinned = half[:, :: max(1, 2 * problem.steps // _TRACK_POINTS)]
-    sign = np.array(problem.mirror, dtype=float)[:, None, None]
-    # the second half is the mirror image of the first, run backwards
-    return np.ascontiguousarray(np.concatenate([thinned, (sign * thinned)[:, ::-1]], axis=1)[:3])

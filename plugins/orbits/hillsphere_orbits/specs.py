@@ -99,6 +99,7 @@ class QsoFamilySpec(_OfFamily):
     """
 
     produces = _FAMILY
+    provides = ("hillsphere.products:OrbitSet",)
     examples = (
         {"plant": "hill", "x_amplitudes_km": [100, 50], "curve_members": 41},
         {"plant": "hill", "periods_h": [7.0], "jacobi_constants": [-1.0], "x_max_km": 120},

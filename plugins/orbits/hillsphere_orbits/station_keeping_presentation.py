@@ -27,9 +27,11 @@ if TYPE_CHECKING:
 
 __all__ = ["AGREES", "present_index"]
 
-_NEARLY_ALL = 0.9  # of the cells: then the model is the paper's and the rest is print
 AGREES = 5e-4
 """Relative difference up to which a published value counts as reproduced."""
+
+_NEARLY_ALL = 0.9  # of the cells: then the model is the paper's and the rest is print
+
 
 _SAME_KM = 1e-6  # a published amplitude is a round number
 _COLUMNS = (
@@ -43,9 +45,12 @@ _COLUMNS = (
     Column("v_cm_m_s", "m/s", "v_cm", 6),
     Column("stable", "", "stable"),
 )
-_BESIDE = (
-    Column("v_cm_paper", "m/s", "v_cm, paper", 6),
-    Column("difference", "-", "relative difference", 2),
+_PAPER = Column("v_cm_paper", "m/s", "", 6)
+_DIFFERENCES = (
+    Column("n", "-", "revolutions"),
+    Column("Az_km", "km", "amplitude z", 9),
+    Column("difference", "-", "relative difference of v_cm", 2),
+    Column("agrees", "", f"within {AGREES:g}"),
 )
 
 
@@ -66,7 +71,7 @@ def present_index(
     Returns
     -------
     Presentation
-        Table ``table_3``, figure ``station_keeping``.
+        Tables ``table_3`` and ``table_3_differences``, figure ``station_keeping``.
     """
     rows = _rows(product)
     days = spec.duration_s / 86400.0
@@ -78,9 +83,15 @@ def present_index(
         "A stable member has no unstable component: it has no index, not an index of zero.",
     ]
     columns = list(_COLUMNS)
+    label, tables = spec.label, {}
     if reference is not None:
-        notes += _beside(rows, reference)
-        columns[-1:] = [*_BESIDE, _COLUMNS[-1]]
+        said, differences = _beside(rows, reference)
+        notes += said
+        columns[-1:] = [_PAPER, _COLUMNS[-1]]
+        if differences:
+            tables[named("table_3_differences", label)] = Table(
+                "Station-keeping index against the published one", _DIFFERENCES, differences
+            )
     unstable = product.v_cm_m_s[~product.stable]
     metrics = {"stable_members": Metric(int(np.count_nonzero(product.stable)))}
     verdict = [f"{_number(product)} judged; {metrics['stable_members'].value} stable."]
@@ -99,10 +110,9 @@ def present_index(
         "v_cm against the amplitude, one line per family; a stable member has none.",
         size_in=(8.0, 5.0),
     )
-    label = spec.label
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named("table_3", label): Table(title, columns, rows, notes)},
+        tables={named("table_3", label): Table(title, columns, rows, notes), **tables},
         figures={named("station_keeping", label): figure},
         verdict=verdict,
     )
@@ -130,14 +140,17 @@ def _rows(product: StationKeepingIndex) -> list[dict[str, Cell]]:
     ]
 
 
-def _beside(rows: list[dict[str, Cell]], reference: ReferenceTable) -> list[str]:
-    """Add the published value to each row that has one and say how they compare."""
+def _beside(
+    rows: list[dict[str, Cell]], reference: ReferenceTable
+) -> tuple[list[str], list[dict[str, Cell]]]:
+    """Add the published value to each row that has one; say and list how they compare."""
     printed = {
         (float(row["n"]), float(row["Az_km"])): row["v_cm_m_s"]
         for row in reference.rows
         if isinstance(row["n"], Printed) and isinstance(row["Az_km"], Printed)
     }
-    compared, apart, blank = 0, [], []
+    differences: list[dict[str, Cell]] = []
+    apart, blank = [], []
     for row in rows:
         n, z = row["n"], row["Az_km"]
         key = next((k for k in printed if k[0] == n and abs(k[1] - _float(z)) <= _SAME_KM), None)
@@ -153,22 +166,21 @@ def _beside(rows: list[dict[str, Cell]], reference: ReferenceTable) -> list[str]
         elif ours is None:
             apart.append(f"{name}: stable here, {paper.text} m/s in the paper.")
         else:
-            compared += 1
-            row["difference"] = _float(ours) / float(paper) - 1.0
-            if abs(_float(row["difference"])) > AGREES:
+            off = _float(ours) / float(paper) - 1.0
+            agrees = abs(off) <= AGREES
+            differences.append({"n": n, "Az_km": z, "difference": off, "agrees": agrees})
+            if not agrees:
                 apart.append(f"{name}: {_float(ours):.4f} against the printed {paper.text} m/s.")
-    if not compared:
-        return []
-    agreeing = sum(
-        1 for row in rows if "difference" in row and abs(_float(row["difference"])) <= AGREES
-    )
+    if not differences:
+        return [*apart, *blank], []
+    agreeing = sum(bool(row["agrees"]) for row in differences)
     head = (
-        f"{agreeing} of {compared} values agree within {AGREES:g} (relative) with "
+        f"{agreeing} of {len(differences)} values agree within {AGREES:g} (relative) with "
         f"{reference.source}."
     )
-    if apart and agreeing >= _NEARLY_ALL * compared:
+    if apart and agreeing >= _NEARLY_ALL * len(differences):
         head += " Nearly all agree, so the printed ones look like misprints."
-    return [head, *apart, *blank]
+    return [head, *apart, *blank], differences
 
 
 def _float(cell: Cell) -> float:

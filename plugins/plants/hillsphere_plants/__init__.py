@@ -16,4 +16,11 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_plants.specs:HillSpec",
             "circular Hill problem about a moon, with any gravity model",
         ),
+        Component(
+            "plant",
+            "three_body",
+            "hillsphere_plants.three_body:three_body",
+            "hillsphere_plants.specs:ThreeBodySpec",
+            "circular or elliptic three-body problem about a moon, with any gravity model",
+        ),
     ]

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from math import pi
+from typing import Literal, Self
 
-from hillsphere.spec import Ref, Spec, quantity, reference
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
 
-__all__ = ["HillSpec"]
+from hillsphere.spec import Ref, Spec, option, quantity, reference
+
+__all__ = ["HillSpec", "ThreeBodySpec"]
 
 
 class HillSpec(Spec):
@@ -25,3 +29,41 @@ class HillSpec(Spec):
     escape_radius_m: float | None = quantity(
         "length", "distance from the moon at which a flight ends as escaped", default=None, gt=0
     )
+
+
+class ThreeBodySpec(Spec):
+    """Motion about a moon with its primary at its true distance, on a circle or an ellipse."""
+
+    examples = (
+        {"body": "phobos", "gravity": "phobos"},
+        {"body": "phobos", "gravity": "phobos", "orbit": "elliptic", "rotation": "uniform"},
+    )
+
+    body: Ref = reference("body", "the moon that the motion is about: gives orbit and libration")
+    gravity: Ref = reference("gravity", "gravity of the moon, in its body-fixed frame")
+    orbit: Literal["circular", "elliptic"] = option(
+        "path of the moon: a circle whatever its eccentricity (states in the frame hill:BODY), or "
+        "its ellipse (true anomaly as seventh state, frame body:BODY)",
+        default="circular",
+    )
+    rotation: Literal["locked", "uniform", "libration"] = option(
+        "how the moon turns, on an ellipse: with the line to the primary, uniformly, or uniformly "
+        "with the body's libration in longitude; on a circle it is locked",
+        default="locked",
+    )
+    prime_meridian_rad: float = quantity(
+        "angle",
+        "angle about +z from away from the primary to the moon's longitude 0, in the mean; the "
+        "IAU convention puts longitude 0 of a locked moon under the primary, that is at 180°",
+        default=pi,
+    )
+    escape_radius_m: float | None = quantity(
+        "length", "distance from the moon at which a flight ends as escaped", default=None, gt=0
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.orbit == "circular" and self.rotation != "locked":
+            text = "on a circle the moon is locked; leave it out, or give orbit = 'elliptic'"
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rotation"})
+        return self

@@ -1,0 +1,287 @@
+"""One block of lanes through the loop, from the first sample to the last."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers
+from hillsphere.simulation.acting import Act, Extra
+from hillsphere.simulation.ends import End, Leg, Watch
+from hillsphere.simulation.protocols import Navigation, Reference
+
+__all__ = ["BLOCK", "CAUSES", "Part", "Recorder", "Result", "Settings", "fly_block"]
+
+BLOCK = 64
+"""Lanes that go through the loop together, always: another width would give other last bits."""
+
+_HEARTBEAT = 64
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all blocks share.
+
+    Parameters
+    ----------
+    watch : Watch
+        Equations and what ends a flight.
+    n, p : int
+        Number of states and of rows of a command.
+    navigation, reference
+        What the law sees and follows.
+    scale : ndarray, shape (rows,)
+        Typical size of the states of the system that flies.
+    substeps, most_substeps : int
+        Steps between two samples, and the most that the tolerance may ask for.
+    tolerance : float or None
+        Largest difference to twice as many steps, in units of `scale`; None for no check.
+    budget : bool
+        Whether the Δv at hand is limited.
+    wall_limit_s : float or None
+        Wall-clock time for a block.
+    """
+
+    watch: Watch
+    n: int
+    p: int
+    navigation: Navigation
+    reference: Reference
+    scale: Array
+    substeps: int
+    most_substeps: int
+    tolerance: float | None
+    budget: bool
+    wall_limit_s: float | None
+
+
+@dataclass(frozen=True)
+class Part:
+    """The cases of one block.
+
+    Parameters
+    ----------
+    x0 : ndarray, shape (n, B)
+        Start.
+    t0, period, budget : ndarray, shape (B,)
+        Time at the start, time between samples, Δv at hand (infinite without a limit).
+    samples, cases : ndarray of int, shape (B,)
+        Number of samples, number of the case.
+    seen, done : ndarray, shape (K + 1, noise, B) and (K, noise, B)
+        Normal numbers for navigation and actuator.
+    """
+
+    x0: Array
+    t0: Array
+    period: Array
+    budget: Array
+    samples: Integers
+    cases: Integers
+    seen: Array
+    done: Array
+
+
+@dataclass(frozen=True)
+class Result:
+    """How the flights of a block ended; `cause` is a row of the watch or one of those below."""
+
+    cause: Integers
+    t: Array
+    x: Array
+    dv: Array
+    firings: Integers
+    samples: Integers
+
+
+COMPLETED, COMMAND, STEP_SIZE, TIME_LIMIT = -1, -2, -3, -4
+CAUSES = {
+    COMPLETED: ("completed", ""),
+    COMMAND: ("diverged", "command not finite"),
+    STEP_SIZE: ("step_size", "sub-steps"),
+    TIME_LIMIT: ("time_limit", "wall clock"),
+}
+"""Status and cause beside those of the watch."""
+
+Flags = NDArray[np.bool_]
+Recorder = Callable[[int, Array, Array, Array | None, Array | None, Array | None, Flags], None]
+"""(k, t (B,), x (n, B), y, ref, done, flying (B,)): called at each sample, and at the end."""
+
+
+def fly_block(
+    s: Settings, part: Part, act: Act, heartbeat: Callable[[int], None], record: Recorder | None
+) -> Result:
+    """Fly one block.
+
+    Parameters
+    ----------
+    s : Settings
+        Shared by all blocks.
+    part : Part
+        Its cases.
+    act : Act
+        The law at work on it.
+    heartbeat : callable
+        Called with 0 now and then; raises if the run was asked to stop.
+    record : callable or None
+        Takes the history.
+
+    Returns
+    -------
+    Result
+        One column per lane.
+    """
+    block = _Block(s, part, act)
+    begun, last = perf_counter(), int(part.samples.max(initial=0))
+    for k in range(last):
+        if k % _HEARTBEAT == 0:
+            heartbeat(0)
+        if s.wall_limit_s is not None and perf_counter() - begun > s.wall_limit_s:
+            block.stop(block.flying, TIME_LIMIT, block.t)
+        if block.over:
+            break
+        rate = block.sample(k, record)
+        block.leg(k, rate)
+    result = block.result()
+    if record is not None:
+        record(last, result.t, result.x, None, None, None, result.cause == COMPLETED)
+    return result
+
+
+class _Block:
+    """Where the lanes of a block are."""
+
+    def __init__(self, s: Settings, part: Part, act: Act) -> None:
+        self._s, self._part, self._act = s, part, act
+        width = len(part.t0)
+        self.t, self._y = part.t0, act.begin(part.x0)
+        self._even = bool((part.samples == part.samples.max(initial=0)).all())
+        self._memory = s.navigation.initial(self.t, part.x0, part.seen[0])
+        self._command = np.zeros((s.p, width))
+        self._dv = np.zeros(width)
+        self._firings, self._acted = np.zeros((2, width), dtype=np.int64)
+        self._cause = np.full(width, COMPLETED)
+        self._end_t = part.t0 + part.samples * part.period
+        self.flying: Flags = np.ones(width, dtype=bool)
+        self._whole, self.over = True, False
+        first = s.watch.start(self._next_leg(None))
+        for row in np.unique(first[first >= 0]).tolist():
+            self.stop(first == row, row, self.t)
+        self._alone(self.flying & (part.samples > 0))
+
+    def stop(self, lanes: Flags, why: int, when: Array) -> None:
+        """End the flight of some lanes."""
+        self._cause[lanes], self._end_t[lanes] = why, when[lanes]
+        self._alone(self.flying & ~lanes)
+
+    def _alone(self, flying: Flags) -> None:
+        self.flying = flying
+        self._whole, self.over = bool(flying.all()), not flying.any()
+
+    def sample(self, k: int, record: Recorder | None) -> Array | None:
+        """Let the law act, and return the rate at which it spends Δv."""
+        s, part, t, y = self._s, self._part, self.t, self._y
+        x = y[: s.n]
+        seen, self._memory = s.navigation.observe(
+            k, t, x, self._command, part.seen[k + 1], self._memory
+        )
+        ref = s.reference.at(k, t, seen, part.cases)
+        if ref.shape != seen.shape:
+            raise InputError(
+                f"the reference gives {ref.shape}, the navigation {seen.shape}; they must agree"
+            )
+        extra = Extra(s.reference.feedforward(k, t, part.cases), part.done[k])
+        now = self._act.at(k, t, y, seen, ref, extra)
+        self._command = now.command
+        if not isfinite(np.add.reduce(now.done, axis=None)):
+            self.stop(self.flying & ~np.isfinite(now.done).all(axis=0), COMMAND, t)
+        if now.spent is not None:
+            if s.budget:
+                beyond = self.flying & (self._dv + now.spent > part.budget)
+                self.stop(beyond, s.watch.budget_row, t)
+            self._dv = self._dv + np.where(self.flying, now.spent, 0.0)
+        if record is not None:
+            record(k, t, x, seen, ref, now.done, self.flying)
+        self._y = now.y if self._whole else np.where(self.flying, now.y, y)
+        self._acted += self.flying
+        size = now.spent if now.spent is not None else now.rate
+        self._firings += self.flying if size is None else self.flying & (size > 0)
+        return now.rate
+
+    def leg(self, k: int, rate: Array | None) -> None:
+        """Fly to the next sample."""
+        part, y, whole = self._part, self._y, self._whole
+        end, coarse = _fly(self._s, self._next_leg(rate))
+        if coarse is not None and coarse.any():
+            self.stop(coarse, STEP_SIZE, self.t)
+            whole = False
+        spent = None if rate is None else rate * (end.t - self.t)
+        if whole:
+            self._y = end.y
+        else:
+            self._y = np.where(self.flying, end.y, y)
+            spent = None if spent is None else np.where(self.flying, spent, 0.0)
+        if spent is not None:
+            self._dv = self._dv + spent
+        if end.cause is not None:
+            for row in np.unique(end.cause[end.cause >= 0]).tolist():
+                self.stop(self.flying & (end.cause == row), row, end.t)
+        self.t = part.t0 + (k + 1) * part.period
+        if not self._even:
+            self._alone(self.flying & (k + 1 < part.samples))
+
+    def result(self) -> Result:
+        """Return how it ended."""
+        dv = self._y[-1] if self._act.counts else self._dv
+        x = self._y[: self._s.n]
+        return Result(self._cause, self._end_t, x, dv, self._firings, self._acted)
+
+    def _next_leg(self, rate: Array | None) -> Leg:
+        part, left = self._part, None
+        if self._s.budget:
+            left = part.budget if self._act.counts else part.budget - self._dv
+            if rate is None and not self._act.counts:
+                rate = np.zeros(len(self.t))
+        return Leg(
+            self.t,
+            self._y,
+            part.period,
+            self._act.p,
+            part.cases,
+            self.flying,
+            self._whole,
+            left,
+            rate,
+        )
+
+
+def _fly(s: Settings, leg: Leg) -> tuple[End, Flags | None]:
+    """Fly a leg; with a tolerance, lane by lane with as many steps as it asks for.
+
+    Then the lanes follow for which the most steps were not enough.
+    """
+    end = s.watch.fly(leg, s.substeps)
+    if s.tolerance is None:
+        return end, None
+    steps, coarse = s.substeps, leg.flying
+    none = np.full(len(leg.t), COMPLETED)
+    while 2 * steps <= s.most_substeps and coarse.any():
+        steps *= 2
+        finer = s.watch.fly(leg, steps)
+        before = none if end.cause is None else end.cause
+        after = none if finer.cause is None else finer.cause
+        difference = np.max(np.abs(finer.y - end.y) / s.scale[:, None], axis=0)
+        alike = (difference <= s.tolerance) & (after == before)
+        # The finer flight of the first pair that agrees is kept for good.
+        end = End(
+            np.where(coarse, finer.y, end.y),
+            np.where(coarse, finer.t, end.t),
+            np.where(coarse, after, before),
+        )
+        coarse = coarse & ~alike
+    return end, coarse

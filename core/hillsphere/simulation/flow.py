@@ -1,0 +1,170 @@
+"""A plant, or a plant and a continuous law, compiled for the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from hillsphere.dynamics import External, StepMap, System, system
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Parameter, Plant, Variable
+from hillsphere.simulation.protocols import ContinuousLaw
+from hillsphere.symbolic import (
+    Expr,
+    dot,
+    parameter,
+    sqrt,
+    substitute,
+    sum_of,
+    time,
+    variable,
+)
+
+__all__ = ["closed_system", "compiled", "thrust_vectors", "velocity_rows"]
+
+EFFORT = "loop:effort"
+_MAPS: WeakKeyDictionary[Plant, dict[tuple[object, ...], StepMap]] = WeakKeyDictionary()
+
+
+def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bool) -> StepMap:
+    """Return the step map of a plant, SI, compiled once for as long as the plant lives.
+
+    Parameters
+    ----------
+    plant : Plant
+        Equations.
+    run_time : sequence of str
+        Run-time parameters.
+    method : str
+        Formula of the step map.
+    controls : bool
+        Whether the controls follow as further run-time parameters.
+
+    Returns
+    -------
+    StepMap
+        Without derivatives.
+    """
+    known = _MAPS.setdefault(plant, {})
+    key = (tuple(run_time), method, controls)
+    if key not in known:
+        known[key] = StepMap(system(plant, run_time=run_time, controls=controls), method)
+    return known[key]
+
+
+def thrust_vectors(rows: int) -> int:
+    """Return of how many vectors a command consists: of three components each, or else one."""
+    return rows // 3 if rows % 3 == 0 else 1
+
+
+def velocity_rows(plant: Plant) -> list[int]:
+    """Return which states are velocities, by their dimension, in order."""
+    return [i for i, v in enumerate(plant.states) if (v.length, v.time) == (1, -1)]
+
+
+def closed_system(
+    plant: Plant, law: ContinuousLaw, run_time: Sequence[str]
+) -> tuple[System, tuple[Expr, ...]]:
+    r"""Put a continuous law into the equations of a plant, SI.
+
+    Parameters
+    ----------
+    plant : Plant
+        n equations with p controls.
+    law : ContinuousLaw
+        m equations with q inputs.
+    run_time : sequence of str
+        Run-time parameters of the plant.
+
+    Returns
+    -------
+    system : System
+        n + m + 1 states: of the plant, of the law, and the effort :math:`\int |u|\,dt`. Its
+        run-time parameters: those of the plant, then p rows of feedforward, p × p of the
+        effectiveness of the actuator, q of the reference and, if the law's measurement is held, q
+        of the measurement.
+    command : tuple of Expr
+        What the law and the feedforward command, p expressions in the symbols of that system.
+
+    Raises
+    ------
+    InputError
+        If numbers or names do not fit.
+    """
+    base = system(plant, run_time=run_time, controls=True)
+    names = [v.name for v in base.states]
+    own = [v.name for v in law.states]
+    what = type(law).__name__
+    if clash := sorted(set(own) & set(names)):
+        raise InputError(f"{what}: states {clash} are called like states of the plant")
+    held = law.measurement == "held"
+    if not held and law.inputs != len(names):
+        raise InputError(
+            f"{what} sees {law.inputs} values; measured continuously it sees the "
+            f"{len(names)} states of the plant"
+        )
+    p = len(plant.controls)
+    feed = [Parameter(f"loop:feedforward{i}", 0.0) for i in range(p)]
+    gain = [Parameter(f"loop:gain{i},{j}", float(i == j)) for i in range(p) for j in range(p)]
+    goal = [Parameter(f"loop:ref{i}", 0.0) for i in range(law.inputs)]
+    seen = [Parameter(f"loop:y{i}", 0.0) for i in range(law.inputs if held else 0)]
+
+    xc = tuple(variable(name) for name in own)
+    y = tuple(parameter(q.name) for q in seen) if held else base.x
+    ref = tuple(parameter(q.name) for q in goal)
+    command = tuple(law.control(xc, y, ref, time))
+    rates = tuple(law.derivative(xc, y, ref, time))
+    if len(command) != p or len(rates) != len(xc):
+        raise InputError(
+            f"{what}: {len(command)} commands for {p} controls of the plant, {len(rates)} "
+            f"derivatives for {len(xc)} states"
+        )
+    total = [c + parameter(f.name) for c, f in zip(command, feed, strict=True)]
+    done = [dot([parameter(g.name) for g in gain[i * p : (i + 1) * p]], total) for i in range(p)]
+    rhs = substitute(
+        base.rhs,
+        {parameter("u:" + v.name): e for v, e in zip(plant.controls, done, strict=True)},
+    )
+    kept = base.run_time[: len(base.run_time) - p]
+    closed = replace(
+        base,
+        states=(*base.states, *law.states, Variable(EFFORT, 1, -1)),
+        x=(*base.x, *xc, variable(EFFORT)),
+        rhs=(*rhs, *rates, _effort(done)),
+        run_time=(*kept, *feed, *gain, *goal, *seen),
+        integral=None,
+        unit=np.ones(len(names) + len(own) + 1),
+        scale=np.concatenate([base.scale, plant.scales.of(law.states), [1.0]]),
+        mirrors={},
+        external=_widened(base, len(own) + 1),
+    )
+    return closed, tuple(total)
+
+
+def _effort(done: Sequence[Expr]) -> Expr:
+    if not done:
+        return sum_of([0.0])
+    count = thrust_vectors(len(done))
+    size = len(done) // count
+    return sum_of(
+        [sqrt(dot(v, v)) for v in (done[i * size : (i + 1) * size] for i in range(count))]
+    )
+
+
+def _widened(base: System, more: int) -> External | None:
+    """Return the plant's array terms for a state vector with `more` rows after the plant's."""
+    inner = base.external
+    if inner is None:
+        return None
+    n, k = len(base.x), len(base.run_time)
+
+    def values(x: Array, t: Array, p: Array) -> Array:
+        return inner.values(x[:n], t, p[:k])
+
+    def jacobian(x: Array, t: Array, p: Array) -> Array:
+        return np.pad(inner.jacobian(x[:n], t, p[:k]), ((0, 0), (0, more), (0, 0)))
+
+    return External(inner.variables, values, jacobian)

@@ -1,0 +1,77 @@
+"""What the law sees: the truth, or the truth with errors of given size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+
+__all__ = ["NavigationErrors", "PerfectNavigation"]
+
+
+@dataclass(frozen=True)
+class PerfectNavigation:
+    """The law sees the true states."""
+
+    noise: int = 0
+
+    def initial(self, t_s: Array, x: Array, w: Array) -> None:
+        """Return nothing: there is nothing to remember."""
+
+    def observe(
+        self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
+    ) -> tuple[Array, Any]:
+        """Return the states."""
+        return x, memory
+
+
+class NavigationErrors:
+    r"""The true states plus errors of zero mean, each axis on its own.
+
+    A first-order Gauss–Markov process of standard deviation σ and correlation time τ [1]_, in
+    its steady state from the start and exact for samples Δ apart:
+
+    .. math:: e_{k+1} = e^{-\Delta/\tau} e_k + \sigma\sqrt{1 - e^{-2\Delta/\tau}}\; w_k .
+
+    Parameters
+    ----------
+    sigma : array_like, shape (n,)
+        Standard deviations of the plant's states, SI.
+    correlation_time_s : float
+        τ; zero for errors that are independent from sample to sample.
+
+    References
+    ----------
+    .. [1] A. Gelb, ed. (1974), Applied Optimal Estimation, MIT Press, section 3.6.
+    """
+
+    def __init__(self, sigma: Any, correlation_time_s: float = 0.0) -> None:
+        self.sigma = np.array(sigma, dtype=float)
+        if self.sigma.ndim != 1 or not (np.isfinite(self.sigma) & (self.sigma >= 0)).all():
+            raise InputError(f"sigma must be (n,), finite and ≥ 0, got {sigma}")
+        if not 0 <= correlation_time_s < np.inf:
+            raise InputError(f"correlation_time_s must be ≥ 0, got {correlation_time_s}")
+        self.correlation_time_s = correlation_time_s
+        self.noise = len(self.sigma)
+
+    def initial(self, t_s: Array, x: Array, w: Array) -> tuple[Array, Array]:
+        """Return time and error before the first sample."""
+        if len(x) != self.noise:
+            raise InputError(f"sigma has {self.noise} elements, the plant {len(x)} states")
+        return t_s, self.sigma[:, None] * w
+
+    def observe(
+        self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: tuple[Array, Array]
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """Return the states with errors."""
+        before, error = memory
+        if self.correlation_time_s > 0:
+            kept = np.exp((before - t_s) / self.correlation_time_s)
+            error = kept * error + np.sqrt(1.0 - kept * kept) * (self.sigma[:, None] * w)
+        else:
+            error = self.sigma[:, None] * w
+        return x + error, (t_s, error)

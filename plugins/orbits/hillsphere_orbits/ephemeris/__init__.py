@@ -1,0 +1,1 @@
+"""Orbits and flights as ephemerides in inertial axes, for other programs."""

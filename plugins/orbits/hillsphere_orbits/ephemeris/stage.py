@@ -1,0 +1,301 @@
+"""The stage ``ephemeris``: orbits and flights in inertial axes, as files for other programs."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from math import ceil
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from hillsphere.bodies import Moon
+from hillsphere.dynamics import Taylor
+from hillsphere.errors import InputError, StageError
+from hillsphere.formats.oem import OemSegment, write_oem
+from hillsphere.inertial import RotatingFrame
+from hillsphere.interfaces import Array, Context, Plant
+from hillsphere.presentation import Cell, Column, Presentation, Table
+from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
+from hillsphere.time import Epoch
+from hillsphere_orbits.ephemeris.specs import EphemerisSpec
+from hillsphere_orbits.flow import flow_of
+from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.sources import members_of
+
+__all__ = ["Ephemerides", "EphemerisStage"]
+
+_MOST_STATES = 2_000_000
+_COLUMNS = (
+    Column("file", "", "file"),
+    Column("begins", "", "begins"),
+    Column("ends", "", "ends"),
+    Column("states", "-", "states"),
+    Column("segments", "-", "segments"),
+)
+
+
+@dataclass(frozen=True)
+class Ephemerides:
+    """States in inertial axes, a coast per column.
+
+    Parameters
+    ----------
+    frame, centre, epoch, time_scale : str
+        Inertial frame, origin, and the instant from which times count.
+    plans, labels : tuple of str
+        Flight that each of the N coasts belongs to, and the coast's own name.
+    t_s : ndarray, shape (K, N)
+        Times after the epoch; NaN beyond a coast's end.
+    x : ndarray, shape (6, K, N)
+        Positions, m, and velocities, m/s.
+    """
+
+    frame: str
+    centre: str
+    epoch: str
+    time_scale: str
+    plans: tuple[str, ...]
+    labels: tuple[str, ...]
+    t_s: Array
+    x: Array
+
+
+@runtime_checkable
+class AboutMoon(Protocol):
+    """A plant in the rotating frame of a moon."""
+
+    @property
+    def moon(self) -> Moon:
+        """The moon."""
+        ...
+
+    @property
+    def mean_motion_rad_s(self) -> float:
+        """Rate at which the frame turns, which need not be that of a moon without mass."""
+        ...
+
+    @property
+    def prime_meridian_rad(self) -> float:
+        """Angle about +z from +x to its longitude 0."""
+        ...
+
+
+class EphemerisStage:
+    """Orbits and flights in inertial axes.
+
+    Parameters
+    ----------
+    spec : EphemerisSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the epoch is no date, or the plant's body has no orientation.
+    """
+
+    def __init__(self, spec: EphemerisSpec) -> None:
+        self.spec = spec
+        self.plant: Plant = spec.plant.get()
+        self.epoch = Epoch.parse(spec.epoch, spec.time_scale)
+        about = self.plant
+        if not isinstance(about, AboutMoon) or not self.plant.frame.startswith("hill:"):
+            raise InputError(
+                "an ephemeris in inertial axes needs a plant in the rotating frame of a moon "
+                f"(hill:BODY), got {self.plant.frame}"
+            )
+        moon = about.moon
+        if moon.orientation is None:
+            raise InputError(
+                f"body {moon.name!r} has no orientation, so that its rotating frame cannot be "
+                "placed among the stars: give it pole_right_ascension_deg, pole_declination_deg "
+                "and prime_meridian_deg"
+            )
+        self.frame = RotatingFrame(
+            moon.orientation,
+            self.epoch,
+            about.mean_motion_rad_s,
+            about.prime_meridian_rad,
+            moon.semi_major_axis_m,
+        )
+        self.centre = moon.name if spec.centre == "moon" else moon.primary_name
+
+    def run(
+        self, ctx: Context, orbits: tuple[OrbitSet, ...] = (), flights: tuple[FlightSet, ...] = ()
+    ) -> Ephemerides:
+        """Propagate the orbits and turn every state.
+
+        Parameters
+        ----------
+        ctx : Context
+            Log and progress.
+        orbits : tuple of OrbitSet
+            Their members are flown from their start.
+        flights : tuple of FlightSet
+            Taken as they are.
+
+        Returns
+        -------
+        Ephemerides
+            In the ICRF.
+
+        Raises
+        ------
+        InputError
+            If the interval asks for more states than can be written.
+        StageError
+            If an orbit or flight is given in another frame than the plant's.
+        """
+        plans: list[str] = []
+        labels: list[str] = []
+        times: list[Array] = []
+        states: list[Array] = []
+        given_names: set[str] = set()
+        if orbits:
+            members = members_of(*orbits)
+            self._same_frame(members.frame)
+            advance = ctx.track("ephemerides", len(members.labels))
+            for i, label in enumerate(members.labels):
+                t, x = self._flown(members, i)
+                plans.append(_different(label, given_names))
+                labels.append(label)
+                times.append(t)
+                states.append(x)
+                advance(1)
+        for product in flights:
+            given = product.flights
+            self._same_frame(given.frame)
+            # coasts of one product and one plan belong together
+            own = {plan: _different(plan, given_names) for plan in dict.fromkeys(given.plans)}
+            for i, (plan, label) in enumerate(zip(given.plans, given.labels, strict=True)):
+                there = np.isfinite(given.t_s[:, i])
+                plans.append(own[plan])
+                labels.append(label)
+                times.append(given.t_s[there, i])
+                states.append(given.x[:6, there, i])
+        most = max(t.size for t in times)
+        t_s, x_s = np.full((most, len(times)), np.nan), np.full((6, most, len(times)), np.nan)
+        for i, (t, x) in enumerate(zip(times, states, strict=True)):
+            t_s[: t.size, i] = t
+            x_s[:, : t.size, i] = self.frame.to_inertial(x, t, self.spec.centre)
+        return Ephemerides(
+            frame="ICRF",
+            centre=self.centre,
+            epoch=self.spec.epoch,
+            time_scale=self.spec.time_scale,
+            plans=tuple(plans),
+            labels=tuple(labels),
+            t_s=t_s,
+            x=x_s,
+        )
+
+    def present(
+        self,
+        product: Ephemerides,
+        orbits: tuple[OrbitSet, ...] = (),
+        flights: tuple[FlightSet, ...] = (),
+    ) -> Presentation:
+        """List the files: one message and one CSV for each orbit or flight plan."""
+        rows: list[dict[str, Cell]] = []
+        files: dict[str, str] = {}
+        for plan in dict.fromkeys(product.plans):
+            coasts = [i for i, other in enumerate(product.plans) if other == plan]
+            segments = [self._segment(product, plan, i) for i in coasts]
+            name = _free(_slug(plan), files)
+            files[f"{name}.oem"] = write_oem(segments)
+            files[f"{name}.csv"] = _csv(segments)
+            rows.append(
+                {
+                    "file": f"{name}.oem",
+                    "begins": segments[0].epoch.isot(segments[0].t_s[:1], 3)[0],
+                    "ends": segments[-1].epoch.isot(segments[-1].t_s[-1:], 3)[0],
+                    "states": sum(segment.t_s.size for segment in segments),
+                    "segments": len(segments),
+                }
+            )
+        notes = (
+            f"Frame ICRF, centre {product.centre}, times {product.time_scale}. The axes turn with "
+            "the mean motion of the model from the body's orientation at the epoch; periodic "
+            "and secular terms of that orientation (all but the constant rate of W), and the "
+            "eccentricity of its orbit, are not in them.",
+        )
+        title = "Ephemerides (CCSDS OEM and CSV)"
+        return Presentation(
+            tables={named("ephemerides", self.spec.label): Table(title, _COLUMNS, rows, notes)},
+            files=files,
+        )
+
+    def _flown(self, members: PeriodicOrbits, i: int) -> tuple[Array, Array]:
+        """Return times (K,) and states (6, K), SI, along one member from its start."""
+        duration = self.spec.duration_s or float(members.period_s[i])
+        count = ceil(duration / self.spec.step_s - 1e-9)
+        if count > _MOST_STATES:
+            raise InputError(
+                f"step_s: {count} states of orbit {members.labels[i]!r}; at most {_MOST_STATES}"
+            )
+        t = np.append(np.arange(count) * self.spec.step_s, duration)
+        system = flow_of(self.plant).system
+        x0 = members.x0[:, i : i + 1] / system.unit[:, None]
+        if system.external is None:
+            x = Taylor(system).sample(x0, t / system.time_unit_s)[:, :, 0]
+        else:
+            flow = flow_of(self.plant)
+            steps = flow.steps_for(x0, duration / system.time_unit_s)
+            each = max(1, ceil(steps / count))
+            ahead = flow.trajectory(x0, t[-2] / system.time_unit_s, each * (count - 1))
+            last = flow.at_once(ahead[:, -1], np.array([(t[-1] - t[-2]) / system.time_unit_s]))
+            x = np.concatenate([ahead[:, ::each, 0], last], axis=1)
+        return t, x[:6] * system.unit[:6, None]
+
+    def _same_frame(self, frame: str) -> None:
+        if frame != self.plant.frame:
+            raise StageError(
+                f"the orbits are given in {frame}, the plant is written in {self.plant.frame}"
+            )
+
+    def _segment(self, product: Ephemerides, plan: str, i: int) -> OemSegment:
+        there = np.isfinite(product.t_s[:, i])
+        return OemSegment(
+            object_name=plan.upper().replace("=", " "),
+            object_id=self.spec.object_id,
+            center_name=product.centre.upper(),
+            ref_frame=product.frame,
+            epoch=self.epoch,
+            t_s=product.t_s[there, i],
+            x=product.x[:, there, i],
+            comment=product.labels[i],
+        )
+
+
+def _different(name: str, given: set[str]) -> str:
+    """Return a name that was not given yet, numbered if need be, and note it."""
+    number, different = 1, name
+    while different in given:
+        number += 1
+        different = f"{name} #{number}"
+    given.add(different)
+    return different
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:60] or "orbit"
+
+
+def _free(name: str, files: dict[str, str]) -> str:
+    number, free = 1, name
+    while f"{free}.oem" in files:
+        number += 1
+        free = f"{name}-{number}"
+    return free
+
+
+def _csv(segments: list[OemSegment]) -> str:
+    lines = ["time,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s"]
+    for segment in segments:
+        times = segment.epoch.isot(segment.t_s)
+        lines += [
+            ",".join([when, *(repr(float(value)) for value in column)])
+            for when, column in zip(times, segment.x.T / 1e3, strict=True)
+        ]
+    return "\n".join(lines) + "\n"

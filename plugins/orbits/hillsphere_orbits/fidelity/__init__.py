@@ -1,0 +1,1 @@
+"""The fidelity ladder: orbits of simple equations carried over to truer ones."""

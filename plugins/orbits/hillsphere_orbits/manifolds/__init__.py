@@ -1,0 +1,1 @@
+"""Invariant manifolds of unstable periodic orbits: sampling, flight with events, the stage."""

@@ -1,0 +1,326 @@
+"""Flights of many lanes on the step map, with every zero of several functions on the way.
+
+The lanes march in equal sub-steps; functions and their rates are known at the ends of each, which
+brackets a zero by a change of sign, and a pair of zeros within one sub-step by a cubic that turns
+over. Zeros are then refined, all of them at once, on partial sub-steps of the same formula, to
+rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.dynamics import StepMap, System, bracketed_roots
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
+
+__all__ = ["Flown", "Watch", "Zeros", "fly"]
+
+_CHUNK = 32  # sub-steps between two looks: long enough that Python's share is small
+_NEAR = 0.1  # a cubic that comes this near to zero, of its ends, is followed to its extremum
+_NEWTON = 4
+
+
+class Watch:
+    """Functions of the state that are watched, with their rates along the flow.
+
+    Parameters
+    ----------
+    system : System
+        Equations.
+    functions : mapping of str to Expr
+        In the symbols of ``system.x``; of positions only where the plant has array terms.
+
+    Raises
+    ------
+    InputError
+        If a rate needs terms of the plant that are no expressions.
+    """
+
+    def __init__(self, system: System, functions: Mapping[str, Expr]) -> None:
+        self.names = tuple(functions)
+        values = tuple(functions.values())
+        rates = []
+        for name, value in functions.items():
+            slope = gradient(value, system.x)
+            rate = sum_of([s * f for s, f in zip(slope, system.rhs, strict=True)])
+            if not set(variable_names([rate])) <= set(variable_names(system.x)):
+                raise InputError(
+                    f"event {name!r}: its rate holds gravity that is a function of arrays; watch "
+                    "functions of the position"
+                )
+            rates.append(rate)
+        self._function = system.function(*values, *rates)
+        self._p = system.parameters(None, 1)
+
+    def __call__(self, x: Array) -> tuple[Array, Array]:
+        """Return values and rates (m, …) at states (n, …)."""
+        m = len(self.names)
+        both = self._function(np.ascontiguousarray(x.reshape(len(x), -1)), self._p)
+        both = both.reshape(2 * m, *x.shape[1:])
+        return both[:m], both[m:]
+
+
+@dataclass(frozen=True, eq=False)
+class Zeros:
+    """Where lanes meet watched functions, by lane and time.
+
+    Parameters
+    ----------
+    lane, event : ndarray of int, shape (E,)
+        Which lane, and which function by its number.
+    time : ndarray, shape (E,)
+        Since the start of the flight; negative backwards.
+    rising : ndarray of bool, shape (E,)
+        Whether the function rises along the flight (which may go backwards in time).
+    x : ndarray, shape (n, E)
+        States.
+    """
+
+    lane: NDArray[np.intp]
+    event: NDArray[np.intp]
+    time: Array
+    rising: NDArray[np.bool_]
+    x: Array
+
+    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Zeros:
+        """Return some of them."""
+        return Zeros(
+            self.lane[keep], self.event[keep], self.time[keep], self.rising[keep], self.x[:, keep]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """Ends of N flights and what was met on the way.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, N)
+        States at the end; not finite where a lane met a singularity.
+    time : ndarray, shape (N,)
+        Length of flight, signed.
+    ended_by : ndarray of int, shape (N,)
+        Number of the function that ended the flight by falling; −1 without.
+    zeros : Zeros
+        All before the end of their lane.
+    """
+
+    x: Array
+    time: Array
+    ended_by: NDArray[np.intp]
+    zeros: Zeros
+
+
+@dataclass(eq=False)
+class _Brackets:
+    """Sub-steps, or parts of them, at whose ends a function differs in sign."""
+
+    lane: NDArray[np.intp]
+    event: NDArray[np.intp]
+    begin: Array  # time at the start of the sub-step
+    x: Array  # state there
+    ends: Array  # (2, E): ends within the sub-step
+    values: Array  # (2, E): values there
+    slopes: Array  # (2, E): and rates
+
+
+def fly(
+    step_map: StepMap,
+    watch: Watch,
+    x: Array,
+    h: float,
+    goes_on: Callable[[NDArray[np.intp], int, Array], NDArray[np.intp]],
+    most: int,
+    ends: tuple[str, ...] = (),
+) -> Flown:
+    """Fly lanes until each is told to stop, or falls through a function that ends it.
+
+    Parameters
+    ----------
+    step_map : StepMap
+        Without derivatives.
+    watch : Watch
+        The functions.
+    x : ndarray, shape (n, N)
+        Starts.
+    h : float
+        Sub-step; negative to fly backwards.
+    goes_on : callable
+        ``goes_on(lanes, first, way)`` is shown the states ``way`` (n, K, L) of some lanes (L,)
+        at the ends of the sub-steps number ``first`` … ``first + K − 1`` (0 is the start) and
+        returns how many of these K states are still part of each flight (L,): K to go on.
+    most : int
+        Largest number of sub-steps.
+    ends : tuple of str
+        Names of functions whose fall ends a flight.
+
+    Returns
+    -------
+    Flown
+        Ends and zeros.
+    """
+    cases = x.shape[1]
+    lanes = np.arange(cases)
+    end, last = x.copy(), np.zeros(cases, dtype=np.intp)
+    found: list[_Brackets] = []
+    killers = [watch.names.index(name) for name in ends]
+    now, done = np.ascontiguousarray(x), 0
+    while lanes.size and done < most:
+        steps = min(_CHUNK, most - done)
+        way = step_map.trajectory(now, steps * h, steps, strict=False)
+        bad = ~np.isfinite(way).all(axis=0)
+        whole = np.where(bad.any(axis=0), np.argmax(bad, axis=0), steps + 1)
+        length = np.minimum(goes_on(lanes, done, way), whole)
+        inside = np.arange(steps)[:, None] < length - 1
+        values, slopes = watch(way)
+        brackets = _brackets(step_map, watch, way, values, slopes, inside, h)
+        brackets.begin += done * h
+        falls = np.isin(brackets.event, killers) & (brackets.values[0] > brackets.values[1])
+        alive = length == steps + 1
+        alive[brackets.lane[falls]] = False
+        brackets.lane = lanes[brackets.lane]
+        found.append(brackets)
+        at = np.maximum(length - 1, 0)
+        end[:, lanes] = way[:, at, np.arange(lanes.size)]
+        last[lanes] = done + at
+        now, lanes, done = np.ascontiguousarray(way[:, -1, alive]), lanes[alive], done + steps
+    zeros = _refined(step_map, watch, found, h)
+    time, ended = np.asarray(last * h, float), np.full(cases, -1, dtype=np.intp)
+    for i in np.flatnonzero(np.isin(zeros.event, killers) & ~zeros.rising)[::-1]:
+        lane = zeros.lane[i]  # zeros are in order: the first of each lane is seen last
+        time[lane], ended[lane], end[:, lane] = zeros.time[i], zeros.event[i], zeros.x[:, i]
+    keep = np.abs(zeros.time) <= np.abs(time[zeros.lane])
+    return Flown(end, time, ended, zeros.chosen(keep))
+
+
+def _brackets(
+    step_map: StepMap,
+    watch: Watch,
+    way: Array,
+    values: Array,
+    slopes: Array,
+    inside: NDArray[np.bool_],
+    h: float,
+) -> _Brackets:
+    """Return all brackets of a chunk (n, K + 1, L); `begin` counts from its start."""
+    f0, f1 = values[:, :-1], values[:, 1:]
+    g0, g1 = slopes[:, :-1] * h, slopes[:, 1:] * h
+    crosses = ((f0 > 0.0) & (f1 <= 0.0)) | ((f0 < 0.0) & (f1 >= 0.0))
+    event, step, lane = np.nonzero(crosses & inside)
+    one = _Brackets(
+        lane, event, np.asarray(step * h, float), way[:, step, lane],
+        np.array([np.zeros(step.size), np.full(step.size, h)]),
+        np.array([f0[event, step, lane], f1[event, step, lane]]),
+        np.array([slopes[event, step, lane], slopes[event, step + 1, lane]]),
+    )  # fmt: skip
+    # towards zero at both ends, without crossing: does the cubic through them come near?
+    towards = (f0 * f1 > 0.0) & (f0 * g0 < 0.0) & (f1 * g1 > 0.0) & inside
+    event, step, lane = np.nonzero(towards)
+    if not event.size:
+        return one
+    a, b = f0[event, step, lane], f1[event, step, lane]
+    s, t = g0[event, step, lane], g1[event, step, lane]
+    u = _turning_point(a, b, s, t)
+    bottom = _cubic(a, b, s, t, u)
+    near = np.sign(a) * bottom <= _NEAR * np.minimum(np.abs(a), np.abs(b))
+    event, step, lane = event[near], step[near], lane[near]
+    a, b, s, t = a[near], b[near], s[near], t[near]
+    if not event.size:
+        return one
+    base, pick = np.ascontiguousarray(way[:, step, lane]), np.arange(event.size)
+
+    def slope(tau: Array) -> Array:
+        return np.asarray(watch(step_map.step(base, tau, strict=False))[1][event, pick])
+
+    zero, whole = np.zeros(event.size), np.full(event.size, h)
+    width = np.full(event.size, 1e-9 * abs(h))
+    tau = bracketed_roots(slope, zero, whole, s / h, t / h, width)
+    value, rate = (q[event, pick] for q in watch(step_map.step(base, tau, strict=False)))
+    two = value * a < 0.0
+    lane, event, base = lane[two], event[two], base[:, two]
+    begin = np.asarray(step[two] * h, float)
+    tau, value, rate = tau[two], value[two], rate[two]
+    first = (np.array([zero[two], tau]), np.array([a[two], value]), np.array([s[two] / h, rate]))
+    second = (np.array([tau, whole[two]]), np.array([value, b[two]]), np.array([rate, t[two] / h]))
+    return _joined([one, *(_Brackets(lane, event, begin, base, *half) for half in (first, second))])
+
+
+def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
+    """Refine brackets to zeros, by Newton's method from the cubic, bracketed where it fails."""
+    n = len(step_map.system.x)
+    if not found:
+        empty = np.zeros(0, dtype=np.intp)
+        return Zeros(empty, empty, np.zeros(0), empty.astype(bool), np.zeros((n, 0)))
+    b = _joined(found)
+    pick = np.arange(b.lane.size)
+    x = np.ascontiguousarray(b.x)
+    low, high = b.ends
+    size = high - low
+    (f0, f1), (g0, g1) = b.values, b.slopes * size
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = f0 / (f0 - f1)
+        for _ in range(3):  # Newton on the cubic
+            u = u - _cubic(f0, f1, g0, g1, u) / _cubic_slope(f0, f1, g0, g1, u)
+    tau = low + size * np.where((u >= 0.0) & (u <= 1.0), u, 0.5)
+    change = np.full(tau.shape, np.inf)
+    at = x
+    for _ in range(_NEWTON):
+        at = step_map.step(x, tau, strict=False)
+        value, rate = (q[b.event, pick] for q in watch(at))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = value / rate
+        new = tau - change
+        ok = np.isfinite(new) & ((new - low) * (new - high) <= 0.0)
+        tau, change = np.where(ok, new, tau), np.where(ok, change, np.inf)
+        if np.all(np.abs(change) <= 1e-13 * abs(h)):
+            break
+    lost = np.flatnonzero(~(np.abs(change) <= 1e-11 * abs(h)))
+    if lost.size:
+        base, event, few = np.ascontiguousarray(x[:, lost]), b.event[lost], np.arange(lost.size)
+
+        def value_at(tau: Array) -> Array:
+            return np.asarray(watch(step_map.step(base, tau, strict=False))[0][event, few])
+
+        width = np.full(lost.size, 4.0 * np.finfo(float).eps * abs(h))
+        tau[lost] = bracketed_roots(
+            value_at, low[lost], high[lost], b.values[0, lost], b.values[1, lost], width
+        )
+    at = step_map.step(x, tau, strict=False)
+    time = b.begin + tau
+    order = np.lexsort((np.abs(time), b.lane))
+    rising = b.values[1] > b.values[0]
+    return Zeros(b.lane[order], b.event[order], time[order], rising[order], at[:, order])
+
+
+def _joined(parts: list[_Brackets]) -> _Brackets:
+    return _Brackets(
+        *(
+            np.concatenate([getattr(p, name) for p in parts], axis=-1)
+            for name in ("lane", "event", "begin", "x", "ends", "values", "slopes")
+        )
+    )
+
+
+def _cubic(a: Array, b: Array, s: Array, t: Array, u: Array) -> Array:
+    """Cubic with values a, b and slopes s, t at u = 0, 1."""
+    return a + u * (s + u * (3.0 * (b - a) - 2.0 * s - t + u * (2.0 * (a - b) + s + t)))
+
+
+def _cubic_slope(a: Array, b: Array, s: Array, t: Array, u: Array) -> Array:
+    return s + u * (2.0 * (3.0 * (b - a) - 2.0 * s - t) + 3.0 * u * (2.0 * (a - b) + s + t))
+
+
+def _turning_point(a: Array, b: Array, s: Array, t: Array) -> Array:
+    """Where in (0, 1) the slope of the cubic, of opposite sign at its ends, vanishes."""
+    low, high = np.zeros_like(a), np.ones_like(a)
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        same = _cubic_slope(a, b, s, t, middle) * s > 0.0
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return 0.5 * (low + high)

@@ -1,0 +1,1 @@
+"""How large an error a periodic orbit bears: flown, not linearised."""

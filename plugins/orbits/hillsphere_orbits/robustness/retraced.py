@@ -1,0 +1,101 @@
+"""Orbits that other stages hand on, flown once around on the equations of this one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.dynamics import StepMap, System
+from hillsphere.errors import InputError, StageError
+from hillsphere.interfaces import Array
+from hillsphere.products import PeriodicOrbits
+from hillsphere_orbits.stability import multipliers
+
+__all__ = ["Retraced", "require_states", "retrace"]
+
+_STATES = ("x", "y", "z", "vx", "vy", "vz")
+_SAME_EQUATIONS = 1e-7
+_STEP = 0.05
+"""Of a unit of time: for the eighth-order map well below `_SAME_EQUATIONS` about a moon that
+fills a good part of its Hill sphere, where the shortest period is about 3."""
+_LEAST = 240
+_DOUBLINGS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Retraced:
+    """M orbits along one period, normalised.
+
+    Parameters
+    ----------
+    way : ndarray, shape (6, K + 1, M)
+        States at equal steps of each orbit's own period, ends included.
+    period : ndarray, shape (M,)
+        Periods.
+    """
+
+    way: Array
+    period: Array
+
+    @property
+    def amplitude(self) -> Array:
+        """Largest |x|, |y| and |z| along each orbit, shape (3, M)."""
+        return np.asarray(np.max(np.abs(self.way[:3]), axis=1))
+
+
+def require_states(system: System, what: str) -> None:
+    """Raise `InputError` unless the states are position and velocity in space."""
+    names = tuple(v.name for v in system.states)
+    if names != _STATES:
+        raise InputError(
+            f"{what} needs a plant with states {', '.join(_STATES)}; this one has "
+            f"{', '.join(names)}"
+        )
+
+
+def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Retraced:
+    """Fly orbits once around.
+
+    Parameters
+    ----------
+    stepper : StepMap
+        Of the normalised system, without derivatives.
+    orbits : PeriodicOrbits
+        M orbits.
+    step : float
+        Longest step wanted, normalised; the accuracy may ask for a shorter one.
+
+    Returns
+    -------
+    Retraced
+        Their states on the way.
+
+    Raises
+    ------
+    StageError
+        If there is no orbit, or one does not close: it belongs to other equations.
+    """
+    system = stepper.system
+    x = orbits.x0 / system.unit[:, None]
+    period = orbits.period_s / system.time_unit_s
+    if not period.size:
+        raise StageError("the stages named in needs hand on no orbit; ask them for members")
+    # an unstable orbit magnifies the rounding of its start by its largest multiplier
+    growth = np.maximum(1.0, np.abs(multipliers(orbits.monodromy)[0]))
+    steps = max(_LEAST, int(np.ceil(np.max(period) / min(step, _STEP))))
+    for _ in range(_DOUBLINGS):
+        way = stepper.trajectory(x, period, steps, strict=False)
+        error = np.max(np.abs(way[:, -1] - x), axis=0) / growth
+        error = np.where(np.isfinite(error), error, np.inf)
+        if np.max(error) <= _SAME_EQUATIONS:
+            break
+        steps *= 2  # orbits close to a small moon, with far shorter periods
+    worst = int(np.argmax(error))
+    if orbits.frame != system.frame or not error[worst] <= _SAME_EQUATIONS:
+        raise StageError(
+            f"the orbits (frame {orbits.frame}) do not solve the equations of this stage's plant "
+            f"(frame {system.frame}; {orbits.labels[worst]!r} closes to {error[worst]:.1e}); give "
+            "the plant with which they were computed"
+        )
+    return Retraced(way, period)

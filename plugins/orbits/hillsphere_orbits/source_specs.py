@@ -1,0 +1,17 @@
+"""What the stages that judge periodic orbits take: members of families of any kind."""
+
+from __future__ import annotations
+
+from hillsphere.spec import Ref, Spec, need
+
+__all__ = ["OrbitNeeds"]
+
+
+class OrbitNeeds(Spec):
+    """Stages whose orbits are taken, whatever the family."""
+
+    examples = ({"orbits": ["family"]}, {"orbits": ["family", "families"]})
+
+    orbits: tuple[Ref, ...] = need(
+        "hillsphere.products:OrbitSet", "families whose members are taken", min_length=1
+    )

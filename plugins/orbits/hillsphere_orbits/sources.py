@@ -1,0 +1,54 @@
+"""Members of families of any kind as one set of orbits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hillsphere.errors import StageError
+from hillsphere.products import OrbitSet, PeriodicOrbits
+
+__all__ = ["HasMembers", "members_of"]
+
+HasMembers = OrbitSet
+
+
+def members_of(*families: OrbitSet) -> PeriodicOrbits:
+    """Return the members of all families given, in order, as one set.
+
+    Parameters
+    ----------
+    *families : OrbitSet
+        Products of stages.
+
+    Returns
+    -------
+    PeriodicOrbits
+        All of them; labels as they were.
+
+    Raises
+    ------
+    StageError
+        If they differ in frame, states or units, or there is none.
+    """
+    sets = [family.members for family in families if family is not None]
+    if not sets:
+        raise StageError("no family is given")
+    first = sets[0]
+    for other in sets[1:]:
+        for name in ("frame", "states", "length_m", "time_s"):
+            if (mine := getattr(first, name)) != (theirs := getattr(other, name)):
+                raise StageError(
+                    f"orbits of families in different {name}: {mine!r} and {theirs!r}; compute "
+                    "them with the same plant"
+                )
+    return replace(
+        first,
+        x0=np.concatenate([o.x0 for o in sets], axis=1),
+        period_s=np.concatenate([o.period_s for o in sets]),
+        integral=np.concatenate([o.integral for o in sets]),
+        monodromy=np.concatenate([o.monodromy for o in sets], axis=2),
+        residual=np.concatenate([o.residual for o in sets]),
+        labels=tuple(label for o in sets for label in o.labels),
+    )

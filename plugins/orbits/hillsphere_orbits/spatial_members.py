@@ -1,0 +1,120 @@
+"""Orbits of families in space, corrected lane by lane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import ConvergenceError
+from hillsphere.interfaces import Array
+from hillsphere_orbits.spatial_shooting import SpatialShooting
+
+__all__ = ["CLOSED", "RETURNED", "Members", "polish"]
+
+CLOSED = 1e-9
+"""Residual beyond which a member counts as not found."""
+
+RETURNED = 3e-12
+"""Residual at which Newton's iteration for a member stops."""
+
+_NEWTON = 12  # evaluations
+
+
+@dataclass(frozen=True)
+class Members:
+    """Orbits of families, with what half a period makes of them.
+
+    Parameters
+    ----------
+    z : ndarray, shape (4, N)
+        Unknowns.
+    end : ndarray, shape (6, N)
+        States after half a period.
+    phi : ndarray, shape (6, 6, N)
+        State transition matrices of half a period.
+    error : ndarray, shape (N,)
+        Largest residual.
+    """
+
+    z: Array
+    end: Array
+    phi: Array
+    error: Array
+
+    def of(self, lanes: NDArray[np.intp]) -> Members:
+        """Return some of them."""
+        return Members(
+            self.z[:, lanes], self.end[:, lanes], self.phi[:, :, lanes], self.error[lanes]
+        )
+
+    def replaced(self, lanes: NDArray[np.intp], others: Members) -> Members:
+        """Return these with other ones in some lanes."""
+        z, end, phi, error = (a.copy() for a in (self.z, self.end, self.phi, self.error))
+        z[:, lanes], end[:, lanes] = others.z, others.end
+        phi[:, :, lanes], error[lanes] = others.phi, others.error
+        return Members(z, end, phi, error)
+
+    def checked(self, what: str, names: Sequence[str]) -> Members:
+        """Return these, or raise `ConvergenceError` naming those that were not found."""
+        failed = np.flatnonzero(~(self.error <= CLOSED))
+        if failed.size:
+            shown = ", ".join(names[i] for i in failed[:5])
+            more = "" if failed.size <= 5 else f" and {failed.size - 5} more"
+            raise ConvergenceError(
+                f"{what}: Newton's iteration did not converge for {shown}{more} "
+                f"(residual {self.error[failed].max():.1e})"
+            )
+        return self
+
+
+def polish(
+    problem: SpatialShooting, z: Array, normals: Array, points: Array, tolerance: float = RETURNED
+) -> Members:
+    """Correct members within planes; only those that need it are evaluated again.
+
+    Parameters
+    ----------
+    problem : SpatialShooting
+        Of these N lanes.
+    z : ndarray, shape (4, N)
+        Guesses.
+    normals, points : ndarray, shape (4, N)
+        normal·(z − point) = 0 is held.
+    tolerance : float
+        Residual at which a member is good.
+
+    Returns
+    -------
+    Members
+        The best iterate of each; not checked.
+    """
+    cases = z.shape[1]
+    best, error = z.copy(), np.full(cases, np.inf)
+    end, phi = np.full((6, cases), np.nan), np.full((6, 6, cases), np.nan)
+    z, todo = z.copy(), np.arange(cases)
+    for _ in range(_NEWTON):
+        values, slopes, here, matrix = problem.of(todo).evaluate(z[:, todo])
+        plane = np.sum(normals[:, todo] * (z[:, todo] - points[:, todo]), axis=0)
+        values = np.concatenate([values, plane[None]])
+        slopes = np.concatenate([slopes, normals[None, :, todo]])
+        size = np.max(np.abs(values), axis=0)
+        usable = np.isfinite(size) & np.isfinite(slopes).all(axis=(0, 1))
+        before = error[todo]
+        better = usable & (size < before)
+        own = todo[better]
+        best[:, own], error[own] = z[:, own], size[better]
+        end[:, own], phi[:, :, own] = here[:, better], matrix[:, :, better]
+        # Twice as good at least, or rounding is reached. Before that Newton's iteration may falter,
+        # and is slow where another family branches off.
+        go = (size > tolerance) & (size < 0.5 * before)
+        go |= (size > CLOSED) & (size < 10.0 * before)
+        go &= usable
+        if not np.any(go):
+            break
+        step = np.linalg.pinv(np.moveaxis(slopes[:, :, go], 2, 0)) @ values[:, go].T[:, :, None]
+        todo = todo[go]
+        z[:, todo] -= step[:, :, 0].T
+    return Members(best, end, phi, error)

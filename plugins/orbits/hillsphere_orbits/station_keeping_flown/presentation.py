@@ -1,0 +1,249 @@
+"""Tables, figures and sentences about station-keeping that was flown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.station_keeping_flown.figures import MOST_ORBITS, draw_cost, draw_survival
+from hillsphere_orbits.station_keeping_flown.held import FLOWN
+from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
+
+__all__ = ["present_flown"]
+
+_GRID = (
+    Column("orbit", "", "orbit"),
+    Column("strategy", "", "strategy"),
+    Column("interval_h", "h", "interval", 6),
+    Column("outcome", "", "outcome"),
+    Column("survival", "-", "survival probability", 4),
+    Column("survival_low", "-", "at least", 3),
+    Column("survival_high", "-", "at most", 3),
+    Column("cost_m_s", "m/s", "mean Δv", 4),
+    Column("cost_95_m_s", "m/s", "95 % of Δv", 4),
+    Column("deviation_km", "km", "rms deviation", 4),
+    Column("impact", "-", "impact"),
+    Column("escape", "-", "escape"),
+    Column("other_loss", "-", "other loss"),
+)
+_LONGEST = (
+    Column("orbit", "", "orbit"),
+    Column("strategy", "", "strategy"),
+    Column("period_h", "h", "period", 6),
+    Column("e_folding_h", "h", "e-folding time", 4),
+    Column("outcome", "", "outcome"),
+    Column("longest_h", "h", "longest interval held", 6),
+    Column("cost_m_s", "m/s", "mean Δv there", 4),
+    Column("cost_95_m_s", "m/s", "95 % of Δv there", 4),
+    Column("best_survival", "-", "best survival", 4),
+    Column("index_m_s", "m/s", "index v_cm", 5),
+)
+
+
+def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
+    """Show survival and cost of every combination, and the longest intervals.
+
+    Parameters
+    ----------
+    product : StationKeepingFlown
+        What is shown.
+    label : str
+        Appended to names.
+
+    Returns
+    -------
+    Presentation
+        Tables ``station_keeping_flown`` and ``station_keeping_longest``, figures
+        ``station_keeping_survival`` and ``station_keeping_cost``.
+    """
+    days = f"{product.duration_s / 86400.0:g} days"
+    rows, many = max(len(product.labels), 2), len(product.labels) > MOST_ORBITS
+    survival = Figure(
+        f"Survival of {days}",
+        lambda canvas: draw_survival(canvas, product),
+        "Part of the flights that survived, by orbit and time between corrections, a strategy per "
+        "panel. A stable orbit has no unstable component to correct.",
+        size_in=(2.4 + 0.75 * len(product.intervals) * len(product.strategies), 1.9 + 0.32 * rows),
+    )
+    cost = Figure(
+        f"Cost of {days}",
+        lambda canvas: draw_cost(canvas, product),
+        "Mean Δv of the flights that survived, and its 95th percentile (bar), against the time "
+        f"between corrections. Full marks: at least {100 * product.survival_required:g} % "
+        "survived; open marks: fewer did, and the cost is that of the lucky ones."
+        + (f" {MOST_ORBITS} of the {len(product.labels)} orbits." if many else ""),
+        size_in=(9.0, 3.8 + 0.06 * min(rows, MOST_ORBITS)),
+    )
+    names = {
+        "station_keeping_flown": Table(
+            f"Station-keeping flown for {days}", _GRID, _grid(product), _notes(product)
+        ),
+        "station_keeping_longest": Table(
+            "Longest interval between corrections that holds the orbit",
+            _LONGEST,
+            _longest(product),
+            _longest_notes(product),
+        ),
+    }
+    held = np.isfinite(product.longest()).any(axis=1)
+    metrics = {
+        "station_keeping_references": Metric(len(product.labels)),
+        "station_keeping_held": Metric(int(np.count_nonzero(held))),
+    }
+    return Presentation(
+        metrics={named(name, label): metric for name, metric in metrics.items()},
+        tables={named(name, label): table for name, table in names.items()},
+        figures={
+            named("station_keeping_survival", label): survival,
+            named("station_keeping_cost", label): cost,
+        },
+        verdict=_verdict(product),
+    )
+
+
+def _grid(product: StationKeepingFlown) -> list[dict[str, Cell]]:
+    survival, lost = product.survival, product.lost
+    ends = {name: product.counts[e] for e, name in enumerate(product.statuses)}
+    other = sum(c for name, c in ends.items() if name not in ("completed", "impact", "escape"))
+    rows: list[dict[str, Cell]] = []
+    for i, s, j in np.ndindex(*product.flown.shape):
+        row: dict[str, Cell] = {
+            "orbit": product.labels[i],
+            "strategy": product.strategies[s],
+            "interval_h": _number(product.interval_s[i, j] / 3600.0),
+        }
+        if product.flown[i, s, j]:
+            part = survival[i, s, j]
+            held = part >= product.survival_required
+            row |= {
+                "outcome": "held" if held else "lost" if lost[i, s, j] else "partly lost",
+                "survival": float(part),
+                "survival_low": float(product.low[i, s, j]),
+                "survival_high": float(product.high[i, s, j]),
+                "cost_m_s": _number(product.cost_m_s[i, s, j]),
+                "cost_95_m_s": _number(product.cost_95_m_s[i, s, j]),
+                "deviation_km": _number(product.deviation_m[i, s, j] / 1e3),
+                "impact": int(ends["impact"][i, s, j]),
+                "escape": int(ends["escape"][i, s, j]),
+                "other_loss": int(np.asarray(other)[i, s, j]),
+            }
+        else:
+            row["outcome"] = _why_not(product, i, j)
+        rows.append(row)
+    return rows
+
+
+def _longest(product: StationKeepingFlown) -> list[dict[str, Cell]]:
+    longest, survival = product.longest(), product.survival
+    rows: list[dict[str, Cell]] = []
+    for i, s in np.ndindex(*longest.shape):
+        row: dict[str, Cell] = {
+            "orbit": product.labels[i],
+            "strategy": product.strategies[s],
+            "period_h": _number(product.period_s[i] / 3600.0),
+            "e_folding_h": _number(product.unstable_time_s[i] / 3600.0),
+            "index_m_s": _number(product.index_m_s[i]),
+        }
+        if not product.flown[i, s].any():
+            row["outcome"] = _why_not(product, i, 0)
+        else:
+            row["best_survival"] = float(np.nanmax(survival[i, s]))
+            row["outcome"] = "held" if np.isfinite(longest[i, s]) else "no interval holds it"
+        if np.isfinite(longest[i, s]):
+            enough = survival[i, s] >= product.survival_required
+            j = int(np.flatnonzero(enough & (product.interval_s[i] == longest[i, s]))[0])
+            row |= {
+                "longest_h": float(longest[i, s] / 3600.0),
+                "cost_m_s": _number(product.cost_m_s[i, s, j]),
+                "cost_95_m_s": _number(product.cost_95_m_s[i, s, j]),
+            }
+        rows.append(row)
+    return rows
+
+
+def _why_not(product: StationKeepingFlown, i: int, j: int) -> str:
+    if product.status[i] != FLOWN:
+        return product.status[i]
+    if not np.isfinite(product.interval_s[i, j]):
+        return "not flown: no period"
+    return "stable: nothing to correct"
+
+
+def _notes(product: StationKeepingFlown) -> list[str]:
+    limit = f"{product.limit_factor:g} times the orbit's largest |x|, |y| or |z|"
+    if product.distance_max_m is not None:
+        limit += f", or {product.distance_max_m / 1e3:g} km from its reference at the time"
+    sure = (0.5 * (1.0 - product.confidence)) ** (1.0 / product.cases)
+    return [
+        f"{product.cases} flights of each combination. One standard deviation per axis: at the "
+        f"start {product.injection_m:g} m and {100 * product.injection_m_s:g} cm/s; of what is "
+        f"known at each correction {product.navigation_m:g} m and "
+        f"{100 * product.navigation_m_s:g} cm/s, independent each time. Impulses err by "
+        f"{100 * product.execution_magnitude:g} % in size and "
+        f"{np.degrees(product.execution_pointing_rad):.3g}° in direction; below "
+        f"{1e3 * product.minimum_impulse_m_s:g} mm/s none is made.",
+        f"A flight is lost beyond {limit}, or when it meets the body.",
+        "Δv and deviation are those of the flights that survived; where none did, there are none. "
+        "The deviation is the distance, at the corrections, from where the reference is then.",
+        f"The range of the probability holds it with {100 * product.confidence:g} % confidence "
+        f"(Clopper and Pearson): if all {product.cases} survive it is at least {sure:.3f}.",
+    ]
+
+
+def _longest_notes(product: StationKeepingFlown) -> list[str]:
+    notes = [
+        f"Held: at least {100 * product.survival_required:g} % of {product.cases} flights survive; "
+        "longer intervals, of those tried, do not."
+    ]
+    if np.isfinite(product.index_m_s).any():
+        notes.append(
+            "v_cm is an index, not a flown cost: it takes the state to be known perfectly and "
+            "corrects once per period; compare it with what one correction per period does here."
+        )
+    return notes
+
+
+def _verdict(product: StationKeepingFlown) -> list[str]:
+    total, longest = len(product.labels), product.longest()
+    refused = sum(status != FLOWN for status in product.status)
+    days = f"{product.duration_s / 86400.0:g} days"
+    said = []
+    for s, name in enumerate(product.strategies):
+        tried = product.flown[:, s].any(axis=1)
+        held = np.isfinite(longest[:, s])
+        sentence = f"Strategy {name} holds {np.count_nonzero(held)} of "
+        sentence += f"{np.count_nonzero(tried)} orbits flown for {days} with "
+        sentence += f"{100 * product.survival_required:g} % survival"
+        if held.any():
+            hours = longest[held, s] / 3600.0
+            span = f"{hours.min():.4g}"
+            if hours.max() > hours.min():
+                span += f" to {hours.max():.4g}"
+            sentence += f", corrected every {span} h at the longest"
+        said.append(sentence + ".")
+    stable = int(np.count_nonzero(product.stable))
+    if stable:
+        said.append(
+            f"{stable} of {total} orbits {'is' if stable == 1 else 'are'} stable: without an "
+            "unstable component, the Floquet mode has nothing to correct and no cost."
+        )
+    if refused:
+        said.append(f"{refused} of {total} references could not be flown; the table says why.")
+    once = [j for j, name in enumerate(product.intervals) if name == "period"]
+    if once:
+        flown = product.flown[:, :, once[0]].any(axis=1) & ~product.stable
+        best = np.where(product.flown, product.survival, 0.0)[:, :, once[0]].max(axis=1)
+        lost = int(np.count_nonzero(flown & (best < product.survival_required)))
+        if lost:
+            said.append(
+                f"One correction per period, which the analytic index supposes, does not hold "
+                f"{lost} of {np.count_nonzero(flown)} unstable orbits with any strategy."
+            )
+    return said
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,194 @@
+"""Spec of the stage ``station_keeping_flown``: what a mission may write."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Literal, Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+
+__all__ = ["StationKeepingFlownNeeds", "StationKeepingFlownSpec"]
+
+
+class StationKeepingFlownNeeds(Spec):
+    """Products of earlier stages that ``station_keeping_flown`` takes."""
+
+    orbits: tuple[Ref, ...] = need(
+        "hillsphere.products:OrbitSet", "periodic orbits that are to be held", default=()
+    )
+    flights: tuple[Ref, ...] = need(
+        "hillsphere.products:FlightSet",
+        "other trajectories of the plant that are to be held: each coast is a reference",
+        default=(),
+    )
+    ladder: Ref | None = need(
+        "hillsphere_orbits.fidelity.products:FidelityLadder",
+        "orbits carried over to the plant, which is one of its rungs",
+        default=None,
+    )
+    index: Ref | None = need(
+        "hillsphere_orbits.spatial_products:StationKeepingIndex",
+        "analytic index, shown beside what is flown",
+        default=None,
+    )
+
+
+class StationKeepingFlownSpec(StageSpec):
+    """Station-keeping flown in the closed loop: strategies, correction intervals, survival, cost.
+
+    A flight is lost when |x|, |y| or, for an orbit in space, |z| passes its limit, when it is too
+    far from its reference, or when it meets the surface of the body.
+    """
+
+    produces = "hillsphere_orbits.station_keeping_flown.products:StationKeepingFlown"
+    examples = (
+        {
+            "plant": "hill",
+            "needs": {"orbits": ["family"]},
+            "intervals_h": [12],
+            "once_per_period": False,
+            "strategies": ["periodic_lqr"],
+            "cases": 4,
+            "duration_d": 1,
+        },
+        {
+            "plant": "hill",
+            "needs": {"orbits": ["families"], "index": "index"},
+            "intervals_h": [6, 12, 24, 48],
+            "cases": 64,
+            "distance_max_km": 20,
+        },
+        {
+            "plant": "elliptic",
+            "needs": {"ladder": "ladder"},
+            "rung": "elliptic",
+            "once_per_period": False,
+        },
+    )
+
+    needs: StationKeepingFlownNeeds = option("products of earlier stages")
+    plant: Ref = reference("plant", "equations of motion, those of the orbits and flights")
+    rung: str = option(
+        "with needs.ladder: name of the rung whose flights are held, that of the plant", default=""
+    )
+    members: tuple[str, ...] = option(
+        "names of the orbits and flights that are held; left out: all", default=()
+    )
+    duration_s: float = quantity(
+        "time", "for how long every orbit is held", default=30 * 86400.0, gt=0
+    )
+    strategies: tuple[Literal["floquet_mode", "target_point", "periodic_lqr"], ...] = option(
+        "what is flown: 'floquet_mode' nulls the unstable component with the smallest impulse; "
+        "'target_point' weighs the impulse against the deviations at later times; 'periodic_lqr' "
+        "is the linear-quadratic regulator along the orbit",
+        default=("floquet_mode", "target_point", "periodic_lqr"),
+        min_length=1,
+    )
+    intervals_s: tuple[float, ...] = quantity(
+        "time",
+        "times between corrections that are tried",
+        default=(6 * 3600.0, 12 * 3600.0, 24 * 3600.0, 48 * 3600.0),
+        ge=60.0,
+    )
+    once_per_period: bool = option(
+        "whether one correction per period of the orbit is tried too", default=True
+    )
+    cases: int = option("flights of each combination", default=64, ge=1, le=100_000)
+    injection_position_m: float = quantity(
+        "length", "standard deviation per axis of the position at the start", default=100.0, ge=0
+    )
+    injection_velocity_m_s: float = quantity(
+        "speed", "standard deviation per axis of the velocity at the start", default=0.03, ge=0
+    )
+    navigation_position_m: float = quantity(
+        "length",
+        "standard deviation per axis of what is known of the position at each correction",
+        default=30.0,
+        ge=0,
+    )
+    navigation_velocity_m_s: float = quantity(
+        "speed",
+        "standard deviation per axis of what is known of the velocity at each correction",
+        default=0.01,
+        ge=0,
+    )
+    execution_magnitude: float = option(
+        "standard deviation of the size of an impulse, as a fraction", default=0.01, ge=0, lt=1
+    )
+    execution_pointing_rad: float = quantity(
+        "angle",
+        "standard deviation of its direction, about each axis",
+        default=0.5 * pi / 180.0,
+        ge=0,
+        lt=1,
+    )
+    minimum_impulse_m_s: float = quantity(
+        "speed", "a smaller impulse is not done", default=0.001, ge=0
+    )
+    limit_factor: float = option(
+        "a flight is lost beyond so many times the reference's largest |x|, |y| or, in space, |z|",
+        default=2.0,
+        gt=1,
+        le=1000,
+    )
+    distance_max_m: float | None = quantity(
+        "length",
+        "and beyond this distance from where the reference is at the time; left out: not asked for",
+        default=None,
+        gt=0,
+    )
+    tolerable_position_m: float = quantity(
+        "length",
+        "for 'target_point' and 'periodic_lqr': a deviation in position that weighs as much as "
+        "the tolerable impulse",
+        default=3000.0,
+        gt=0,
+    )
+    tolerable_velocity_m_s: float = quantity(
+        "speed", "for 'periodic_lqr': a deviation in velocity that weighs as much", default=1.0,
+        gt=0,
+    )  # fmt: skip
+    tolerable_impulse_m_s: float = quantity(
+        "speed", "for 'target_point' and 'periodic_lqr': that impulse", default=0.1, gt=0
+    )
+    targets: tuple[int, ...] = option(
+        "for 'target_point': how many intervals after the correction the deviations count",
+        default=(1, 2, 3, 4),
+        ge=1,
+        le=1000,
+        min_length=1,
+    )
+    survival_required: float = option(
+        "survival probability from which an interval counts as flyable", default=0.99, gt=0, le=1
+    )
+    confidence: float = option(
+        "of the interval of the survival probability", default=0.95, gt=0, lt=1
+    )
+    label: str = option(
+        "appended to the names of tables, figures and metrics, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not (self.needs.orbits or self.needs.flights or self.needs.ladder):
+            text = "nothing to hold; name stages as needs.orbits, needs.flights or needs.ladder"
+            raise _rule("needs", text)
+        if bool(self.needs.ladder) != bool(self.rung):
+            raise _rule("rung", "needs.ladder and rung go together; give both or neither")
+        if not self.intervals_s and not self.once_per_period:
+            raise _rule("intervals_s", "no interval is asked for; name one or set once_per_period")
+        for key in ("members", "strategies", "intervals_s", "targets"):
+            values = getattr(self, key)
+            if len(set(values)) < len(values):
+                raise _rule(key, "a value stands twice")
+        return self
+
+
+def _rule(key: str, text: str) -> PydanticCustomError:
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -1,0 +1,272 @@
+r"""Strategies of station-keeping: impulses in proportion to the deviation from a reference.
+
+They differ in the gains, made from the linear flow along the reference, and in what the deviation
+is from. With :math:`A_k = \Phi(t_{k+1}, t_k)` a deviation goes as
+:math:`\delta_{k+1} = A_k(\delta_k + B\,\Delta v_k)`, where B puts velocities into the state.
+
+`GainSchedule` holds the reference in time, :math:`\Delta v_k = -G_k\,(\hat x(t_k) - x_{ref}(t_k))`,
+with the gains of `target_point` or `periodic_lqr`. `FloquetMode` holds the orbit: it nulls the
+unstable component only, so the phase is free to drift, and the deviation is taken from the nearest
+point of the orbit, not from where the reference would be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Compensator
+from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
+
+__all__ = [
+    "STRATEGIES",
+    "FloquetMode",
+    "GainSchedule",
+    "Sampling",
+    "Weights",
+    "floquet_mode",
+    "periodic_lqr",
+    "periodic_lqr_gains",
+    "target_point",
+    "target_point_gains",
+]
+
+_SWEEPS = 500
+_CONVERGED = 1e-10
+_WHOLE = 1e-9
+
+
+class GainSchedule:
+    """Impulses −G_k (seen − reference), the gain by the number of the correction.
+
+    Parameters
+    ----------
+    period_s : float
+        Time between corrections.
+    gains : ndarray, shape (K, p, q)
+        One per correction, from what is seen (q rows, SI) to the Δv (p, m/s).
+
+    Raises
+    ------
+    InputError
+        If the gains are no such array of finite numbers.
+    """
+
+    actuation: Literal["hold", "impulse"] = "impulse"
+
+    def __init__(self, period_s: float, gains: Array) -> None:
+        if gains.ndim != 3 or not np.isfinite(gains).all():
+            raise InputError(f"gains must be (K, p, q) finite numbers, got {gains.shape}")
+        self.period_s, self.gains = period_s, gains
+
+    def initial(self, n_cases: int) -> Array:
+        """Return no states, (0, N)."""
+        return np.zeros((0, n_cases))
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        """Return Δv (p, N), m/s, and no states."""
+        if k >= len(self.gains) or len(y) != self.gains.shape[2]:
+            raise InputError(
+                f"the schedule has {len(self.gains)} gains on {self.gains.shape[2]} values; "
+                f"correction {k} on {len(y)} was asked for"
+            )
+        return self.gains[k] @ (ref - y), xc
+
+
+class FloquetMode:
+    r"""The smallest impulse that nulls the unstable component of the deviation from an orbit.
+
+    With the left unstable directions as rows of :math:`W = (W_r, W_v)` at the phase of the nearest
+    point, :math:`\Delta v = -W_v^{+} W\,\delta` [1]_, [2]_. Its own state is the slip: the phase of
+    that point less the time, s.
+
+    Parameters
+    ----------
+    period_s : float
+        Time between corrections.
+    path : ReferencePath
+        The orbit.
+
+    References
+    ----------
+    .. [1] C. Simó, G. Gómez, J. Llibre, R. Martínez, J. Rodríguez (1987), On the optimal station
+       keeping control of halo orbits, Acta Astronautica 15, p. 391.
+    .. [2] The Phobos QSO bifurcation paper (document provided by JAXA: bifurcated families of
+       quasi-satellite orbits around Phobos for MMX), section 4.1.1.
+    """
+
+    actuation: Literal["hold", "impulse"] = "impulse"
+
+    def __init__(self, period_s: float, path: ReferencePath) -> None:
+        self.period_s, self.path = period_s, path
+
+    def initial(self, n_cases: int) -> Array:
+        """Return no slip, (1, N)."""
+        return np.zeros((1, n_cases))
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        """Return Δv (3, N), m/s, and the slip; what the loop gives as reference is not used."""
+        path, system = self.path, self.path.flow.system
+        seen, time = y / system.unit[:, None], t_s / system.time_unit_s
+        slip = path.nearest(seen, time + xc[0] / system.time_unit_s) - time
+        delta = seen - path.interpolated(time + slip)[0]
+        delta[6:] = 0.0  # of the clock of a plant, which nothing corrects
+        dv = -np.einsum("ijk,jk->ik", path.floquet_gains(time + slip), delta)
+        return dv * system.unit[3:6, None], slip[None] * system.time_unit_s
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What deviations and impulses are weighed by: one over the square of a tolerable size [1]_.
+
+    Normalised.
+
+    References
+    ----------
+    .. [1] A. E. Bryson, Y.-C. Ho (1975), Applied Optimal Control, Hemisphere.
+    """
+
+    position: float
+    velocity: float
+    impulse: float
+    targets: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """A reference at its corrections; normalised.
+
+    Parameters
+    ----------
+    path : ReferencePath
+        The reference; its states begin with three positions and three velocities.
+    interval : float
+        Time between corrections.
+    count : int
+        Corrections K, the first at time zero.
+    """
+
+    path: ReferencePath
+    interval: float
+    count: int
+
+    @property
+    def interval_s(self) -> float:
+        """Time between corrections, s."""
+        return self.interval * self.path.flow.system.time_unit_s
+
+    @property
+    def times(self) -> Array:
+        """Times of the corrections, shape (K,)."""
+        return np.asarray(self.interval * np.arange(self.count, dtype=float))
+
+    def steps(self, count: int) -> Array:
+        """Return the matrices A_k (count, 6, 6) of positions and velocities, from k = 0 on.
+
+        Other states (the true anomaly of the moon) do not deviate.
+        """
+        starts = np.asarray(self.interval * np.arange(count, dtype=float))
+        phi = self.path.transitions(starts, self.interval)
+        return np.ascontiguousarray(np.moveaxis(phi[:6, :6], 2, 0))
+
+    @property
+    def cycle(self) -> int | None:
+        """Corrections in a period of the reference; None if that is no whole number."""
+        if self.path.period is None:
+            return None
+        ratio = self.path.period / self.interval
+        whole = round(ratio)
+        return whole if whole >= 1 and abs(ratio - whole) <= _WHOLE * whole else None
+
+
+def target_point_gains(sampling: Sampling, weights: Weights) -> Array:
+    r"""Return gains (K, 3, 6) that make a weighted sum of deviations at later times least.
+
+    The sum is :math:`|\Delta v|^2/\rho^2 + \sum_i |r_i|^2/q^2` over the target times, whole numbers
+    of intervals later, where :math:`r_i = \Phi_{rr}\delta_r + \Phi_{rv}(\delta_v + \Delta v)` [1]_.
+
+    References
+    ----------
+    .. [1] K. C. Howell, H. J. Pernicka (1993), Station-keeping method for libration point
+       trajectories, Journal of Guidance, Control, and Dynamics 16, p. 151.
+    """
+    count = sampling.count
+    steps = sampling.steps(count + max(weights.targets) - 1)
+    rows = [np.zeros((count, 3, 6))]
+    total = np.eye(6)[None]
+    for i in range(1, max(weights.targets) + 1):
+        total = steps[i - 1 : i - 1 + count] @ total
+        if i in weights.targets:
+            rows.append(total[:, :3] / weights.position)
+    seen = np.concatenate(rows, axis=1)
+    # least squares by singular values: the squares of the rows would lose the impulse's weight
+    by_impulse = seen[:, :, 3:].copy()
+    by_impulse[:, :3] = np.eye(3) / weights.impulse
+    return np.asarray(np.linalg.pinv(by_impulse) @ seen)
+
+
+def periodic_lqr_gains(sampling: Sampling, weights: Weights) -> Array:
+    r"""Return gains (K, 3, 6) of the linear-quadratic regulator along the reference.
+
+    It minimises :math:`\sum_k |r_k|^2/q_r^2 + |v_k|^2/q_v^2 + |\Delta v_k|^2/\rho^2` by the Riccati
+    recursion backwards in time [1]_: swept round and round until it repeats itself where a whole
+    number of intervals makes a period, else once from the last correction.
+
+    References
+    ----------
+    .. [1] S. Bittanti, P. Colaneri (2009), Periodic Systems: Filtering and Control, Springer.
+    """
+    cycle = sampling.cycle
+    q = np.diag(np.repeat([weights.position, weights.velocity], 3) ** -2.0)
+    r = np.eye(3) / weights.impulse**2
+    rounds = 1 if cycle is None else _SWEEPS
+    steps = sampling.steps(sampling.count if cycle is None else cycle)
+    p = q.copy()
+    gains = np.empty((len(steps), 3, 6))
+    for _ in range(rounds):
+        before = p
+        for k in range(len(steps) - 1, -1, -1):
+            cost = steps[k].T @ p @ steps[k]  # of the state after the impulse
+            gains[k] = np.linalg.solve(r + cost[3:, 3:], cost[3:])
+            # Joseph's form: a sum of squares, which stays positive
+            kept = np.eye(6)
+            kept[3:] -= gains[k]
+            p = q + gains[k].T @ r @ gains[k] + kept.T @ cost @ kept
+            p = 0.5 * (p + p.T)
+        if np.max(np.abs(p - before)) <= _CONVERGED * np.max(np.abs(p)):
+            break
+    return gains[np.arange(sampling.count) % len(steps)]
+
+
+def floquet_mode(sampling: Sampling, weights: Weights) -> Compensator:
+    """Return the law `FloquetMode`; it takes no weights."""
+    return FloquetMode(sampling.interval_s, sampling.path)
+
+
+def target_point(sampling: Sampling, weights: Weights) -> Compensator:
+    """Return the schedule of `target_point_gains`."""
+    return _scheduled(sampling, target_point_gains(sampling, weights))
+
+
+def periodic_lqr(sampling: Sampling, weights: Weights) -> Compensator:
+    """Return the schedule of `periodic_lqr_gains`."""
+    return _scheduled(sampling, periodic_lqr_gains(sampling, weights))
+
+
+STRATEGIES: Mapping[str, Callable[[Sampling, Weights], Compensator]] = {
+    "floquet_mode": floquet_mode,
+    "target_point": target_point,
+    "periodic_lqr": periodic_lqr,
+}
+"""By the name that a mission writes."""
+
+
+def _scheduled(sampling: Sampling, gains: Array) -> GainSchedule:
+    unit = sampling.path.flow.system.unit
+    wide = np.zeros((len(gains), 3, len(unit)))
+    wide[:, :, :6] = gains * (unit[3:6, None] / unit[:6])
+    return GainSchedule(sampling.interval_s, wide)

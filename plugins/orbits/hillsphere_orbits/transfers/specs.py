@@ -1,0 +1,80 @@
+"""Specs of the stages on transfers by way of swing orbits: what a mission may write."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, reference
+
+__all__ = ["SwingTransfersNeeds", "SwingTransfersSpec"]
+
+
+class SwingTransfersNeeds(Spec):
+    """Products of earlier stages that ``swing_transfers`` uses."""
+
+    examples = ({"family": "family", "swing": "swing"},)
+
+    family: Ref = need(
+        "hillsphere_orbits.products:QsoFamily", "the orbits where transfers begin and end"
+    )
+    swing: Ref = need(
+        "hillsphere_orbits.swing.products:SwingFamilies",
+        "the families whose orbits carry the transfers",
+    )
+
+
+class SwingTransfersSpec(StageSpec):
+    """Transfers in the plane by way of orbits of several revolutions that meet both ends.
+
+    Every two orbits that follow one another in a route make a leg. For each leg and family the
+    member of least cost is found exactly, and over all families the front of cost and time.
+    """
+
+    produces = "hillsphere_orbits.transfers.swing_products:SwingTransfers"
+    examples = (
+        {
+            "plant": "hill",
+            "needs": {"family": "family", "swing": "swing"},
+            "routes": [["x = 100 km", "x = 50 km"]],
+        },
+    )
+
+    needs: SwingTransfersNeeds = option("products of earlier stages")
+    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    routes: tuple[tuple[str, ...], ...] = option(
+        "sequences of orbits, by their names in the family's table, from departure to arrival"
+    )
+    dearest: float = option(
+        "up to how many times the least cost of a leg its front of cost and time goes",
+        default=2.0,
+        ge=1,
+    )
+    reference: DataPath | None = data_path(
+        "cited CSV of published costs, with the columns leg ('A to B') and dv_m_s", default=None
+    )
+    label: str = option(
+        "appended to the names of tables, figures and metrics, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        fault = ""
+        if not self.routes:
+            fault = "no route is asked for; give at least one, e.g. [['QSO-H', 'QSO-La']]"
+        for route in self.routes:
+            if len(route) < 2:
+                fault = f"a route needs two orbits at least, got {list(route)}"
+            elif any(a == b for a, b in pairwise(route)):
+                fault = f"a leg must lead to another orbit, got {list(route)}"
+        if len(set(self.routes)) < len(self.routes):
+            fault = "a route stands twice"
+        if fault:
+            raise PydanticCustomError("rule", "{text}", {"text": fault, "key": "routes"})
+        return self

@@ -1,0 +1,115 @@
+"""Equilibrium points of motion about a moon: where a particle may rest in its frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import cos, pi, sin
+
+import numpy as np
+
+from hillsphere.dynamics import Derivatives, system
+from hillsphere.errors import ConvergenceError, InputError
+from hillsphere.interfaces import Array, Plant
+
+__all__ = ["equilibrium_near", "libration_points"]
+
+_ITERATIONS = 60
+_EXACT, _CLOSE = 1e-15, 1e-6  # of the distance: a step that is done, one that may be rounding
+_ANOMALIES = (0.0, 1.0, 2.5)
+
+
+def libration_points(plant: Plant) -> Mapping[str, Array]:
+    """Find the libration points, in the moon's true gravity.
+
+    Parameters
+    ----------
+    plant : Plant
+        ``hill`` (L1, L2) or ``three_body`` (L1 to L5), circular, or elliptic with a circle for
+        its ellipse. L1 lies between the moon and its primary, L4 leads the moon.
+
+    Returns
+    -------
+    mapping of str to ndarray, shape (3,)
+        Positions in the plant's frame, m. Gravity that is not symmetric moves them off the axis.
+        L3, L4 and L5 of a moon of mass ratio µ are known to about 1e-16/µ of their distance: all
+        points of that circle are nearly in equilibrium.
+
+    Raises
+    ------
+    InputError
+        If the accelerations vary along the orbit.
+    ConvergenceError
+        If the search from the points of a point mass fails.
+    """
+    near = plant.scales.length_m * 3.0 ** (-1.0 / 3.0)
+    alone = not hasattr(plant, "primary_gm_m3_s2")
+    angle = getattr(plant, "primary_longitude_rad", pi)
+    to_primary = np.array([cos(angle), sin(angle), 0.0])
+    guesses = {"L1": near * to_primary, "L2": -near * to_primary}
+    if not alone:
+        distance: float = plant.primary_distance_m  # type: ignore[attr-defined]
+        guesses["L3"] = 2.0 * distance * to_primary
+        for name, turn in (("L4", -pi / 3.0), ("L5", pi / 3.0)):
+            guesses[name] = distance * np.array([cos(angle + turn), sin(angle + turn), 0.0])
+    found = equilibrium_near(plant, np.array(list(guesses.values())).T)
+    return dict(zip(guesses, found.T, strict=True))
+
+
+def equilibrium_near(plant: Plant, guess_m: Array) -> Array:
+    """Find equilibrium points by Newton's method with exact derivatives.
+
+    Parameters
+    ----------
+    plant : Plant
+        States x, y, z, vx, vy, vz and perhaps a true anomaly.
+    guess_m : ndarray, shape (3, N)
+        First guesses, in the plant's frame.
+
+    Returns
+    -------
+    ndarray, shape (3, N)
+        Where the acceleration of a particle at rest vanishes, m.
+
+    Raises
+    ------
+    InputError
+        If the accelerations vary along the orbit (an ellipse, a moon that librates).
+    ConvergenceError
+        If a search does not end.
+    """
+    equations = system(plant, normalised=True)
+    slopes = Derivatives(equations)
+    x = np.zeros((len(equations.x), guess_m.shape[1]))
+    x[:3] = guess_m / plant.scales.length_m
+    if len(x) > 6:
+        rates = []
+        for anomaly in _ANOMALIES:
+            x[6] = anomaly
+            rates.append(slopes.rate(x)[3:6])
+        if not all(np.allclose(rate, rates[0], rtol=1e-12, atol=1e-12) for rate in rates):
+            raise InputError(
+                "there is no equilibrium point: the accelerations vary along the orbit; give the "
+                "body eccentricity 0 and lock it, or take the circular plant"
+            )
+    before = np.full(x.shape[1], np.inf)
+    done = np.zeros(x.shape[1], dtype=bool)
+    for _ in range(_ITERATIONS):
+        rate, jacobian = slopes.both(x)
+        step = np.linalg.solve(
+            np.moveaxis(jacobian[3:6, :3], 2, 0), -np.moveaxis(rate[3:6], 1, 0)[..., None]
+        )[..., 0].T
+        size = np.linalg.norm(x[:3], axis=0)
+        length = np.linalg.norm(step, axis=0)
+        # Rounding: on the circle through L3, L4, L5 a light moon leaves next to no slope.
+        done |= (length <= _EXACT * size) | ((length <= _CLOSE * size) & (length > 0.5 * before))
+        if done.all():
+            return np.asarray(x[:3] * plant.scales.length_m)
+        # a step of more than a fifth of the distance leaves the neighbourhood of the guess
+        x[:3] += (
+            np.where(done, 0.0, np.minimum(1.0, 0.2 * size / np.maximum(length, 1e-300))) * step
+        )
+        before = length
+    raise ConvergenceError(
+        f"no equilibrium point is found from guess {np.flatnonzero(~done).tolist()} in "
+        f"{_ITERATIONS} iterations; start nearer, outside the body"
+    )

@@ -1,0 +1,272 @@
+"""What plants about a moon share: its gravity, its surface, the end of a flight."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from hillsphere.bodies import Moon
+from hillsphere.gravity import AnyGravityModel, GravityField, acceleration_at, potential_at
+from hillsphere.interfaces import (
+    Array,
+    ArrayGravityModel,
+    GravityModel,
+    Parameter,
+    Piecewise,
+    Scales,
+    SeriesGravity,
+    Surface,
+    Variable,
+)
+from hillsphere.spec import Ref
+from hillsphere.symbolic import Expr, Params, Vec3, constant, dot, sum_of, variables
+from hillsphere_plants.rotation import AxialRotation
+
+__all__ = [
+    "POSITION_AND_VELOCITY",
+    "ArrayAttraction",
+    "MoonCentred",
+    "MoonCentredSpec",
+    "SymbolicAttraction",
+    "vector",
+]
+
+POSITION_AND_VELOCITY = (
+    Variable("x", 1),
+    Variable("y", 1),
+    Variable("z", 1),
+    Variable("vx", 1, -1),
+    Variable("vy", 1, -1),
+    Variable("vz", 1, -1),
+)
+_CONTROLS = (Variable("ax", 1, -2), Variable("ay", 1, -2), Variable("az", 1, -2))
+_PREFIX = "gravity."
+
+
+class MoonCentredSpec(Protocol):
+    """What the Specs of such plants have in common."""
+
+    @property
+    def body(self) -> Ref:
+        """The moon."""
+        ...
+
+    @property
+    def gravity(self) -> Ref:
+        """Its gravity."""
+        ...
+
+    @property
+    def escape_radius_m(self) -> float | None:
+        """Where a flight ends as escaped."""
+        ...
+
+
+class MoonCentred(ABC):
+    """Motion about a moon in a frame in which the moon stands still.
+
+    A subclass writes the equations (`_motion`, `_own_parameters`); one of `SymbolicAttraction` and
+    `ArrayAttraction` brings the attraction of the moon.
+
+    Parameters
+    ----------
+    spec : MoonCentredSpec
+        With its references bound.
+    meridian_rad : float
+        Angle about +z from +x to the moon's longitude 0.
+    mean_motion_rad_s : float
+        Of the moon about its primary.
+    """
+
+    states: tuple[Variable, ...] = POSITION_AND_VELOCITY
+    controls = _CONTROLS
+
+    def __init__(
+        self, spec: MoonCentredSpec, meridian_rad: float, mean_motion_rad_s: float
+    ) -> None:
+        body: Moon = spec.body.get()
+        self._model: AnyGravityModel = spec.gravity.get()
+        self._semi_axes_m: tuple[float, float, float] | None = body.semi_axes_m
+        self._escape_radius_m = spec.escape_radius_m
+        self.moon: Moon = body
+        self.body_name: str = body.name
+        self.primary_distance_m: float = body.semi_major_axis_m
+        self.mean_motion_rad_s = mean_motion_rad_s
+        self.prime_meridian_rad = meridian_rad
+        self.rotation = AxialRotation.by(meridian_rad)
+
+    @property
+    def frame(self) -> str:
+        """``hill:BODY``."""
+        return f"hill:{self.body_name}"
+
+    @property
+    def scales(self) -> Scales:
+        """Natural units: L = (μ/n²)^(1/3) and 1/n."""
+        n = self.mean_motion_rad_s
+        return Scales(length_m=(self._model.gm_m3_s2 / n**2) ** (1.0 / 3.0), time_s=1.0 / n)
+
+    @property
+    def semi_axes_m(self) -> tuple[float, float, float] | None:
+        """Semi-axes of the moon's surface in its body-fixed frame, m; None if it has none.
+
+        Those of the body, or else those of the gravity model.
+        """
+        if self._semi_axes_m is not None:
+            return self._semi_axes_m
+        return self._model.semi_axes_m() if isinstance(self._model, Surface) else None
+
+    @property
+    def gravity_name(self) -> str:
+        """Kind of the gravity model in words, for legends: ``"point mass"``."""
+        return " ".join(re.findall("[A-Z][a-z0-9]*", type(self._model).__name__)).lower()
+
+    @property
+    def series_radius_m(self) -> float | None:
+        """Radius inside which the gravity is a harmonic series without guarantee of convergence.
+
+        The Brillouin sphere, that is the largest semi-axis, or where no shape is known the
+        reference radius of the series; None if the gravity is no series.
+        """
+        series = self._model.series_radius_m if isinstance(self._model, SeriesGravity) else None
+        return series if series is None or self.semi_axes_m is None else max(self.semi_axes_m)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the parameters of the motion, then those of the gravity model, prefixed."""
+        gravity = (Parameter(_PREFIX + q.name, q.value, q.unit) for q in self._model.parameters())
+        return (*self._own_parameters(), *gravity)
+
+    def derivative(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        """Return dx/dt, SI."""
+        return self._motion(x, u, p, self._attraction(x, p))
+
+    def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
+        """Return ``impact`` (where the moon has a surface) and ``escape`` (where it is asked for).
+
+        Both are without dimension and of order one near the body: an ellipsoid's
+        x²/a² + y²/b² + z²/c² − 1, and 1 − r²/R².
+        """
+        found: dict[str, Expr] = {}
+        place = self._place(x)
+        if self._semi_axes_m is not None:
+            squares = [q * q / (a * a) for q, a in zip(place, self._semi_axes_m, strict=True)]
+            found["impact"] = sum_of([*squares, -1.0])
+        elif isinstance(self._model, Surface):
+            found["impact"] = self._model.surface(place)
+        if self._escape_radius_m is not None:
+            found["escape"] = 1.0 - dot(x[:3], x[:3]) / self._escape_radius_m**2
+        return found
+
+    def _place(self, x: Sequence[Expr]) -> Vec3:
+        """Return the position in the moon's body-fixed frame."""
+        return self.rotation.to_body(vector(x[:3]))
+
+    def _moon_gm(self, p: Params) -> Expr:
+        """Return the moon's GM: following its parameter ``gm`` where the gravity has one."""
+        nominal = {q.name: q.value for q in self._model.parameters()}.get("gm")
+        if not nominal:
+            return constant(self._model.gm_m3_s2)
+        return p[_PREFIX + "gm"] * (self._model.gm_m3_s2 / nominal)
+
+    @abstractmethod
+    def _own_parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of the motion itself."""
+
+    @abstractmethod
+    def _motion(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], p: Params, pull: Vec3
+    ) -> tuple[Expr, ...]:
+        """Return dx/dt for the attraction `pull` in the frame of the motion."""
+
+    @abstractmethod
+    def _attraction(self, x: tuple[Expr, ...], p: Params) -> Vec3:
+        """Return the moon's attraction in the frame of the motion, m/s²."""
+
+
+class SymbolicAttraction(MoonCentred):
+    """Gravity of expressions."""
+
+    @cached_property
+    def gravity(self) -> GravityModel:
+        """The gravity model."""
+        model: GravityModel = self._model  # type: ignore[assignment]  # the factory has chosen
+        return model
+
+    def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
+        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        if not isinstance(self.gravity, Piecewise):
+            return ()
+        return self.gravity.switches(self._place(x), _of_gravity(p))
+
+    def _attraction(self, x: tuple[Expr, ...], p: Params) -> Vec3:
+        pull = acceleration_at(self.gravity, self._place(x), _of_gravity(p))
+        return self.rotation.from_body(pull)
+
+    def _potential(self, x: tuple[Expr, ...], p: Params) -> Expr:
+        return potential_at(self.gravity, self._place(x), _of_gravity(p))
+
+
+class ArrayAttraction(MoonCentred):
+    """Gravity that is a function of arrays (a polyhedron, a table).
+
+    The attraction enters the equations as three terms that the step map evaluates at each stage.
+    """
+
+    external = (
+        Variable("attraction:x", 1, -2),
+        Variable("attraction:y", 1, -2),
+        Variable("attraction:z", 1, -2),
+    )
+
+    @cached_property
+    def gravity(self) -> ArrayGravityModel:
+        """The gravity model."""
+        model: ArrayGravityModel = self._model  # type: ignore[assignment]
+        return model
+
+    def external_array(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the attraction (3, N), m/s², at states x (n, N); p (k, N) as `parameters`."""
+        own = p[len(self._own_parameters()) :]
+        return np.asarray(self._axes @ self._field.acceleration(self._axes.T @ x[:3], own))
+
+    def external_jacobian(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the derivatives (3, n, N) of the attraction by the states."""
+        slopes = np.zeros((3, *x.shape))
+        own = p[len(self._own_parameters()) :]
+        body = self._field.gradient(self._axes.T @ x[:3], own)
+        slopes[:, :3] = np.einsum("ia,abk,jb->ijk", self._axes, body, self._axes)
+        return slopes
+
+    def _attraction(self, x: tuple[Expr, ...], p: Params) -> Vec3:
+        return vector(variables(*(v.name for v in self.external)))
+
+    def _potential_array(self, x: Array) -> Array:
+        values = np.array([q.value for q in self.gravity.parameters()])
+        return self._field.potential(self._axes.T @ x[:3], values)
+
+    @cached_property
+    def _field(self) -> GravityField:
+        return GravityField(self.gravity, run_time=[q.name for q in self.gravity.parameters()])
+
+    @cached_property
+    def _axes(self) -> Array:
+        """Columns: the body's axes in the frame of the motion."""
+        c, s = self.rotation
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def vector(components: Sequence[Expr]) -> Vec3:
+    """Return three expressions as a vector."""
+    x, y, z = components
+    return (x, y, z)
+
+
+def _of_gravity(p: Params) -> Params:
+    return {k.removeprefix(_PREFIX): v for k, v in p.items() if k.startswith(_PREFIX)}

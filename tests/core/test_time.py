@@ -1,0 +1,71 @@
+"""Epochs: calendar, leap seconds, scales."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hillsphere.errors import InputError
+from hillsphere.time import J2000, SCALES, Epoch
+
+
+def test_j2000_is_noon_of_the_first_of_january() -> None:
+    assert J2000.isot(np.array([0.0]), 3) == ["2000-01-01T12:00:00.000"]
+    assert Epoch.parse("2000-01-01T12:00:00").seconds_since(J2000) == 0.0
+
+
+def test_the_leap_second_at_the_end_of_2016() -> None:
+    """IERS Bulletin C 52: 2016 December 31 ended with 23:59:60 UTC."""
+    epoch = Epoch.parse("2016-12-31T23:59:59", "UTC")
+    assert epoch.isot(np.array([0.0, 1.0, 2.0]), 0) == [
+        "2016-12-31T23:59:59",
+        "2016-12-31T23:59:60",
+        "2017-01-01T00:00:00",
+    ]
+    after = Epoch.parse("2017-01-01T00:00:00", "UTC")
+    assert after.seconds_since(epoch) == pytest.approx(2.0, abs=1e-9)
+    assert Epoch.parse("2016-12-31T23:59:60.5", "UTC").seconds_since(epoch) == pytest.approx(
+        1.5, abs=1e-9
+    )
+
+
+def test_offsets_between_scales() -> None:
+    """TT − TAI = 32.184 s by definition; TAI − UTC = 37 s since 2017; |TDB − TT| < 2 ms."""
+    utc = Epoch.parse("2020-03-01", "UTC")
+    as_utc = {scale: utc.to(scale).isot(np.array([0.0]), 3)[0] for scale in SCALES}
+    assert as_utc["TAI"] == "2020-03-01T00:00:37.000"
+    assert as_utc["TT"] == "2020-03-01T00:01:09.184"
+    tt, tdb = utc.to("TT"), utc.to("TDB")
+    difference = ((tdb.day - tt.day) + (tdb.fraction - tt.fraction)) * 86400.0
+    assert 1e-4 < abs(difference) < 2e-3
+
+
+@given(
+    st.floats(-1e9, 2e9, allow_nan=False),
+    st.sampled_from(SCALES[:3]),
+    st.sampled_from(SCALES[:3]),
+)
+def test_a_journey_through_another_scale_returns(seconds: float, first: str, second: str) -> None:
+    days = 0.5 + seconds / 86400.0
+    epoch = Epoch(2451544.5 + np.floor(days), days - float(np.floor(days)), first)
+    back = epoch.to(second).to(first)
+    assert abs(back.seconds_since(epoch)) < 1e-8
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "2027", "2027-13-01", "2027-02-30", "2027-06-01T24:00:00", "2027-06-01T12:60",
+     "2027-06-01T23:59:60", "2027-06-01T12:00:00Z", "1 June 2027"],
+)  # fmt: skip
+def test_what_is_no_date_is_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        Epoch.parse(text)
+
+
+def test_an_unknown_scale_is_refused() -> None:
+    with pytest.raises(InputError, match="GPS"):
+        Epoch.parse("2027-06-01", "GPS")
+    with pytest.raises(InputError, match="GPS"):
+        J2000.to("GPS")
