@@ -96,6 +96,8 @@ def faults_of(spec: type[S], keys: Mapping[str, Any]) -> tuple[S | None, list[Fa
     faults: dict[Fault, None] = {}
     for detail, place in _one_branch_each(spec, keys, located):
         kind, last = detail["type"], detail["loc"][-1] if detail["loc"] else ""
+        if kind == "too_short" and len(place.value) >= detail["ctx"]["min_length"]:
+            continue  # items with faults of their own were not counted
         if kind in ("missing", "extra_forbidden") and isinstance(last, str):
             above = _place(spec, keys, detail["loc"][:-1])
             table = tables.setdefault(above.key, _Table(above.annotation, above.value))

@@ -82,9 +82,14 @@ class Epoch:
         except erfa.ErfaError as error:
             raise InputError(f"{text!r} is no date: {error}") from error
         # ERFA takes 24:00 and 61 s and rolls them over; a user who writes them has slipped.
-        if hour > 23 or minute > 59 or (second >= 60.0 and scale != "UTC"):
+        found = cls(float(whole), float(part), scale)
+        slipped = hour > 23 or minute > 59 or second >= 61.0
+        if second >= 60.0 and not slipped:
+            # only the last minute of a day with a leap second has a second 60
+            slipped = not found.isot(np.zeros(1), 0)[0].endswith(":60")
+        if slipped:
             raise InputError(f"{text!r} is no time of day")
-        return cls(float(whole), float(part), scale)
+        return found
 
     def to(self, scale: str) -> Epoch:
         """Return the same instant in another scale.

@@ -77,6 +77,8 @@ def test_the_form_is_that_of_the_standard() -> None:
         ({"object_name": ""}, "object_name"),
         ({"center_name": "a = b"}, "center_name"),
         ({"t_s": np.zeros(12)}, "rise"),
+        ({"t_s": 1e-8 * np.arange(12.0)}, "same time to the microsecond"),
+        ({"comment": "departure\nMETA_STOP"}, "one line"),
         ({"x": np.full((6, 12), np.nan)}, "finite"),
         ({"x": np.zeros((3, 12))}, r"\(6, 12\)"),
     ],

@@ -137,6 +137,8 @@ EDITS: list[tuple[str, str, str, tuple[Expected, ...]]] = [
         "one of 'full', 'none', got a string 'ful'; did you mean 'full'?"),)),
     ("empty-array", "[100, 50, 30]", "[]", (
         (32, "stage.family.x_amplitudes_km", "must have at least 1 items, got 0"),)),
+    ("only-item-wrong", "[100, 50, 30]", "[-1]", (
+        (32, "stage.family.x_amplitudes_km[0]", "must be > 0 km, got -1 km"),)),
     ("count-as-float", 'plant = "hill"', 'plant = "hill"\nsteps = 10.0', (
         (32, "stage.family.steps", "expected a whole number, got 10.0"),)),
     ("count-zero", 'plant = "hill"', 'plant = "hill"\nsteps = 0', (

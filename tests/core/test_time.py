@@ -64,6 +64,17 @@ def test_what_is_no_date_is_refused(text: str) -> None:
         Epoch.parse(text)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["2027-06-01T23:59:60", "2016-12-31T12:30:60", "2016-12-31T23:59:61", "2027-06-01T12:30:99"],
+)
+def test_a_second_60_is_one_of_a_leap_second_only(text: str) -> None:
+    """UTC had one at the end of 2016; no other of these minutes has more than 60 seconds."""
+    with pytest.raises(InputError, match="no time of day"):
+        Epoch.parse(text, "UTC")
+    assert Epoch.parse("2016-12-31T23:59:60.5", "UTC").isot(np.zeros(1), 1)[0].endswith(":60.5")
+
+
 def test_an_unknown_scale_is_refused() -> None:
     with pytest.raises(InputError, match="GPS"):
         Epoch.parse("2027-06-01", "GPS")

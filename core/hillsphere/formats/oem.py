@@ -14,6 +14,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -93,7 +94,8 @@ def write_oem(
     Raises
     ------
     InputError
-        If a frame is not inertial, a name is empty, or a segment has no rising finite states.
+        If a frame is not inertial, a name is empty, a name or comment is more than a line, or a
+        segment has no finite states at times that rise by microseconds at least.
     """
     if not segments:
         raise InputError("an ephemeris message needs at least one segment")
@@ -102,6 +104,11 @@ def write_oem(
     for segment in segments:
         _check(segment)
         times = segment.epoch.isot(segment.t_s)
+        if any(a == b for a, b in pairwise(times)):
+            raise InputError(
+                f"{segment.object_name}: two states have the same time to the microsecond; leave "
+                "one out"
+            )
         lines += ["", "META_START"]
         if segment.comment:
             lines.append(f"COMMENT {segment.comment}")
@@ -130,6 +137,8 @@ def _check(segment: OemSegment) -> None:
     for key in ("object_name", "object_id", "center_name"):
         if not _NAME.fullmatch(value := getattr(segment, key)):
             raise InputError(f"{key} must be one line of text without '=', got {value!r}")
+    if len(segment.comment.splitlines()) > 1:
+        raise InputError(f"comment must be one line of text, got {segment.comment!r}")
     t, x = segment.t_s, segment.x
     if x.shape != (6, t.size) or not t.size:
         raise InputError(f"states must be (6, {t.size}) at {t.size} ≥ 1 times, got {x.shape}")

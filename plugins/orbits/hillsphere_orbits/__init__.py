@@ -133,4 +133,11 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_orbits.station_keeping_flown.specs:StationKeepingFlownSpec",
             "orbits held in the closed loop: strategies, correction intervals, survival, cost",
         ),
+        Component(
+            "stage",
+            "transfers_reflown",
+            "hillsphere_orbits.reflown.stage:TransfersReflownStage",
+            "hillsphere_orbits.reflown.specs:TransfersReflownSpec",
+            "transfers flown again on truer equations: what their impulses become",
+        ),
     ]

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solveh_banded
 
-from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.flow import Flow, flow_of
@@ -216,6 +215,10 @@ class ArcSearch:
         for k in lanes:
             self.reasons[k] = ""
         self.x[:, :, lanes], self.slip[:, lanes] = flights.x[:, :, lanes], flights.slip[:, lanes]
+        # what is held stays where it was given, wherever a free flight went
+        back = np.ix_(self.moves, np.arange(self.x.shape[1]), lanes)
+        there = self.given[back] / self.unit[self.moves]
+        self.x[back] = np.where(self.freedom[:, :, lanes] == 0.0, there, self.x[back])
         return np.array(lanes, dtype=np.intp)
 
     def _restarted(self, lanes: _Lanes) -> _Lanes:
@@ -308,7 +311,7 @@ class ArcSearch:
             start = np.ascontiguousarray(self.x[:, :-1, good].reshape(n, -1))
             duration = np.repeat(self.durations, good.size)
             if self.flow.system.external is None:
-                end = Taylor(self.flow.system).fly(start, duration, strict=False).x
+                end = self.flow.taylor.fly(start, duration, strict=False).x
             else:
                 end = self.flow.map.propagate(start, duration, 2 * self.steps, strict=False)[0]
             jumps = end.reshape(n, points - 1, good.size) - self.x[:, 1:, good]

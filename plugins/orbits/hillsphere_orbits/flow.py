@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hillsphere.dynamics import ArrayFunction, StepMap, System, system
+from hillsphere.dynamics import ArrayFunction, StepMap, System, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 
@@ -58,6 +58,11 @@ class Flow:
     def plain(self) -> StepMap:
         """The same map without the matrix: seven times as fast, for flights of many lanes."""
         return StepMap(self.system, method="dop853")
+
+    @cached_property
+    def taylor(self) -> Taylor:
+        """Its Taylor series, which an `ExternalInputs` plant does not have."""
+        return Taylor(self.system)
 
     @cached_property
     def _rate(self) -> ArrayFunction:

@@ -42,7 +42,8 @@ class QsoFamily(OrbitSet):
     prime_meridian_rad : float
         Angle from +x to its longitude 0.
     primary_distance_m : float or None
-        Distance of the primary, by which the Hill approximation is judged.
+        Distance of the primary, by which the Hill approximation is judged; None if the equations
+        are not Hill's or nothing is known of it.
     series_radius_m : float or None
         Radius inside which the gravity is a series without guarantee of convergence.
     method : str

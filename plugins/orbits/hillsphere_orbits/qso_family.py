@@ -19,6 +19,7 @@ from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import (
     LockedMoon,
     Surveyor,
+    TruePrimary,
     extent,
     nearest,
     require_accuracy,
@@ -109,6 +110,7 @@ class QsoFamilyStage:
         advance(1)
         scales = qso.plant.scales
         moon = qso.plant if isinstance(qso.plant, LockedMoon) else None
+        approximate = moon is not None and not isinstance(moon, TruePrimary)
         return QsoFamily(
             members=members,
             curve=curve,
@@ -124,7 +126,7 @@ class QsoFamilyStage:
             body=moon.body_name if moon else "",
             semi_axes_m=tuple(moon.semi_axes_m or ()) if moon else (),
             prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
-            primary_distance_m=moon.primary_distance_m if moon else None,
+            primary_distance_m=moon.primary_distance_m if moon and approximate else None,
             series_radius_m=moon.series_radius_m if moon else None,
             method=family.method,
             check=surveyor.check,

@@ -25,7 +25,7 @@ def members_of(*families: OrbitSet) -> PeriodicOrbits:
     Returns
     -------
     PeriodicOrbits
-        All of them; labels as they were.
+        All of them; labels as they were, numbered where two orbits have the same.
 
     Raises
     ------
@@ -50,5 +50,17 @@ def members_of(*families: OrbitSet) -> PeriodicOrbits:
         integral=np.concatenate([o.integral for o in sets]),
         monodromy=np.concatenate([o.monodromy for o in sets], axis=2),
         residual=np.concatenate([o.residual for o in sets]),
-        labels=tuple(label for o in sets for label in o.labels),
+        labels=_distinct([label for o in sets for label in o.labels]),
     )
+
+
+def _distinct(labels: list[str]) -> tuple[str, ...]:
+    """Return the labels, numbered from the second of a name on: stages tell orbits by them."""
+    names: dict[str, None] = {}
+    for label in labels:
+        name, number = label, 1
+        while name in names:
+            number += 1
+            name = f"{label} #{number}"
+        names[name] = None
+    return tuple(names)

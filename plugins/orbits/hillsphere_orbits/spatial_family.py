@@ -27,7 +27,13 @@ from hillsphere_orbits.continuation import Branch, StepControl
 from hillsphere_orbits.lockstep import follow_lanes
 from hillsphere_orbits.roots import brackets
 from hillsphere_orbits.spatial_following import BIRTH, FOLLOWED, Following, height
-from hillsphere_orbits.spatial_members import CLOSED, RETURNED, Members, polish
+from hillsphere_orbits.spatial_members import (
+    CLOSED,
+    RETURNED,
+    LostMembersError,
+    Members,
+    polish,
+)
 from hillsphere_orbits.spatial_shooting import SpatialShooting, sub_steps
 
 __all__ = ["ALONE", "Spatial", "first_members"]
@@ -155,10 +161,10 @@ class Spatial:
             members.append(found.of(own))
         return Spatial(self.problem, tuple(branches), tuple(members), self.counts)
 
-    def cut(self, good: Sequence[int]) -> Spatial:
-        """Return the families with their first `good` members only, ended as too sensitive."""
+    def cut(self, good: Sequence[int], reason: str = SENSITIVE) -> Spatial:
+        """Return the families with their first `good` members only, and why those cut end."""
         branches = [
-            Branch(b.z[:, :k], b.tangent[:, :k], ("start", b.ends[1] if k == b.size else SENSITIVE))
+            Branch(b.z[:, :k], b.tangent[:, :k], ("start", b.ends[1] if k == b.size else reason))
             for b, k in zip(self.branches, good, strict=True)
         ]
         members = [m.of(np.arange(k)) for m, k in zip(self.members, good, strict=True)]
@@ -209,8 +215,8 @@ class Spatial:
 
         Raises
         ------
-        ConvergenceError
-            If one of them cannot be corrected.
+        LostMembersError
+            If some of them cannot be corrected.
         """
         own, normals = np.empty((2, len(self.problem.unknowns), u.size))
         for f in np.unique(family):
@@ -221,9 +227,7 @@ class Spatial:
             chord = branch.z[:, i + 1] - branch.z[:, i]
             normals[:, lanes] = chord / np.linalg.norm(chord, axis=0)
         guess = own if guess is None else guess
-        found = polish(self.exact(family, u), guess, normals, guess, tolerance)
-        names = [f"family {f}, position {v:.3f}" for f, v in zip(family, u, strict=True)]
-        return found.checked("member between two others", names)
+        return polish(self.exact(family, u), guess, normals, guess, tolerance).checked(family, u)
 
     def members_at(
         self, heights: Sequence[float]
@@ -238,7 +242,8 @@ class Spatial:
         Returns
         -------
         family, target : ndarray of int, shape (N,)
-            Number of the family and of the amplitude; ordered by both, then by arclength.
+            Number of the family and of the amplitude; ordered by both, then by arclength. A
+            member that cannot be corrected is not among them.
         u : ndarray, shape (N,)
             Position on the family's branch.
         found : Members
@@ -253,15 +258,20 @@ class Spatial:
                     (f, k, int(i), tall[i] - wanted, tall[i + 1] - wanted)
                     for i in brackets(tall, wanted)
                 ]
-        if not rows:
-            none = np.empty((4, 0))
-            index = np.empty(0, dtype=np.intp)
-            return (
-                index,
-                index,
-                none[0],
-                Members(none, np.empty((6, 0)), np.empty((6, 6, 0)), none[0]),
-            )
+        while rows:
+            try:
+                return self._between(rows, heights)
+            except LostMembersError as lost:
+                rows = [row for row in rows if not lost.among(row[0], row[2])]
+        none = np.empty((4, 0))
+        index = np.empty(0, dtype=np.intp)
+        members = Members(none, np.empty((6, 0)), np.empty((6, 6, 0)), none[0])
+        return index, index, none[0], members
+
+    def _between(
+        self, rows: Sequence[tuple[int, int, int, float, float]], heights: Sequence[float]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Members]:
+        """Find one member per row: family, amplitude, interval, excess at both its ends."""
         family, target, i = np.array([row[:3] for row in rows], dtype=np.intp).T
         below, above = np.array([row[3:] for row in rows]).T
         wanted = np.asarray(heights, dtype=float)[target]
@@ -280,8 +290,7 @@ class Spatial:
         normals = np.zeros_like(guess)
         normals[self.problem.kernel] = 1.0
         found = polish(self.exact(family, u), guess, normals, guess)
-        names = [f"family {f}, z = {v:.9g}" for f, v in zip(family, wanted, strict=True)]
-        return family, target, u, found.checked("member at a prescribed amplitude", names)
+        return family, target, u, found.checked(family, u)
 
 
 def _without_last(branch: Branch) -> Branch:

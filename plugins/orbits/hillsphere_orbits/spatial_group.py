@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
+from hillsphere_orbits.spatial_crossings import connected
 from hillsphere_orbits.spatial_family import ALONE, Spatial, first_members
 from hillsphere_orbits.spatial_following import height
-from hillsphere_orbits.spatial_members import Members
+from hillsphere_orbits.spatial_members import LostMembersError, Members
 from hillsphere_orbits.spatial_samples import Families, Samples, sampled
 from hillsphere_orbits.spatial_shooting import SpatialShooting
 from hillsphere_orbits.spatial_stability import ReturnMaps
@@ -21,6 +22,8 @@ from hillsphere_orbits.survey import Surveyor
 __all__ = ["Described", "Group", "joined"]
 
 _HALF = 1e-10  # by the other integrator: what every orbit returned keeps after half a period
+LEAPS = "another family comes near, and the orbits beyond are not on one curve with those before"
+BETWEEN = "beyond, orbits between two of the family could not be computed"
 _NO_FIRST = "no orbit near the plane was found"
 _TRACK_POINTS = 1600
 
@@ -153,16 +156,27 @@ class Group:
             if not whole.size:
                 return ends
             number, spatial = number[whole], spatial.only(whole)
+            sizes = [branch.size for branch in spatial.branches]
+            if (good := connected(spatial)) != sizes:
+                spatial = spatial.cut(good, LEAPS)
+                continue
             families = Families(spatial, symmetries)
-            samples = sampled(families)
-            curve = _described(
-                surveyor, spatial, number, samples.family, samples.u, samples.members, samples.maps
-            )
-            if np.all(curve.half <= _HALF):
-                break
-            # what the other integrator does not confirm is not returned, nor what lies beyond
-            spatial = spatial.cut(_good(spatial, samples, curve.half))
-        events, at = bifurcations(families, samples, curve.integral)
+            try:
+                samples = sampled(families)
+                curve = _described(
+                    surveyor, spatial, number, samples.family, samples.u, samples.members,
+                    samples.maps,
+                )  # fmt: skip
+                if not np.all(curve.half <= _HALF):
+                    # what the other integrator does not confirm is not returned, nor what lies
+                    # beyond
+                    spatial = spatial.cut(_good(spatial, samples, curve.half))
+                    continue
+                events, at = bifurcations(families, samples, curve.integral)
+            except LostMembersError as lost:
+                spatial = spatial.cut(lost.good(sizes), BETWEEN)
+                continue
+            break
         events_at = _described(
             surveyor, spatial, number, at.family, at.u, at.members, at.maps, confirmed=False
         )

@@ -57,17 +57,53 @@ class Members:
         phi[:, :, lanes], error[lanes] = others.phi, others.error
         return Members(z, end, phi, error)
 
-    def checked(self, what: str, names: Sequence[str]) -> Members:
-        """Return these, or raise `ConvergenceError` naming those that were not found."""
+    def checked(self, family: NDArray[np.intp], u: Array) -> Members:
+        """Return these, or raise `LostMembersError` if some were not found.
+
+        Parameters
+        ----------
+        family, u : ndarray, shape (N,)
+            Numbers of their families and positions along them.
+        """
         failed = np.flatnonzero(~(self.error <= CLOSED))
         if failed.size:
-            shown = ", ".join(names[i] for i in failed[:5])
-            more = "" if failed.size <= 5 else f" and {failed.size - 5} more"
-            raise ConvergenceError(
-                f"{what}: Newton's iteration did not converge for {shown}{more} "
-                f"(residual {self.error[failed].max():.1e})"
-            )
+            raise LostMembersError(family[failed], u[failed], self.error[failed])
         return self
+
+
+class LostMembersError(ConvergenceError):
+    """Members between two others that could not be corrected.
+
+    Parameters
+    ----------
+    family, u : ndarray, shape (K,)
+        Numbers of their families and positions along them.
+    error : ndarray, shape (K,)
+        Residuals.
+    """
+
+    def __init__(self, family: NDArray[np.intp], u: Array, error: Array) -> None:
+        shown = ", ".join(
+            f"family {f}, position {v:.3f}" for f, v in zip(family[:5], u[:5], strict=True)
+        )
+        more = "" if u.size <= 5 else f" and {u.size - 5} more"
+        super().__init__(
+            f"member between two others: Newton's iteration did not converge for {shown}{more} "
+            f"(residual {np.max(error):.1e})"
+        )
+        self.family, self.u = family, u
+
+    def among(self, family: int, interval: int) -> bool:
+        """Whether one is lost of a family's interval between two members."""
+        return bool(np.any((self.family == family) & (np.floor(self.u) == interval)))
+
+    def good(self, sizes: Sequence[int]) -> list[int]:
+        """Return how many members of families of these sizes lie before the first one lost."""
+        firsts = [self.u[self.family == f] for f in range(len(sizes))]
+        return [
+            min(size, int(np.floor(np.min(u))) + 1) if u.size else size
+            for size, u in zip(sizes, firsts, strict=True)
+        ]
 
 
 def polish(

@@ -251,15 +251,15 @@ def _window_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
 
 def _verdict(product: SpatialFamilies) -> list[str]:
     followed = set(product.curve_family.tolist())
-    reached = [
-        f"{_name(product, f)} to {product.curve_z_m[product.curve_family == f].max() / 1e3:.4g} km"
-        f" ({end})"
-        for f, end in enumerate(product.ends)
-        if f in followed
-    ]
+    reached: dict[str, list[str]] = {}
+    for f, end in enumerate(product.ends):
+        if f in followed:
+            top = product.curve_z_m[product.curve_family == f].max() / 1e3
+            reached.setdefault(end, []).append(f"{_name(product, f)} to {top:.4g} km")
+    said = "; ".join(f"{', '.join(names)} ({end})" for end, names in reached.items())
     closure, half = product.members.residual.max(), product.member_half_residual.max()
     sentences = [
-        f"Families in space (branch {product.branch}): {', '.join(reached)}.",
+        f"Families in space (branch {product.branch}): {said}.",
         f"Their {len(product.member_stable)} members close to {half:.1e} after half a period and "
         f"to {closure:.1e} after a whole one ({product.check}).",
     ]

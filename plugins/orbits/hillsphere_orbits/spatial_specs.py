@@ -106,6 +106,8 @@ class SpatialFamiliesSpec(StageSpec):
             raise _rule("resonances", "a resonance stands twice")
         if not self.z_amplitudes_m:
             raise _rule("z_amplitudes_m", "no orbit is asked for; give z_amplitudes_km")
+        if len(set(self.z_amplitudes_m)) < len(self.z_amplitudes_m):
+            raise _rule("z_amplitudes_m", "a value stands twice")
         beyond = [f"{z / 1e3:g} km" for z in self.z_amplitudes_m if z > (self.z_max_m or z)]
         if beyond:
             raise _rule("z_amplitudes_m", f"larger than z_max: {', '.join(beyond)}")

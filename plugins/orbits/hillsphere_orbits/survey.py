@@ -14,9 +14,11 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.stability import determinant_error, multipliers
 
 __all__ = [
+    "NEARLY_PLANAR",
     "ArrayConserved",
     "LockedMoon",
     "Surveyor",
+    "TruePrimary",
     "extent",
     "nearest",
     "require_accuracy",
@@ -24,6 +26,9 @@ __all__ = [
 ]
 
 _TRACK_POINTS = 240
+NEARLY_PLANAR = 0.05
+"""Of an orbit's largest extent: one that leaves the plane by less has no limit of |z|. Gravity
+without the mirror plane xy lifts every orbit by some metres, and twice that bounds nothing."""
 
 
 @runtime_checkable
@@ -52,6 +57,13 @@ class LockedMoon(Protocol):
     def series_radius_m(self) -> float | None:
         """Radius inside which its gravity is a series that may diverge; None if it is none."""
         ...
+
+
+@runtime_checkable
+class TruePrimary(Protocol):
+    """A plant that has the primary at its true distance, not in Hill's approximation."""
+
+    primary_gm_m3_s2: float
 
 
 @runtime_checkable

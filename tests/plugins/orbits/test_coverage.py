@@ -330,7 +330,12 @@ def test_orbit_through_the_body(family: QsoFamily) -> None:
 
 def test_primary_that_reaches_the_orbits(plant: Any, family: QsoFamily) -> None:
     with pytest.raises(InputError, match="reaches as far as the orbits"):
-        run(plant, family, primary_radius_km=9300)
+        run(plant, family, primary_radius_km=9360)
+
+
+def test_orbit_longer_than_the_primary_is_far_is_no_obstacle(plant: Any, family: QsoFamily) -> None:
+    """The orbit x = 50 km reaches 94 km along y, and never nearer to Mars than 9377 − 50 km."""
+    assert run(plant, family, primary_radius_km=9320, seasons=1).primary_shadow.max() < 1.0
 
 
 def test_orbits_of_another_plant(family: QsoFamily) -> None:

@@ -147,6 +147,38 @@ def test_reference_is_a_flight_of_the_rung(ladder: FidelityLadder) -> None:
         ladder.reference("hill", "x = 30 km")
 
 
+def test_flights_are_those_of_the_last_rung(ladder: FidelityLadder) -> None:
+    flights = ladder.flights
+    assert flights.frame == plant("elliptic").frame
+    assert flights.states == ("x", "y", "z", "vx", "vy", "vz", "true_anomaly")
+    assert flights.plans == flights.labels == ladder.members
+    for m in range(3):
+        np.testing.assert_array_equal(flights.x[:, :, m], ladder.x[:, :, m, 2])
+        np.testing.assert_array_equal(flights.t_s[:, m], ladder.times_s)
+
+
+def test_flights_are_held_on_their_own_plant() -> None:
+    """Corrected every 6 h; real gravity moves the planar orbit metres off the plane."""
+    file = Path(__file__).parents[3] / "missions" / "data" / "phobos-gravity-degree4.gfc"
+    gravity = create("gravity", "harmonics", file=str(file))
+    truest = create(
+        "plant", "three_body", body=body(), gravity=gravity, orbit="elliptic", rotation="libration"
+    )
+    found = climb(family(30), plant("hill"), truest, duration_d=4)
+    reach = np.max(np.abs(found.flights.x[:3, :, 0]), axis=1)
+    assert 1.0 < reach[2] < 1e-2 * reach[1]
+    stage = create(
+        "stage", "station_keeping_flown", plant=truest, needs={"flights": ["ladder"]},
+        intervals_h=[6], once_per_period=False, strategies=["periodic_lqr"], cases=16,
+        duration_d=4,
+    )  # fmt: skip
+    held = stage.run(RecordingContext(), flights=(found,))
+    assert held.labels == ("x = 30 km",)
+    assert held.counts[held.statuses.index("completed"), 0, 0, 0] == 16
+    assert 0.1 < held.cost_m_s[0, 0, 0] < 1.0
+    assert held.deviation_m[0, 0, 0] < 3e3
+
+
 def test_periodic_orbits_of_autonomous_rungs(ladder: FidelityLadder) -> None:
     """The same orbits on the first rung; neighbours of the same amplitude on the circle."""
     np.testing.assert_allclose(ladder.periodic_s[:, 0], ladder.period_s, rtol=1e-11)

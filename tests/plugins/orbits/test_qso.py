@@ -486,3 +486,19 @@ def test_array_gravity_gives_the_same_family(family: Family, qso: Qso) -> None:
     np.testing.assert_allclose(first.monodromy[..., :1], survey.monodromy, rtol=0, atol=1e-9)
     assert product.check == "re-propagated with half the step"
     assert float(product.members.residual[0]) < 1e-11
+
+
+def test_only_hills_equations_are_judged_as_an_approximation() -> None:
+    """A primary at its true distance neglects nothing of relative order r/a."""
+    body = create(
+        "body", "moon", primary_gm_m3_s2=9.0, semi_major_axis_m=2000.0, name="heavy",
+        semi_axes_m=[80.0] * 3,
+    )  # fmt: skip
+    gravity = create("gravity", "point_mass", gm_m3_s2=1.0)
+    keys = {"x_amplitudes_m": [300], "x_min_m": 280, "x_max_m": 320, "curve_members": 21}
+    said = {}
+    for kind in ("hill", "three_body"):
+        made = stage(create("plant", kind, body=body, gravity=gravity), **keys, drift_revolutions=1)
+        said[kind] = " ".join(made.present(made.run(RecordingContext())).verdict)
+    assert "Hill approximation" in said["hill"]
+    assert "Hill approximation" not in said["three_body"]

@@ -269,6 +269,7 @@ def test_what_does_not_exist(
         ({"resonances": ["1-7"], "z_amplitudes_km": [3]}, "expected d:n"),
         ({"resonances": ["1:7", "1:7"], "z_amplitudes_km": [3]}, "stands twice"),
         ({"z_amplitudes_km": [-3]}, "must be > 0 km"),
+        ({"z_amplitudes_km": [3, 3.0]}, "z_amplitudes_km: a value stands twice"),
         ({"z_amplitudes_km": [3], "branch": "sideways"}, "position"),
     ],
 )

@@ -166,11 +166,14 @@ def test_what_is_shown() -> None:
     stage = create("stage", "station_keeping_flown", plant=plant(), needs={"orbits": ["f"]})
     shown = stage.present(held())
     grid = shown.tables["station_keeping_flown"].rows
-    assert len(grid) == 27
+    assert len(grid) == 3 + 27
+    free = [r for r in grid if r["strategy"] == "none"]
+    assert [r["outcome"] for r in free] == ["lost", "lost", "partly lost"]
+    assert all("cost_m_s" not in r and "interval_h" not in r for r in free)
     stable = [r for r in grid if r["outcome"] == "stable: nothing to correct"]
     assert len(stable) == 3
     assert all("cost_m_s" not in r and "survival" not in r for r in stable)
-    lost = [r for r in grid if r["outcome"] == "lost"]
+    lost = [r for r in grid if r["outcome"] == "lost" and r["strategy"] != "none"]
     assert lost
     assert all(r["cost_m_s"] is None and r["survival"] == 0.0 for r in lost)
     longest = shown.tables["station_keeping_longest"]
@@ -178,10 +181,42 @@ def test_what_is_shown() -> None:
     assert rows["1:17, 70 km", "periodic_lqr"]["longest_h"] == 6.0
     assert rows["1:17, 70 km", "periodic_lqr"]["index_m_s"] == 0.9
     assert rows["1:17, 110 km", "periodic_lqr"]["index_m_s"] is None
+    assert rows["1:17, 110 km", "periodic_lqr"]["uncorrected_survival"] == 0.0
+    assert "Without any correction 0 of 3 orbits survive 10 days" in shown.verdict[0]
     assert any("perfectly" in note for note in longest.notes)
     assert shown.metrics["station_keeping_held"].value == 3
     assert any("One correction per period" in sentence for sentence in shown.verdict)
     assert any("1 of 3 orbits is stable" in sentence for sentence in shown.verdict)
+
+
+def test_flights_without_correction() -> None:
+    """The same cases as with corrections: unstable orbits lose them all, a stable one some."""
+    found = held()
+    np.testing.assert_array_equal(found.uncorrected_survival[:2], 0.0)
+    assert 0.1 < found.uncorrected_survival[2] < 0.7
+    assert found.uncorrected_low[2] < found.uncorrected_survival[2] < found.uncorrected_high[2]
+    np.testing.assert_array_equal(found.uncorrected_counts.sum(axis=0), 32)
+    # an impulse that is never large enough to be done is no correction either
+    idle = hold(
+        some(1, 2), cases=32, duration_d=10, intervals_h=[24], once_per_period=False,
+        strategies=["periodic_lqr"], minimum_impulse_m_s=1e6,
+    )  # fmt: skip
+    np.testing.assert_array_equal(idle.counts[:, :, 0, 0], idle.uncorrected_counts)
+    np.testing.assert_array_equal(idle.uncorrected_counts, found.uncorrected_counts[:, 1:])
+
+
+def test_corrections_that_do_harm_are_named() -> None:
+    """A velocity known to 10 m/s is not worth acting on: the uncorrected orbit survives."""
+    found = hold(
+        some(2), cases=8, duration_d=10, intervals_h=[12], once_per_period=False,
+        strategies=["periodic_lqr"], navigation_velocity_m_s=10.0,
+        injection_position_m=1.0, injection_velocity_m_s=1e-4,
+    )  # fmt: skip
+    assert found.uncorrected_survival[0] == 1.0
+    assert found.survival[0, 0, 0] == 0.0
+    stage = create("stage", "station_keeping_flown", plant=plant(), needs={"orbits": ["f"]})
+    sentences = stage.present(found).verdict
+    assert "No correction tried holds what survives without any: 1:25, 70 km." in sentences
 
 
 def test_perfect_knowledge_and_small_errors() -> None:
@@ -243,6 +278,21 @@ def test_cases_do_not_depend_on_what_else_is_flown() -> None:
     assert other.cost_m_s[0, 0, 0] != alone.cost_m_s[0, 0, 0]
 
 
+def test_cases_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Histories of many cases are not kept at once; nothing else changes."""
+    keys: dict[str, Any] = {
+        "cases": 100, "duration_d": 1, "intervals_h": [12], "once_per_period": False,
+        "strategies": ["periodic_lqr"],
+    }  # fmt: skip
+    whole = hold(some(1), **keys)
+    monkeypatch.setattr("hillsphere_orbits.station_keeping_flown.closed_loop._MOST_BYTES", 1)
+    parts = hold(some(1), **keys)
+    np.testing.assert_array_equal(parts.counts, whole.counts)
+    np.testing.assert_array_equal(parts.cost_m_s, whole.cost_m_s)
+    np.testing.assert_allclose(parts.deviation_m, whole.deviation_m, rtol=1e-12)
+    assert whole.counts[:, 0, 0, 0].sum() == 100
+
+
 def test_every_flight_lasts_as_long() -> None:
     """An interval that does not divide the duration: the last one is cut short."""
     found = hold(
@@ -298,6 +348,14 @@ def test_a_flight_is_held_like_the_orbit_that_it_follows() -> None:
     shown = stage.present(found)
     check_presentation(shown)
     assert any("1 of 1 references could not be flown" in s for s in shown.verdict)
+    # nothing to show at all: a flight has no period
+    keys |= {"intervals_h": [], "once_per_period": True}
+    stage = create(
+        "stage", "station_keeping_flown", plant=plant(), needs={"flights": ["f"]}, **keys
+    )
+    found = stage.run(RecordingContext(), flights=(flights(10.0),))
+    assert not found.flown.any()
+    check_presentation(stage.present(found))
 
 
 def test_the_elliptic_rung() -> None:
@@ -337,7 +395,7 @@ def test_the_elliptic_rung() -> None:
         ({"needs": {}}, "nothing to hold"),
         ({"intervals_h": [], "once_per_period": False}, "no interval is asked for"),
         ({"intervals_h": [6, 6]}, "a value stands twice"),
-        ({"intervals_h": [0]}, "must be ≥ 0.01666"),
+        ({"intervals_h": [0]}, "must be ≥ 0.1666"),
         ({"strategies": ["hazy"]}, "floquet_mode"),
         ({"targets": [0]}, "must be ≥ 1"),
         ({"cases": 0}, "≥ 1"),

@@ -216,6 +216,26 @@ def test_route_is_its_legs_and_the_waiting(transfers: SwingTransfers, family: Qs
     assert routes.waiting_s[1] == 0.0
 
 
+def test_flights_are_the_fronts_and_the_routes(transfers: SwingTransfers, plant: Any) -> None:
+    """A coast per transfer of the fronts; a route's coasts are the waiting apart."""
+    flights, front = transfers.flights, transfers.front
+    count = front.size
+    assert len(flights.plans) == count + 2
+    assert len(set(flights.plans[:count])) == count
+    assert flights.plans[count:] == (", ".join(ROUTE),) * 2
+    np.testing.assert_allclose(flights.x[:3, 0, :count], front.place_m[0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(flights.x[:3, -1, :count], front.place_m[1], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(flights.t_s[-1, :count], front.tof_s, rtol=1e-14)
+    begin, end = flights.t_s[0, count:], flights.t_s[-1, count:]
+    assert begin[0] == 0.0
+    assert begin[1] - end[0] == pytest.approx(transfers.routes.waiting_s[0], abs=1e-6)
+    made = system(plant, normalised=True)
+    x = flights.x / made.unit[:, None, None]
+    part = np.diff(flights.t_s, axis=0) / made.time_unit_s
+    flown = Taylor(made).propagate(np.ascontiguousarray(x[:, 240]), part[240])
+    np.testing.assert_allclose(flown, x[:, 241], rtol=0, atol=1e-12)
+
+
 def test_what_makes_a_transfer_cheap(transfers: SwingTransfers) -> None:
     """Cost rises with the angle between the orbits and falls with the Jacobi constant."""
     assert np.all(transfers.rank[:, 0, 0] > 0.8)

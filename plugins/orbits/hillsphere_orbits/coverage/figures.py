@@ -19,13 +19,17 @@ _COLOURS = ("blue", "vermillion", "green")
 
 def draw_coverage(figure: Figure, product: Coverage) -> None:
     """Draw the time over each latitude and the range of altitudes, a row per orbit."""
+    from matplotlib.colors import PowerNorm
+
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     rows = np.arange(len(product.labels))
     edges = np.degrees(product.band_rad)
     # bands that are never met stay white
     time = np.ma.masked_equal(product.band_time.T, 0.0)
+    # a planar orbit spends all its time in a band, one in space a tenth: the root shows both
     mesh = left.pcolormesh(edges, np.arange(rows.size + 1) - 0.5, time, cmap="viridis_r",
-                           vmin=0.0, edgecolors="white", linewidth=0.4)  # fmt: skip
+                           norm=PowerNorm(0.5, vmin=0.0, vmax=1.0), edgecolors="white",
+                           linewidth=0.4)  # fmt: skip
     figure.colorbar(
         mesh, ax=left, label="part of the time", location="top", shrink=0.8, aspect=30, pad=0.01
     )

@@ -144,11 +144,12 @@ class CoverageStage:
         radius = self.spec.primary_radius_m
         if radius is None:
             return
-        room = self.moon.primary_distance_m - float(np.max(np.linalg.norm(place, axis=0)))
+        away = place + np.array([self.moon.primary_distance_m, 0.0, 0.0])[:, None, None]
+        room = float(np.min(np.linalg.norm(away, axis=0)))
         if radius >= room:
             raise InputError(
                 f"primary_radius_m: a primary of radius {radius / 1e3:g} km reaches as far as the "
-                f"orbits, whose least distance from its centre may be {room / 1e3:.6g} km"
+                f"orbits, which come to {room / 1e3:.6g} km from its centre"
             )
 
     def _to_body(self, r: Array) -> Array:

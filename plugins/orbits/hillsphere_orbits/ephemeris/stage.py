@@ -98,7 +98,10 @@ class EphemerisStage:
     def __init__(self, spec: EphemerisSpec) -> None:
         self.spec = spec
         self.plant: Plant = spec.plant.get()
-        self.epoch = Epoch.parse(spec.epoch, spec.time_scale)
+        try:
+            self.epoch = Epoch.parse(spec.epoch, spec.time_scale)
+        except InputError as error:
+            raise InputError(f"epoch: {error}") from error
         about = self.plant
         if not isinstance(about, AboutMoon) or not self.plant.frame.startswith("hill:"):
             raise InputError(

@@ -9,16 +9,20 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.products import FlightSet
 
 __all__ = ["FidelityLadder"]
 
 
 @dataclass(frozen=True)
-class FidelityLadder:
+class FidelityLadder(FlightSet):
     """N orbits on R plants, as flights over K arcs.
 
     Parameters
     ----------
+    flights : Trajectories
+        Those of the last plant, in its own frame and states, that converged and keep clear of the
+        body: a plan and a coast each, called after the orbit.
     rungs : tuple of str
         Names of the R plants.
     plants, frames : tuple of str

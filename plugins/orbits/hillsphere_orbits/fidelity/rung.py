@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
+from hillsphere_orbits.survey import LockedMoon
 
-__all__ = ["Clocked", "Rung"]
+__all__ = ["Clocked", "Rung", "described", "named_rungs"]
 
 STATES = ("x", "y", "z", "vx", "vy", "vz")
 
@@ -84,3 +86,23 @@ class Rung:
             return x
         flat = np.ascontiguousarray(x.reshape(len(x), -1))
         return self._clocked.in_hill_frame(flat).reshape(6, *x.shape[1:])
+
+
+def named_rungs(given: Sequence[str], plants: Sequence[Plant]) -> tuple[str, ...]:
+    """Return different names of the rungs; plants given in Python are called by their class."""
+    names: list[str] = []
+    for name, plant in zip(given, plants, strict=True):
+        plain = type(plant).__name__ if name == "(given)" else name
+        count = sum(other.split(" #")[0] == plain for other in names)
+        names.append(f"{plain} #{count + 1}" if count else plain)
+    return tuple(names)
+
+
+def described(plant: Plant) -> str:
+    """Say what a plant is: its class in words, its gravity, and how its moon turns."""
+    words = [type(plant).__name__]
+    if isinstance(plant, LockedMoon):
+        words.append(plant.gravity_name)
+    if (mode := getattr(plant, "mode", None)) is not None:
+        words.append(str(mode))
+    return ", ".join(words)

@@ -21,6 +21,7 @@ class FidelityLadderSpec(StageSpec):
     """
 
     produces = "hillsphere_orbits.fidelity.products:FidelityLadder"
+    provides = ("hillsphere.products:FlightSet",)
     examples = (
         {"needs": {"orbits": ["family"]}, "rungs": ["hill"], "duration_d": 0.4},
         {

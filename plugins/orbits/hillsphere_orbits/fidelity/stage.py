@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
-from hillsphere.products import OrbitSet, PeriodicOrbits
+from hillsphere.products import OrbitSet, PeriodicOrbits, Trajectories
 from hillsphere_orbits.coverage.ellipsoid_geometry import nearest_point
 from hillsphere_orbits.fidelity.orbits import NearOrbit, OrbitCurves
 from hillsphere_orbits.fidelity.periodic import periodic_on
 from hillsphere_orbits.fidelity.presentation import present_ladder
 from hillsphere_orbits.fidelity.products import FidelityLadder
-from hillsphere_orbits.fidelity.rung import Rung
+from hillsphere_orbits.fidelity.rung import Rung, described, named_rungs
 from hillsphere_orbits.fidelity.specs import FidelityLadderSpec
 from hillsphere_orbits.fidelity.survival import survival
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.multiple_shooting import Flown, reconverge
 from hillsphere_orbits.sources import members_of
-from hillsphere_orbits.survey import LockedMoon
+from hillsphere_orbits.survey import NEARLY_PLANAR, LockedMoon
 
 __all__ = ["FidelityLadderStage"]
 
@@ -30,8 +30,6 @@ _ARC = 1.5
 """Length of an arc, natural units: gaps of neighbouring flights stay linear over it."""
 _BETWEEN = 12
 """Points of an arc at which departure and height are taken."""
-_FLAT = 1e-6
-"""Part of the largest |x| up to which an orbit counts as planar."""
 
 
 class FidelityLadderStage:
@@ -79,7 +77,7 @@ class FidelityLadderStage:
         arcs = self.spec.segments or max(1, round(span / _ARC))
         t = np.linspace(0.0, self.spec.duration_s, arcs + 1)
         anomaly = self.spec.start_true_anomaly_rad
-        names = _names([ref.name for ref in self.spec.rungs], self.plants)
+        names = named_rungs([ref.name for ref in self.spec.rungs], self.plants)
         rungs = [Rung(plant, t, anomaly) for plant in self.plants]
         advance = ctx.track("rungs", len(rungs))
         found, recurring = [], []
@@ -92,8 +90,9 @@ class FidelityLadderStage:
             found.append(one)
             advance(1)
         return FidelityLadder(
+            flights=_flights(rungs[-1], given.labels, found[-1]),
             rungs=names,
-            plants=tuple(_described(plant) for plant in self.plants),
+            plants=tuple(described(plant) for plant in self.plants),
             frames=tuple(plant.frame for plant in self.plants),
             state_counts=tuple(rung.n for rung in rungs),
             members=given.labels,
@@ -208,7 +207,9 @@ class FidelityLadderStage:
             for lane in good[made.altitude[good] <= 0.0]:
                 made.status[lane] = "converged, but meets the body"
         amplitude = curves.amplitudes_m()
-        limits = self.spec.limit * np.where(amplitude > _FLAT * amplitude[0], amplitude, np.inf)
+        limits = self.spec.limit * np.where(
+            amplitude > NEARLY_PLANAR * np.max(amplitude, axis=0), amplitude, np.inf
+        )
         lost, fates = survival(rung, made.x[:n, 0, good], limits[:, good])
         made.survival[good] = lost
         for lane, fate in zip(good, fates, strict=True):
@@ -251,6 +252,20 @@ def _at_start(made: _Climbed, rung: Rung, curves: OrbitCurves) -> Array:
     return states * flow.system.unit[:, None]
 
 
+def _flights(rung: Rung, members: tuple[str, ...], found: _Climbed) -> Trajectories:
+    """Return the flights of a rung that converged and keep clear of the body."""
+    good = [m for m, status in enumerate(found.status) if status == "converged"]
+    names = tuple(members[m] for m in good)
+    return Trajectories(
+        frame=rung.plant.frame,
+        states=tuple(v.name for v in rung.plant.states),
+        plans=names,
+        labels=names,
+        t_s=np.repeat(rung.t_s[:, None], len(good), axis=1),
+        x=np.ascontiguousarray(found.x[: rung.n][:, :, good]),
+    )
+
+
 def _height(rung: Rung, x: Array) -> Array | None:
     """Return heights above the surface (N,) at states (n, N), SI, zero inside; None without one."""
     moon = rung.plant
@@ -265,23 +280,3 @@ def _height(rung: Rung, x: Array) -> Array | None:
     away = r[:, outside]
     height[outside] = np.linalg.norm(away - nearest_point(away, axes), axis=0)
     return height
-
-
-def _names(given: list[str], plants: list[Plant]) -> tuple[str, ...]:
-    """Return different names of the rungs; plants given in Python are called by their class."""
-    names: list[str] = []
-    for name, plant in zip(given, plants, strict=True):
-        plain = type(plant).__name__ if name == "(given)" else name
-        count = sum(other.split(" #")[0] == plain for other in names)
-        names.append(f"{plain} #{count + 1}" if count else plain)
-    return tuple(names)
-
-
-def _described(plant: Plant) -> str:
-    """Say what a plant is: its class in words, its gravity, and how its moon turns."""
-    words = [type(plant).__name__]
-    if isinstance(plant, LockedMoon):
-        words.append(plant.gravity_name)
-    if (mode := getattr(plant, "mode", None)) is not None:
-        words.append(str(mode))
-    return ", ".join(words)

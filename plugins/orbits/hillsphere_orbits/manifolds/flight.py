@@ -21,7 +21,7 @@ from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
 
 __all__ = ["Flown", "Watch", "Zeros", "fly"]
 
-_CHUNK = 32  # sub-steps between two looks: long enough that Python's share is small
+_CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
 _NEAR = 0.1  # a cubic that comes this near to zero, of its ends, is followed to its extremum
 _NEWTON = 4
 
@@ -319,7 +319,7 @@ def _cubic_slope(a: Array, b: Array, s: Array, t: Array, u: Array) -> Array:
 def _turning_point(a: Array, b: Array, s: Array, t: Array) -> Array:
     """Where in (0, 1) the slope of the cubic, of opposite sign at its ends, vanishes."""
     low, high = np.zeros_like(a), np.ones_like(a)
-    for _ in range(20):
+    for _ in range(8):  # a guess is enough
         middle = 0.5 * (low + high)
         same = _cubic_slope(a, b, s, t, middle) * s > 0.0
         low, high = np.where(same, middle, low), np.where(same, high, middle)

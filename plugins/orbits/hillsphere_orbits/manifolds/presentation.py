@@ -73,7 +73,7 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
                 lambda figure, i=i: _draw(figure, product, spec, i),  # type: ignore[misc]
                 "Unstable and stable manifold, the orbit, the body to scale and the cylinders "
                 f"(equal axes); {days:g} d from where a trajectory leaves its orbit.",
-                size_in=(8.0, 7.0),
+                size_in=(12.0, 6.0),
             )
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
@@ -162,7 +162,8 @@ def draw_cylinder(axes: Any, ring_km: Array, height_km: float, colour: str, labe
 
 def finish_space(axes: Any) -> None:
     """Give a figure in space equal axes, their names and a legend."""
-    axes.set_box_aspect(np.ptp(np.array(axes.get_w_lims()).reshape(3, 2), axis=1))
+    # a little smaller than the panel, so that no axis is cut off
+    axes.set_box_aspect(np.ptp(np.array(axes.get_w_lims()).reshape(3, 2), axis=1), zoom=0.85)
     axes.set_xlabel("x, away from the primary (km)")
     axes.set_ylabel("y, along the orbital velocity (km)")
     axes.set_zlabel("z, north (km)")
@@ -170,28 +171,33 @@ def finish_space(axes: Any) -> None:
 
 
 def _draw(figure: Canvas, product: Manifolds, spec: InvariantManifoldsSpec, i: int) -> None:
-    axes = figure.add_subplot(projection="3d")
+    trajectory = product.track_trajectory
     orbit = product.orbit_tracks_m[:, :, i] / 1e3
     # what flies far beyond the cylinders would make all else small
     reach = 1.3 * max(float(np.max(np.abs(orbit))), *(r / 1e3 for r in spec.cylinders_m), 0.0)
-    for stable, colour, name in (
-        (False, PALETTE["vermillion"], "unstable manifold"),
-        (True, PALETTE["blue"], "stable manifold"),
-    ):
-        trajectory = product.track_trajectory
-        own = (product.orbit[trajectory] == i) & (product.stable[trajectory] == stable)
-        for j in np.flatnonzero(own):
+    height = float(np.max(np.abs(orbit[2])))
+    angle = np.linspace(0.0, 2.0 * np.pi, 97)
+    shown = [
+        (stable, colour, name)
+        for stable, colour, name in (
+            (False, PALETTE["vermillion"], "unstable manifold"),
+            (True, PALETTE["blue"], "stable manifold"),
+        )
+        if np.any((product.orbit[trajectory] == i) & (product.stable[trajectory] == stable))
+    ]
+    for panel, (stable, colour, name) in enumerate(shown, 1):
+        axes = figure.add_subplot(1, len(shown), panel, projection="3d")
+        for j in np.flatnonzero(
+            (product.orbit[trajectory] == i) & (product.stable[trajectory] == stable)
+        ):
             way = product.tracks_m[:, :, j] / 1e3
             way = np.where(np.max(np.abs(way), axis=0) <= reach, way, np.nan)
             axes.plot(*way, color=colour, lw=0.35, alpha=0.6)
-        if own.any():
-            axes.plot([], [], [], color=colour, lw=1.2, label=name)
-    axes.plot(*orbit, color=PALETTE["black"], lw=0.7, label=product.orbits.labels[i])
-    angle = np.linspace(0.0, 2.0 * np.pi, 97)
-    height = float(np.max(np.abs(orbit[2])))
-    colours = (PALETTE["green"], PALETTE["purple"], PALETTE["orange"], PALETTE["sky"])
-    for k, radius in enumerate(spec.cylinders_m):
-        ring = radius / 1e3 * np.array([np.cos(angle), np.sin(angle)])
-        draw_cylinder(axes, ring, height, colours[k % 4], f"cylinder {radius / 1e3:.4g} km")
-    draw_body(axes, product.semi_axes_m, product.prime_meridian_rad)
-    finish_space(axes)
+        axes.plot([], [], [], color=colour, lw=1.2, label=name)
+        axes.plot(*orbit, color=PALETTE["black"], lw=0.7, label=product.orbits.labels[i])
+        colours = (PALETTE["green"], PALETTE["purple"], PALETTE["orange"], PALETTE["sky"])
+        for k, radius in enumerate(spec.cylinders_m):
+            ring = radius / 1e3 * np.array([np.cos(angle), np.sin(angle)])
+            draw_cylinder(axes, ring, height, colours[k % 4], f"cylinder {radius / 1e3:.4g} km")
+        draw_body(axes, product.semi_axes_m, product.prime_meridian_rad)
+        finish_space(axes)

@@ -39,9 +39,9 @@ __all__ = [
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _SAME_EQUATIONS = 1e-8
-_ACCURACY = 1e-9  # of a state after a period, relative to the orbit's own magnification
-_TRACKS = 40  # per side of a manifold
-_TRACK_POINTS = 240
+_ACCURACY = 1e-4  # of a state after a period, relative to where trajectories start
+_TRACKS = 16  # per side of a manifold
+_TRACK_POINTS = 480
 _ORBIT_POINTS = 800
 
 
@@ -271,7 +271,7 @@ def orbits_on(flow: Flow, orbits: PeriodicOrbits) -> tuple[Array, Array]:
 
 
 def period_steps(
-    flow: Flow, x0: Array, period: float, monodromy: Array, accuracy: float = _ACCURACY
+    flow: Flow, x0: Array, period: float, monodromy: Array, accuracy: float = 1e-9
 ) -> int:
     """Return an even number of sub-steps of a period that keeps an accuracy.
 
@@ -352,10 +352,10 @@ def _tracks(flow: Flow, part: _Part, row: _Rows) -> tuple[NDArray[np.intp], Arra
     lanes = np.unique(np.linspace(0, count - 1, min(count, _TRACKS)).astype(np.intp))
     lanes = lanes[np.isfinite(row.end_time[lanes]) & np.isfinite(row.end[:, lanes]).all(axis=0)]
     way = flow.plain.trajectory(
-        np.ascontiguousarray(row.end[:, lanes]), -row.end_time[lanes], 4 * _TRACK_POINTS,
+        np.ascontiguousarray(row.end[:, lanes]), -row.end_time[lanes], 2 * _TRACK_POINTS,
         strict=False,
     )  # fmt: skip
-    return lanes, np.ascontiguousarray(way[:3, ::-4])
+    return lanes, np.ascontiguousarray(way[:3, ::-2])
 
 
 def _all(parts: list[NDArray[Any]], kind: Any, rows: int = 0) -> Any:

@@ -147,7 +147,7 @@ def rule_of(product: NonlinearStability) -> str:
     planar = np.isinf(product.limit_m[2])
     axes = "|x| or |y|" if planar.all() else "|x|, |y| or |z|"
     if planar.any() and not planar.all():
-        axes += " (planar orbits: |x| or |y|)"
+        axes += " (planar orbits, to a twentieth of their extent: |x| or |y|)"
     surface = ", or meets the surface of the body" if product.has_surface else ""
     return (
         f"An orbit is lost if within {product.duration_s / 86400.0:g} days it goes beyond "

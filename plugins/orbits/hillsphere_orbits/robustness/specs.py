@@ -17,7 +17,8 @@ class NonlinearStabilitySpec(StageSpec):
     """How large an offset periodic orbits bear, and how likely they survive injection errors.
 
     An orbit is lost when |x|, |y| or, for an orbit in space, |z| passes its limit, or
-    when it meets the surface of the body.
+    when it meets the surface of the body. An orbit that leaves the plane by less than a twentieth
+    of its largest extent counts as planar.
     """
 
     produces = "hillsphere_orbits.robustness.products:NonlinearStability"

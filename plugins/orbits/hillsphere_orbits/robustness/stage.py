@@ -21,12 +21,13 @@ from hillsphere_orbits.robustness.retraced import Retraced, retrace
 from hillsphere_orbits.robustness.specs import NonlinearStabilitySpec
 from hillsphere_orbits.robustness.survival import Fate, Fates, Survival
 from hillsphere_orbits.sources import members_of
+from hillsphere_orbits.survey import NEARLY_PLANAR
 
 __all__ = ["NonlinearStabilityStage", "clopper_pearson"]
 
 _AXES = ("x", "y", "z", "vx", "vy", "vz")
-_PLANAR = 1e-9
 _REACH = 0.5
+_ON_ORBIT = 1e-9  # natural units: how exactly a place on an orbit is known
 
 
 def clopper_pearson(
@@ -204,8 +205,8 @@ class _Trial:
         self.start = np.ascontiguousarray(self.around.way[:, 0])
         amplitude = self.around.amplitude
         self.limits = spec.limit * amplitude
-        # in the plane nothing is said of z
-        self.limits[2, amplitude[2] <= _PLANAR * np.max(amplitude, axis=0)] = np.inf
+        # in the plane, or nearly so, nothing is said of z
+        self.limits[2, amplitude[2] <= NEARLY_PLANAR * np.max(amplitude, axis=0)] = np.inf
         self.flights = 0
         self.drift = 0.0 if self.survival.has_integral else float("nan")
         self._spec, self._tick = spec, tick
@@ -225,9 +226,14 @@ class _Trial:
 
     def at_phase(self, phase: float) -> Array:
         """Return the states (6, M) of the orbits so much of their period after the start."""
-        steps = self.around.way.shape[1] - 1
-        state: Array = self.survival.map.propagate(self.start, phase * self.around.period, steps)
-        return state
+        if phase == 0.0:
+            return self.start
+        fly, states = self.survival.map, []
+        # each alone, with sub-steps of its own: none may depend on the others
+        for i in range(self.start.shape[1]):
+            one, span = self.start[:, [i]], phase * self.around.period[[i]]
+            states.append(fly.propagate(one, span, fly.choose_steps(one, span, _ON_ORBIT)))
+        return np.ascontiguousarray(np.hstack(states))
 
     def edges(self, direction: Array, reference: Fates) -> tuple[Array, Edges]:
         """Search all directions (6, D) of all orbits.

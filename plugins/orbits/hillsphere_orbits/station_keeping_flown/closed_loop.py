@@ -9,8 +9,9 @@ from math import ceil, nan
 
 import numpy as np
 
-from hillsphere.interfaces import Array, Integers, Plant
+from hillsphere.interfaces import Array, Compensator, Integers, Plant
 from hillsphere.simulation import (
+    BLOCK,
     STATUSES,
     Cases,
     Flights,
@@ -24,15 +25,23 @@ from hillsphere.simulation import (
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
 from hillsphere_orbits.station_keeping_flown.specs import StationKeepingFlownSpec
-from hillsphere_orbits.station_keeping_flown.strategies import STRATEGIES, Sampling, Weights
+from hillsphere_orbits.station_keeping_flown.strategies import (
+    STRATEGIES,
+    Sampling,
+    Uncorrected,
+    Weights,
+)
+from hillsphere_orbits.survey import NEARLY_PLANAR
 
 __all__ = ["ClosedLoop", "Outcome"]
 
-_PLANAR = 1e-9
 _ACCURACY = 1e-6
 """Of a flight over `_PROBE`, both in natural units: centimetres where navigation errs by metres."""
 _PROBE = 2.0
 _ENDS = 1e-9
+_MOST_BYTES = 100_000_000
+_COAST_S = 86400.0
+"""Between the samples of a flight without corrections."""
 _STREAM = "station_keeping_flown"
 
 
@@ -112,13 +121,43 @@ class ClosedLoop:
         Outcome
             How they ended, and at what cost.
         """
-        spec, system = self.spec, self.flow.system
-        corrections = max(1, ceil(spec.duration_s / interval_s * (1.0 - _ENDS)))
-        sampling = Sampling(path, interval_s / system.time_unit_s, corrections)
+        sampling = self._sampling(path, interval_s)
+        return self._fly(sampling, STRATEGIES[strategy](sampling, self._weights), seed, advance)
+
+    def drift(self, path: ReferencePath, seed: int, advance: Callable[[int], None]) -> Outcome:
+        """Fly the same cases without any correction.
+
+        Parameters
+        ----------
+        path : ReferencePath
+            The reference.
+        seed : int
+            Root seed.
+        advance : callable
+            Told the number of flights done.
+
+        Returns
+        -------
+        Outcome
+            How they ended; the cost is zero.
+        """
+        interval_s = min(_COAST_S, self.spec.duration_s)
+        return self._fly(self._sampling(path, interval_s), Uncorrected(interval_s), seed, advance)
+
+    def _sampling(self, path: ReferencePath, interval_s: float) -> Sampling:
+        corrections = max(1, ceil(self.spec.duration_s / interval_s * (1.0 - _ENDS)))
+        return Sampling(path, interval_s / self.flow.system.time_unit_s, corrections)
+
+    def _fly(
+        self, sampling: Sampling, law: Compensator, seed: int, advance: Callable[[int], None]
+    ) -> Outcome:
+        """Fly the cases with a law."""
+        spec, system, path = self.spec, self.flow.system, sampling.path
+        corrections, interval_s = sampling.count, law.period_s
         reference = path.states(sampling.times) * system.unit[:, None]
         simulator = Simulator(
             self.plant,
-            STRATEGIES[strategy](sampling, self._weights),
+            law,
             reference=SampledReference(reference),
             navigation=NavigationErrors(
                 self._sigma(spec.navigation_position_m, spec.navigation_velocity_m_s)
@@ -132,16 +171,25 @@ class ClosedLoop:
             substeps=ceil(interval_s / self._substep_s),
         )
         sigma = self._sigma(spec.injection_position_m, spec.injection_velocity_m_s)
-        error = draws(seed, _STREAM, np.arange(spec.cases), "injection", (sigma.size,))
-        found = simulator.fly(
-            Cases(reference[:, :1] + sigma[:, None] * error),
-            corrections,
-            seed=seed,
-            stage=_STREAM,
-            history=True,
-            advance=advance,
-        )
-        return _outcome(found)
+        found = _Survivors()
+        # in parts, for the histories of many cases are large
+        per_block = 8 * BLOCK * corrections * 4 * len(sigma)
+        at_once = BLOCK * max(1, _MOST_BYTES // per_block)
+        for first in range(0, spec.cases, at_once):
+            numbers = np.arange(first, min(first + at_once, spec.cases))
+            error = draws(seed, _STREAM, numbers, "injection", (sigma.size,))
+            start = reference[:, :1] + sigma[:, None] * error
+            found.add(
+                simulator.fly(
+                    Cases(start, numbers=numbers),
+                    corrections,
+                    seed=seed,
+                    stage=_STREAM,
+                    history=True,
+                    advance=advance,
+                )
+            )
+        return found.outcome()
 
     def _sigma(self, position_m: float, velocity_m_s: float) -> Array:
         """Return standard deviations of the plant's states (n,), zero beyond the first six."""
@@ -153,8 +201,8 @@ class ClosedLoop:
         """Return what ends a flight beside the plant's events."""
         spec, system = self.spec, self.flow.system
         box = spec.limit_factor * path.amplitude * system.unit[:3]
-        # in the plane nothing is said of z
-        box[2] = np.inf if box[2] <= _PLANAR * np.max(box) else box[2]
+        # in the plane, or nearly so, nothing is said of z
+        box[2] = np.inf if box[2] <= NEARLY_PLANAR * np.max(box) else box[2]
         limits = [Limit("amplitude", partial(_within, box[:, None]), "escape")]
         if spec.distance_max_m is not None:
             most = spec.distance_max_m
@@ -177,15 +225,31 @@ def _within(box: Array, t_s: Array, x: Array, cases: Integers) -> Array:
     return np.asarray(1.0 - np.maximum.reduce(np.abs(x[:3]) / box, axis=0))
 
 
-def _outcome(found: Flights) -> Outcome:
-    status = np.array(found.status)
-    survived = np.flatnonzero(status == "completed")
-    counts = [int(np.count_nonzero(status == name)) for name in STATUSES]
-    history = found.history
-    if not survived.size or history is None:
-        return Outcome(counts)
-    dv = found.dv_m_s[survived]
-    gap = (history.x[:3, 1:-1] - history.ref[:3, 1:])[:, :, survived]
-    square = np.sum(gap**2, axis=0)
-    deviation = float(np.sqrt(square.mean())) if square.size else nan
-    return Outcome(counts, float(dv.mean()), float(np.quantile(dv, 0.95)), deviation)
+class _Survivors:
+    """Ends of flights, and cost and deviation of those that survived."""
+
+    def __init__(self) -> None:
+        self._counts = dict.fromkeys(STATUSES, 0)
+        self._dv: list[Array] = []
+        self._square, self._places = 0.0, 0
+
+    def add(self, found: Flights) -> None:
+        """Take some flights into account."""
+        for status, count in found.counts().items():
+            self._counts[status] += count
+        survived = np.flatnonzero(np.array(found.status) == "completed")
+        self._dv.append(found.dv_m_s[survived])
+        # flights that all ended before the first correction have no history of it
+        if found.history is not None and survived.size:
+            x, ref = found.history.x[:3, 1:-1], found.history.ref[:3, 1:]
+            gap = (x - ref)[:, :, survived]
+            self._square += float(np.sum(gap**2))
+            self._places += gap[0].size
+
+    def outcome(self) -> Outcome:
+        """Return what became of them all."""
+        counts, dv = list(self._counts.values()), np.concatenate(self._dv)
+        if not dv.size:
+            return Outcome(counts)
+        deviation = float(np.sqrt(self._square / self._places)) if self._places else nan
+        return Outcome(counts, float(dv.mean()), float(np.quantile(dv, 0.95)), deviation)

@@ -12,11 +12,15 @@ from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["MOST_ORBITS", "draw_cost", "draw_survival"]
+__all__ = ["MOST_ORBITS", "UNCORRECTED", "draw_cost", "draw_survival"]
 
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky")
 _APART = 0.03
+_MARGIN = 1.5
+_TICKS = (0.25, 0.5, 1, 2, 3, 6, 12, 24, 48, 96, 192, 384, 768)
+UNCORRECTED = "none"
+"""How flights without any correction are called beside the strategies."""
 MOST_ORBITS = 12
 """Orbits of the figure of the cost; of more, as many are taken evenly."""
 _MOST_CELLS = 160
@@ -25,28 +29,36 @@ _MOST_CELLS = 160
 
 def draw_survival(figure: Figure, product: StationKeepingFlown) -> None:
     """Draw the survival probability over orbits and intervals, a strategy per panel."""
-    panels = figure.subplots(1, len(product.strategies), sharey=True, squeeze=False)[0]
-    rows, columns = len(product.labels), len(product.intervals)
-    survival = product.survival
-    for s, axes in enumerate(panels):
-        part = np.ma.masked_invalid(survival[:, s])
+    rows, most = len(product.labels), len(product.intervals)
+    panels = figure.subplots(
+        1, 1 + len(product.strategies), sharey=True, squeeze=False,
+        width_ratios=[1.4, *[max(3, most)] * len(product.strategies)],
+    )[0]  # fmt: skip
+    free = product.uncorrected_survival[:, None]
+    shown = [(UNCORRECTED, ["never"], free, np.isfinite(free))] + [
+        (name, list(product.intervals), product.survival[:, s], product.flown[:, s])
+        for s, name in enumerate(product.strategies)
+    ]
+    for axes, (name, ticks, survival, flown) in zip(panels, shown, strict=True):
+        columns = len(ticks)
+        part = np.ma.masked_invalid(survival)
         mesh = axes.pcolormesh(
             np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5, part, cmap="cividis",
             vmin=0.0, vmax=1.0, edgecolors="white", linewidth=0.8,
         )  # fmt: skip
-        if rows * columns <= _MOST_CELLS:
+        if rows * most <= _MOST_CELLS:
             for i, j in np.ndindex(rows, columns):
-                value = survival[i, s, j]
+                value = survival[i, j]
                 text = "lost" if value == 0.0 else f"{100 * value:.0f} %"
-                if not product.flown[i, s, j]:
+                if not flown[i, j]:
                     there = product.stable[i] and np.isfinite(product.interval_s[i, j])
                     text = "stable" if there else "–"
-                dark = product.flown[i, s, j] and value < 0.55
+                dark = flown[i, j] and value < 0.55
                 axes.text(j, i, text, ha="center", va="center", fontsize=7,
                           color="white" if dark else "black")  # fmt: skip
-        axes.set_xticks(range(columns), product.intervals, fontsize=8)
-        axes.set_xlabel("time between corrections")
-        axes.set_title(product.strategies[s], fontsize=9)
+        axes.set_xticks(range(columns), ticks, fontsize=8)
+        axes.set_xlabel("corrected" if name == UNCORRECTED else "time between corrections")
+        axes.set_title(name, fontsize=9)
         axes.set_facecolor("#dddddd")
     panels[0].set_yticks(range(rows), product.labels, fontsize=8)
     panels[0].set_ylim(rows - 0.5, -0.5)
@@ -57,6 +69,8 @@ def draw_survival(figure: Figure, product: StationKeepingFlown) -> None:
 def draw_cost(figure: Figure, product: StationKeepingFlown) -> None:
     """Draw the cost of survivors against the interval, a strategy per panel."""
     panels = figure.subplots(1, len(product.strategies), sharey=True, sharex=True, squeeze=False)[0]
+    from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
+
     survival, hours = product.survival, product.interval_s / 3600.0
     total = len(product.labels)
     chosen = np.unique(np.linspace(0, total - 1, min(total, MOST_ORBITS)).round().astype(int))
@@ -79,11 +93,12 @@ def draw_cost(figure: Figure, product: StationKeepingFlown) -> None:
         axes.set_xlabel("time between corrections (h)")
         axes.set_title(product.strategies[s], fontsize=9)
         axes.grid(alpha=0.3)
-    ticks = [v for v in (1, 2, 3, 6, 12, 24, 48, 96, 200, 400)
-             if np.nanmin(hours) <= v <= np.nanmax(hours)]  # fmt: skip
-    if len(ticks) > 1:
-        panels[0].set_xticks(ticks, [str(v) for v in ticks])
-        panels[0].set_xticks([], minor=True)
+    known = hours[np.isfinite(hours)]
+    if known.size:
+        panels[0].set_xlim(known.min() / _MARGIN, known.max() * _MARGIN)
+    panels[0].xaxis.set_major_locator(FixedLocator(_TICKS))
+    panels[0].xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    panels[0].xaxis.set_minor_locator(NullLocator())
     panels[0].set_ylim(bottom=0.0)
     panels[0].set_ylabel(f"Δv (m/s per {product.duration_s / 86400.0:g} days)")
     handles, labels = panels[0].get_legend_handles_labels()

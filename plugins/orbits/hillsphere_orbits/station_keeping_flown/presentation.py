@@ -6,9 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_orbits.qso_presentation import named
-from hillsphere_orbits.station_keeping_flown.figures import MOST_ORBITS, draw_cost, draw_survival
+from hillsphere_orbits.station_keeping_flown.figures import (
+    MOST_ORBITS,
+    UNCORRECTED,
+    draw_cost,
+    draw_survival,
+)
 from hillsphere_orbits.station_keeping_flown.held import FLOWN
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 
@@ -39,6 +45,7 @@ _LONGEST = (
     Column("cost_m_s", "m/s", "mean Δv there", 4),
     Column("cost_95_m_s", "m/s", "95 % of Δv there", 4),
     Column("best_survival", "-", "best survival", 4),
+    Column("uncorrected_survival", "-", "survival without correction", 4),
     Column("index_m_s", "m/s", "index v_cm", 5),
 )
 
@@ -64,9 +71,12 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
     survival = Figure(
         f"Survival of {days}",
         lambda canvas: draw_survival(canvas, product),
-        "Part of the flights that survived, by orbit and time between corrections, a strategy per "
-        "panel. A stable orbit has no unstable component to correct.",
-        size_in=(2.4 + 0.75 * len(product.intervals) * len(product.strategies), 1.9 + 0.32 * rows),
+        "Part of the flights that survived: without any correction, and by time between "
+        "corrections, a strategy per panel. A stable orbit has no unstable component to correct.",
+        size_in=(
+            3.6 + 0.75 * max(3, len(product.intervals)) * len(product.strategies),
+            1.9 + 0.32 * rows,
+        ),
     )
     cost = Figure(
         f"Cost of {days}",
@@ -106,9 +116,8 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
 
 def _grid(product: StationKeepingFlown) -> list[dict[str, Cell]]:
     survival, lost = product.survival, product.lost
-    ends = {name: product.counts[e] for e, name in enumerate(product.statuses)}
-    other = sum(c for name, c in ends.items() if name not in ("completed", "impact", "escape"))
-    rows: list[dict[str, Cell]] = []
+    ends, other = _ends(product.counts, product)
+    rows: list[dict[str, Cell]] = _uncorrected(product)
     for i, s, j in np.ndindex(*product.flown.shape):
         row: dict[str, Cell] = {
             "orbit": product.labels[i],
@@ -128,10 +137,39 @@ def _grid(product: StationKeepingFlown) -> list[dict[str, Cell]]:
                 "deviation_km": _number(product.deviation_m[i, s, j] / 1e3),
                 "impact": int(ends["impact"][i, s, j]),
                 "escape": int(ends["escape"][i, s, j]),
-                "other_loss": int(np.asarray(other)[i, s, j]),
+                "other_loss": int(other[i, s, j]),
             }
         else:
             row["outcome"] = _why_not(product, i, j)
+        rows.append(row)
+    return rows
+
+
+def _ends(counts: Integers, product: StationKeepingFlown) -> tuple[dict[str, Integers], Integers]:
+    """Return the counts by name, and those of losses that have no column of their own."""
+    ends = dict(zip(product.statuses, counts, strict=True))
+    return ends, counts.sum(axis=0) - ends["completed"] - ends["impact"] - ends["escape"]
+
+
+def _uncorrected(product: StationKeepingFlown) -> list[dict[str, Cell]]:
+    """Return the rows of flights without any correction."""
+    ends, other = _ends(product.uncorrected_counts, product)
+    rows: list[dict[str, Cell]] = []
+    for i, part in enumerate(product.uncorrected_survival.tolist()):
+        row: dict[str, Cell] = {"orbit": product.labels[i], "strategy": UNCORRECTED}
+        if np.isfinite(part):
+            held = part >= product.survival_required
+            row |= {
+                "outcome": "survives" if held else "lost" if part == 0.0 else "partly lost",
+                "survival": part,
+                "survival_low": float(product.uncorrected_low[i]),
+                "survival_high": float(product.uncorrected_high[i]),
+                "impact": int(ends["impact"][i]),
+                "escape": int(ends["escape"][i]),
+                "other_loss": int(other[i]),
+            }
+        else:
+            row["outcome"] = product.status[i]
         rows.append(row)
     return rows
 
@@ -146,6 +184,7 @@ def _longest(product: StationKeepingFlown) -> list[dict[str, Cell]]:
             "period_h": _number(product.period_s[i] / 3600.0),
             "e_folding_h": _number(product.unstable_time_s[i] / 3600.0),
             "index_m_s": _number(product.index_m_s[i]),
+            "uncorrected_survival": _number(product.uncorrected_survival[i]),
         }
         if not product.flown[i, s].any():
             row["outcome"] = _why_not(product, i, 0)
@@ -186,6 +225,8 @@ def _notes(product: StationKeepingFlown) -> list[str]:
         f"{np.degrees(product.execution_pointing_rad):.3g}° in direction; below "
         f"{1e3 * product.minimum_impulse_m_s:g} mm/s none is made.",
         f"A flight is lost beyond {limit}, or when it meets the body.",
+        f"Strategy {UNCORRECTED}: the same cases without any correction. Where they survive and "
+        "corrected ones do not, the errors of navigation and execution do the harm.",
         "Δv and deviation are those of the flights that survived; where none did, there are none. "
         "The deviation is the distance, at the corrections, from where the reference is then.",
         f"The range of the probability holds it with {100 * product.confidence:g} % confidence "
@@ -211,8 +252,22 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
     refused = sum(status != FLOWN for status in product.status)
     days = f"{product.duration_s / 86400.0:g} days"
     said = []
+    free = product.uncorrected_survival
+    survive = free >= product.survival_required
+    if np.isfinite(free).any():
+        said.append(
+            f"Without any correction {np.count_nonzero(survive)} of "
+            f"{np.count_nonzero(np.isfinite(free))} orbits survive {days} with "
+            f"{100 * product.survival_required:g} % probability."
+        )
+    worse = survive & product.flown.any(axis=(1, 2)) & ~np.isfinite(longest).any(axis=1)
+    if worse.any():
+        names = "; ".join(product.labels[i] for i in np.flatnonzero(worse))
+        said.append(f"No correction tried holds what survives without any: {names}.")
     for s, name in enumerate(product.strategies):
         tried = product.flown[:, s].any(axis=1)
+        if not tried.any():
+            continue  # all stable, or none could be flown: said below
         held = np.isfinite(longest[:, s])
         sentence = f"Strategy {name} holds {np.count_nonzero(held)} of "
         sentence += f"{np.count_nonzero(tried)} orbits flown for {days} with "

@@ -44,6 +44,10 @@ class StationKeepingFlown:
         How flights may end, see `hillsphere.simulation.STATUSES`.
     counts : ndarray of int, shape (E, M, S, I)
         How many did.
+    uncorrected_counts : ndarray of int, shape (E, M)
+        How the same cases end without any correction; zero for a reference that is not flown.
+    uncorrected_low, uncorrected_high : ndarray, shape (M,)
+        Interval of their survival probability; NaN where not flown.
     low, high : ndarray, shape (M, S, I)
         Interval of the survival probability; NaN where not flown.
     cost_m_s, cost_95_m_s : ndarray, shape (M, S, I)
@@ -78,6 +82,9 @@ class StationKeepingFlown:
     flown: NDArray[np.bool_]
     statuses: tuple[str, ...]
     counts: NDArray[np.int64]
+    uncorrected_counts: NDArray[np.int64]
+    uncorrected_low: Array
+    uncorrected_high: Array
     low: Array
     high: Array
     cost_m_s: Array
@@ -103,6 +110,12 @@ class StationKeepingFlown:
         """Part of the flights that survived, shape (M, S, I); NaN where not flown."""
         part = self.counts[self.statuses.index("completed")] / self.cases
         return np.where(self.flown, part, np.nan)
+
+    @property
+    def uncorrected_survival(self) -> Array:
+        """Part of the flights that survive without any correction, (M,); NaN where not flown."""
+        part = self.uncorrected_counts[self.statuses.index("completed")] / self.cases
+        return np.where(self.uncorrected_counts.any(axis=0), part, np.nan)
 
     @property
     def lost(self) -> NDArray[np.bool_]:

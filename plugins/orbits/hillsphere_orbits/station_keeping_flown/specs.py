@@ -91,7 +91,7 @@ class StationKeepingFlownSpec(StageSpec):
         "time",
         "times between corrections that are tried",
         default=(6 * 3600.0, 12 * 3600.0, 24 * 3600.0, 48 * 3600.0),
-        ge=60.0,
+        ge=600.0,
     )
     once_per_period: bool = option(
         "whether one correction per period of the orbit is tried too", default=True

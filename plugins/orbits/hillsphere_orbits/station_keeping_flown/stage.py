@@ -56,7 +56,7 @@ class StationKeepingFlownStage:
         ladder: FidelityLadder | None = None,
         index: StationKeepingIndex | None = None,
     ) -> StationKeepingFlown:
-        """Fly every reference with every strategy at every interval.
+        """Fly every reference with every strategy at every interval, and without correction.
 
         Parameters
         ----------
@@ -106,7 +106,13 @@ class StationKeepingFlownStage:
             and np.isfinite(interval[i, j])
             and not (stable[i] and spec.strategies[s] == "floquet_mode")
         ]
-        advance = ctx.track("flights with corrections", len(wanted) * spec.cases)
+        free = np.zeros((len(STATUSES), len(held)), dtype=np.int64)
+        there = np.array([h.path is not None for h in held], dtype=bool)
+        total = (len(wanted) + np.count_nonzero(there)) * spec.cases
+        advance = ctx.track("flights with and without corrections", int(total))
+        for i, one in enumerate(held):
+            if one.path is not None:
+                free[:, i] = loop.drift(one.path, ctx.seed, advance).counts
         for i, s, j in wanted:
             path = held[i].path
             assert path is not None
@@ -117,6 +123,9 @@ class StationKeepingFlownStage:
             deviation[i, s, j] = found.deviation_m
         survivors = counts[STATUSES.index("completed")]
         low, high = clopper_pearson(survivors, spec.cases, spec.confidence)
+        free_low, free_high = clopper_pearson(
+            free[STATUSES.index("completed")], spec.cases, spec.confidence
+        )
         ctx.info(f"{len(wanted)} combinations of {spec.cases} flights each")
         labels = tuple(h.label for h in held)
         return StationKeepingFlown(
@@ -131,6 +140,9 @@ class StationKeepingFlownStage:
             flown=flown,
             statuses=STATUSES,
             counts=counts,
+            uncorrected_counts=free,
+            uncorrected_low=np.where(there, free_low, np.nan),
+            uncorrected_high=np.where(there, free_high, np.nan),
             low=np.where(flown, low, np.nan),
             high=np.where(flown, high, np.nan),
             cost_m_s=cost,

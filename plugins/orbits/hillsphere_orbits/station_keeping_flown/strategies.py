@@ -27,6 +27,7 @@ __all__ = [
     "FloquetMode",
     "GainSchedule",
     "Sampling",
+    "Uncorrected",
     "Weights",
     "floquet_mode",
     "periodic_lqr",
@@ -117,6 +118,29 @@ class FloquetMode:
         delta[6:] = 0.0  # of the clock of a plant, which nothing corrects
         dv = -np.einsum("ijk,jk->ik", path.floquet_gains(time + slip), delta)
         return dv * system.unit[3:6, None], slip[None] * system.time_unit_s
+
+
+class Uncorrected:
+    """No impulse at all: what corrections are compared with.
+
+    Parameters
+    ----------
+    period_s : float
+        Time between the samples at which nothing is done.
+    """
+
+    actuation: Literal["hold", "impulse"] = "impulse"
+
+    def __init__(self, period_s: float) -> None:
+        self.period_s = period_s
+
+    def initial(self, n_cases: int) -> Array:
+        """Return no states, (0, N)."""
+        return np.zeros((0, n_cases))
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        """Return a Δv of zero (3, N), m/s, and no states."""
+        return np.zeros((3, y.shape[1])), xc
 
 
 @dataclass(frozen=True)

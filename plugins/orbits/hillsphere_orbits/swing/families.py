@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import StepMap, bracketed_roots
 from hillsphere.errors import ConvergenceError, PropagationError
 from hillsphere.interfaces import Array
+from hillsphere.threads import in_threads
 from hillsphere_orbits.continuation import Branch, StepControl
 from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.flow import Flow
@@ -120,9 +121,11 @@ def follow_starts(
     notes : list of str
         Which were left out, and why.
     """
-    chains: dict[int, Chain] = {}
-    notes: list[str] = []
-    for group in _groups(starts):
+    _map_of(flow)  # compiled once, before threads ask for it
+
+    def followed(group: list[int]) -> tuple[dict[int, Chain], list[str]]:
+        chains: dict[int, Chain] = {}
+        notes: list[str] = []
         todo = [group]
         while todo:
             some = todo.pop()
@@ -137,8 +140,16 @@ def follow_starts(
                 notes.append(f"{start.d}:{start.n} from the {start.axis} axis: {error}")
             else:
                 chains.update(zip(some, found, strict=True))
-            advance(len(some))
-    return [chains[k] for k in sorted(chains)], notes
+        return chains, notes
+
+    groups = _groups(starts)
+    every: dict[int, Chain] = {}
+    faults: list[str] = []
+    for group, (chains, notes) in zip(groups, in_threads(followed, groups), strict=True):
+        every |= chains
+        faults += notes
+        advance(len(group))
+    return [every[k] for k in sorted(every)], faults
 
 
 def _groups(starts: Sequence[Start]) -> list[list[int]]:

@@ -55,6 +55,8 @@ class _Surveyed:
     closure: Array
     monodromy: Array
     events: Secondary
+    unsearched: str = ""
+    """Why secondary bifurcations could not be looked for; empty if they were."""
 
 
 class SwingFamiliesStage:
@@ -255,6 +257,11 @@ class SwingFamiliesStage:
                 )
             else:
                 families.append(found)
+                if found.unsearched:
+                    notes.append(
+                        f"{chain.start.name}: secondary bifurcations could not be looked for "
+                        f"({found.unsearched})"
+                    )
             advance(1)
         advance(len(starts) - len(chains))
         return families, notes
@@ -278,7 +285,7 @@ class SwingFamiliesStage:
         branch = Branch(z[:, :kept], chain.branch.tangent[:, :kept], ("it branches off", end))
         chain = replace(chain, branch=branch)
         none = Secondary((), (), np.empty(0), np.empty((2, 0), dtype=complex))
-        events = none
+        events, unsearched = none, ""
         if self.spec.secondary or "asymmetric" in self.spec.symmetries:
             try:
                 events = secondary(
@@ -288,10 +295,10 @@ class SwingFamiliesStage:
                         problem.state(at_positions(problem, branch, u))
                     ),
                 )
-            except (ConvergenceError, PropagationError):
-                events = none
+            except (ConvergenceError, PropagationError) as error:
+                unsearched = str(error)
         return _Surveyed(
-            chain, end, half[:kept], closure[:kept], monodromy[:, :, :kept], events
+            chain, end, half[:kept], closure[:kept], monodromy[:, :, :kept], events, unsearched
         )  # fmt: skip
 
     def _children(

@@ -21,7 +21,8 @@ from hillsphere_orbits.transfers.pareto import front
 
 __all__ = ["Case", "Found", "assembled"]
 
-_STATES = 481  # of a coast that is handed on
+_STATES = 481  # of a coast that is handed on;
+_EACH = 8  # sub-steps between two of them, so that it solves the equations near the body too
 _STEPS_PER_UNIT = 120  # sub-steps of the matrix per revolution of the primary's motion
 _CORRECTIONS = 3
 _ENOUGH = 1e-7  # normalised: a leg that misses by no more is not corrected
@@ -104,10 +105,9 @@ def assembled(case: Case, found: list[Found]) -> ManifoldTransfers:
     local = least_dv(
         np.linalg.norm(legs.target[3:], axis=0), of[arrives.astype(int)], energy[member]
     )
-    good = ~flown.impact & (flown.closure_km * 1e3 <= case.closure_limit_m)
+    good = flown.good(case)
     pairs = _front(found, legs, good)
-    checked = [one for one in found if one.again is not None]
-    entries, shift = _checks(checked)
+    entries, shift = _checks(case, found, legs, good)
     moon = case.plant if isinstance(case.plant, LockedMoon) else None
     product = ManifoldTransfers(
         flights=Trajectories(
@@ -168,6 +168,10 @@ class _Reflown:
     closure_m_s: Array
     altitude_m: Array
     impact: NDArray[np.bool_]
+
+    def good(self, case: Case) -> NDArray[np.bool_]:
+        """Return which of them can be flown, (L,)."""
+        return np.asarray(~self.impact & (self.closure_km * 1e3 <= case.closure_limit_m))
 
 
 def _reflown(case: Case, legs: Legs, arrives: NDArray[np.bool_]) -> _Reflown:
@@ -255,19 +259,31 @@ def _front(found: list[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArray[n
     return np.concatenate(pairs, axis=1)
 
 
-def _checks(checked: list[Found]) -> tuple[NDArray[np.int64], Array]:
-    """Compare ladders with those of twice the samples."""
-    entries, shift = np.zeros((2, len(checked)), dtype=np.int64), np.zeros(len(checked))
-    for c, one in enumerate(checked):
-        for mine, other in zip((one.departure, one.arrival), one.again or (), strict=False):
-            entries[:, c] += mine.p.size, other.p.size
-            moved = (
-                np.max(np.abs(mine.dv - other.dv), initial=0.0)
-                if mine.p.size == other.p.size
-                else np.inf
-            )
-            shift[c] = max(shift[c], moved)
-    return entries, shift
+def _checks(
+    case: Case, found: list[Found], legs: Legs, good: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], Array]:
+    """Compare the entries that make transfers with those found with twice the samples."""
+    entries: list[tuple[int, int]] = []
+    shifts: list[float] = []
+    first = 0
+    for one in found:
+        count, shift = np.zeros(2, dtype=np.int64), 0.0
+        for k, ladder in enumerate((one.departure, one.arrival)):
+            own = np.arange(first, first + ladder.p.size)
+            first += ladder.p.size
+            if one.again is None:
+                continue
+            mine = legs.dv[own[good[own]]]
+            other = _reflown(case, one.again[k], np.full(one.again[k].p.size, k == 1))
+            theirs = other.legs.dv[other.good(case)]
+            count += mine.size, theirs.size
+            same = mine.size == theirs.size
+            moved = float(np.max(np.abs(mine - theirs), initial=0.0)) if same else float("inf")
+            shift = max(shift, moved)
+        if one.again is not None:
+            entries.append((int(count[0]), int(count[1])))
+            shifts.append(shift)
+    return np.array(entries, dtype=np.int64).reshape(-1, 2).T, np.array(shifts)
 
 
 def _flights(case: Case, product: ManifoldTransfers) -> Trajectories:
@@ -288,8 +304,8 @@ def _flights(case: Case, product: ManifoldTransfers) -> Trajectories:
     start = np.where(arrives, product.leg_near[:, legs], product.leg_state[:, legs])
     duration = product.leg_tof_s[legs]
     way = case.flow.plain.trajectory(
-        start / system.unit[:, None], duration / system.time_unit_s, 2 * (_STATES - 1)
-    )[:, ::2]
+        start / system.unit[:, None], duration / system.time_unit_s, _EACH * (_STATES - 1)
+    )[:, ::_EACH]
     time = np.linspace(0.0, 1.0, _STATES)[:, None] * duration
     # the second coast of a plan follows the first; the stay at the unstable orbit is left out
     time[:, 1::2] += duration[::2]

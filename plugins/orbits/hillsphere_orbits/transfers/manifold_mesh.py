@@ -27,7 +27,8 @@ _TORN = 1.0  # and a sign change between passages this far apart is none
 _TOUCH = 1e-3  # a minimum of |g| is followed until passages are this near to one another
 _LEAST_P = 1e-9
 _MOST_PARTS = 16
-_EDGE_PARTS = 4
+_EDGE_PARTS = 16
+_EDGE = 1.0  # natural units of time between impacts of neighbours
 _ROUNDS = 16
 
 
@@ -56,6 +57,18 @@ class Roots:
     tof: Array
     dv: Array
     doubt: Array
+
+    def chosen(self, keep: NDArray[np.intp]) -> Roots:
+        """Return some of them."""
+        return Roots(*(getattr(self, name)[..., keep] for name in self.__annotations__))
+
+    @classmethod
+    def joined(cls, parts: list[Roots]) -> Roots:
+        """Return those of several targets as one set."""
+        names = cls.__annotations__
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +180,7 @@ class Mesh:
         self._fly, self._h, self._targets = fly, h, targets
         self._limit, self._gain = limit, gain
         self._p = np.zeros(0)
+        self._end = np.zeros(0)  # time of flight of an impact or escape; infinite without
         self._sure = [(np.zeros(0), np.zeros(0)) for _ in targets]
         self._passages = self._seen(fly(self._p))
 
@@ -182,9 +196,13 @@ class Mesh:
         for _ in range(_ROUNDS):
             if not new.size:
                 break
-            seen = self._seen(self._fly(new))
-            self._passages = self._passages.joined(seen)
-            self._p = np.sort(np.concatenate([self._p, new]))
+            flown = self._fly(new)
+            self._passages = self._passages.joined(self._seen(flown))
+            p = np.concatenate([self._p, new])
+            end = np.abs(flown.flown.time) - np.abs(flown.left)
+            end[(flown.flown.ended_by < 0) | (end > self._limit)] = np.inf
+            order = np.argsort(p, kind="stable")
+            self._p, self._end = p[order], np.concatenate([self._end, end])[order]
             new = self._divisions(new)
 
     def roots(self, target: int) -> Roots:
@@ -262,7 +280,7 @@ class Mesh:
             low.append(pairs.low[chosen])
             high.append(pairs.high[chosen])
             parts.append(np.clip(np.ceil(pairs.apart[chosen] / _FAR), 2, _MOST_PARTS))
-        edge = self._edges(q, lane)
+        edge = self._edges(at)
         low.append(self._p[edge])
         high.append(self._p[edge + 1])
         parts.append(np.full(edge.size, _EDGE_PARTS))
@@ -279,17 +297,15 @@ class Mesh:
             ]
         )
 
-    def _edges(self, q: _Passages, lane: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the trajectories beyond which others, or they themselves, meet the surface.
+    def _edges(self, at: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return those trajectories whose successors meet the surface at another time, or not.
 
         The curves of passages break off between such neighbours, and may hold roots up to there.
         """
-        timely = q.tof <= self._limit
-        flown = np.unique(lane[timely])
-        count = np.bincount(np.searchsorted(flown, lane[timely]), minlength=flown.size)
-        # a flight that ends in time differs by a passage or two
-        steps = np.abs(np.diff(count)) > 2
-        return np.asarray(flown[:-1][steps & (np.diff(flown) == 1)])
+        first = np.unique(np.clip(np.concatenate([at - 1, at]), 0, self._p.size - 2))
+        ends = np.array([self._end[first], self._end[first + 1]])
+        with np.errstate(invalid="ignore"):  # neither ends
+            return np.asarray(first[np.abs(ends[0] - ends[1]) > _EDGE])
 
     def _doubtful(self, q: _Passages, pairs: _Pairs, k: int) -> NDArray[np.intp]:
         """Return the pairs between which a target may be met, by what is known, worthwhile."""

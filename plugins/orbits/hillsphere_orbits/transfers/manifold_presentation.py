@@ -39,6 +39,7 @@ _CELLS = (
 _BESIDE = (
     Column("connects_paper", "", "connects, paper"),
     Column("dv_m_s_paper", "m/s", "ΔV, paper", 6),
+    Column("difference_m_s", "m/s", "ΔV less the paper's", 4),
     Column("tof_d_paper", "d", "time of flight, paper", 4),
     Column("dominated", "", "paper's is bettered"),
 )
@@ -278,6 +279,8 @@ def _beside(
             continue
         dv = _float(total) - _float(v_cm)
         row["dv_m_s_paper"] = dv
+        if row["connects"]:
+            row["difference_m_s"] = _float(row["dv_m_s"]) - dv
         compared += bool(row["connects"])
         cheaper += bool(row["connects"]) and _float(row["dv_m_s"]) < dv
         if isinstance(paper["tof_d"], Printed):
@@ -294,13 +297,16 @@ def _beside(
                 f"{'bettered in both' if row['dominated'] else 'not bettered in both'}."
             )
     notes = [
-        f"Of {compared} orbits that connect here and in {reference.source}, {cheaper} have a "
-        "transfer of a smaller impulse here, whatever its time of flight; the paper's impulse is "
-        "its printed total less its printed station-keeping cost."
+        f"Of {compared} orbits that connect here and in the paper, {cheaper} have a transfer of a "
+        "smaller impulse here, whatever its time of flight."
     ]
     notes.append(f"Connect here and not in the paper: {'; '.join(ours_only) or 'none'}.")
     notes.append(f"Connect in the paper and not here: {'; '.join(paper_only) or 'none'}.")
-    return notes + bettered
+    source = (
+        f"The paper: {reference.source}. Its impulse is the printed total less the printed "
+        "station-keeping cost."
+    )
+    return [*notes, *bettered, source]
 
 
 def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
@@ -316,10 +322,15 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
             product.leg_dv_m_s
             - product.bound_m_s[product.leg_arrives.astype(int), product.leg_member]
         )
-        metrics |= {
-            "closure_max_km": Metric(float(np.max(product.leg_closure_km)), "km"),
-            "closure_max_m_s": Metric(float(np.max(product.leg_closure_m_s)), "m/s"),
-        }
+        good = product.leg_closure_km * 1e3 <= product.closure_limit_m
+        metrics["legs_too_sensitive"] = Metric(int(np.count_nonzero(~good)))
+        # of those that make transfers
+        metrics["closure_max_km"] = Metric(
+            float(np.max(product.leg_closure_km[good], initial=0.0)), "km"
+        )
+        metrics["closure_max_m_s"] = Metric(
+            float(np.max(product.leg_closure_m_s[good], initial=0.0)), "m/s"
+        )
         if np.all(np.isfinite(margin)):
             metrics["energy_margin_min_m_s"] = Metric(
                 float(min(np.min(margin), np.min(whole))), "m/s"

@@ -26,6 +26,7 @@ from hillsphere_orbits.transfers.pareto import front
 __all__ = ["Legs", "Search", "joined", "ladder"]
 
 _MOVES = 4
+_BEYOND = 2.0  # natural units of time: partners of passages just within the limit are flown to
 _GAP = 1e-11  # of g at a polished root
 
 
@@ -155,45 +156,60 @@ class Search:
         mesh = Mesh(
             lambda p: leaves(
                 self.local, self.watch, p, self.side, start=self.start, distance=self.distance,
-                duration=self.limit, ends=self.ends,
+                duration=self.limit + _BEYOND, ends=self.ends,
             ),
             self.local.h, targets, self.limit, self.gain,
         )  # fmt: skip
         mesh.refine(self.samples)
-        found = [
-            ladder(self._polished(mesh.roots(k), target), self.gain)
-            for k, target in enumerate(targets)
-        ]
-        return found, mesh.trajectories
+        found = self._polished([mesh.roots(k) for k in range(len(targets))], targets)
+        return [ladder(legs, self.gain) for legs in found], mesh.trajectories
 
-    def _polished(self, roots: Roots, target: PolarOrbit) -> Legs:
-        """Polish the roots that may be on the front, until those not polished cannot be."""
-        found = [Legs.none()]
-        waiting = np.ones(roots.low.size, dtype=bool)
-        while waiting.any():
-            done = joined(found)
-            dv = np.concatenate([done.dv + self.gain, (roots.dv - roots.doubt)[waiting]])
-            tof = np.concatenate([done.tof, roots.tof[waiting]])
-            here = np.flatnonzero(waiting)[front(dv, tof)[done.dv.size :]]
-            if not here.size:
-                break
-            waiting[here] = False
-            found.append(self._final(*self._root(roots, here, target), target))
-        return joined(found)
+    def _polished(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
+        """Polish the roots that may be on the fronts, until those not polished cannot be."""
+        found = [Legs.none() for _ in targets]
+        waiting = [np.ones(r.low.size, dtype=bool) for r in roots]
+        while True:
+            # those of all targets at once: few flights take as long as one
+            chosen = [
+                self._promising(r, mask, done)
+                for r, mask, done in zip(roots, waiting, found, strict=True)
+            ]
+            which = np.repeat(np.arange(len(targets)), [here.size for here in chosen])
+            if not which.size:
+                return found
+            for mask, here in zip(waiting, chosen, strict=True):
+                mask[here] = False
+            some = [r.chosen(here) for r, here in zip(roots, chosen, strict=True)]
+            p, node, clock, kept = self._root(Roots.joined(some), which, targets)
+            for k, target in enumerate(targets):
+                own = which[kept] == k
+                if own.any():
+                    legs = self._final(p[own], node[own], clock[own], target)
+                    found[k] = joined([found[k], legs])
+
+    def _promising(self, roots: Roots, mask: NDArray[np.bool_], done: Legs) -> NDArray[np.intp]:
+        """Return the roots among those of a mask that may be on the front with what is done."""
+        dv = np.concatenate([done.dv + self.gain, (roots.dv - roots.doubt)[mask]])
+        tof = np.concatenate([done.tof, roots.tof[mask]])
+        return np.flatnonzero(mask)[front(dv, tof)[done.dv.size :]]
 
     def _root(
-        self, roots: Roots, chosen: NDArray[np.intp], target: PolarOrbit
-    ) -> tuple[Array, NDArray[np.int64], Array]:
-        """Return p, first sub-step and time on the orbit's clock of roots, on short sub-steps."""
-        low, high, clock = roots.low[chosen], roots.high[chosen], roots.clock[:, chosen]
-        node = roots.node[chosen]
+        self, roots: Roots, which: NDArray[np.intp], targets: list[PolarOrbit]
+    ) -> tuple[Array, NDArray[np.int64], Array, NDArray[np.intp]]:
+        """Return p, first sub-step, time on the orbit's clock and number of roots."""
+        low, high, clock, node = roots.low, roots.high, roots.clock, roots.node
         rate = (clock[1] - clock[0]) / (high - low)
 
         def gap(p: Array, lanes: NDArray[np.intp]) -> tuple[Array, Array]:
             when = clock[0, lanes] + (p - low[lanes]) * rate[lanes]
-            return self._gap(p, node[lanes], when, target)
+            x, when = self._passage(p, node[lanes], when)
+            angle, g = np.arctan2(x[1], x[0]), np.log(np.hypot(x[0], x[1]))
+            for k, target in enumerate(targets):
+                own = which[lanes] == k
+                g[own] -= target.log_radius(angle[own])[0]
+            return g, when
 
-        every = np.arange(chosen.size)
+        every = np.arange(low.size)
         begin, end = low.copy(), high.copy()
         ends = np.array([gap(begin, every)[0], gap(end, every)[0]])
         # neighbours that begin at different sub-steps are displaced a little: where the ends do not
@@ -218,12 +234,10 @@ class Search:
             lambda p: _settled(gap(p, held)[0]), x, y, f, g,
             np.maximum(np.minimum(0.1, _GAP / np.maximum(_GAP, np.abs(g - f))) * (y - x), least),
         )  # fmt: skip
-        return p, node[held], gap(p, held)[1]
+        return p, node[held], gap(p, held)[1], held
 
-    def _gap(
-        self, p: Array, node: NDArray[np.int64], when: Array, target: PolarOrbit
-    ) -> tuple[Array, Array]:
-        """Return g of the passages nearest to times on the orbit's clock, and their times."""
+    def _passage(self, p: Array, node: NDArray[np.int64], when: Array) -> tuple[Array, Array]:
+        """Return the passages nearest to times on the orbit's clock, and their times."""
         local, flow = self.local, self.local.flow
         sense = np.sign(local.h)
         flight = when - node * abs(local.h)
@@ -231,8 +245,7 @@ class Search:
         x = local.state(p, self.side, self.start, node)
         x = flow.plain.propagate(x, sense * flight, steps, strict=False)
         x, late = _to_plane(flow, x, 4.0 * abs(local.h))
-        g = np.log(np.hypot(x[0], x[1])) - target.log_radius(np.arctan2(x[1], x[0]))[0]
-        return np.asarray(g), when + sense * late
+        return x, when + sense * late
 
     def _final(self, p: Array, node: NDArray[np.int64], clock: Array, target: PolarOrbit) -> Legs:
         """Return the legs at roots: flown once more as a whole, for time and impact."""

@@ -48,6 +48,7 @@ class ManifoldTransfersSpec(StageSpec):
     """
 
     produces = "hillsphere_orbits.transfers.manifold_products:ManifoldTransfers"
+    provides = ("hillsphere.products:FlightSet",)
     examples = (
         {
             "plant": "hill",

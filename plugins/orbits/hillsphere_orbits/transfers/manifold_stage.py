@@ -12,6 +12,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.reference import ReferenceTable
+from hillsphere.threads import in_threads
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.manifolds.flight import Watch
 from hillsphere_orbits.manifolds.sampling import LocalManifold, classified, sides_are_images
@@ -120,9 +121,14 @@ class ManifoldTransfersStage:
         )  # fmt: skip
         advance = ctx.track("transfers", period.size)
         found: list[Found] = []
-        for i, kind in enumerate(classified(members.monodromy)):
-            found.append(self._member(setting, members, x0[:, i], float(period[i]), i, kind))
-            one = found[-1]
+        kinds = classified(members.monodromy)
+        _ = flow.plain  # compiled here, before threads ask for it
+
+        def searched(i: int) -> Found:
+            return self._member(setting, members, x0[:, i], float(period[i]), i, kinds[i])
+
+        for i, one in enumerate(in_threads(searched, range(period.size))):
+            found.append(one)
             ctx.info(
                 f"{members.labels[i]}: {one.status}; {one.departure.p.size} departure and "
                 f"{one.arrival.p.size} arrival legs, {one.trajectories} trajectories"
@@ -192,6 +198,10 @@ class ManifoldTransfersStage:
             np.max(np.abs(mirror * x0 - x0)) <= _SAME * np.max(np.abs(x0))
         )
         local = LocalManifold.of(setting.flow, x0, period, steps)
+        if not local.orbit[[2, 5]].any() and not local.mode[[2, 5]].any():
+            raise InputError(
+                "the orbit and its manifold lie in the plane z = 0, which they do not pass through"
+            )
         wanted = [setting.arrival, setting.departure] if image else [setting.arrival]
         found, count = self._sides(setting, local, wanted, samples)
         arrival = found[0]

@@ -35,6 +35,7 @@ class SwingTransfersSpec(StageSpec):
     """
 
     produces = "hillsphere_orbits.transfers.swing_products:SwingTransfers"
+    provides = ("hillsphere.products:FlightSet",)
     examples = (
         {
             "plant": "hill",

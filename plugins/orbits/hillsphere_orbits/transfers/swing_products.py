@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
+from hillsphere.products import FlightSet
 
 __all__ = ["SwingRoutes", "SwingTransfers", "Transfers"]
 
@@ -115,11 +116,14 @@ class SwingRoutes:
 
 
 @dataclass(frozen=True)
-class SwingTransfers:
+class SwingTransfers(FlightSet):
     """Transfers between planar orbits by way of families of swing orbits.
 
     Parameters
     ----------
+    flights : Trajectories
+        The transfers of `front`, a coast each, and of routes of more than one leg the transfers of
+        their legs, apart by the times on the orbits in between.
     orbits : tuple of str
         The orbits that are connected.
     orbit_integral : ndarray, shape (O,)

@@ -32,6 +32,7 @@ from hillsphere_orbits.transfers.swing_assembly import (
     selected,
 )
 from hillsphere_orbits.transfers.swing_chains import Scan, scan
+from hillsphere_orbits.transfers.swing_flights import flights_of
 from hillsphere_orbits.transfers.swing_passages import Passages, passages
 from hillsphere_orbits.transfers.swing_presentation import present_transfers
 from hillsphere_orbits.transfers.swing_products import SwingTransfers, Transfers
@@ -134,10 +135,15 @@ class SwingTransfersStage:
         of_least = [
             rank_correlations(t.total_m_s, np.mean(t.angle_rad, axis=0), t.integral) for t in least
         ]
+        front_of_legs = joined(fronts) if fronts else none()
         order = list(names)
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
         speed = float(flow.system.unit[3])
         return SwingTransfers(
+            flights=flights_of(
+                orbits, legs, [swing.name(f) for f in chains.families], front_of_legs, every,
+                routes,
+            ),
             orbits=tuple(order),
             orbit_integral=np.array([integral[name] for name in order]),
             orbit_tracks_m=np.stack([orbits[n].track for n in order], axis=2)
@@ -155,7 +161,7 @@ class SwingTransfersStage:
             d=swing.d,
             n=swing.n,
             least=every,
-            front=joined(fronts) if fronts else none(),
+            front=front_of_legs,
             member_leg=np.repeat(np.arange(len(legs)), [m.dv.size for m in members]).astype(
                 np.int64
             ),

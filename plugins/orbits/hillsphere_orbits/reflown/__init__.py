@@ -1,0 +1,1 @@
+"""Transfers flown again on truer equations, with their impulses found anew."""

@@ -1,0 +1,88 @@
+"""Where the chain of a family's members leaps to another family that comes near.
+
+Two families that nearly meet avoid each other: each turns off along the other. A chain whose steps
+are longer than the gap goes straight on and is from there on the other family's. Neither a residual
+nor a turn of the tangent tells, but the sense of the equations does: det [F'; t], t along the
+curve, never vanishes on a regular curve, so that it changes sign between two members only if two
+families cross between them (which symmetry allows), or if they are on two that do not meet [1]_.
+Which of the two it is shows when the interval is halved again and again.
+
+References
+----------
+.. [1] Allgower, E. L., Georg, K., Introduction to Numerical Continuation Methods, SIAM, 2003,
+   chapter 8 (bifurcation points, and how perturbation separates the curves).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array
+from hillsphere_orbits.spatial_family import Spatial
+from hillsphere_orbits.spatial_members import CLOSED, polish
+
+__all__ = ["connected"]
+
+_HALVINGS = 12
+
+
+def connected(spatial: Spatial) -> list[int]:
+    """Return how many members of each family, from the plane on, are on one curve for certain.
+
+    An interval between two members in which the sense of the equations changes is halved, always
+    on the side where it still does. Where two families cross, what is left of the chain goes
+    straight through; where they avoid each other, the two members do not come together, or none
+    is found between them.
+
+    Parameters
+    ----------
+    spatial : Spatial
+        Families, of corrected members.
+    """
+    good = [branch.size for branch in spatial.branches]
+    rows = [(f, i) for f in range(len(good)) for i in _changes(spatial, f)]
+    if not rows:
+        return good
+    family, first = np.array(rows, dtype=np.intp).T
+    ends = [spatial.branches[f].z[:, [i, i + 1]] for f, i in rows]
+    low, high = np.array([z[:, 0] for z in ends]).T, np.array([z[:, 1] for z in ends]).T
+    chord = (high - low) / np.linalg.norm(high - low, axis=0)
+    begin, end = first.astype(float), first + 1.0
+    sense = _sense(spatial, family, begin, low, chord)
+    apart = np.zeros(family.size, dtype=bool)
+    for _ in range(_HALVINGS):
+        u = 0.5 * (begin + end)
+        guess = np.concatenate(
+            [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
+        )
+        found = polish(spatial.exact(family, u), guess, chord, guess)
+        before = _sense(spatial, family, u, found.z, chord) == sense
+        begin, end = np.where(before, u, begin), np.where(before, end, u)
+        low, high = np.where(before, found.z, low), np.where(before, high, found.z)
+        ahead = np.sum(chord * (high - low), axis=0)
+        aside = np.linalg.norm(high - low - ahead * chord, axis=0)
+        apart |= ~(found.error <= CLOSED) | ~(aside <= ahead)
+    for f, i in zip(family[apart], first[apart], strict=True):
+        good[f] = min(good[f], int(i) + 1)
+    return good
+
+
+def _changes(spatial: Spatial, f: int) -> list[int]:
+    """Return the members of a family behind which the sense of the equations changes."""
+    branch = spatial.branches[f]
+    places = np.arange(branch.size, dtype=float)
+    slopes = spatial.exact(np.full(branch.size, f), places).residual(branch.z)[1]
+    chords = np.diff(branch.z, axis=1)
+    pairs = [_signs(slopes[:, :, k], chords) for k in (slice(-1), slice(1, None))]
+    return [int(i) for i in np.flatnonzero(pairs[0] != pairs[1])]
+
+
+def _sense(spatial: Spatial, family: NDArray[np.intp], u: Array, z: Array, along: Array) -> Array:
+    return _signs(spatial.exact(family, u).residual(z)[1], along)
+
+
+def _signs(slopes: Array, along: Array) -> Array:
+    """Return the sign of det [F'; t] (N,)."""
+    matrix = np.concatenate([slopes, along[None]])
+    return np.asarray(np.sign(np.linalg.det(np.moveaxis(matrix, 2, 0))))
