@@ -81,7 +81,9 @@ class MoonSpec(Spec):
         given = [key for key in keys if getattr(self, key) is not None]
         if given and len(given) < len(keys):
             missing = next(key for key in keys if key not in given)
-            text = f"missing: {missing}; an orientation needs {', '.join(keys)}"
+            needed = ", ".join(key.removesuffix("_rad") + "_deg" for key in keys)
+            missing = missing.removesuffix("_rad")
+            text = f"missing: {missing}_deg (or _rad); an orientation needs {needed}"
             raise PydanticCustomError("rule", "{text}", {"text": text, "key": given[0]})
         return self
 

@@ -11,7 +11,7 @@ from hillsphere.mission_layers import Layers
 from hillsphere.mission_tables import MOST_PROBLEMS, Tables
 from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registered
-from hillsphere.problems import Key, did_you_mean
+from hillsphere.problems import Key, did_you_mean, with_article
 from hillsphere.spec import Spec
 
 __all__ = ["Node", "check_links", "linked_to", "resolve_data_paths", "topological"]
@@ -77,8 +77,8 @@ def _check_product(product: str, name: str, key: Key, tables: Tables, layers: La
     ]  # fmt: skip
     hint = f"; fitting: {', '.join(fitting)}" if fitting else ""
     message = (
-        f"needs a {_class_name(product)}, but stage {name!r} yields "
-        f"{'a ' + _class_name(yields[0]) if yields else 'nothing'}{hint}"
+        f"needs {with_article(_class_name(product))}, but stage {name!r} yields "
+        f"{with_article(_class_name(yields[0])) if yields else 'nothing'}{hint}"
     )
     tables.problems.append(layers.problem(key, message))
 

@@ -28,6 +28,7 @@ from hillsphere.errors import (
 from hillsphere.mission import Mission
 from hillsphere.plugins import Registry, load_object
 from hillsphere.presentation import Figure, Metric, Presentation, Table, presentation_faults
+from hillsphere.problems import with_article
 from hillsphere.progress import Progress
 from hillsphere.run_record import Failure, RunRecord, StageRecord
 from hillsphere.spec import Ref, Spec
@@ -190,8 +191,8 @@ class _Run:
                 if not issubclass(given, wanted):
                     raise InputError(
                         f"{self.mission.places['stage', name]}: stage.{name}."
-                        f"{'.'.join(map(str, where))}: needs a {wanted.__name__}, but stage "
-                        f"{ref.name!r} yields a {given.__name__}"
+                        f"{'.'.join(map(str, where))}: needs {with_article(wanted.__name__)}, but "
+                        f"stage {ref.name!r} yields {with_article(given.__name__)}"
                     )
 
     def start(self, out: str | Path | None, registry: Registry | None) -> None:

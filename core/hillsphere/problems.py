@@ -11,7 +11,7 @@ from typing import Any
 
 from hillsphere.errors import InputError
 
-__all__ = ["Key", "MissionError", "Problem", "did_you_mean", "format_key", "shown"]
+__all__ = ["Key", "MissionError", "Problem", "did_you_mean", "format_key", "shown", "with_article"]
 
 Key = tuple[str | int, ...]
 """Path of a value in a mission: names of tables and keys, indices into arrays."""
@@ -140,3 +140,8 @@ def _shown_array(value: Sequence[Any]) -> str:
         return f"an array of {len(value)}"
     items = ", ".join(shown(v).removeprefix("a string ") for v in value)
     return f"[{items}]" if len(items) <= _SHOWN_CHARACTERS else f"an array of {len(value)}"
+
+
+def with_article(noun: str) -> str:
+    """Return a noun after "a", or "an" before a vowel."""
+    return f"{'an' if noun[:1].lower() in {*'aeiou'} else 'a'} {noun}"

@@ -82,5 +82,5 @@ def test_wrong_use_is_refused() -> None:
         _frame().to_inertial(np.zeros((6, 1)), np.zeros(1), "mars")
     with pytest.raises(InputError, match=r"\(6, 2\)"):
         _frame().to_inertial(np.zeros((6, 1)), np.zeros(2))
-    with pytest.raises(ValueError, match="prime_meridian_rad"):
+    with pytest.raises(ValueError, match=r"missing: prime_meridian_deg \(or _rad\)"):
         MoonSpec.model_validate({k: v for k, v in PHOBOS.items() if k != "prime_meridian_deg"})

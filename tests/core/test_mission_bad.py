@@ -12,7 +12,7 @@ import pytest
 
 from hillsphere.mission import MissionError, load_mission
 from hillsphere.plugins import Registry
-from hillsphere.problems import Problem, format_key
+from hillsphere.problems import Problem, format_key, with_article
 
 Expected = tuple[int | None, str, str]
 
@@ -493,3 +493,7 @@ def test_bad_input_file(
     path = home / "m.toml"
     path.write_text(sound_mission + f'[gravity.file]\ntype = "file"\nfile = "{file}"\n')
     _seen(_problems(path, toys), ((46, "gravity.file.file", fragment),))
+
+
+def test_article() -> None:
+    assert [with_article(noun) for noun in ("Family", "OrbitSet")] == ["a Family", "an OrbitSet"]

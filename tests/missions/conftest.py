@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -252,6 +252,12 @@ def run_command(directory: Path, *arguments: str) -> Run:
     )
     assert done.returncode == 0, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
     return Run(directory)
+
+
+@pytest.fixture(scope="session")
+def mission_run() -> Callable[..., Run]:
+    """Return what runs a mission from the command line: (directory, arguments…) → run."""
+    return run_command
 
 
 @pytest.fixture(scope="session")

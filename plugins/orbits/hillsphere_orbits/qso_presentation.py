@@ -10,7 +10,7 @@ from hillsphere_orbits.figures import draw_indices, draw_orbits, draw_periods
 from hillsphere_orbits.products import QsoFamily
 from hillsphere_orbits.stability import determinant_error
 
-__all__ = ["amplitude_km", "named", "present_family"]
+__all__ = ["amplitude_km", "counted", "named", "present_family"]
 
 _COLUMNS = (
     Column("name", "", "orbit"),
@@ -32,6 +32,13 @@ _BEYOND_HILL = 0.1  # part of the distance to the primary
 def named(identifier: str, label: str) -> str:
     """Return an identifier with the label that tells two stages apart."""
     return f"{identifier}_{label}" if label else identifier
+
+
+def counted(count: int, noun: str, *, of: int | None = None) -> str:
+    """Return ``"3 orbits"`` or ``"1 orbit"``; with `of`, ``"1 of 3 orbits"``."""
+    whole = count if of is None else of
+    words = f"{whole} {noun}{'' if whole == 1 else 's'}"
+    return words if of is None else f"{count} of {words}"
 
 
 def amplitude_km(x0: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:

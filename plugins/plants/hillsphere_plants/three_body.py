@@ -9,6 +9,7 @@ from math import pi, sqrt
 import numpy as np
 
 from hillsphere.dynamics import ArrayFunction, bracketed_roots
+from hillsphere.errors import InputError
 from hillsphere.gravity import AnyGravityModel, is_array_model
 from hillsphere.interfaces import Array, Parameter, Variable
 from hillsphere.symbolic import (
@@ -188,6 +189,12 @@ class _EllipticMotion(_ThreeBody):
         self.eccentricity: float = body.eccentricity
         self.libration_amplitude_rad: float = body.libration_amplitude_rad
         self.mode = spec.rotation
+        if self.mode == "libration" and self.libration_amplitude_rad == 0.0:
+            raise InputError(
+                "rotation = 'libration', but the libration_amplitude_deg of body "
+                f"{self.body_name!r} is 0; give the body its amplitude, or let it turn with "
+                "rotation = 'uniform'"
+            )
         self.primary_longitude_rad = pi - spec.prime_meridian_rad
         self._to_primary = AxialRotation.by(self.primary_longitude_rad)
 

@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from hillsphere import create
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
 from hillsphere.products import OrbitSet, PeriodicOrbits, load_product, save_product
 from hillsphere.testing import RecordingContext
+from hillsphere_orbits.fidelity.presentation import present_ladder
 from hillsphere_orbits.fidelity.products import FidelityLadder
 from hillsphere_orbits.fidelity.stage import FidelityLadderStage
 from hillsphere_orbits.flow import flow_of
@@ -191,6 +193,18 @@ def test_periodic_orbits_of_autonomous_rungs(ladder: FidelityLadder) -> None:
     assert np.isnan(ladder.periodic_s[:, 2]).all()
 
 
+def test_flights_are_drawn_with_the_body(ladder: FidelityLadder) -> None:
+    """The semi-axes 13.03 km along x, drawn upwards, and 11.4 km along y."""
+    canvas = Figure()
+    present_ladder(ladder, "").figures["fidelity_flights"].draw(canvas)
+    (axes,) = canvas.axes
+    (body_drawn,) = axes.patches
+    reach = np.max(np.abs(body_drawn.get_path().vertices), axis=0)
+    np.testing.assert_allclose(reach, [11.4, 13.03], rtol=1e-3)
+    assert body_drawn.get_label() == "Phobos"
+    assert axes.get_xlabel() == "y, along the moon's motion (km)"
+
+
 def test_product_is_written_and_read(ladder: FidelityLadder, tmp_path: Path) -> None:
     save_product(tmp_path / "ladder.npz", ladder)
     again = load_product(tmp_path / "ladder.npz")
@@ -243,6 +257,8 @@ def test_bad_input_is_named() -> None:
         climb(orbits, plant("elliptic"), duration_d=1)
     with pytest.raises(InputError, match="no plant is given"):
         climb(orbits)
+    with pytest.raises(InputError, match="rungs: a plant stands twice"):
+        climb(orbits, plant("hill"), plant("circular"), plant("hill"))
     empty = OrbitSet(
         replace(
             orbits.members, x0=np.zeros((6, 0)), period_s=np.zeros(0), integral=np.zeros(0),

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from hillsphere import create
 from hillsphere.errors import HillsphereError, InputError, StageError
@@ -28,6 +29,7 @@ from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.manifolds.sampling import LocalManifold
 from hillsphere_orbits.products import QsoFamily
 from hillsphere_orbits.spatial_products import SpatialFamilies
+from hillsphere_orbits.transfers.manifold_figures import draw_front
 from hillsphere_orbits.transfers.manifold_mesh import partners
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
 from hillsphere_orbits.transfers.manifold_search import Legs, ladder
@@ -272,6 +274,33 @@ def test_too_sensitive_legs_make_no_transfer(
     found = run(plant, family, orbits, **keys)
     assert found.leg_p.size == high.leg_p.size
     assert found.transfer_legs.shape == (2, 0)
+    shown = stage(plant, **keys).present(found, planar=family, orbits=(orbits,))
+    assert not any(name.startswith("closure") for name in shown.metrics)
+    count = found.leg_p.size
+    words = f"(missing by more than 1e-09 m): {count} of {count} legs"
+    assert any(words in sentence for sentence in shown.verdict)
+
+
+def test_closure_is_that_of_legs_that_make_transfers(
+    plant: Any, family: QsoFamily, orbits: OrbitSet, low: ManifoldTransfers
+) -> None:
+    """A leg that no transfer takes, and one that is set aside, do not count."""
+    kept = low.transfer_legs[:, -1:]
+    closure = np.full(low.leg_p.size, 0.9)
+    closure[kept[:, 0]] = 1e-4, 3e-4
+    spare = np.setdiff1d(np.arange(low.leg_p.size), kept)
+    assert spare.size > 1
+    closure[spare[0]] = 2.0
+    other = replace(low, leg_closure_km=closure, transfer_legs=kept)
+    shown = stage(plant).present(other, planar=family, orbits=(orbits,))
+    assert shown.metrics["closure_max_km"].value == pytest.approx(3e-4)
+    assert shown.metrics["legs_too_sensitive"].value == 1
+    said = (
+        "Flown anew, the transfers kept miss by at most 0.3 m; set aside as too sensitive "
+        f"(missing by more than 1000 m): 1 of {low.leg_p.size} legs."
+    )
+    assert said in shown.verdict
+    assert "1 of 1 orbit connects x = 100 km to x = 30 km" in shown.verdict[0]
 
 
 def spatial(low: ManifoldTransfers) -> SpatialFamilies:
@@ -300,6 +329,11 @@ def test_table_beside_published_values(
     assert row["dv_m_s_paper"] == pytest.approx(37.0361)
     assert row["tof_d_paper"] == 9.47
     assert row["dominated"] is True
+    assert row["dv_less_paper_m_s"] == pytest.approx(row["dv_m_s"] - 37.0361)
+    assert row["tof_less_paper_d"] == pytest.approx(row["tof_d"] - 9.47)
+    assert "Connect here and not in the paper: none." in shown.verdict
+    assert "Connect in the paper and not here: none." in shown.verdict
+    assert not any("bifurcation paper" in sentence for sentence in shown.verdict)
     assert row["connects"] is True
     assert row["connects_paper"] is True
     assert row["dv_m_s"] == pytest.approx(28.3, abs=0.05)
@@ -308,6 +342,12 @@ def test_table_beside_published_values(
     assert "4.7 d at most" in notes
     assert "0.001 away" in notes
     assert "37.04 m/s in 9.47 d is bettered in both" in notes
+
+
+def test_front_tells_amplitudes(low: ManifoldTransfers) -> None:
+    canvas = Figure()
+    draw_front(canvas, replace(low, revolutions=np.array([17]), z_m=np.array([70e3])), None)
+    assert canvas.axes[0].get_legend_handles_labels()[1] == ["n = 17", "Az = 70 km"]
 
 
 def test_revolutions_and_amplitudes(plant: Any, family: QsoFamily, low: ManifoldTransfers) -> None:
@@ -336,6 +376,7 @@ def test_what_does_not_exist(
     "keys, words",
     [
         ({"samples": 0}, "samples"),
+        ({"arrival": "x = 100 km"}, "arrival: must be another orbit than that of departure"),
         ({"leg_limit_d": 0}, "leg_limit_d"),
         ({"start_distance": 1e-3}, "must be smaller than distance"),
         ({"members": ["a"], "check": ["b"]}, "not among members: b"),

@@ -17,7 +17,7 @@ from hillsphere import create
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits import spatial_group
-from hillsphere_orbits.spatial_crossings import connected
+from hillsphere_orbits.spatial_crossings import _changes, connected
 from hillsphere_orbits.spatial_family import Spatial
 from hillsphere_orbits.spatial_group import BETWEEN, LEAPS
 from hillsphere_orbits.spatial_products import SpatialFamilies
@@ -33,20 +33,25 @@ def deimos() -> Any:
 @cache
 def bifurcations() -> Bifurcations:
     plant = deimos()
-    keys = {"x_amplitudes_km": [10.4], "x_min_km": 10.2, "x_max_km": 10.6, "curve_members": 31}
+    keys = {"x_amplitudes_km": [10.4], "x_min_km": 9.8, "x_max_km": 10.6, "curve_members": 31}
     family = create("stage", "qso_family", plant=plant, drift_revolutions=1, **keys)
     stage = create(
-        "stage", "bifurcations", plant=plant, needs={"family": "family"}, vertical=["1:17"], n_max=1
+        "stage",
+        "bifurcations",
+        plant=plant,
+        needs={"family": "family"},
+        vertical=["1:17", "1:27"],
+        n_max=1,
     )
     found = stage.run(RecordingContext(), family=family.run(RecordingContext()))
     assert isinstance(found, Bifurcations)
     return found
 
 
-def run(*z_km: float) -> SpatialFamilies:
+def run(*z_km: float, resonance: str = "1:17") -> SpatialFamilies:
     stage = create(
         "stage", "spatial_qso_families", plant=deimos(), needs={"bifurcations": "bifurcations"},
-        resonances=["1:17"], z_amplitudes_km=list(z_km),
+        resonances=[resonance], z_amplitudes_km=list(z_km),
     )  # fmt: skip
     found = stage.run(RecordingContext(), bifurcations=bifurcations())
     assert isinstance(found, SpatialFamilies)
@@ -62,7 +67,8 @@ def test_the_family_ends_before_another_comes_near(family: SpatialFamilies) -> N
     assert family.ends == (LEAPS,)
     assert family.members.labels == ("1:17, 3 km",)
     (missing,) = family.missing
-    assert "no member of amplitude 20 km" in missing and LEAPS in missing
+    assert "no member of amplitude 20 km" in missing
+    assert LEAPS in missing
     # what is left is one curve: every chord turns by less than 5 degrees from the one before
     z = family.curve.x0[[0, 2, 4]] / np.array([[1.0], [1.0], [1e-4]])
     chords = np.diff(z, axis=1)[:, 2:]
@@ -84,13 +90,17 @@ def test_what_cannot_be_computed_between_two_members_ends_the_family(
 
 
 def test_where_families_cross_the_chain_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[tuple[list[int], list[int]]] = []
+    """The family 1:27 of x = 10.0 km passes a true crossing at z = 4.0 km and goes on."""
+    seen: list[tuple[list[int], list[int], list[int]]] = []
 
     def watched(spatial: Spatial) -> list[int]:
         good = connected(spatial)
-        seen.append((good, [branch.size for branch in spatial.branches]))
+        seen.append((_changes(spatial, 0), good, [b.size for b in spatial.branches]))
         return good
 
     monkeypatch.setattr(spatial_group, "connected", watched)
-    run(3.0)
-    assert all(good == sizes for good, sizes in seen)
+    found = run(5.0, resonance="1:27")
+    assert found.members.labels == ("1:27, 5 km",)
+    for changes, good, sizes in seen:
+        assert len(changes) == 1
+        assert good == sizes

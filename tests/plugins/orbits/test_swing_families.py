@@ -16,6 +16,7 @@ from hillsphere.interfaces import Array
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.swing.curves import Swing
+from hillsphere_orbits.swing.presentation import present_swing
 from hillsphere_orbits.swing.products import SwingFamilies
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
@@ -239,6 +240,11 @@ def test_mirrors_break_one_after_the_other(broken: SwingFamilies) -> None:
             if (f, broken.event_kind[i], broken.event_plane[i]) == (parent, "branching", "planar")
         ]
         assert np.min(np.abs(broken.origin.integral[child] - np.array(there))) < 3e-7
+
+
+def test_empty_tables_are_left_out(families: SwingFamilies, broken: SwingFamilies) -> None:
+    assert "swing_members" in present_swing(families, None, "").tables
+    assert set(present_swing(broken, None, "").tables) == {"swing_families", "swing_events"}
 
 
 def test_asymmetric_orbits_close_and_have_no_mirror(

@@ -255,6 +255,11 @@ def test_what_is_shown(
     check_presentation(shown)
     rows = shown.tables["table_5_low"].rows
     assert [row.get("dv_m_s_paper") for row in rows] == [None, 1.83]
+    assert rows[0]["dv_less_paper_m_s"] is None
+    assert rows[1]["dv_less_paper_m_s"] == pytest.approx(rows[1]["dv_m_s"] - 1.83)
+    assert "tof_less_paper_d" not in rows[0]
+    names = [column.name for column in shown.tables["table_5_low"].columns]
+    assert names[1:4] == ["dv_m_s", "dv_m_s_paper", "dv_less_paper_m_s"]
     assert {"swing_least_low", "swing_front_low", "swing_routes_low"} <= set(shown.tables)
 
 

@@ -302,6 +302,8 @@ def test_bad_input_is_named() -> None:
         fly("hill", plans=["hazy"])
     with pytest.raises(InputError, match="no plant is given"):
         fly()
+    with pytest.raises(InputError, match="rungs: a plant stands twice"):
+        fly("hill", "circular", "hill")
     with pytest.raises(StageError, match="do not solve the equations of the first rung"):
         fly("circular")
     given = flights({"direct": direct()})

@@ -18,7 +18,7 @@ from hillsphere.presentation import (
     Table,
 )
 from hillsphere_orbits.fidelity.products import FidelityLadder
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso_presentation import counted, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -124,7 +124,7 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
                 lambda figure: _draw_flights(figure, product),
                 "Nodes of the flights (dots) over the orbits of the first rung (lines), seen from "
                 "the orbit normal and from the direction of flight, in the frame that turns with "
-                "the line to the primary.",
+                "the line to the primary; the body to scale, as it stands in the mean.",
                 size_in=(9.0, 4.2),
             ),
         }
@@ -229,8 +229,10 @@ def _verdict(product: FidelityLadder, flights: list[dict[str, Cell]]) -> list[st
     for r, rung in enumerate(product.rungs):
         good = product.converged[:, r]
         text = (
-            f"{rung} ({product.plants[r]}): {np.count_nonzero(good)} of {good.size} orbits have a "
-            f"continuous flight of {days:g} days"
+            f"{rung} ({product.plants[r]}): "
+            f"{counted(int(np.count_nonzero(good)), 'orbit', of=good.size)} "
+            f"{'has' if np.count_nonzero(good) == 1 else 'have'} a continuous flight of {days:g} "
+            "days"
         )
         if good.any():
             largest = product.departure_max_m[good, r]
@@ -241,7 +243,7 @@ def _verdict(product: FidelityLadder, flights: list[dict[str, Cell]]) -> list[st
             )
             text += (
                 f", at most {np.min(largest) / 1e3:.3g} to {np.max(largest) / 1e3:.3g} km from the "
-                f"orbit; {alone} survive without correction"
+                f"orbit; {alone} {'survives' if alone == 1 else 'survive'} without correction"
             )
         found.append(text + ".")
     if failed := [
@@ -296,7 +298,8 @@ def _draw_departures(figure: Canvas, product: FidelityLadder) -> None:
 def _draw_flights(figure: Canvas, product: FidelityLadder) -> None:
     planar = np.ptp(product.track_m[2]) < 1e-6 * np.ptp(product.track_m[1])
     views = ((1, 0),) if planar else ((1, 0), (1, 2))
-    names = ("x", "y", "z")
+    names = ("x, away from the primary", "y, along the moon's motion", "z, orbit normal")
+    body = product.body.capitalize() if product.body not in ("", "body") else "body"
     drawn = _spread(np.flatnonzero(product.converged[:, -1]))
     for ax, (right, up) in zip(
         figure.subplots(1, len(views), squeeze=False)[0], views, strict=True
@@ -308,7 +311,11 @@ def _draw_flights(figure: Canvas, product: FidelityLadder) -> None:
                 nodes[right], nodes[up], ".", color=colour, markersize=2.5,
                 label=product.members[m],
             )  # fmt: skip
-        ax.plot(0.0, 0.0, "+", color=PALETTE["black"])
+        if product.semi_axes_m:
+            outline = _outline_m(product, right, up) / 1e3
+            ax.fill(*outline, color="#777777", zorder=3, label=body)
+        else:
+            ax.plot(0.0, 0.0, "+", color=PALETTE["black"], label=f"centre of the {body}")
         ax.set_aspect("equal")
         ax.set_xlabel(f"{names[right]} (km)")
         ax.set_ylabel(f"{names[up]} (km)")
@@ -317,3 +324,16 @@ def _draw_flights(figure: Canvas, product: FidelityLadder) -> None:
     figure.legend(
         handles, labels, loc="outside upper center", ncols=3, fontsize="small", markerscale=4
     )
+
+
+def _outline_m(product: FidelityLadder, right: int, up: int) -> NDArray[np.float64]:
+    """Return the outline (2, P) of the body's ellipsoid, seen along the third axis."""
+    c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    # the shadow of the unit sphere's image under (turn · semi-axes) is the ellipse of its rows
+    rows = (turn * np.array(product.semi_axes_m))[[right, up]]
+    t = np.linspace(0.0, 2.0 * np.pi, 181)
+    shape: NDArray[np.float64] = np.linalg.cholesky(rows @ rows.T) @ np.array(
+        [np.cos(t), np.sin(t)]
+    )
+    return shape

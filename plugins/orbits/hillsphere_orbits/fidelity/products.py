@@ -73,6 +73,12 @@ class FidelityLadder(FlightSet):
         Of the survival: multiples of the orbit's amplitudes.
     start_true_anomaly_rad : float
         True anomaly at time zero.
+    body : str
+        Name of the moon; empty if the first plant does not say.
+    semi_axes_m : tuple of float
+        Semi-axes of its surface along its own axes; empty if it has none.
+    prime_meridian_rad : float
+        Angle from away from the primary to its longitude 0, in the mean.
     """
 
     rungs: tuple[str, ...]
@@ -102,6 +108,9 @@ class FidelityLadder(FlightSet):
     track_m: Array
     limit: float
     start_true_anomaly_rad: float
+    body: str
+    semi_axes_m: tuple[float, ...]
+    prime_meridian_rad: float
 
     def reference(self, rung: str, member: str) -> tuple[Array, Array]:
         """Return the flight of a member on a rung, for what shall follow it.

@@ -79,6 +79,7 @@ class FidelityLadderStage:
         anomaly = self.spec.start_true_anomaly_rad
         names = named_rungs([ref.name for ref in self.spec.rungs], self.plants)
         rungs = [Rung(plant, t, anomaly) for plant in self.plants]
+        moon = self.plants[0] if isinstance(self.plants[0], LockedMoon) else None
         advance = ctx.track("rungs", len(rungs))
         found, recurring = [], []
         for name, rung in zip(names, rungs, strict=True):
@@ -118,6 +119,9 @@ class FidelityLadderStage:
             track_m=curves.track_m(),
             limit=self.spec.limit,
             start_true_anomaly_rad=anomaly,
+            body=moon.body_name if moon else "",
+            semi_axes_m=tuple(moon.semi_axes_m or ()) if moon else (),
+            prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
         )
 
     def present(

@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_orbits.following.products import FollowedFamily
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso_presentation import counted, named
 from hillsphere_orbits.stability import multipliers
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def _sentences(product: FollowedFamily) -> list[str]:
         kept = ", ".join(_WORDS[word] for word in dict.fromkeys(product.held))
         sentences.append(
             f"With {', '.join(product.parameters)} changing and {kept} held, "
-            f"{len(product.members.labels)} of {len(product.asked)} orbits arrived."
+            f"{counted(len(product.members.labels), 'orbit', of=len(product.asked))} arrived."
         )
     sentences += [
         f"{name}: {status}."

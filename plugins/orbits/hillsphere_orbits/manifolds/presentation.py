@@ -10,7 +10,7 @@ from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_orbits.manifolds.products import Manifolds
 from hillsphere_orbits.manifolds.specs import InvariantManifoldsSpec
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso_presentation import counted, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -128,7 +128,8 @@ def _verdict(product: Manifolds, days: float) -> list[str]:
     unstable = sum(kind == "unstable" for kind in product.kinds)
     impacts = sum(name == "impact" for name in product.ended_by)
     sentences = [
-        f"{unstable} of {len(product.kinds)} orbits have manifolds; of their "
+        f"{counted(unstable, 'orbit', of=len(product.kinds))} "
+        f"{'has' if unstable == 1 else 'have'} manifolds; of their "
         f"{len(product.ended_by)} trajectories {impacts} meet the surface within {days:g} d."
     ]
     for kind, text in (("stable", "stable, without manifolds"), ("complex", "complex unstable")):

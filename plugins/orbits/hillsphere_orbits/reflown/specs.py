@@ -80,6 +80,10 @@ class TransfersReflownSpec(StageSpec):
         if not self.rungs:
             text = "no plant is given; name those of the ladder, the simplest first"
             raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rungs"})
+        # plants given in Python have no names of their own
+        if len({(ref.name, id(ref.target)) for ref in self.rungs}) < len(self.rungs):
+            text = "a plant stands twice"
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rungs"})
         if len(set(self.plans)) < len(self.plans):
             text = "a plan stands twice"
             raise PydanticCustomError("rule", "{text}", {"text": text, "key": "plans"})

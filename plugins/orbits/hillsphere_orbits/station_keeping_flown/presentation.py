@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso_presentation import counted, named
 from hillsphere_orbits.station_keeping_flown.figures import (
     MOST_ORBITS,
     UNCORRECTED,
@@ -255,9 +255,11 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
     free = product.uncorrected_survival
     survive = free >= product.survival_required
     if np.isfinite(free).any():
+        surviving = int(np.count_nonzero(survive))
         said.append(
-            f"Without any correction {np.count_nonzero(survive)} of "
-            f"{np.count_nonzero(np.isfinite(free))} orbits survive {days} with "
+            "Without any correction "
+            f"{counted(surviving, 'orbit', of=int(np.count_nonzero(np.isfinite(free))))} "
+            f"{'survives' if surviving == 1 else 'survive'} {days} with "
             f"{100 * product.survival_required:g} % probability."
         )
     worse = survive & product.flown.any(axis=(1, 2)) & ~np.isfinite(longest).any(axis=1)
@@ -269,8 +271,8 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         if not tried.any():
             continue  # all stable, or none could be flown: said below
         held = np.isfinite(longest[:, s])
-        sentence = f"Strategy {name} holds {np.count_nonzero(held)} of "
-        sentence += f"{np.count_nonzero(tried)} orbits flown for {days} with "
+        whole = counted(int(np.count_nonzero(held)), "orbit", of=int(np.count_nonzero(tried)))
+        sentence = f"Strategy {name} holds {whole} flown for {days} with "
         sentence += f"{100 * product.survival_required:g} % survival"
         if held.any():
             hours = longest[held, s] / 3600.0
@@ -282,8 +284,8 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
     stable = int(np.count_nonzero(product.stable))
     if stable:
         said.append(
-            f"{stable} of {total} orbits {'is' if stable == 1 else 'are'} stable: without an "
-            "unstable component, the Floquet mode has nothing to correct and no cost."
+            f"{counted(stable, 'orbit', of=total)} {'is' if stable == 1 else 'are'} stable: "
+            "without an unstable component, the Floquet mode has nothing to correct and no cost."
         )
     if refused:
         said.append(f"{refused} of {total} references could not be flown; the table says why.")

@@ -78,8 +78,8 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
     Returns
     -------
     Presentation
-        Tables ``swing_families``, ``swing_members`` and ``swing_events``, figures ``swing_orbits``
-        and ``swing_curves``, checks as metrics.
+        Tables ``swing_families`` and, unless there are none, ``swing_members`` and
+        ``swing_events``, figures ``swing_orbits`` and ``swing_curves``, checks as metrics.
     """
     curve = product.curve
     about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
@@ -102,15 +102,17 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
             f"Families of orbits of several revolutions{about}", _FAMILIES, _family_rows(product),
             [*scale, *product.notes],
         ),
-        "swing_members": Table(
-            f"Orbits of several revolutions{about}", _MEMBERS, _member_rows(product), scale
-        ),
-        "swing_events": Table(
-            "Secondary bifurcations along these families", _EVENTS, _event_rows(product),
+    }  # fmt: skip
+    if members := _member_rows(product):
+        tables["swing_members"] = Table(
+            f"Orbits of several revolutions{about}", _MEMBERS, members, scale
+        )
+    if events := _event_rows(product):
+        tables["swing_events"] = Table(
+            "Secondary bifurcations along these families", _EVENTS, events,
             ["fold: the Jacobi constant turns; branching: orbits of the same period and less "
              "symmetry (or out of the plane) begin; doubling: orbits of twice the period."],
-        ),
-    }  # fmt: skip
+        )  # fmt: skip
     figures = {
         "swing_orbits": Figure(
             f"Orbits of several revolutions{about}",

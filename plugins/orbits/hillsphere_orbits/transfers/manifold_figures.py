@@ -18,12 +18,16 @@ if TYPE_CHECKING:
 __all__ = ["draw_front", "draw_transfer"]
 
 _DAY = 86400.0
+_MARKERS = "os^DvP<>h*"
 
 
 def draw_front(
     figure: Canvas, product: ManifoldTransfers, reference: ReferenceTable | None
 ) -> None:
-    """Draw the impulse of transfers against their time of flight, one line per orbit."""
+    """Draw the impulse of transfers against their time of flight, one line per orbit.
+
+    Colours tell n, markers the amplitude z.
+    """
     axes = figure.add_subplot()
     dv, tof, member = (
         product.transfer_dv_m_s,
@@ -32,13 +36,20 @@ def draw_front(
     )
     orders = sorted(set(product.revolutions.tolist()))
     colours = dict(zip(orders, family_colours(len(orders)), strict=True))
+    z_km = np.round(product.z_m / 1e3, 6)
+    heights = sorted(set(z_km[np.unique(member)][np.isfinite(z_km[np.unique(member)])].tolist()))
+    markers = {z: _MARKERS[k % len(_MARKERS)] for k, z in enumerate(heights)}
     seen: set[int] = set()
     for i in np.unique(member):
         own, n = member == i, int(product.revolutions[i])
         name = f"n = {n}" if n else product.orbits.labels[int(i)]
-        axes.plot(tof[own], dv[own], ".-", color=colours[n], lw=0.8, ms=3.5, drawstyle="steps-post",
-                  label=None if n and n in seen else name)  # fmt: skip
+        axes.plot(tof[own], dv[own], marker=markers.get(float(z_km[i]), "."), color=colours[n],
+                  lw=0.8, ms=4.0, mew=0.0, drawstyle="steps-post")  # fmt: skip
+        if not n or n not in seen:  # in the legend a line without a marker
+            axes.plot([], [], color=colours[n], label=name)
         seen.add(n)
+    for z, marker in markers.items():
+        axes.plot([], [], marker, color=PALETTE["black"], ms=5, label=f"Az = {z:g} km")
     if reference is not None:
         marked = [
             (float(row["tof_d"]), float(row["dv_m_s"]))

@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
 from hillsphere.reference import ReferenceTable
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso_presentation import counted, named
 from hillsphere_orbits.transfers.manifold_figures import draw_front, draw_transfer
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
 from hillsphere_orbits.transfers.manifold_specs import ManifoldTransfersSpec
@@ -39,9 +39,10 @@ _CELLS = (
 _BESIDE = (
     Column("connects_paper", "", "connects, paper"),
     Column("dv_m_s_paper", "m/s", "ΔV, paper", 6),
-    Column("difference_m_s", "m/s", "ΔV less the paper's", 4),
+    Column("dv_less_paper_m_s", "m/s", "ΔV less the paper's", 4),
     Column("tof_d_paper", "d", "time of flight, paper", 4),
-    Column("dominated", "", "paper's is bettered"),
+    Column("tof_less_paper_d", "d", "time of flight less the paper's", 4),
+    Column("dominated", "", "an entry of the ladder betters the paper in both"),
 )
 _LADDER = (
     Column("tof_d", "d", "time of flight", 7),
@@ -119,7 +120,8 @@ def present_transfers(
         )
     figures = {"transfer_front": Figure(
         "Time of flight against impulse", lambda figure: draw_front(figure, product, reference),
-        "Transfers through each orbit that no other through it betters.", size_in=(8.0, 5.5),
+        "Transfers through each orbit that no other through it betters; colours tell n, markers "
+        "the amplitude z.", size_in=(8.0, 5.5),
     )}  # fmt: skip
     if product.transfer_legs.shape[1]:
         best = {
@@ -140,7 +142,7 @@ def present_transfers(
         metrics={named(k, label): v for k, v in _metrics(product).items()},
         tables={named(k, label): v for k, v in tables.items()},
         figures={named(k, label): v for k, v in figures.items()},
-        verdict=[*_verdict(product, names), *beside[:1]],
+        verdict=[*_verdict(product, names), *beside[:3]],
     )
 
 
@@ -280,12 +282,14 @@ def _beside(
         dv = _float(total) - _float(v_cm)
         row["dv_m_s_paper"] = dv
         if row["connects"]:
-            row["difference_m_s"] = _float(row["dv_m_s"]) - dv
+            row["dv_less_paper_m_s"] = _float(row["dv_m_s"]) - dv
         compared += bool(row["connects"])
         cheaper += bool(row["connects"]) and _float(row["dv_m_s"]) < dv
         if isinstance(paper["tof_d"], Printed):
             tof = _float(paper["tof_d"])
             row["tof_d_paper"] = tof
+            if row["connects"]:
+                row["tof_less_paper_d"] = _float(row["tof_d"]) - tof
             own = product.transfer_member == i
             row["dominated"] = bool(
                 np.any(
@@ -297,8 +301,9 @@ def _beside(
                 f"{'bettered in both' if row['dominated'] else 'not bettered in both'}."
             )
     notes = [
-        f"Of {compared} orbits that connect here and in the paper, {cheaper} have a transfer of a "
-        "smaller impulse here, whatever its time of flight."
+        f"Of {counted(compared, 'orbit')} that connect{'s' if compared == 1 else ''} here and in "
+        f"the paper, {cheaper} {'has' if cheaper == 1 else 'have'} a transfer of a smaller impulse "
+        "here, whatever its time of flight."
     ]
     notes.append(f"Connect here and not in the paper: {'; '.join(ours_only) or 'none'}.")
     notes.append(f"Connect in the paper and not here: {'; '.join(paper_only) or 'none'}.")
@@ -306,7 +311,12 @@ def _beside(
         f"The paper: {reference.source}. Its impulse is the printed total less the printed "
         "station-keeping cost."
     )
-    return [*notes, *bettered, source]
+    both = (
+        "Differences are those of the transfer in the row, the one of least ΔV. Bettered in both: "
+        "whether any entry of the ladder of that orbit takes at most the paper's ΔV and at most "
+        "its time of flight."
+    )
+    return [*notes, *bettered, both, source]
 
 
 def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
@@ -322,20 +332,15 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
             product.leg_dv_m_s
             - product.bound_m_s[product.leg_arrives.astype(int), product.leg_member]
         )
-        good = product.leg_closure_km * 1e3 <= product.closure_limit_m
-        metrics["legs_too_sensitive"] = Metric(int(np.count_nonzero(~good)))
-        # of those that make transfers
-        metrics["closure_max_km"] = Metric(
-            float(np.max(product.leg_closure_km[good], initial=0.0)), "km"
-        )
-        metrics["closure_max_m_s"] = Metric(
-            float(np.max(product.leg_closure_m_s[good], initial=0.0)), "m/s"
-        )
+        metrics["legs_too_sensitive"] = Metric(_too_sensitive(product))
         if np.all(np.isfinite(margin)):
             metrics["energy_margin_min_m_s"] = Metric(
                 float(min(np.min(margin), np.min(whole))), "m/s"
             )
     if product.transfer_legs.shape[1]:
+        kept = np.unique(product.transfer_legs)
+        metrics["closure_max_km"] = Metric(float(np.max(product.leg_closure_km[kept])), "km")
+        metrics["closure_max_m_s"] = Metric(float(np.max(product.leg_closure_m_s[kept])), "m/s")
         metrics["least_dv_m_s"] = Metric(float(np.min(product.transfer_dv_m_s)), "m/s")
         metrics["least_tof_d"] = Metric(float(np.min(product.transfer_tof_s)) / _DAY, "d")
     if product.checked:
@@ -346,12 +351,15 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
 def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
     count = sum(status == "connected" for status in product.status)
     limit = f"with legs of {product.leg_limit_s / _DAY:g} d at most"
-    sentences = [f"{count} of {len(product.status)} orbits connect {names} {limit}."]
+    whole = counted(count, "orbit", of=len(product.status))
+    sentences = [f"{whole} connect{'s' if count == 1 else ''} {names} {limit}."]
     if product.transfer_legs.shape[1]:
         dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / _DAY
         for what, q in (("The least impulse", np.argmin(dv)), ("The quickest", np.argmin(tof))):
             name = product.orbits.labels[int(product.transfer_member[q])]
             sentences.append(f"{what}: {dv[q]:.2f} m/s in {tof[q]:.2f} d through {name}.")
+    if product.leg_member.size:
+        sentences.append(_closure(product))
     unstable = [
         f"{name} ({status})"
         for name, status in zip(product.orbits.labels, product.status, strict=True)
@@ -360,6 +368,23 @@ def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
     if unstable:
         sentences.append(f"Without transfers: {'; '.join(unstable)}.")
     return sentences
+
+
+def _too_sensitive(product: ManifoldTransfers) -> int:
+    """Return how many legs miss by so much, flown anew, that they make no transfer."""
+    return int(np.count_nonzero(~(product.leg_closure_km * 1e3 <= product.closure_limit_m)))
+
+
+def _closure(product: ManifoldTransfers) -> str:
+    """Say how well the transfers close, and how many legs were not taken because they do not."""
+    out = (
+        f"set aside as too sensitive (missing by more than {product.closure_limit_m:g} m): "
+        f"{counted(_too_sensitive(product), 'leg', of=len(product.leg_member))}"
+    )
+    if not product.transfer_legs.shape[1]:
+        return f"No transfer is kept; {out}."
+    largest = float(np.max(product.leg_closure_km[product.transfer_legs])) * 1e3
+    return f"Flown anew, the transfers kept miss by at most {largest:.2g} m; {out}."
 
 
 def _identifier(label: str) -> str:

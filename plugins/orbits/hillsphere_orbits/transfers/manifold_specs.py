@@ -134,6 +134,8 @@ class ManifoldTransfersSpec(StageSpec):
                 raise _rule(key, "a name stands twice")
         if self.members and (extra := sorted(set(self.check) - set(self.members))):
             raise _rule("check", f"not among members: {', '.join(extra)}")
+        if self.departure == self.arrival:
+            raise _rule("arrival", "must be another orbit than that of departure")
         if self.start_distance >= self.distance:
             text = "must be smaller than distance, at which times of flight begin"
             raise _rule("start_distance", text)

@@ -6,7 +6,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.reference import PAPER_SUFFIX, ReferenceTable, beside, difference_notes, with_paper
 from hillsphere_orbits.qso_presentation import named
 from hillsphere_orbits.transfers.swing_figures import (
     draw_along,
@@ -21,6 +21,10 @@ __all__ = ["present_transfers"]
 
 _DAY = 86400.0
 _CERTAIN = 0.01  # p-value below which a correlation is taken for one
+_LESS_PAPER = {
+    "dv_m_s": Column("dv_less_paper_m_s", "m/s", "ΔV less the paper's", 4),
+    "tof_d": Column("tof_less_paper_d", "d", "time of flight less the paper's", 4),
+}
 _LEGS = (
     Column("leg", "", "leg"),
     Column("dv_m_s", "m/s", "least ΔV", 8),
@@ -60,8 +64,8 @@ _TRANSFERS = (
 _ROUTES = (
     Column("route", "", "route"),
     Column("dv_m_s", "m/s", "ΔV", 8),
-    Column("tof_d", "d", "on swing orbits", 6),
-    Column("waiting_d", "d", "in between", 6),
+    Column("tof_d", "d", "on swing orbits, without waiting", 6),
+    Column("waiting_d", "d", "waiting in between", 6),
     Column("closure_km", "km", "closure", 2),
     Column("closure_m_s", "m/s", "closure", 2),
 )
@@ -108,7 +112,7 @@ def present_transfers(
     ]
     if reference is not None:
         rows = beside(rows, reference, on="leg")
-        columns = with_paper(columns, rows)
+        columns = _with_differences(with_paper(columns, rows), rows)
         notes += difference_notes(rows, reference)
     unit = (
         f"Without unit: in units of L = {product.length_m / 1e3:.12g} km and 1/n = "
@@ -226,6 +230,23 @@ def _leg_rows(product: SwingTransfers) -> list[dict[str, Cell]]:
         }
         rows.append(row)
     return rows
+
+
+def _with_differences(columns: list[Column], rows: list[dict[str, Cell]]) -> list[Column]:
+    """Put ours less the paper's into the rows; return the columns with those of the differences."""
+    wide: list[Column] = []
+    for column in columns:
+        wide.append(column)
+        name = column.name.removesuffix(PAPER_SUFFIX)
+        if name == column.name or name not in _LESS_PAPER:
+            continue
+        wide.append(_LESS_PAPER[name])
+        for row in rows:
+            ours, paper = row.get(name), row.get(column.name)
+            row[_LESS_PAPER[name].name] = (
+                ours - paper if isinstance(ours, float) and isinstance(paper, float) else None
+            )
+    return wide
 
 
 def _transfer_rows(product: SwingTransfers, chosen: Transfers) -> list[dict[str, Cell]]:
