@@ -25,8 +25,8 @@ import hillsphere
 from hillsphere.errors import HillsphereError
 from hillsphere.paths import missions_directory
 from hillsphere.products import load_product
-from hillsphere_orbits import spatial_family
-from hillsphere_orbits.spatial_products import SpatialFamilies
+from hillsphere_orbits.spatial import family as spatial_family
+from hillsphere_orbits.spatial.products import SpatialFamilies
 
 if TYPE_CHECKING:
     from collections.abc import Callable

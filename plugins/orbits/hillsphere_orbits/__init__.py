@@ -1,8 +1,12 @@
-"""Built-in orbits plugin: families of periodic orbits, their stability and bifurcations.
+"""Built-in orbits plugin: families of periodic orbits, and what missions do with them.
 
-Tools for any plant: `continuation` (Newton and pseudo-arclength), `shooting` (the equations of a
-periodic orbit), `stability`, `members` (orbits at prescribed values). On them stand the
-quasi-satellite orbits: `families`, and the stages ``qso_family`` and ``bifurcations``.
+Tools for any plant lie here: `continuation` and `lockstep` (Newton and pseudo-arclength),
+`shooting` and `multiple_shooting` (the equations of an orbit), `stability`, `secondary`
+(bifurcations by kind), `parameter_continuation`, `members` (orbits at prescribed values). On them
+stand the families: `qso` (planar), `spatial`, `swing` (several revolutions in the plane),
+`libration` and `following` (any plant). What is done with orbits: `manifolds`, `transfers`,
+`robustness`, `station_keeping` and `station_keeping_flown`, `coverage`, `fidelity` and `reflown`
+(truer equations), `ephemeris`.
 """
 
 from __future__ import annotations
@@ -17,36 +21,36 @@ def hillsphere_components() -> list[Component]:
         Component(
             "orbit_family",
             "qso",
-            "hillsphere_orbits.families:Qso",
-            "hillsphere_orbits.specs:QsoSpec",
+            "hillsphere_orbits.qso.families:Qso",
+            "hillsphere_orbits.qso.specs:QsoSpec",
             "quasi-satellite orbits from the far 2:1 ellipse to the body's surface",
         ),
         Component(
             "stage",
             "qso_family",
-            "hillsphere_orbits.qso_family:QsoFamilyStage",
-            "hillsphere_orbits.specs:QsoFamilySpec",
+            "hillsphere_orbits.qso.family:QsoFamilyStage",
+            "hillsphere_orbits.qso.specs:QsoFamilySpec",
             "the family of quasi-satellite orbits and its members at prescribed values",
         ),
         Component(
             "stage",
             "bifurcations",
-            "hillsphere_orbits.bifurcation:BifurcationStage",
-            "hillsphere_orbits.specs:BifurcationSpec",
+            "hillsphere_orbits.qso.bifurcation:BifurcationStage",
+            "hillsphere_orbits.qso.specs:BifurcationSpec",
             "where other families branch off a family of planar orbits",
         ),
         Component(
             "stage",
             "spatial_qso_families",
-            "hillsphere_orbits.spatial_stage:SpatialFamiliesStage",
-            "hillsphere_orbits.spatial_specs:SpatialFamiliesSpec",
+            "hillsphere_orbits.spatial.stage:SpatialFamiliesStage",
+            "hillsphere_orbits.spatial.specs:SpatialFamiliesSpec",
             "families in space from vertical bifurcations: members, multipliers, windows",
         ),
         Component(
             "stage",
             "station_keeping_index",
-            "hillsphere_orbits.station_keeping:StationKeepingStage",
-            "hillsphere_orbits.spatial_specs:StationKeepingSpec",
+            "hillsphere_orbits.station_keeping.index:StationKeepingStage",
+            "hillsphere_orbits.spatial.specs:StationKeepingSpec",
             "analytic cost of nulling the unstable component once per period",
         ),
         Component(

@@ -9,9 +9,7 @@ import numpy as np
 from hillsphere.errors import StageError
 from hillsphere.products import OrbitSet, PeriodicOrbits
 
-__all__ = ["HasMembers", "members_of"]
-
-HasMembers = OrbitSet
+__all__ = ["members_of"]
 
 
 def members_of(*families: OrbitSet) -> PeriodicOrbits:
@@ -32,7 +30,7 @@ def members_of(*families: OrbitSet) -> PeriodicOrbits:
     StageError
         If they differ in frame, states or units, or there is none.
     """
-    sets = [family.members for family in families if family is not None]
+    sets = [family.members for family in families]
     if not sets:
         raise StageError("no family is given")
     first = sets[0]

@@ -27,8 +27,8 @@ from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.manifolds.sampling import LocalManifold
-from hillsphere_orbits.products import QsoFamily
-from hillsphere_orbits.spatial_products import SpatialFamilies
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.spatial.products import SpatialFamilies
 from hillsphere_orbits.transfers.manifold_figures import draw_front
 from hillsphere_orbits.transfers.manifold_mesh import partners
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers

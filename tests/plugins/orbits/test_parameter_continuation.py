@@ -18,7 +18,6 @@ from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params, power
 from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.families import Family, Qso
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.libration.families import Halo, LibrationFamily
 from hillsphere_orbits.members import coordinate, members_at
@@ -30,6 +29,7 @@ from hillsphere_orbits.parameter_continuation import (
     held_member,
 )
 from hillsphere_orbits.parameter_paths import Method, carry, refined
+from hillsphere_orbits.qso.families import Family, Qso
 from hillsphere_orbits.shooting import PeriodicShooting, SymmetricShooting
 
 GM = 7.0596507848715e-4  # km³/s²

@@ -17,12 +17,12 @@ from hillsphere.errors import ConvergenceError, InputError, StageError
 from hillsphere.interfaces import Array, Parameter
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext, check_stage
-from hillsphere_orbits.bifurcation import resonances_up_to
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
-from hillsphere_orbits.families import Family, Qso
 from hillsphere_orbits.members import members_at
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.bifurcation import resonances_up_to
+from hillsphere_orbits.qso.families import Family, Qso
+from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.shooting import PeriodicShooting, SymmetricShooting
 from hillsphere_orbits.stability import determinant_error, stability_indices
 from hillsphere_orbits.survey import Surveyor, extent, require_accuracy

@@ -17,7 +17,7 @@ from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere.testing import check_compensator
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.stability import multipliers
-from hillsphere_orbits.station_keeping import correction_speed
+from hillsphere_orbits.station_keeping.index import correction_speed
 from hillsphere_orbits.station_keeping_flown.reference_path import (
     ReferencePath,
     left_unstable,

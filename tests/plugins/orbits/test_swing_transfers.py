@@ -18,7 +18,7 @@ from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.swing.curves import Swing
 from hillsphere_orbits.swing.products import SwingFamilies
 from hillsphere_orbits.transfers.pareto import front

@@ -16,7 +16,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import Leg, heights_m, verify
 from hillsphere_orbits.transfers.energy import least_dv

@@ -8,7 +8,7 @@ from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Presentation, Table
 from hillsphere_orbits.coverage.figures import draw_coverage, draw_tracks
 from hillsphere_orbits.coverage.products import Coverage
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso.presentation import named
 
 __all__ = ["present_coverage"]
 

@@ -20,7 +20,7 @@ from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
 from hillsphere.time import Epoch
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.sources import members_of
 
 __all__ = ["Ephemerides", "EphemerisStage"]

@@ -18,7 +18,7 @@ from hillsphere.presentation import (
     Table,
 )
 from hillsphere_orbits.fidelity.products import FidelityLadder
-from hillsphere_orbits.qso_presentation import counted, named
+from hillsphere_orbits.qso.presentation import counted, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from hillsphere.dynamics import System
 from hillsphere.interfaces import Array, Plant
-from hillsphere_orbits.families import Family
 from hillsphere_orbits.parameter_continuation import (
     Held,
     ParameterPath,
@@ -19,6 +18,7 @@ from hillsphere_orbits.parameter_continuation import (
     held_member,
 )
 from hillsphere_orbits.parameter_paths import Method, carry, refined
+from hillsphere_orbits.qso.families import Family
 
 __all__ = ["Arrival", "carried", "unchanged"]
 

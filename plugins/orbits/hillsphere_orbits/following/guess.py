@@ -10,8 +10,8 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, StepControl, continue_both
 from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.families import Family
 from hillsphere_orbits.flow import flow_of
+from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 
 __all__ = ["GuessedFamily"]

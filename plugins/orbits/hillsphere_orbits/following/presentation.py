@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_orbits.following.products import FollowedFamily
-from hillsphere_orbits.qso_presentation import counted, named
+from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.stability import multipliers
 
 if TYPE_CHECKING:

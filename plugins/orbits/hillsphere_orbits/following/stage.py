@@ -9,7 +9,6 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
-from hillsphere_orbits.families import Family
 from hillsphere_orbits.following.arrival import Arrival, carried, unchanged
 from hillsphere_orbits.following.guess import GuessedFamily
 from hillsphere_orbits.following.presentation import present_followed
@@ -17,6 +16,7 @@ from hillsphere_orbits.following.products import FollowedFamily
 from hillsphere_orbits.following.specs import OrbitFamilySpec
 from hillsphere_orbits.members import Quantity, members_at
 from hillsphere_orbits.parameter_continuation import ParameterPath
+from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.stability import is_decoupled, stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor, require_accuracy
 

@@ -11,11 +11,11 @@ from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, follow
 from hillsphere_orbits.correction import correct, fixed
-from hillsphere_orbits.families import Family
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.libration.points import CollinearPoint, collinear_point
 from hillsphere_orbits.libration.specs import HaloSpec, LyapunovSpec
 from hillsphere_orbits.members import Quantity
+from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.shooting import SymmetricShooting
 
 __all__ = ["Halo", "LibrationFamily", "Lyapunov"]

@@ -10,7 +10,7 @@ from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_orbits.manifolds.products import Manifolds
 from hillsphere_orbits.manifolds.specs import InvariantManifoldsSpec
-from hillsphere_orbits.qso_presentation import counted, named
+from hillsphere_orbits.qso.presentation import counted, named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

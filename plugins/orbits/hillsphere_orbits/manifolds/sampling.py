@@ -26,7 +26,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Flow
 from hillsphere_orbits.manifolds.flight import Flown, Watch, fly
-from hillsphere_orbits.spatial_stability import excess, spectrum
+from hillsphere_orbits.spatial.stability import excess, spectrum
 
 __all__ = ["Leaves", "LocalManifold", "classified", "leaves", "sides_are_images"]
 

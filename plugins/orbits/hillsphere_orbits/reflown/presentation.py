@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.reflown.products import TransfersReflown
 from hillsphere_orbits.reflown.rungs import REFLOWN
 

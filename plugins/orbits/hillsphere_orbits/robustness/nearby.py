@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
 
 __all__ = ["Nearby", "nearby_resonances"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.robustness.figures import draw_edges, draw_probabilities
 from hillsphere_orbits.robustness.products import NonlinearStability
 from hillsphere_orbits.robustness.survival import Fate

@@ -12,7 +12,7 @@ from scipy.special import betaincinv
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.robustness.edges import Edges, first_losses
 from hillsphere_orbits.robustness.nearby import Nearby, nearby_resonances
 from hillsphere_orbits.robustness.presentation import present_stability

@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.qso_presentation import counted, named
+from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.station_keeping_flown.figures import (
     MOST_ORBITS,
     UNCORRECTED,

@@ -30,7 +30,7 @@ class StationKeepingFlownNeeds(Spec):
         default=None,
     )
     index: Ref | None = need(
-        "hillsphere_orbits.spatial_products:StationKeepingIndex",
+        "hillsphere_orbits.spatial.products:StationKeepingIndex",
         "analytic index, shown beside what is flown",
         default=None,
     )

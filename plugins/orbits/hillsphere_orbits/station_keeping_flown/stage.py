@@ -14,7 +14,7 @@ from hillsphere.products import FlightSet, OrbitSet
 from hillsphere.simulation import STATUSES
 from hillsphere_orbits.fidelity.products import FidelityLadder
 from hillsphere_orbits.robustness.stage import clopper_pearson
-from hillsphere_orbits.spatial_products import StationKeepingIndex
+from hillsphere_orbits.spatial.products import StationKeepingIndex
 from hillsphere_orbits.station_keeping_flown.closed_loop import ClosedLoop
 from hillsphere_orbits.station_keeping_flown.held import Sources, held_of
 from hillsphere_orbits.station_keeping_flown.presentation import present_flown

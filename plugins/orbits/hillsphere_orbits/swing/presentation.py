@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.products import QsoFamily
-from hillsphere_orbits.qso_presentation import named
-from hillsphere_orbits.spatial_presentation import family_colours
+from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.spatial.presentation import family_colours
 from hillsphere_orbits.swing.products import SwingFamilies
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
-from hillsphere_orbits.specs import read_resonance
+from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = ["SwingFamiliesNeeds", "SwingFamiliesSpec"]
 
@@ -29,7 +29,7 @@ class SwingFamiliesNeeds(Spec):
         "hillsphere.products:Bifurcations", "where the families branch off: its planar ones"
     )
     family: Ref | None = need(
-        "hillsphere_orbits.products:QsoFamily",
+        "hillsphere_orbits.qso.products:QsoFamily",
         "the orbits of one revolution, drawn beside them",
         default=None,
     )

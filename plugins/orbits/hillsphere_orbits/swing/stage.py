@@ -13,10 +13,10 @@ from hillsphere.presentation import Presentation
 from hillsphere.products import Bifurcations
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.secondary import Secondary, secondary
 from hillsphere_orbits.shooting import Shooting, SymmetricShooting
-from hillsphere_orbits.specs import read_resonance
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor
 from hillsphere_orbits.swing.asked import orbits_asked

@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.presentation import PALETTE, Printed
 from hillsphere.reference import ReferenceTable
 from hillsphere_orbits.manifolds.presentation import draw_body, draw_cylinder, finish_space
-from hillsphere_orbits.spatial_presentation import family_colours
+from hillsphere_orbits.spatial.presentation import family_colours
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
 
 if TYPE_CHECKING:

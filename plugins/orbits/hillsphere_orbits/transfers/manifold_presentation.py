@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
 from hillsphere.reference import ReferenceTable
-from hillsphere_orbits.qso_presentation import counted, named
+from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.transfers.manifold_figures import draw_front, draw_transfer
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
 from hillsphere_orbits.transfers.manifold_specs import ManifoldTransfersSpec

@@ -31,7 +31,7 @@ class ManifoldTransferNeeds(Spec):
     """Products of earlier stages that ``manifold_transfers`` uses."""
 
     planar: Ref = need(
-        "hillsphere_orbits.products:QsoFamily", "has the orbits of departure and arrival"
+        "hillsphere_orbits.qso.products:QsoFamily", "has the orbits of departure and arrival"
     )
     orbits: tuple[Ref, ...] = need(
         "hillsphere.products:OrbitSet", "families whose members are gone through", min_length=1

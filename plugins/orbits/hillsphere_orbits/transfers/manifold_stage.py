@@ -24,7 +24,7 @@ from hillsphere_orbits.manifolds.stage import (
     trial_places,
 )
 from hillsphere_orbits.sources import members_of
-from hillsphere_orbits.spatial_products import SpatialFamilies
+from hillsphere_orbits.spatial.products import SpatialFamilies
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.manifold_assembly import Case, Found, assembled
 from hillsphere_orbits.transfers.manifold_presentation import present_transfers

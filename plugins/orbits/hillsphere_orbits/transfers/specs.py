@@ -19,7 +19,7 @@ class SwingTransfersNeeds(Spec):
     examples = ({"family": "family", "swing": "swing"},)
 
     family: Ref = need(
-        "hillsphere_orbits.products:QsoFamily", "the orbits where transfers begin and end"
+        "hillsphere_orbits.qso.products:QsoFamily", "the orbits where transfers begin and end"
     )
     swing: Ref = need(
         "hillsphere_orbits.swing.products:SwingFamilies",

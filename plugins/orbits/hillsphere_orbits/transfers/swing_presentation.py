@@ -7,7 +7,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere.reference import PAPER_SUFFIX, ReferenceTable, beside, difference_notes, with_paper
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.transfers.swing_figures import (
     draw_along,
     draw_fronts,

@@ -14,7 +14,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.survey import LockedMoon
 from hillsphere_orbits.swing.curves import Swing
 from hillsphere_orbits.swing.products import SwingFamilies

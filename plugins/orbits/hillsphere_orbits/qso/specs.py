@@ -29,7 +29,7 @@ __all__ = [
     "read_resonance",
 ]
 
-_FAMILY = "hillsphere_orbits.products:QsoFamily"
+_FAMILY = "hillsphere_orbits.qso.products:QsoFamily"
 
 
 def _rule(key: str, text: str) -> PydanticCustomError:

@@ -22,14 +22,14 @@ from hillsphere.presentation import Cell, Column, Figure, Presentation, Table
 from hillsphere.products import Bifurcations
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
-from hillsphere_orbits.families import Qso
-from hillsphere_orbits.figures import draw_resonances
 from hillsphere_orbits.members import members_where, resolved
-from hillsphere_orbits.products import QsoFamily
-from hillsphere_orbits.qso_family import family_of
-from hillsphere_orbits.qso_presentation import named
+from hillsphere_orbits.qso.families import Qso
+from hillsphere_orbits.qso.family import family_of
+from hillsphere_orbits.qso.figures import draw_resonances
+from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.qso.specs import BifurcationSpec, read_resonance
 from hillsphere_orbits.shooting import Shooting
-from hillsphere_orbits.specs import BifurcationSpec, read_resonance
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import Surveyor, require_accuracy
 

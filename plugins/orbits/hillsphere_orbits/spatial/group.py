@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_crossings import connected
-from hillsphere_orbits.spatial_family import ALONE, Spatial, first_members
-from hillsphere_orbits.spatial_following import height
-from hillsphere_orbits.spatial_members import LostMembersError, Members
-from hillsphere_orbits.spatial_samples import Families, Samples, sampled
-from hillsphere_orbits.spatial_shooting import SpatialShooting
-from hillsphere_orbits.spatial_stability import ReturnMaps
-from hillsphere_orbits.spatial_windows import Event, bifurcations, windows
+from hillsphere_orbits.spatial.crossings import connected
+from hillsphere_orbits.spatial.family import ALONE, Spatial, first_members
+from hillsphere_orbits.spatial.following import height
+from hillsphere_orbits.spatial.members import LostMembersError, Members
+from hillsphere_orbits.spatial.samples import Families, Samples, sampled
+from hillsphere_orbits.spatial.shooting import SpatialShooting
+from hillsphere_orbits.spatial.stability import ReturnMaps
+from hillsphere_orbits.spatial.windows import Event, bifurcations, windows
 from hillsphere_orbits.survey import Surveyor
 
 __all__ = ["Described", "Group", "joined"]

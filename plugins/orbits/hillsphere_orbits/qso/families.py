@@ -14,8 +14,8 @@ from hillsphere_orbits.continuation import Boundary, Branch, StepControl, contin
 from hillsphere_orbits.correction import correct, fixed
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
+from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
-from hillsphere_orbits.specs import QsoSpec
 from hillsphere_orbits.survey import ArrayConserved, LockedMoon, Surveyor
 
 __all__ = ["Family", "Qso"]

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_family import Spatial
-from hillsphere_orbits.spatial_members import CLOSED, polish
+from hillsphere_orbits.spatial.family import Spatial
+from hillsphere_orbits.spatial.members import CLOSED, polish
 
 __all__ = ["connected"]
 

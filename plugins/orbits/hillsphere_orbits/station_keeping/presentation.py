@@ -17,10 +17,10 @@ from hillsphere.presentation import (
     Table,
 )
 from hillsphere.reference import ReferenceTable
-from hillsphere_orbits.qso_presentation import named
-from hillsphere_orbits.spatial_presentation import family_colours
-from hillsphere_orbits.spatial_products import StationKeepingIndex
-from hillsphere_orbits.spatial_specs import StationKeepingSpec
+from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.spatial.presentation import family_colours
+from hillsphere_orbits.spatial.products import StationKeepingIndex
+from hillsphere_orbits.spatial.specs import StationKeepingSpec
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.qso_presentation import named
-from hillsphere_orbits.spatial_products import SpatialFamilies
+from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.spatial.products import SpatialFamilies
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

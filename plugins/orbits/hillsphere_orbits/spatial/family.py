@@ -2,7 +2,7 @@
 
 At a vertical bifurcation d:n the planar orbit, run through n times, has a kernel of two directions
 out of the plane. Along each of them a family branches off whose orbits keep a mirror under time
-reversal (see `hillsphere_orbits.spatial_kernel`), so that half a period, n/2 revolutions, is solved
+reversal (see `hillsphere_orbits.spatial.kernel`), so that half a period, n/2 revolutions, is solved
 between two states which the mirror keeps.
 
 References
@@ -26,15 +26,15 @@ from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch, StepControl
 from hillsphere_orbits.lockstep import follow_lanes
 from hillsphere_orbits.roots import brackets
-from hillsphere_orbits.spatial_following import BIRTH, FOLLOWED, Following, height
-from hillsphere_orbits.spatial_members import (
+from hillsphere_orbits.spatial.following import BIRTH, FOLLOWED, Following, height
+from hillsphere_orbits.spatial.members import (
     CLOSED,
     RETURNED,
     LostMembersError,
     Members,
     polish,
 )
-from hillsphere_orbits.spatial_shooting import SpatialShooting, sub_steps
+from hillsphere_orbits.spatial.shooting import SpatialShooting, sub_steps
 
 __all__ = ["ALONE", "Spatial", "first_members"]
 

@@ -18,7 +18,7 @@ from hillsphere.spec import (
     quantity,
     reference,
 )
-from hillsphere_orbits.specs import read_resonance
+from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = [
     "SpatialFamiliesNeeds",
@@ -27,7 +27,7 @@ __all__ = [
     "StationKeepingSpec",
 ]
 
-_FAMILIES = "hillsphere_orbits.spatial_products:SpatialFamilies"
+_FAMILIES = "hillsphere_orbits.spatial.products:SpatialFamilies"
 _LABEL = r"^([a-z0-9][a-z0-9_]*)?$"
 
 
@@ -123,7 +123,7 @@ class StationKeepingNeeds(Spec):
 class StationKeepingSpec(StageSpec):
     """What it costs to null the unstable component once per period, knowing it perfectly."""
 
-    produces = "hillsphere_orbits.spatial_products:StationKeepingIndex"
+    produces = "hillsphere_orbits.spatial.products:StationKeepingIndex"
     examples = ({"needs": {"families": "families"}},)
 
     needs: StationKeepingNeeds = option("products of earlier stages")

@@ -6,8 +6,8 @@ import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
-from hillsphere_orbits.figures import draw_indices, draw_orbits, draw_periods
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.figures import draw_indices, draw_orbits, draw_periods
+from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.stability import determinant_error
 
 __all__ = ["amplitude_km", "counted", "named", "present_family"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_shooting import SpatialShooting, ends
+from hillsphere_orbits.spatial.shooting import SpatialShooting, ends
 
 __all__ = ["BIRTH", "FOLLOWED", "Following", "clearance", "height"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere.products import Bifurcations
-from hillsphere_orbits.products import QsoFamily
+from hillsphere_orbits.qso.products import QsoFamily
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

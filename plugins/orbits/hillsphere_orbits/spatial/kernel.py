@@ -28,7 +28,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Flow
-from hillsphere_orbits.spatial_shooting import MIRRORS
+from hillsphere_orbits.spatial.shooting import MIRRORS
 
 __all__ = ["Start", "starts_of", "symmetries_of"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_shooting import SpatialShooting
+from hillsphere_orbits.spatial.shooting import SpatialShooting
 
 __all__ = ["CLOSED", "RETURNED", "Members", "polish"]
 

@@ -12,14 +12,14 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import Bifurcations, PeriodicOrbits
 from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.shooting import SymmetricShooting
-from hillsphere_orbits.spatial_group import Described, Group, joined
-from hillsphere_orbits.spatial_kernel import starts_of, symmetries_of
-from hillsphere_orbits.spatial_presentation import present_families
-from hillsphere_orbits.spatial_products import SpatialFamilies
-from hillsphere_orbits.spatial_shooting import MIRRORS, SpatialShooting
-from hillsphere_orbits.spatial_specs import SpatialFamiliesSpec
-from hillsphere_orbits.specs import read_resonance
+from hillsphere_orbits.spatial.group import Described, Group, joined
+from hillsphere_orbits.spatial.kernel import starts_of, symmetries_of
+from hillsphere_orbits.spatial.presentation import present_families
+from hillsphere_orbits.spatial.products import SpatialFamilies
+from hillsphere_orbits.spatial.shooting import MIRRORS, SpatialShooting
+from hillsphere_orbits.spatial.specs import SpatialFamiliesSpec
 from hillsphere_orbits.survey import LockedMoon, Surveyor
 
 __all__ = ["SpatialFamiliesStage"]

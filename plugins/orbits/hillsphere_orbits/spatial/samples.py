@@ -4,7 +4,7 @@ Between neighbouring members a spline through the index says where it may come n
 stability; an orbit is computed there, and by how much the spline erred says how far it can be
 trusted in the two parts. That goes on until no part of a family can hide a pair of roots.
 
-The index is that of the return map N (see `hillsphere_orbits.spatial_stability`): where M = N²,
+The index is that of the return map N (see `hillsphere_orbits.spatial.stability`): where M = N²,
 c = ±2 both are λ = 1, and c = 0 is λ = −1.
 """
 
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_family import Spatial
-from hillsphere_orbits.spatial_members import RETURNED, Members
-from hillsphere_orbits.spatial_stability import CIRCLE, ReturnMaps, return_maps, return_symmetry
+from hillsphere_orbits.spatial.family import Spatial
+from hillsphere_orbits.spatial.members import RETURNED, Members
+from hillsphere_orbits.spatial.stability import CIRCLE, ReturnMaps, return_maps, return_symmetry
 
 __all__ = ["Families", "Samples", "sampled"]
 

@@ -10,11 +10,11 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
-from hillsphere_orbits.families import Family, Qso
 from hillsphere_orbits.members import Quantity, members_at
-from hillsphere_orbits.products import QsoFamily
-from hillsphere_orbits.qso_presentation import present_family
-from hillsphere_orbits.specs import QsoFamilySpec, QsoSpec
+from hillsphere_orbits.qso.families import Family, Qso
+from hillsphere_orbits.qso.presentation import present_family
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.qso.specs import QsoFamilySpec, QsoSpec
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import (
     LockedMoon,

@@ -25,9 +25,9 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
-from hillsphere_orbits.spatial_products import SpatialFamilies, StationKeepingIndex
-from hillsphere_orbits.spatial_specs import StationKeepingSpec
-from hillsphere_orbits.station_keeping_presentation import present_index
+from hillsphere_orbits.spatial.products import SpatialFamilies, StationKeepingIndex
+from hillsphere_orbits.spatial.specs import StationKeepingSpec
+from hillsphere_orbits.station_keeping.presentation import present_index
 
 __all__ = ["StationKeepingStage", "correction_speed"]
 

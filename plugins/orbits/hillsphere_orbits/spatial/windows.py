@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from hillsphere.dynamics import bracketed_roots
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial_samples import Families, Samples
+from hillsphere_orbits.spatial.samples import Families, Samples
 
 __all__ = ["Event", "bifurcations", "windows"]
 

@@ -1,0 +1,1 @@
+"""Orbits of several revolutions that leave the plane: families, members, stability."""
