@@ -77,7 +77,9 @@ def stage(plant: Any, **keys: Any) -> Any:
 
 
 def run(plant: Any, family: QsoFamily, families: Any = None, **keys: Any) -> Coverage:
-    found = stage(plant, **keys).run(RecordingContext(), orbits=(family, families))
+    found = stage(plant, **keys).run(
+        RecordingContext(), orbits=(family,) if families is None else (family, families)
+    )
     assert isinstance(found, Coverage)
     return found
 
