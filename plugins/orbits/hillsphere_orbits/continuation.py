@@ -175,7 +175,8 @@ def follow(
 
     Predicts along the tangent, corrects in the plane normal to it. The step doubles while Newton
     needs at most three iterations and the tangent hardly turns, and is halved when the correction
-    fails or the tangent turns too far. The member on a boundary is located exactly.
+    fails, ends farther off than the family can have turned (on another one), or the tangent turns
+    too far. The member on a boundary is located exactly.
 
     Parameters
     ----------
@@ -243,6 +244,8 @@ def _advance(
             problem, ahead, on_planes(tangent, ahead), tolerance=control.tolerance, iterations=8
         )
         if not bool(found.converged[0]):
+            return None, None, False
+        if np.linalg.norm(found.z - ahead) > control.turn * step:
             return None, None, False
         line = tangents(problem, found.z, tangent)
     except PropagationError:

@@ -54,6 +54,20 @@ class Line:
         return z[1][None], slopes
 
 
+class Flights:
+    """sin(y − c(x)) = 0: the curve c, a flight of stairs, and parallel ones kπ above and below."""
+
+    unknowns = ("x", "y")
+
+    def residual(self, z: Array) -> tuple[Array, Array]:
+        away = z[1] - self.stair(z[0])
+        slopes = np.array([-15.0 / np.cosh(20.0 * (z[0] - 1.0)) ** 2, np.ones_like(away)])
+        return np.sin(away)[None], (np.cos(away) * slopes)[None]
+
+    def stair(self, x: Array) -> Array:
+        return np.asarray(0.75 * (1.0 + np.tanh(20.0 * (x - 1.0))))
+
+
 START = np.array([1.0, 0.0])
 UP = np.array([0.0, 1.0])
 
@@ -106,6 +120,16 @@ def test_through_turning_points() -> None:
     angle = np.arctan2(branch.z[1], branch.z[0])
     assert bool(np.all(np.diff(angle) > 0))
     np.testing.assert_allclose(branch.tangent, [-np.sin(angle), np.cos(angle)], rtol=0, atol=1e-11)
+
+
+def test_a_step_does_not_end_on_another_family() -> None:
+    """Beyond the stair Newton's iteration leads from the tangent to a curve 4π above."""
+    control = StepControl(first=0.5, largest=0.5)
+    edge = Boundary("the end", lambda z: 2.0 - z[0])
+    branch = follow(Flights(), 0.2 * START, START, boundaries=[edge], control=control)
+    assert branch.ends[1] == "the end"
+    y = Flights().stair(branch.z[0])
+    np.testing.assert_allclose(branch.z[1], y, rtol=0, atol=1e-10)
 
 
 def test_steps_adapt() -> None:

@@ -42,11 +42,6 @@ def ellipsoid() -> Any:
 
 
 @pytest.fixture(scope="module")
-def plant() -> Any:
-    return hill(ellipsoid())
-
-
-@pytest.fixture(scope="module")
 def family(plant: Any) -> QsoFamily:
     stage = create(
         "stage", "qso_family", plant=plant, x_amplitudes_km=[50, 20], x_min_km=19, x_max_km=52,

@@ -16,8 +16,9 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import ConvergenceError, HillsphereError, InputError
 from hillsphere.interfaces import Array
-from hillsphere_orbits.continuation import Branch
-from hillsphere_orbits.correction import correct, on_planes
+from hillsphere_orbits.continuation import Branch, StepControl, follow
+from hillsphere_orbits.correction import correct, fixed, on_planes
+from hillsphere_orbits.libration.ends import ends_of
 from hillsphere_orbits.libration.families import Halo, LibrationFamily, Lyapunov
 from hillsphere_orbits.stability import multipliers, stability_indices
 from hillsphere_orbits.survey import Surveyor
@@ -216,6 +217,37 @@ def test_surface_ends_the_family() -> None:
     assert level.min() == pytest.approx(1.0, abs=1e-3)
     with pytest.raises(ConvergenceError, match=r"no halo orbits branch off .* grazes the surface"):
         halo(ellipsoid()).family(None, None, 21)
+
+
+def test_orbits_too_sensitive_end_the_family() -> None:
+    """Beyond L1 of a heavy body orbits pass it and its primary ever faster, and double the errors.
+
+    Half-periods grow smoothly on the way: no member belongs to the orbits about the primary.
+    """
+    family = lyapunov(circular(0.1))
+    first = family.family(None, 0.01 * DISTANCE_M, 21).branch
+    problem = family.problem[0].with_steps(490)
+    start = correct(problem, first.z[:, :1], fixed(0, first.z[0, 0])).checked("start")
+    branch = follow(
+        problem, start[:, 0], np.array([-1.0, 0.0, 0.0]), boundaries=ends_of(problem, family.point),
+        control=StepControl(first=0.05, largest=0.1),
+    )  # fmt: skip
+    assert branch.ends[1] == "the orbit is too sensitive to be computed"
+    assert np.all(np.abs(np.diff(branch.z[2])) < 0.2)
+    _, half = problem.flow.with_matrix(problem.state(branch.z), branch.z[2], 490)
+    largest = np.max(np.abs(half), axis=(0, 1))
+    assert largest[-1] == pytest.approx(1e-12 / 2.0**-52, rel=1e-6)
+    assert np.all(largest[:-1] < largest[-1])
+
+
+@pytest.mark.slow
+def test_what_was_found_of_a_sensitive_family_is_kept() -> None:
+    family = lyapunov(circular(0.1)).family(None, None, 41)
+    assert family.branch.ends[1] == "the orbit is too sensitive to be computed"
+    assert family.amplitude(family.branch.z)[0][-1] > 1.5 * abs(family.point.x)
+    orbits = Surveyor(family.plant, family.problem).orbits(family.branch.z, ("",) * 41)
+    bound = 1e-12 * np.maximum(1e3, np.abs(multipliers(orbits.monodromy)[0]))
+    assert np.all(orbits.residual <= bound)
 
 
 def lopsided() -> Any:

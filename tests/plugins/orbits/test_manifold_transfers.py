@@ -44,15 +44,6 @@ MEMBERS = {
 
 
 @pytest.fixture(scope="module")
-def plant() -> Any:
-    gravity = create(
-        "gravity", "ellipsoid", axes_km=[13.03, 11.40, 9.14], density_g_cm3=1.860,
-        gravitational_constant=6.674e-11,
-    )  # fmt: skip
-    return create("plant", "hill", body=create("body", "moon", **BODY), gravity=gravity)
-
-
-@pytest.fixture(scope="module")
 def family(plant: Any) -> QsoFamily:
     found = create(
         "stage", "qso_family", plant=plant, x_amplitudes_km=[100, 30], x_min_km=28,

@@ -45,11 +45,6 @@ def hill(gravity: Any) -> Any:
     return create("plant", "hill", body=create("body", "moon", **BODY), gravity=gravity)
 
 
-@pytest.fixture(scope="module")
-def plant() -> Any:
-    return hill(create("gravity", "ellipsoid", axes_km=(AXES / 1e3).tolist(), gm_km3_s2=MU))
-
-
 def family_of(plant: Any, x_km: list[float], **keys: Any) -> QsoFamily:
     stage = create(
         "stage", "qso_family", plant=plant, x_amplitudes_km=x_km, drift_revolutions=1, **keys

@@ -17,6 +17,8 @@ from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
+from hillsphere_orbits.flow import flow_of
+from hillsphere_orbits.spatial import following
 from hillsphere_orbits.spatial.products import SpatialFamilies, StationKeepingIndex
 from hillsphere_orbits.spatial.stability import excess, is_stable, pair_indices, spectrum
 from hillsphere_orbits.station_keeping.index import correction_speed
@@ -206,6 +208,13 @@ def test_same_family_is_said_to_be_it(
     assert [row["other"] for row in rows] == [False, True]
 
 
+def test_verdict_tells_stages_apart_and_counts(plant: Any, bifurcations: Bifurcations) -> None:
+    one = run(plant, bifurcations, z_amplitudes_km=[3], resonances=["1:6"])
+    shown = stage(plant, z_amplitudes_km=[3], label="close_by").present(one, None)
+    assert shown.verdict[0].startswith("Family in space (close by, branch position): 1:6 to ")
+    assert shown.verdict[1].startswith("Its 1 member closes to ")
+
+
 def test_secondary_bifurcations_are_where_the_index_passes(
     plant: Any, bifurcations: Bifurcations
 ) -> None:
@@ -312,6 +321,31 @@ def test_an_amplitude_that_some_families_have(plant: Any, bifurcations: Bifurcat
     assert found.members.labels == ("1:6, 3 km", "1:7, 3 km", "1:7, 26 km")
     (missing,) = found.missing
     assert missing.startswith("1:6 has no member of amplitude 26 km (it has 0.238643 to 25.4")
+
+
+def test_a_family_ends_where_rounding_is_magnified_too_much(
+    plant: Any, bifurcations: Bifurcations, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However far away an orbit asked for is, following ends where none could be confirmed.
+
+    Rounding is made 100 times as large, so that the family 1:6 ends so, which else goes on to the
+    surface: half a period magnifies an error 100 times near the plane and 15000 times there.
+    """
+    monkeypatch.setattr(following, "_ROUNDING", 100.0 * np.finfo(float).eps)
+    found = run(plant, bifurcations, resonances=["1:6"], z_amplitudes_km=[3, 5000])
+    assert found.members.labels == ("1:6, 3 km",)
+    assert found.ends == (following.SENSITIVE,)
+    (missing,) = found.missing
+    assert missing.startswith("1:6 has no member of amplitude 5000 km (it has 0.238643 to 25.")
+    assert following.SENSITIVE in missing
+    # what rounding becomes over half a period, from its matrix and the largest state: the last
+    # orbit is the first beyond the limit, but for the direction of the error
+    flow, curve = flow_of(plant), found.curve
+    x, half = curve.x0 / flow.system.unit[:, None], 0.5 * curve.period_s / flow.system.time_unit_s
+    growth = np.max(np.abs(flow.with_matrix(x, half, 800)[1]), axis=(0, 1))
+    blurred = 100.0 * np.finfo(float).eps * growth * np.max(np.abs(x), axis=0)
+    assert 0.5 * following.HALF < blurred[-1] < 2.0 * following.HALF
+    assert np.argmax(blurred) == blurred.size - 1
 
 
 def test_no_vertical_bifurcation(plant: Any, bifurcations: Bifurcations) -> None:

@@ -27,11 +27,6 @@ def hill(gravity: Any) -> Any:
     return create("plant", "hill", body=create("body", "moon", **BODY), gravity=gravity)
 
 
-@pytest.fixture(scope="module")
-def plant() -> Any:
-    return hill(create("gravity", "ellipsoid", axes_km=[13.03, 11.40, 9.14], gm_km3_s2=GM))
-
-
 def resonances(plant: Any, planar: list[str], vertical: tuple[str, ...] = ()) -> Bifurcations:
     keys = {"x_amplitudes_km": [40], "x_min_km": 36, "x_max_km": 48, "curve_members": 21}
     family = create("stage", "qso_family", plant=plant, drift_revolutions=1, **keys)

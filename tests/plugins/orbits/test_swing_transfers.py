@@ -33,13 +33,6 @@ def hill(gravity: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def plant() -> Any:
-    return hill(
-        create("gravity", "ellipsoid", axes_km=[13.03, 11.40, 9.14], gm_km3_s2=7.0596507848715e-4)
-    )
-
-
-@pytest.fixture(scope="module")
 def family(plant: Any) -> QsoFamily:
     stage = create(
         "stage", "qso_family", plant=plant, x_amplitudes_km=[100, 50, 30, 22, 20],

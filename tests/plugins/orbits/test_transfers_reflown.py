@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure as Canvas
 
 from hillsphere import create
 from hillsphere.dynamics import Taylor
@@ -20,6 +21,7 @@ from hillsphere.interfaces import Array
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
+from hillsphere_orbits.reflown.presentation import present_reflown
 from hillsphere_orbits.reflown.products import TransfersReflown
 from hillsphere_orbits.reflown.stage import TransfersReflownStage
 
@@ -270,6 +272,18 @@ def test_the_cheapest_are_chosen() -> None:
     best = fly("hill", given=given, cheapest=1)
     assert best.plans[0] == every.plans[int(np.argmin(every.plan_dv_m_s[:2]))]
     assert best.plans[1] == "staying"
+
+
+@pytest.mark.parametrize("z_m, panels", [(2.0, 1), (2e4, 2)])
+def test_paths_have_a_panel_along_z_if_there_is_something_to_see(
+    found: TransfersReflown, z_m: float, panels: int
+) -> None:
+    coasts = found.coast_m.copy()
+    coasts[2] = z_m * np.sign(coasts[0])
+    shown = present_reflown(replace(found, coast_m=coasts), "")
+    canvas = Canvas()
+    shown.figures["transfers_reflown_paths"].draw(canvas)
+    assert len(canvas.axes) == panels
 
 
 def test_plans_that_fail_are_rows() -> None:

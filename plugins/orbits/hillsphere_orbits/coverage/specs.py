@@ -6,9 +6,9 @@ from math import pi
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 from hillsphere_orbits.source_specs import OrbitNeeds
 
 __all__ = ["CoverageSpec"]
@@ -84,16 +84,11 @@ class CoverageSpec(StageSpec):
         ge=0,
         lt=pi / 2.0,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _sun_is_outside(self) -> Self:
         if self.sun_distance_m is not None and self.sun_distance_m <= self.sun_radius_m:
             text = "the Sun must be farther away than its radius"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "sun_distance_m"})
+            raise rule("sun_distance_m", text)
         return self

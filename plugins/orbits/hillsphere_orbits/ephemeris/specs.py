@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 
 __all__ = ["EphemerisNeeds", "EphemerisSpec"]
 
@@ -46,14 +46,11 @@ class EphemerisSpec(StageSpec):
     )
     step_s: float = quantity("time", "interval of an orbit's states", default=300.0, gt=0)
     object_id: str = option("identifier in the files", default="0000-000A", min_length=1)
-    label: str = option(
-        "appended to the name of the table", default="", pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )  # fmt: skip
+    label: str = label("name of the table")
 
     @model_validator(mode="after")
     def _something(self) -> Self:
         if not (self.needs.orbits or self.needs.flights):
             text = "nothing to write; name stages as needs.orbits or needs.flights"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "needs"})
+            raise rule("needs", text)
         return self

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 from hillsphere_orbits.source_specs import OrbitNeeds
 
 __all__ = ["FidelityLadderSpec"]
@@ -55,23 +55,18 @@ class FidelityLadderSpec(StageSpec):
         gt=1,
         le=1000,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _some_rungs(self) -> Self:
         if not self.rungs:
             text = "no plant is given; name those of the ladder, the simplest first"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rungs"})
+            raise rule("rungs", text)
         # plants given in Python have no names of their own
         if len({(ref.name, id(ref.target)) for ref in self.rungs}) < len(self.rungs):
             text = "a plant stands twice"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rungs"})
+            raise rule("rungs", text)
         if len(set(self.members)) < len(self.members):
             text = "an orbit stands twice"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "members"})
+            raise rule("members", text)
         return self

@@ -5,18 +5,13 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 
 __all__ = ["OrbitFamilySpec", "VarySpec"]
 
 _ASKED = ("amplitudes_m", "periods_s", "jacobi_constants")
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 class VarySpec(Spec):
@@ -112,35 +107,30 @@ class OrbitFamilySpec(StageSpec):
         ge=1e-12,
         le=1e-4,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.plant is None) == (self.family is None):
             if self.plant is not None:
-                raise _rule("family", "plant and family both name the equations; keep one")
-            raise _rule("family", "missing: family, or plant with a guess")
+                raise rule("family", "plant and family both name the equations; keep one")
+            raise rule("family", "missing: family, or plant with a guess")
         if self.plant is not None and "x" not in self.guess:
-            raise _rule("guess", "missing beside plant: at least x, vy and period of an orbit")
+            raise rule("guess", "missing beside plant: at least x, vy and period of an orbit")
         if self.plant is not None and self.guess.get("period", 0.0) <= 0.0:
-            raise _rule("guess", "a period > 0 is missing")
+            raise rule("guess", "a period > 0 is missing")
         if self.family is not None and self.guess:
-            raise _rule("guess", "goes with plant; a family knows where it begins")
+            raise rule("guess", "goes with plant; a family knows where it begins")
         if not any(getattr(self, key) for key in _ASKED):
             text = "no orbit is asked for; give amplitudes_km, periods_h or jacobi_constants"
-            raise _rule("amplitudes_m", text)
+            raise rule("amplitudes_m", text)
         for key in _ASKED:
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise _rule(key, "a value stands twice")
+                raise rule(key, "a value stands twice")
         low, high = self.amplitude_min_m, self.amplitude_max_m
         if low is not None and high is not None and low >= high:
-            raise _rule("amplitude_min_m", "the smallest amplitude must be below the largest")
+            raise rule("amplitude_min_m", "the smallest amplitude must be below the largest")
         outside = [
             f"{a / 1e3:g} km"
             for a in self.amplitudes_m
@@ -148,10 +138,10 @@ class OrbitFamilySpec(StageSpec):
         ]
         if outside:
             text = f"outside the range from amplitude_min to amplitude_max: {', '.join(outside)}"
-            raise _rule("amplitudes_m", text)
+            raise rule("amplitudes_m", text)
         names = [v.parameter for v in self.vary]
         if len(set(names)) < len(names):
-            raise _rule("vary", "a parameter stands twice")
+            raise rule("vary", "a parameter stands twice")
         if not self.vary and {"hold", "method"} & self.model_fields_set:
-            raise _rule("vary", "hold and method say how parameters change; name some in vary")
+            raise rule("vary", "hold and method say how parameters change; name some in vary")
         return self

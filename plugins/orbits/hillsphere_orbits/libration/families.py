@@ -12,6 +12,7 @@ from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, follow
 from hillsphere_orbits.correction import correct, fixed
 from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.libration.ends import BRANCHING, branching, ends_of, up_to
 from hillsphere_orbits.libration.points import CollinearPoint, collinear_point
 from hillsphere_orbits.libration.specs import HaloSpec, LyapunovSpec
 from hillsphere_orbits.members import Quantity
@@ -23,12 +24,10 @@ __all__ = ["Halo", "LibrationFamily", "Lyapunov"]
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _FLAT = (1, 1, -1, 1, 1, -1)
 _SMALL = 1e-3  # first amplitude, in distances of the point from the body
-_NEAR = 0.1  # same unit: how near to the centre of a body without surface an orbit may come
 _PASSES = 4  # of continuation, each with the sub-steps that the last one's orbits need
 _COARSE = 1e-6
 _FOLLOWED = 1e-10  # of half a period while a family is followed; what is returned is exact
 _ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
-_BRANCHING = "halo orbits branch off"
 
 
 @dataclass(frozen=True)
@@ -60,8 +59,9 @@ class Lyapunov:
     """Planar orbits about L1 or L2, from the linear oscillation outwards.
 
     They start on the x axis where they cross it far from the body; the amplitude is the distance
-    of that crossing from the libration point. The family ends where orbits graze the body, or come
-    to within a tenth of the point's distance of the centre of one without surface.
+    of that crossing from the libration point. The family ends where orbits graze the body, come to
+    within a tenth of the point's distance of the centre of one without surface, or are too
+    sensitive to be computed.
 
     Parameters
     ----------
@@ -175,10 +175,10 @@ class Lyapunov:
                 problem,
                 start[:, 0],
                 self.point.side * np.eye(3)[0],
-                boundaries=[_branching(problem, start), *_ends(self, problem)],
+                boundaries=[branching(problem, start), *ends_of(problem, self.point)],
                 control=_control(self.point),
             )
-            if branch.ends[1] != _BRANCHING:
+            if branch.ends[1] != BRANCHING:
                 last = abs(float(branch.z[0, -1]) - self.point.x) * self.plant.scales.length_m
                 raise ConvergenceError(
                     f"no halo orbits branch off the Lyapunov orbits of {self.point_name}: "
@@ -292,50 +292,9 @@ def _offset(index: int, sign: float, origin: float) -> Quantity:
     return quantity
 
 
-def _up_to(reason: str, amplitude: Quantity, most: float) -> Boundary:
-    return Boundary(reason, lambda z: most - amplitude(z)[0])
-
-
-def _branching(problem: SymmetricShooting, start: Array) -> Boundary:
-    """Return where ∂ż(T/2)/∂z(0) of planar orbits passes zero, beginning at one of them."""
-
-    def kernel(z: Array) -> Array:
-        _, half = problem.flow.with_matrix(problem.state(z), z[-1], problem.steps)
-        return np.asarray(half[5, 2])
-
-    sign = float(np.sign(kernel(start)[0]))
-    return Boundary(_BRANCHING, lambda z: sign * kernel(z))
-
-
 def _control(point: CollinearPoint) -> StepControl:
     size = abs(point.x)
     return StepControl(first=0.01 * size, smallest=1e-7 * size, largest=0.15 * size, members=400)
-
-
-def _ends(family: Lyapunov, problem: SymmetricShooting) -> list[Boundary]:
-    """Return where the body ends a family: at its surface, or near its centre if it has none."""
-    flow, least = problem.flow, _NEAR * abs(family.point.x)
-
-    def way(z: Array) -> Array:
-        # both halves of an orbit are each other's mirror image
-        return flow.trajectory(problem.state(z), z[-1], 2 * problem.steps)
-
-    if "impact" not in flow.system.events:
-
-        def distance(z: Array) -> Array:
-            return np.asarray(np.sqrt(np.min(np.sum(way(z)[:3] ** 2, axis=0), axis=0)) - least)
-
-        return [Boundary("the orbit comes near the body's centre", distance)]
-    level = flow.system.function(flow.system.events["impact"])
-
-    def clearance(z: Array) -> Array:
-        states = way(z)
-        n, points, cases = states.shape
-        flat = np.ascontiguousarray(states.reshape(n, points * cases))
-        values = level(flat, flow.system.parameters(None, points * cases))[0]
-        return np.asarray(np.min(values.reshape(points, cases), axis=0))
-
-    return [Boundary("the orbit grazes the surface", clearance)]
 
 
 def _computed(
@@ -360,10 +319,10 @@ def _computed(
     control = _control(family.point)
     problem = problem.with_steps(_steps(problem, start, _FOLLOWED))
     for _ in range(_PASSES):
-        ends = _ends(family, problem)
+        ends = ends_of(problem, family.point)
         begin = start[:, 0]
         if low is not None:
-            there = _up_to("the range begins", amplitude, low)
+            there = up_to("the range begins", amplitude, low)
             approach = follow(problem, begin, direction, boundaries=[there, *ends], control=control)
             if approach.ends[1] != there.reason:
                 raise ConvergenceError(
@@ -373,7 +332,7 @@ def _computed(
             begin, direction = approach.z[:, -1], approach.tangent[:, -1]
         if top is not None:
             reason = f"largest amplitude {top * unit / 1e3:.6g} km"
-            ends.append(_up_to(reason, amplitude, top))
+            ends.append(up_to(reason, amplitude, top))
         ends.append(Boundary("the amplitude falls to nothing", lambda z: amplitude(z)[0]))
         branch = follow(problem, begin, direction, boundaries=ends, control=control)
         if branch.size < 2:

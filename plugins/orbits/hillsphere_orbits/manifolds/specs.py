@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 from hillsphere_orbits.source_specs import OrbitNeeds
 
 __all__ = ["InvariantManifoldsSpec"]
@@ -72,20 +72,15 @@ class InvariantManifoldsSpec(StageSpec):
     cylinders_m: tuple[float, ...] = quantity(
         "length", "radii of cylinders about the z axis whose crossings are found", default=(), gt=0
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         for key in ("members", "directions", "cylinders_m"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise PydanticCustomError("rule", "a value stands twice", {"key": key})
+                raise rule(key, "a value stands twice")
         if self.start_distance >= self.distance:
             text = "must be smaller than distance, at which the time of flight begins"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "start_distance"})
+            raise rule("start_distance", text)
         return self

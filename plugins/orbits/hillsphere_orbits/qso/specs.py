@@ -6,7 +6,6 @@ from math import gcd
 from typing import Any, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import (
     DataPath,
@@ -19,6 +18,7 @@ from hillsphere.spec import (
     quantity,
     reference,
 )
+from hillsphere_orbits.options import label, rule
 
 __all__ = [
     "BifurcationNeeds",
@@ -30,11 +30,6 @@ __all__ = [
 ]
 
 _FAMILY = "hillsphere_orbits.qso.products:QsoFamily"
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 def _accuracy() -> Any:
@@ -66,21 +61,16 @@ class _OfFamily(StageSpec):
         "orbit_family", "the family, where it is declared in a table of its own", default=None
     )
     accuracy: float = _accuracy()
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _one_family(self) -> Self:
         if (self.plant is None) == (self.family is None):
             if self.plant is not None:
-                raise _rule("family", "plant and family say the same thing; keep one")
-            raise _rule("plant", "missing: plant (or family); which equations the orbits solve")
+                raise rule("family", "plant and family say the same thing; keep one")
+            raise rule("plant", "missing: plant (or family); which equations the orbits solve")
         if self.family is not None and "accuracy" in self.model_fields_set:
-            raise _rule("accuracy", "belongs in the table of the family that is named here")
+            raise rule("accuracy", "belongs in the table of the family that is named here")
         return self
 
 
@@ -147,17 +137,17 @@ class QsoFamilySpec(_OfFamily):
     @model_validator(mode="after")
     def _in_range(self) -> Self:
         if not (self.x_amplitudes_m or self.periods_s or self.jacobi_constants):
-            raise _rule(
+            raise rule(
                 "x_amplitudes_m",
                 "no orbit is asked for; give x_amplitudes_km, periods_h or jacobi_constants",
             )
         for key in ("x_amplitudes_m", "periods_s", "jacobi_constants"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise _rule(key, "a value stands twice")
+                raise rule(key, "a value stands twice")
         low, high = self.x_min_m, self.x_max_m
         if low is not None and high is not None and low >= high:
-            raise _rule("x_min_m", "the smallest amplitude must be below the largest")
+            raise rule("x_min_m", "the smallest amplitude must be below the largest")
         outside = [
             f"{x / 1e3:g} km"
             for x in self.x_amplitudes_m
@@ -165,7 +155,7 @@ class QsoFamilySpec(_OfFamily):
         ]
         if outside:
             text = f"outside the range from x_min to x_max: {', '.join(outside)}"
-            raise _rule("x_amplitudes_m", text)
+            raise rule("x_amplitudes_m", text)
         return self
 
 
@@ -203,11 +193,11 @@ class BifurcationSpec(_OfFamily):
             listed = getattr(self, key)
             for text in listed:
                 if fault := _fault_of(text):
-                    raise _rule(key, fault)
+                    raise rule(key, fault)
             if len(set(listed)) < len(listed):
-                raise _rule(key, "a resonance stands twice")
+                raise rule(key, "a resonance stands twice")
         if not (self.vertical or self.planar or self.n_max):
-            raise _rule("vertical", "no resonance is asked for; give vertical, planar or n_max")
+            raise rule("vertical", "no resonance is asked for; give vertical, planar or n_max")
         return self
 
 

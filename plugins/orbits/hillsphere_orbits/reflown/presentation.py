@@ -11,6 +11,7 @@ from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Prese
 from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.reflown.products import TransfersReflown
 from hillsphere_orbits.reflown.rungs import REFLOWN
+from hillsphere_orbits.survey import NEARLY_PLANAR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -20,7 +21,6 @@ __all__ = ["present_reflown"]
 _HOUR, _DAY = 3600.0, 86400.0
 _COLOURS = [PALETTE[c] for c in ("black", "blue", "vermillion", "green", "purple", "orange", "sky")]
 _MARKS = "osD^vP*"
-_FLAT = 1e-6
 _PLANS = (
     Column("rung", "", "rung"),
     Column("plan", "", "plan"),
@@ -243,7 +243,8 @@ def _draw_paths(figure: Canvas, product: TransfersReflown) -> None:
     rungs = np.flatnonzero(np.isfinite(product.dv_m_s[plan]))
     coasts = np.flatnonzero(product.coast_plan == plan)
     away = np.nanmax(np.abs(product.coast_m[:, :, coasts]), axis=(1, 2, 3))
-    views = ((1, 0),) if away[2] < _FLAT * np.max(away) else ((1, 0), (1, 2))
+    # truer gravity lifts planar coasts by metres, which nobody would see
+    views = ((1, 0),) if away[2] < NEARLY_PLANAR * np.max(away) else ((1, 0), (1, 2))
     for axes, (right, up) in zip(
         figure.subplots(len(views), 1, squeeze=False)[:, 0], views, strict=True
     ):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 
 __all__ = ["TransfersReflownNeeds", "TransfersReflownSpec"]
 
@@ -68,23 +68,18 @@ class TransfersReflownSpec(StageSpec):
         "true anomaly of the moon when a plan's first coast begins, where its orbit is an ellipse",
         default=0.0,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _some_rungs(self) -> Self:
         if not self.rungs:
             text = "no plant is given; name those of the ladder, the simplest first"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rungs"})
+            raise rule("rungs", text)
         # plants given in Python have no names of their own
         if len({(ref.name, id(ref.target)) for ref in self.rungs}) < len(self.rungs):
             text = "a plant stands twice"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rungs"})
+            raise rule("rungs", text)
         if len(set(self.plans)) < len(self.plans):
             text = "a plan stands twice"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "plans"})
+            raise rule("plans", text)
         return self

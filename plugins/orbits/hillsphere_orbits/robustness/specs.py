@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, StageSpec, Vector3, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 from hillsphere_orbits.source_specs import OrbitNeeds
 
 __all__ = ["NonlinearStabilitySpec"]
@@ -125,12 +125,7 @@ class NonlinearStabilitySpec(StageSpec):
         ge=1e-9,
         le=1e-2,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _different(self) -> Self:
@@ -138,5 +133,5 @@ class NonlinearStabilitySpec(StageSpec):
             values = getattr(self, key)
             if len(set(values)) < len(values):
                 text = "a value stands twice"
-                raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+                raise rule(key, text)
         return self

@@ -16,11 +16,10 @@ References
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial.family import Spatial
-from hillsphere_orbits.spatial.members import CLOSED, polish
+from hillsphere_orbits.spatial.members import CLOSED, Members, joined, polish
 
 __all__ = ["connected"]
 
@@ -45,19 +44,20 @@ def connected(spatial: Spatial) -> list[int]:
     if not rows:
         return good
     family, first = np.array(rows, dtype=np.intp).T
-    ends = [spatial.branches[f].z[:, [i, i + 1]] for f, i in rows]
-    low, high = np.array([z[:, 0] for z in ends]).T, np.array([z[:, 1] for z in ends]).T
+    members = joined([spatial.members[f].of(np.array([i, i + 1])) for f, i in rows])
+    low, high = members.z[:, ::2], members.z[:, 1::2]
     chord = (high - low) / np.linalg.norm(high - low, axis=0)
     begin, end = first.astype(float), first + 1.0
-    sense = _sense(spatial, family, begin, low, chord)
+    sense = _sense(spatial, members.of(np.arange(0, 2 * family.size, 2)), chord)
     apart = np.zeros(family.size, dtype=bool)
     for _ in range(_HALVINGS):
         u = 0.5 * (begin + end)
         guess = np.concatenate(
             [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
         )
-        found = polish(spatial.exact(family, u), guess, chord, guess)
-        before = _sense(spatial, family, u, found.z, chord) == sense
+        # a sign is asked for, which no further digits change
+        found = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
+        before = _sense(spatial, found, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)
         low, high = np.where(before, found.z, low), np.where(before, high, found.z)
         ahead = np.sum(chord * (high - low), axis=0)
@@ -70,19 +70,15 @@ def connected(spatial: Spatial) -> list[int]:
 
 def _changes(spatial: Spatial, f: int) -> list[int]:
     """Return the members of a family behind which the sense of the equations changes."""
-    branch = spatial.branches[f]
-    places = np.arange(branch.size, dtype=float)
-    slopes = spatial.exact(np.full(branch.size, f), places).residual(branch.z)[1]
-    chords = np.diff(branch.z, axis=1)
-    pairs = [_signs(slopes[:, :, k], chords) for k in (slice(-1), slice(1, None))]
+    members = spatial.members[f]
+    chords = np.diff(members.z, axis=1)
+    each = np.arange(members.error.size)
+    pairs = [_sense(spatial, members.of(k), chords) for k in (each[:-1], each[1:])]
     return [int(i) for i in np.flatnonzero(pairs[0] != pairs[1])]
 
 
-def _sense(spatial: Spatial, family: NDArray[np.intp], u: Array, z: Array, along: Array) -> Array:
-    return _signs(spatial.exact(family, u).residual(z)[1], along)
-
-
-def _signs(slopes: Array, along: Array) -> Array:
-    """Return the sign of det [F'; t] (N,)."""
+def _sense(spatial: Spatial, members: Members, along: Array) -> Array:
+    """Return the sign of det [F'; t] (N,) at members, t along (4, N)."""
+    slopes = spatial.problem.conditions(members.z, members.end, members.phi)[1]
     matrix = np.concatenate([slopes, along[None]])
     return np.asarray(np.sign(np.linalg.det(np.moveaxis(matrix, 2, 0))))

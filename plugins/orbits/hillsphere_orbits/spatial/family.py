@@ -26,7 +26,13 @@ from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch, StepControl
 from hillsphere_orbits.lockstep import follow_lanes
 from hillsphere_orbits.roots import brackets
-from hillsphere_orbits.spatial.following import BIRTH, FOLLOWED, Following, height
+from hillsphere_orbits.spatial.following import (
+    BIRTH,
+    FOLLOWED,
+    SENSITIVE,
+    Following,
+    height,
+)
 from hillsphere_orbits.spatial.members import (
     CLOSED,
     RETURNED,
@@ -42,7 +48,6 @@ _CONTROL = StepControl(first=0.02, largest=0.4, turn=0.35, members=600)
 _EXACT = 3e-11  # and of the members returned
 _GRID = 5  # places along a family at which sub-steps are chosen
 
-SENSITIVE = "half a period magnifies errors too much for double precision beyond"
 ALONE = "no second orbit was found"
 
 

@@ -11,7 +11,7 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial.shooting import SpatialShooting, ends
 
-__all__ = ["BIRTH", "FOLLOWED", "Following", "clearance", "height"]
+__all__ = ["BIRTH", "FOLLOWED", "HALF", "SENSITIVE", "Following", "clearance", "height"]
 
 BIRTH = 0.01
 """z or ż, natural units, of the first member: beyond it the kernel's plane is left."""
@@ -19,12 +19,18 @@ BIRTH = 0.01
 FOLLOWED = 1e-6
 """Error of half a period while following; what is returned is better."""
 
+HALF = 1e-10
+"""By the other integrator: what every orbit returned keeps after half a period."""
+
+_APART = 1e-7  # of two orbits by which the growth of errors is judged
+_ROUNDING = np.finfo(float).eps  # of the largest state: it cannot be known better
 _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])  # of a sub-step, where the surface is looked for
 
 SURFACE = "the next orbit meets the surface"
 ASKED = "the amplitude asked for"
 PLANE = "the family returns to the plane"
 LOST = "the next orbit cannot be propagated"
+SENSITIVE = "half a period magnifies errors too much for double precision beyond"
 
 
 def height(problem: SpatialShooting, z: Array) -> Array:
@@ -53,6 +59,8 @@ class Following:
     """Equations of families that are followed, and when they end.
 
     The error of each new member is measured, and its family gets more sub-steps where it has grown.
+    So is what half a period makes of a small error: where it makes more of rounding than `HALF`, no
+    other integrator would confirm the orbits beyond.
 
     Parameters
     ----------
@@ -89,7 +97,8 @@ class Following:
         """Say why families (K,) end at their new members (4, K); see `lockstep.Done`."""
         problem = self.problem.of(lanes)
         way = problem.path(z, 2 * problem.steps)
-        self._refine(problem, z, lanes, way[:, -1])
+        growth = self._refine(problem, z, lanes, way[:, -1])
+        blurred = growth * _ROUNDING * np.max(np.abs(problem.state(z)), axis=0) > HALF
         finite = np.asarray(np.isfinite(way).all(axis=(0, 1)))
         clear = np.full(z.shape[1], -1.0)
         if np.any(finite):
@@ -102,8 +111,11 @@ class Following:
             else SURFACE if room < 0.0
             else ASKED if top > self.z_max
             else PLANE if out < 0.5 * BIRTH
+            else SENSITIVE if lost
             else ""
-            for fine, room, top, out in zip(finite, clear, tall, z[problem.kernel], strict=True)
+            for fine, room, top, out, lost in zip(
+                finite, clear, tall, z[problem.kernel], blurred, strict=True
+            )
         ]  # fmt: skip
         self.dropped.update(
             int(k) for k, reason in zip(lanes, reasons, strict=True) if reason in (LOST, SURFACE)
@@ -113,15 +125,24 @@ class Following:
 
     def _refine(
         self, problem: SpatialShooting, z: Array, lanes: NDArray[np.intp], exact: Array
-    ) -> None:
-        """Give more sub-steps to lanes whose error has grown."""
-        error = np.max(np.abs(ends(problem, z, problem.counts) - exact), axis=0)
+    ) -> Array:
+        """Give more sub-steps to lanes whose error has grown, and return the growth of errors.
+
+        That is by how much half a period magnifies one of the states, in those that vanish.
+        """
+        beside = z.copy()
+        beside[:-1] += _APART
+        each = np.tile(problem.counts, 2)
+        here, there = np.split(ends(problem, np.hstack([z, beside]), each), 2, axis=1)
+        error = np.max(np.abs(here - exact), axis=0)
         grown = np.isfinite(error) & (error > FOLLOWED)
         if np.any(grown):
             counts = self.problem.counts.copy()
             factor = np.clip((10.0 * error[grown] / FOLLOWED) ** 0.125, 1.1, 2.0)
             counts[lanes[grown]] = np.ceil(factor * counts[lanes[grown]]).astype(np.int64)
             self.problem = self.problem.with_counts(counts)
+        odd = np.array(problem.mirror) == -1
+        return np.asarray(np.max(np.abs(there - here)[odd], axis=0) / _APART)
 
 
 def clearance(

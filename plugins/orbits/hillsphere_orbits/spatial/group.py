@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial.crossings import connected
 from hillsphere_orbits.spatial.family import ALONE, Spatial, first_members
-from hillsphere_orbits.spatial.following import height
+from hillsphere_orbits.spatial.following import HALF, height
 from hillsphere_orbits.spatial.members import LostMembersError, Members
 from hillsphere_orbits.spatial.samples import Families, Samples, sampled
 from hillsphere_orbits.spatial.shooting import SpatialShooting
@@ -21,7 +21,6 @@ from hillsphere_orbits.survey import Surveyor
 
 __all__ = ["Described", "Group", "joined"]
 
-_HALF = 1e-10  # by the other integrator: what every orbit returned keeps after half a period
 LEAPS = "another family comes near, and the orbits beyond are not on one curve with those before"
 BETWEEN = "beyond, orbits between two of the family could not be computed"
 _NO_FIRST = "no orbit near the plane was found"
@@ -167,7 +166,7 @@ class Group:
                     surveyor, spatial, number, samples.family, samples.u, samples.members,
                     samples.maps,
                 )  # fmt: skip
-                if not np.all(curve.half <= _HALF):
+                if not np.all(curve.half <= HALF):
                     # what the other integrator does not confirm is not returned, nor what lies
                     # beyond
                     spatial = spatial.cut(_good(spatial, samples, curve.half))
@@ -268,7 +267,7 @@ def _good(spatial: Spatial, samples: Samples, half: Array) -> list[int]:
     """Return how many members of each family, from the plane on, keep half a period."""
     good = []
     for f, branch in enumerate(spatial.branches):
-        bad = samples.u[(samples.family == f) & ~(half <= _HALF)]
+        bad = samples.u[(samples.family == f) & ~(half <= HALF)]
         good.append(int(np.ceil(bad[0])) if bad.size else branch.size)
     return good
 

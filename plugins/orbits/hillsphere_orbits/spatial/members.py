@@ -12,7 +12,7 @@ from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial.shooting import SpatialShooting
 
-__all__ = ["CLOSED", "RETURNED", "Members", "polish"]
+__all__ = ["CLOSED", "RETURNED", "Members", "joined", "polish"]
 
 CLOSED = 1e-9
 """Residual beyond which a member counts as not found."""
@@ -69,6 +69,16 @@ class Members:
         if failed.size:
             raise LostMembersError(family[failed], u[failed], self.error[failed])
         return self
+
+
+def joined(parts: Sequence[Members]) -> Members:
+    """Return several sets of members as one."""
+    return Members(
+        *(
+            np.concatenate([getattr(m, name) for m in parts], axis=-1)
+            for name in ("z", "end", "phi", "error")
+        )
+    )
 
 
 class LostMembersError(ConvergenceError):

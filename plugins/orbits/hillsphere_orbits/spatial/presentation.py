@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.spatial.products import SpatialFamilies
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def present_families(product: SpatialFamilies, label: str) -> Presentation:
         metrics={named(name, label): metric for name, metric in metrics.items()},
         tables={named(name, label): table for name, table in tables.items()},
         figures={named(name, label): figure for name, figure in figures.items()},
-        verdict=_verdict(product),
+        verdict=_verdict(product, label),
     )
 
 
@@ -249,7 +249,7 @@ def _window_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
     ]
 
 
-def _verdict(product: SpatialFamilies) -> list[str]:
+def _verdict(product: SpatialFamilies, label: str) -> list[str]:
     followed = set(product.curve_family.tolist())
     reached: dict[str, list[str]] = {}
     for f, end in enumerate(product.ends):
@@ -258,10 +258,14 @@ def _verdict(product: SpatialFamilies) -> list[str]:
             reached.setdefault(end, []).append(f"{_name(product, f)} to {top:.4g} km")
     said = "; ".join(f"{', '.join(names)} ({end})" for end, names in reached.items())
     closure, half = product.members.residual.max(), product.member_half_residual.max()
+    members, one = len(product.member_stable), len(product.member_stable) == 1
+    which = f"{label.replace('_', ' ')}, " if label else ""
     sentences = [
-        f"Families in space (branch {product.branch}): {said}.",
-        f"Their {len(product.member_stable)} members close to {half:.1e} after half a period and "
-        f"to {closure:.1e} after a whole one ({product.check}).",
+        f"{'Family' if len(followed) == 1 else 'Families'} in space ({which}branch "
+        f"{product.branch}): {said}.",
+        f"{'Its' if len(followed) == 1 else 'Their'} {counted(members, 'member')} "
+        f"{'closes' if one else 'close'} to {half:.1e} after half a period and to {closure:.1e} "
+        f"after a whole one ({product.check}).",
     ]
     if lost := [
         f"{_name(product, f)} ({end})" for f, end in enumerate(product.ends) if f not in followed

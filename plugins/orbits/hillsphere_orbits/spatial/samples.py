@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial.family import Spatial
-from hillsphere_orbits.spatial.members import RETURNED, Members
+from hillsphere_orbits.spatial.members import RETURNED, Members, joined
 from hillsphere_orbits.spatial.stability import CIRCLE, ReturnMaps, return_maps, return_symmetry
 
 __all__ = ["Families", "Samples", "sampled"]
@@ -121,14 +121,14 @@ class Families:
         """Return both, ordered by family and position."""
         family, u = np.concatenate([a.family, b.family]), np.concatenate([a.u, b.u])
         order = np.lexsort((u, family))
-        return self.samples(family[order], u[order], _joined([a.members, b.members]).of(order))
+        return self.samples(family[order], u[order], joined([a.members, b.members]).of(order))
 
 
 def sampled(families: Families) -> Samples:
     """Return all members of the branches, and more where stability may change between them."""
     spatial = families.spatial
     family, u = spatial.positions
-    found = families.samples(family, u, _joined(spatial.members))
+    found = families.samples(family, u, joined(spatial.members))
     errors: dict[tuple[int, str], tuple[Array, Array]] = {}
     for _ in range(_PASSES):
         wanted = [
@@ -218,12 +218,3 @@ def _learn(
             error = np.where(np.isfinite(error), error, 1.0)
             places, last = errors.get((int(f), name), (np.empty(0), np.empty(0)))
             errors[int(f), name] = (np.concatenate([places, at]), np.concatenate([last, error]))
-
-
-def _joined(parts: Sequence[Members]) -> Members:
-    return Members(
-        *(
-            np.concatenate([getattr(m, name) for m in parts], axis=-1)
-            for name in ("z", "end", "phi", "error")
-        )
-    )

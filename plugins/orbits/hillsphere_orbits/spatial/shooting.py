@@ -124,10 +124,12 @@ class SpatialShooting:
 
     def evaluate(self, z: Array) -> tuple[Array, Array, Array, Array]:
         """Return F (3, N), dF/dz (3, 4, N), and states and matrices after half a period."""
-        start = self.state(z)
-        end, phi = self.fly(start, z[-1])
-        values, slopes = self._common.conditions(start, end, phi, self.flow.rate(end))
-        return values, slopes, end, phi
+        end, phi = self.fly(self.state(z), z[-1])
+        return *self.conditions(z, end, phi), end, phi
+
+    def conditions(self, z: Array, end: Array, phi: Array) -> tuple[Array, Array]:
+        """Return F and dF/dz from what half a period makes of z: states and matrices."""
+        return self._common.conditions(self.state(z), end, phi, self.flow.rate(end))
 
     def residual(self, z: Array) -> tuple[Array, Array]:
         """Return the states with sign −1 at half the period, and their exact derivatives."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import (
     DataPath,
@@ -18,6 +17,7 @@ from hillsphere.spec import (
     quantity,
     reference,
 )
+from hillsphere_orbits.options import label, rule
 from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = [
@@ -28,12 +28,6 @@ __all__ = [
 ]
 
 _FAMILIES = "hillsphere_orbits.spatial.products:SpatialFamilies"
-_LABEL = r"^([a-z0-9][a-z0-9_]*)?$"
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 class SpatialFamiliesNeeds(Spec):
@@ -89,28 +83,23 @@ class SpatialFamiliesSpec(StageSpec):
         default=None,
         gt=0,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=_LABEL,
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         for text in self.resonances:
             if read_resonance(text) is None:
                 text = f"expected d:n such as '1:17', got {text[:40]!r}"
-                raise _rule("resonances", text)
+                raise rule("resonances", text)
         if len(set(self.resonances)) < len(self.resonances):
-            raise _rule("resonances", "a resonance stands twice")
+            raise rule("resonances", "a resonance stands twice")
         if not self.z_amplitudes_m:
-            raise _rule("z_amplitudes_m", "no orbit is asked for; give z_amplitudes_km")
+            raise rule("z_amplitudes_m", "no orbit is asked for; give z_amplitudes_km")
         if len(set(self.z_amplitudes_m)) < len(self.z_amplitudes_m):
-            raise _rule("z_amplitudes_m", "a value stands twice")
+            raise rule("z_amplitudes_m", "a value stands twice")
         beyond = [f"{z / 1e3:g} km" for z in self.z_amplitudes_m if z > (self.z_max_m or z)]
         if beyond:
-            raise _rule("z_amplitudes_m", f"larger than z_max: {', '.join(beyond)}")
+            raise rule("z_amplitudes_m", f"larger than z_max: {', '.join(beyond)}")
         return self
 
 
@@ -142,7 +131,4 @@ class StationKeepingSpec(StageSpec):
         "an empty cell stands for a member without a published cost",
         default=None,
     )
-    label: str = option(
-        "appended to the names of the table, figure and metrics", default="", pattern=_LABEL,
-        max_length=40,
-    )  # fmt: skip
+    label: str = label("names of the table, figure and metrics")

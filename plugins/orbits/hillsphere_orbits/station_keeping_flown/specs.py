@@ -6,9 +6,9 @@ from math import pi
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 
 __all__ = ["StationKeepingFlownNeeds", "StationKeepingFlownSpec"]
 
@@ -167,28 +167,19 @@ class StationKeepingFlownSpec(StageSpec):
     confidence: float = option(
         "of the interval of the survival probability", default=0.95, gt=0, lt=1
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _something(self) -> Self:
         if not (self.needs.orbits or self.needs.flights or self.needs.ladder):
             text = "nothing to hold; name stages as needs.orbits, needs.flights or needs.ladder"
-            raise _rule("needs", text)
+            raise rule("needs", text)
         if bool(self.needs.ladder) != bool(self.rung):
-            raise _rule("rung", "needs.ladder and rung go together; give both or neither")
+            raise rule("rung", "needs.ladder and rung go together; give both or neither")
         if not self.intervals_s and not self.once_per_period:
-            raise _rule("intervals_s", "no interval is asked for; name one or set once_per_period")
+            raise rule("intervals_s", "no interval is asked for; name one or set once_per_period")
         for key in ("members", "strategies", "intervals_s", "targets"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise _rule(key, "a value stands twice")
+                raise rule(key, "a value stands twice")
         return self
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

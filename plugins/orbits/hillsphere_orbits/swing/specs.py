@@ -5,19 +5,14 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+from hillsphere_orbits.options import label, rule
 from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = ["SwingFamiliesNeeds", "SwingFamiliesSpec"]
 
 _SYMMETRIES = ("x", "y", "asymmetric")
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 class SwingFamiliesNeeds(Spec):
@@ -108,25 +103,20 @@ class SwingFamiliesSpec(StageSpec):
         ge=1e-13,
         le=1e-4,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         for text in self.resonances:
             if read_resonance(text) is None:
-                raise _rule("resonances", f"expected d:n such as '2:5', got {text[:40]!r}")
+                raise rule("resonances", f"expected d:n such as '2:5', got {text[:40]!r}")
         for key in ("resonances", "symmetries", "jacobi_constants", "periods_s"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise _rule(key, "a value stands twice")
+                raise rule(key, "a value stands twice")
         if not self.symmetries:
-            raise _rule("symmetries", "no family is asked for; give x, y or asymmetric")
+            raise rule("symmetries", "no family is asked for; give x, y or asymmetric")
         low, high = self.x_min_m, self.x_max_m
         if low is not None and high is not None and low >= high:
-            raise _rule("x_min_m", "the smallest distance must be below the largest")
+            raise rule("x_min_m", "the smallest distance must be below the largest")
         return self

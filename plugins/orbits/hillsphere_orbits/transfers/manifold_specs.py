@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import (
     DataPath,
@@ -18,13 +17,9 @@ from hillsphere.spec import (
     quantity,
     reference,
 )
+from hillsphere_orbits.options import label, rule
 
 __all__ = ["ManifoldTransferNeeds", "ManifoldTransfersSpec"]
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 class ManifoldTransferNeeds(Spec):
@@ -119,24 +114,19 @@ class ManifoldTransfersSpec(StageSpec):
         "and tof_d, shown beside ours; an empty total stands for a blank cell",
         default=None,
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         for key in ("members", "check"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise _rule(key, "a name stands twice")
+                raise rule(key, "a name stands twice")
         if self.members and (extra := sorted(set(self.check) - set(self.members))):
-            raise _rule("check", f"not among members: {', '.join(extra)}")
+            raise rule("check", f"not among members: {', '.join(extra)}")
         if self.departure == self.arrival:
-            raise _rule("arrival", "must be another orbit than that of departure")
+            raise rule("arrival", "must be another orbit than that of departure")
         if self.start_distance >= self.distance:
             text = "must be smaller than distance, at which times of flight begin"
-            raise _rule("start_distance", text)
+            raise rule("start_distance", text)
         return self

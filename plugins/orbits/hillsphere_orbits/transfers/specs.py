@@ -6,9 +6,9 @@ from itertools import pairwise
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, reference
+from hillsphere_orbits.options import label, rule
 
 __all__ = ["SwingTransfersNeeds", "SwingTransfersSpec"]
 
@@ -57,12 +57,7 @@ class SwingTransfersSpec(StageSpec):
     reference: DataPath | None = data_path(
         "cited CSV of published costs, with the columns leg ('A to B') and dv_m_s", default=None
     )
-    label: str = option(
-        "appended to the names of tables, figures and metrics, to tell two such stages apart",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
+    label: str = label()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -77,5 +72,5 @@ class SwingTransfersSpec(StageSpec):
         if len(set(self.routes)) < len(self.routes):
             fault = "a route stands twice"
         if fault:
-            raise PydanticCustomError("rule", "{text}", {"text": fault, "key": "routes"})
+            raise rule("routes", fault)
         return self

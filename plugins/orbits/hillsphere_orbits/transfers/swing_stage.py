@@ -13,6 +13,7 @@ from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
+from hillsphere.threads import in_threads
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.survey import LockedMoon
@@ -58,6 +59,16 @@ class _Members:
     dv: Array
     angle: Array
     integral: Array
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """What was found for a leg: a transfer per family, the front, members, and what to log."""
+
+    least: Transfers
+    front: Transfers
+    members: _Members
+    notes: list[str]
 
 
 class SwingTransfersStage:
@@ -110,22 +121,29 @@ class SwingTransfersStage:
         orbits = self._curves(flow, family, names)
         integral = {name: float(family.members.integral[i]) for name, i in names.items()}
         chains = Swing(swing, self.plant)
-        advance = ctx.track("swing transfers", len(chains.families) + 2 * len(legs) + 1)
+        advance = ctx.track("swing transfers", len(chains.families) + len(legs) + 1)
+        step_map_of(flow)  # compiled here, before threads ask for it
         scans: list[Scan] = []
-        for f in chains.families:
-            scans.append(scan(chains, f, orbits, _COARSE))
+        for scanned in in_threads(lambda f: scan(chains, f, orbits, _COARSE), chains.families):
+            scans.append(scanned)
             advance(1)
-        least: list[Transfers] = []
-        fronts: list[Transfers] = []
-        members: list[_Members] = []
-        for k, (a, b) in enumerate(legs):
+
+        def searched(k: int) -> _Leg:
+            a, b = legs[k]
             pair = Pair(k, orbits[a], orbits[b], (integral[a], integral[b]))
-            least.append(self._least(ctx, chains, scans, pair, orbits, (a, b)))
-            advance(1)
+            least, notes = self._least(chains, scans, pair, orbits, (a, b))
             ways = [passages(s.met[a], s.met[b], s.period) for s in scans]
-            members.append(_members(swing, scans, ways))
-            fronts.append(self._front(chains, scans, pair, (a, b), ways, least[-1]))
+            front = self._front(chains, scans, pair, (a, b), ways, least)
+            return _Leg(least, front, _members(swing, scans, ways), notes)
+
+        found: list[_Leg] = []
+        for leg in in_threads(searched, range(len(legs))):
+            found.append(leg)
+            for note in leg.notes:
+                ctx.info(note)
             advance(1)
+        least = [leg.least for leg in found]
+        members = [leg.members for leg in found]
         every = joined(least) if least else none()
         routes = flown_routes(self.plant, orbits, legs, [tuple(r) for r in self.spec.routes], every)
         best = _cheapest_of_legs(every, len(legs))
@@ -135,7 +153,7 @@ class SwingTransfersStage:
         of_least = [
             rank_correlations(t.total_m_s, np.mean(t.angle_rad, axis=0), t.integral) for t in least
         ]
-        front_of_legs = joined(fronts) if fronts else none()
+        front_of_legs = joined([leg.front for leg in found]) if found else none()
         order = list(names)
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
         speed = float(flow.system.unit[3])
@@ -219,17 +237,19 @@ class SwingTransfersStage:
 
     def _least(
         self,
-        ctx: Context,
         chains: Swing,
         scans: Sequence[Scan],
         pair: Pair,
         orbits: dict[str, PolarOrbit],
         names: tuple[str, str],
-    ) -> Transfers:
-        """Return the transfer of least cost along every family that connects two orbits."""
+    ) -> tuple[Transfers, list[str]]:
+        """Return the transfer of least cost along every family that connects two orbits.
+
+        And sentences on what could not be found so.
+        """
         coarse = search(chains, scans, names, orbits)
         if not coarse:
-            return none()
+            return none(), []
         pieces, found = least_along(chains, names, orbits, coarse)
         made = self._assembled(pieces, pair, found)
         own = made.family.tolist()
@@ -242,12 +262,12 @@ class SwingTransfersStage:
         # a minimum that is lost when it is looked into leaves the best member of its family
         lost = {m.family for m in coarse} - set(made.family.tolist())
         spare = [_best_member(s, names) for s in scans if s.family in lost]
-        for choice in spare:
-            ctx.info(
-                f"{' to '.join(names)}: the minimum along {chains.product.name(choice.family)} is "
-                "not there on a finer look; the best of its members stands in its place"
-            )
-        return joined([made, assembled(chains, self.plant, pair, spare)])
+        notes = [
+            f"{' to '.join(names)}: the minimum along {chains.product.name(choice.family)} is not "
+            "there on a finer look; the best of its members stands in its place"
+            for choice in spare
+        ]
+        return joined([made, assembled(chains, self.plant, pair, spare)]), notes
 
     def _assembled(self, pieces: Pieces, pair: Pair, found: Sequence[Minimum]) -> Transfers:
         """Return the transfers of minima.

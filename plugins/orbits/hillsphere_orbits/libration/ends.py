@@ -1,0 +1,84 @@
+"""Where families of libration orbits end, and where halo orbits branch off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_orbits.continuation import Boundary
+from hillsphere_orbits.libration.points import CollinearPoint
+from hillsphere_orbits.members import Quantity
+from hillsphere_orbits.shooting import SymmetricShooting
+
+__all__ = ["BRANCHING", "branching", "ends_of", "up_to"]
+
+BRANCHING = "halo orbits branch off"
+_NEAR = 0.1  # how near to the centre of a body without surface, in distances of the point from it
+_SENSITIVE = 1e-12 / float(np.finfo(float).eps)
+"""Largest element of the half-period's matrix: rounding grows to what Newton's iteration is to
+meet, so that members beyond could not be told from their neighbours."""
+
+
+def up_to(reason: str, amplitude: Quantity, most: float) -> Boundary:
+    """Return where an amplitude reaches its largest value."""
+    return Boundary(reason, lambda z: most - amplitude(z)[0])
+
+
+def branching(problem: SymmetricShooting, start: Array) -> Boundary:
+    """Return where ∂ż(T/2)/∂z(0) of planar orbits passes zero, beginning at one of them (m, 1)."""
+
+    def kernel(z: Array) -> Array:
+        return np.asarray(_half(problem, z)[5, 2])
+
+    sign = float(np.sign(kernel(start)[0]))
+    return Boundary(BRANCHING, lambda z: sign * kernel(z))
+
+
+def ends_of(problem: SymmetricShooting, point: CollinearPoint) -> list[Boundary]:
+    """Return what ends a family: the body, or that its orbits become too sensitive.
+
+    Parameters
+    ----------
+    problem : SymmetricShooting
+        Half a period of the orbits.
+    point : CollinearPoint
+        About which they are.
+
+    Returns
+    -------
+    list of Boundary
+        The surface, or a tenth of the point's distance from the centre of a body without one; and
+        where rounding errors grow, over half a period, to the tolerance of Newton's iteration.
+    """
+    flow = problem.flow
+
+    def way(z: Array) -> Array:
+        # both halves of an orbit are each other's mirror image
+        return flow.trajectory(problem.state(z), z[-1], 2 * problem.steps)
+
+    def calm(z: Array) -> Array:
+        return np.asarray(1.0 - np.max(np.abs(_half(problem, z)), axis=(0, 1)) / _SENSITIVE)
+
+    sensitive = Boundary("the orbit is too sensitive to be computed", calm)
+    if "impact" not in flow.system.events:
+        least = _NEAR * abs(point.x)
+
+        def distance(z: Array) -> Array:
+            return np.asarray(np.sqrt(np.min(np.sum(way(z)[:3] ** 2, axis=0), axis=0)) - least)
+
+        return [Boundary("the orbit comes near the body's centre", distance), sensitive]
+    level = flow.system.function(flow.system.events["impact"])
+
+    def clearance(z: Array) -> Array:
+        states = way(z)
+        n, points, cases = states.shape
+        flat = np.ascontiguousarray(states.reshape(n, points * cases))
+        values = level(flat, flow.system.parameters(None, points * cases))[0]
+        return np.asarray(np.min(values.reshape(points, cases), axis=0))
+
+    return [Boundary("the orbit grazes the surface", clearance), sensitive]
+
+
+def _half(problem: SymmetricShooting, z: Array) -> Array:
+    """Return the matrices (n, n, N) of half a period."""
+    return problem.flow.with_matrix(problem.state(z), z[-1], problem.steps)[1]

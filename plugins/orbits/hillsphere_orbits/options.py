@@ -1,0 +1,28 @@
+"""What the Specs of several stages say alike: a label, and faults of rules between keys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import option
+
+__all__ = ["label", "rule"]
+
+
+def label(
+    what: str = "names of tables, figures and metrics, to tell two such stages apart",
+) -> Any:
+    """Return the option that is appended to the names of what a stage shows."""
+    return option(
+        f"appended to the {what}",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+
+def rule(key: str, text: str) -> PydanticCustomError:
+    """Return a fault of a rule between keys, placed at one of them."""
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
