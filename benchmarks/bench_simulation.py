@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from hillsphere.bodies import Moon, MoonSpec
 from hillsphere.dynamics import system
-from hillsphere.simulation import Cases, Simulator
+from hillsphere.simulation import BLOCK, Cases, Simulator
 from hillsphere.spec import Ref
 from hillsphere_controllers.specs import StateSpaceSpec
 from hillsphere_controllers.state_space import discretised, state_space
@@ -131,6 +131,20 @@ def by_scipy(moon: Hill, cases: Cases, case: int, *, inside: bool) -> Array:
     return y[:6]
 
 
+def in_blocks(loop: Simulator, cases: Cases) -> float:
+    """Fly the cases 64 at a time, as a campaign does; return the CPU time of the best of five."""
+    lanes = [np.minimum(np.arange(k, k + BLOCK), CASES - 1) for k in range(0, CASES, BLOCK)]
+    x0, p = np.asarray(cases.x0), np.asarray(cases.p)
+    blocks = [Cases(np.ascontiguousarray(x0[:, k]), np.ascontiguousarray(p[:, k])) for k in lanes]
+    times = []
+    for _ in range(5):
+        begin = process_time()
+        for block in blocks:
+            loop.fly(block, SAMPLES)
+        times.append(process_time() - begin)
+    return min(times)
+
+
 def figures() -> dict[str, float]:
     """Return the figures, for benchmarks/run.py."""
     moon = plant()
@@ -146,6 +160,7 @@ def figures() -> dict[str, float]:
             flights = loop.fly(cases, SAMPLES)
             times.append(process_time() - begin)
         found[f"{name}_2000_flights_cpu_s"] = min(times)
+        found[f"{name}_2000_flights_in_blocks_cpu_s"] = in_blocks(loop, cases)
         found[f"{name}_completed"] = flights.counts().get("completed", 0)
         begin = process_time()
         other = [by_scipy(moon, cases, case, inside=inside) for case in range(BY_SCIPY)]

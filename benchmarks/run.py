@@ -3,11 +3,13 @@
     python benchmarks/run.py             # every benchmark, fails if a limit is broken
     python benchmarks/run.py gravity     # only those whose name contains "gravity"
     python benchmarks/run.py --no-check  # print only
+    python benchmarks/run.py --long      # with what takes minutes
 
 A benchmark is a module ``bench_*.py`` beside this file with a function ``figures()`` that returns
 a mapping from figure name to number. The limits stand in ``limits.toml``: ``at_least`` for a ratio
 against what a user would otherwise pick, ``at_most`` for a time. Ratios are taken within one run,
-so they hold on a noisy or slower machine; the limits on absolute times are generous.
+so they hold on a noisy or slower machine; the limits on absolute times are generous. A limit with
+``long = true`` is one on what only ``--long`` measures.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+LONG = "HILLSPHERE_BENCHMARK_LONG"
+"""Set in the environment for the benchmarks to see."""
 HERE = Path(__file__).resolve().parent
 
 
@@ -50,7 +54,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("name", nargs="?", default="", help="part of a benchmark's name")
     parser.add_argument("--no-check", action="store_true", help="print only")
+    parser.add_argument("--long", action="store_true", help="measure what takes minutes too")
     options = parser.parse_args()
+    if options.long:
+        os.environ[LONG] = "1"
     limits = tomllib.loads((HERE / "limits.toml").read_text())
     modules = [p for p in sorted(HERE.glob("bench_*.py")) if options.name in p.stem]
     if not modules:
@@ -65,10 +72,13 @@ def main() -> int:
             limit = limits.get(topic, {}).get(name, {})
             fault = verdict(value, limit)
             failures += fault is not None
-            bound = ", ".join(f"{k.replace('_', ' ')} {v:g}" for k, v in limit.items())
+            bound = ", ".join(
+                f"{k.replace('_', ' ')} {v:g}" for k, v in limit.items() if k != "long"
+            )
             mark = f"  FAILED: {fault}" if fault else (f"  ({bound})" if bound else "")
             print(f"  {name:<52} {value:>12.4g}{mark}")
-        for name in sorted(set(limits.get(topic, {})) - set(found)):
+        wanted = {k for k, v in limits.get(topic, {}).items() if options.long or not v.get("long")}
+        for name in sorted(wanted - set(found)):
             failures += 1
             print(f"  {name:<52} {'missing':>12}  FAILED: it has a limit but was not measured")
     if failures:

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hillsphere.mission import load_mission
-    from hillsphere.pipeline import run_mission
+    from hillsphere.pipeline import resume_run, run_mission
     from hillsphere.plugins import create
 
-__all__ = ["__version__", "create", "load_mission", "run_mission"]
+__all__ = ["__version__", "create", "load_mission", "resume_run", "run_mission"]
 __version__ = "0.1.0"
 
 _LAZY = {
     "create": "hillsphere.plugins",
     "load_mission": "hillsphere.mission",
+    "resume_run": "hillsphere.pipeline",
     "run_mission": "hillsphere.pipeline",
 }
 

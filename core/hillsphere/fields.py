@@ -18,6 +18,8 @@ __all__ = [
     "option",
     "quantity",
     "reference",
+    "repeated",
+    "table_name",
 ]
 
 Vector3: TypeAlias = tuple[float, float, float]
@@ -116,6 +118,41 @@ def need(product: str, description: str, *, default: Any = ..., **bounds: Any) -
     """
     extra = {"x-kind": "stage", "x-product": product}
     return option(description, default=default, extra=extra, **bounds)
+
+
+def repeated(description: str) -> Any:
+    """Declare the stage that a campaign repeats; annotate the field as `Ref`.
+
+    Parameters
+    ----------
+    description : str
+        What is done with it.
+
+    Returns
+    -------
+    pydantic.fields.FieldInfo
+        The field. The stage is run once before, with nominal values; `Stage.run` is given a
+        `hillsphere.campaign.Repeated` under the field's name.
+    """
+    return option(description, extra={"x-kind": "stage", "x-repeats": True})
+
+
+def table_name(description: str) -> Any:
+    """Declare the name of any table of the mission, ``"gravity.phobos"``; annotate it ``str``.
+
+    Parameters
+    ----------
+    description : str
+        What the table is needed for.
+
+    Returns
+    -------
+    pydantic.fields.FieldInfo
+        The field. That there is such a table is checked with the mission; ``"stage"`` alone
+        stands for the stage that a campaign repeats, whichever it is.
+    """
+    pattern = r"^(stage|[a-z_]+\.[a-z][a-z0-9_-]{0,63})$"
+    return option(description, extra={"x-table": True}, pattern=pattern)
 
 
 def data_path(description: str, *, default: Any = ...) -> Any:

@@ -17,6 +17,10 @@ from numpy.typing import NDArray
 from hillsphere.presentation import Presentation
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from hillsphere.campaign.cases import CaseResults
+    from hillsphere.campaign.tasks import Executor
     from hillsphere.symbolic import Expr, Params, Vec3
 
 Array: TypeAlias = NDArray[np.float64]
@@ -367,8 +371,27 @@ class Context(Protocol):
         """Write a line to the run's log."""
         ...
 
-    def track(self, description: str, total: int | None = None) -> Callable[[int], None]:
-        """Show progress; the returned function advances it and raises if the run was stopped."""
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all that the stage's result depends on, in hexadecimal digits."""
+        ...
+
+    @property
+    def executor(self) -> Executor:
+        """Where the tasks of campaigns are done."""
+        ...
+
+    def workspace(self) -> Path:
+        """Return a directory that outlives an interruption, until the product is stored."""
+        ...
+
+    def track(
+        self, description: str, total: int | None = None, note: Callable[[], str] | None = None
+    ) -> Callable[[int], None]:
+        """Show progress; the returned function advances it and raises if the run was stopped.
+
+        `note` says what stands behind the bar; it is called whenever the bar is drawn.
+        """
         ...
 
 
@@ -388,4 +411,76 @@ class Stage(Protocol):
     @property
     def present(self) -> Callable[..., Presentation]:
         """Return metrics, tables and figures of the product."""
+        ...
+
+
+@runtime_checkable
+class CaseStage(Protocol):
+    """A `Stage` that can be repeated over many cases, by ``monte_carlo`` and ``sweep``.
+
+    Its cases are independent: what comes of one depends on nothing but its inputs, its noise and
+    its lane's width (see `CaseBatch`).
+
+    It may have a method ``prepare_cases(names, **inputs)``, called in each worker before the blocks
+    with inputs of these names: what it compiles there does not count against a block's time limit.
+    """
+
+    def case_inputs(self) -> tuple[Parameter, ...]:
+        """Return what may differ from case to case, with nominal values, SI.
+
+        Each is named by its path from the stage's own Spec: a run-time parameter of the plant that
+        the field ``plant`` refers to is ``"plant.gravity.C2,0"``; what belongs to the stage itself
+        has a plain name (``"state.x"``). A nominal value that only the products of earlier stages
+        fix is NaN.
+        """
+        ...
+
+    @property
+    def run_cases(self) -> Callable[..., CaseResults]:
+        """Compute one block: ``run_cases(batch, history=False, **inputs)``.
+
+        `inputs` are the products of the stage's needs, as for `Stage.run`. No context is given:
+        the call is pure, may run in another process, and shows no progress.
+        """
+        ...
+
+
+class Dispersion(Protocol):
+    """How some quantities of a mission are distributed about their nominal values."""
+
+    @property
+    def of(self) -> str:
+        """Table of the mission that they belong to, ``"gravity.phobos"``."""
+        ...
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Their names there: parameters of a model, ``"state.x"``; ``*`` is any characters."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """SI unit that its quantities must have, as `Parameter.unit`; ``""`` for any."""
+        ...
+
+    def quantiles(self, u: Array, nominal: Array) -> Array:
+        """Return values (k, N), SI, for numbers u (k, N) in (0, 1), independent and uniform.
+
+        nominal (k,) are the nominal values. Correlation is brought in here.
+        """
+        ...
+
+    def mean(self, nominal: Array) -> Array:
+        """Return the mean values (k,), SI."""
+        ...
+
+    def covariance(self, nominal: Array) -> Array:
+        """Return the covariance (k, k), SI: for filters."""
+        ...
+
+    def bounds(self, nominal: Array, sigmas: float) -> tuple[Array, Array]:
+        """Return least and largest values (k,), SI, at so many standard deviations: for LFTs.
+
+        A distribution of bounded support never exceeds it.
+        """
         ...

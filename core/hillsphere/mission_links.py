@@ -54,6 +54,13 @@ def check_links(tables: Tables, layers: Layers) -> None:
                 tables.problems.append(layers.problem(key, message))
             else:
                 here.setdefault((other_kind, ref.name), key)
+        for where, table in spec.table_names():
+            other_kind, _, other = table.partition(".")
+            if table != "stage" and other not in tables.names.get(other_kind, []):
+                names = [f"{k}.{n}" for k, group in tables.names.items() for n in group]
+                hint = did_you_mean(table, names, otherwise="there are")
+                message = f"no table is named {table[:80]!r}{hint}"
+                tables.problems.append(layers.problem((kind, name, *where), message))
         for where, product, ref in spec.needs_of():
             _check_product(product, ref.name, (kind, name, *where), tables, layers)
     for circle in _circles(edges):

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from hillsphere.errors import PluginError, UnknownComponentError
 from hillsphere.faults import faults_of
 from hillsphere.mission_layers import Layers, without_superseded_units
-from hillsphere.plugins import KINDS, Registered, Registry
+from hillsphere.plugins import KINDS, Registered, Registry, kind_words
 from hillsphere.problems import Problem, did_you_mean, shown
 from hillsphere.spec import Spec, option
 
@@ -230,4 +230,4 @@ def _missing_type(kind: str, name: str, layers: Layers, registry: Registry, foun
         hint = did_you_mean(name, others, otherwise=f"{kind} tables")
         return f"there is no table {kind}.{name} to change{hint}; a new one needs a type"
     types = ", ".join(record.component.type for record in registry.of_kind(kind))
-    return f"missing: which {kind.replace('_', ' ')} it is; installed: {types or 'none'}"
+    return f"missing: which {kind_words(kind)} it is; installed: {types or 'none'}"

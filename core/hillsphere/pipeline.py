@@ -2,15 +2,18 @@
 
 Everything that can be wrong with the mission is found before the first stage runs: the output
 directory, the types that stages pass on, the components and their data. After that a stage that
-fails takes with it only the stages that need its product.
+fails takes with it only the stages that need its product. A run that ended early, however it ended,
+is taken up again by `resume_run`: what it has stored is not computed twice.
 """
 
 from __future__ import annotations
 
+import secrets
+import shlex
 import threading
 import traceback
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
@@ -18,84 +21,29 @@ from typing import Any
 
 from hillsphere.assembly import Assembly
 from hillsphere.drawing import Drawing, draw
-from hillsphere.errors import (
-    HillsphereError,
-    InputError,
-    Interrupted,
-    PluginError,
-    StageError,
-)
+from hillsphere.earlier_run import LOCAL, EarlierRun, local_facts
+from hillsphere.errors import HillsphereError, InputError, Interrupted, StageError
+from hillsphere.executor_choice import ExecutorChoice, executor_of, executor_table
 from hillsphere.mission import Mission
-from hillsphere.plugins import Registry, load_object
-from hillsphere.presentation import Figure, Metric, Presentation, Table, presentation_faults
-from hillsphere.problems import with_article
+from hillsphere.plugins import Registry, default_registry
+from hillsphere.presentation import Figure, Presentation, presentation_faults
 from hillsphere.progress import Progress
-from hillsphere.run_record import Failure, RunRecord, StageRecord
-from hillsphere.spec import Ref, Spec
-from hillsphere.stage_cache import StageCache, StageKeys
-from hillsphere.stage_context import StageContext, stop_signals
+from hillsphere.run_record import RunRecord, StageRecord
+from hillsphere.run_result import RunResult
+from hillsphere.signals import stop_signals
+from hillsphere.stage_cache import StageCache
+from hillsphere.stage_context import StageContext
 from hillsphere.store import RunDirectory, plain_json
+from hillsphere.wiring import (
+    check_needs,
+    check_repeats,
+    inputs_of,
+    product_class,
+    repeated_of,
+    takes_from,
+)
 
-__all__ = ["RunResult", "run_mission"]
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """What a run left behind.
-
-    Parameters
-    ----------
-    directory : Path
-        The run directory.
-    state : str
-        ``"success"`` or ``"failed"``.
-    notes : tuple of str
-        Sentences of the verdict.
-    metrics, tables : mapping
-        What the stages show, by identifier.
-    products : mapping
-        Stage name to product, of the stages that finished.
-    failures : tuple of Failure
-        One per stage that failed or could not run.
-    summary : mapping
-        The content of ``summary.json``.
-    """
-
-    directory: Path
-    state: str
-    notes: tuple[str, ...]
-    metrics: Mapping[str, Metric] = field(repr=False)
-    tables: Mapping[str, Table] = field(repr=False)
-    products: Mapping[str, Any] = field(repr=False)
-    failures: tuple[Failure, ...]
-    summary: Mapping[str, Any] = field(repr=False)
-
-    @property
-    def ok(self) -> bool:
-        """Whether every stage finished."""
-        return self.state == "success"
-
-    @property
-    def report(self) -> Path:
-        """The report."""
-        return self.directory / "report.html"
-
-    def product(self, stage: str) -> Any:
-        """Return the product of a stage.
-
-        Raises
-        ------
-        StageError
-            If it failed or was not run; the message says why.
-        InputError
-            If the mission has no such stage.
-        """
-        if stage in self.products:
-            return self.products[stage]
-        for failure in self.failures:
-            if failure.stage == stage:
-                raise StageError(str(failure))
-        raise InputError(f"no stage {stage!r} in this run; it has {', '.join(self.products)}")
+__all__ = ["RunResult", "resume_run", "run_mission"]
 
 
 def run_mission(
@@ -103,6 +51,7 @@ def run_mission(
     *,
     out: str | Path | None = None,
     use_cache: bool = True,
+    executor: ExecutorChoice = "serial",
     progress: Progress | None = None,
     registry: Registry | None = None,
 ) -> RunResult:
@@ -117,11 +66,15 @@ def run_mission(
         directory.
     use_cache : bool
         Take unchanged results of stages from the cache, and put new ones there.
+    executor : str, mapping or Executor
+        Where campaigns do their work: a type, ``"pool"``, its table, ``{"type": "pool", "workers":
+        4}``, or the object. ``"serial"`` is this process; ``"pool"`` are others, which find only
+        components that stand in modules they can import. The results are the same bits for all.
     progress : Progress, optional
         Where progress is shown; by default nowhere.
     registry : Registry, optional
-        Where broken plugins are listed from, for the log; the mission already holds its
-        components.
+        Where the executor is found and broken plugins are listed from, for the log; the mission
+        already holds its components.
 
     Returns
     -------
@@ -132,95 +85,141 @@ def run_mission(
     ------
     InputError
         Before anything runs: the output directory cannot be used, a component refuses its
-        parameters, a data file cannot be read, or a stage needs a product of another type.
+        parameters, a data file cannot be read, a stage needs a product of another type or repeats
+        one that cannot be repeated.
     PluginError
         Before anything runs: a class cannot be imported.
     StageError
         If the run directory cannot be written to.
     Interrupted
-        If the run was stopped by SIGINT or SIGTERM; what was finished is in the run directory, and
-        its manifest says ``"interrupted"``.
+        If the run was stopped by SIGINT, SIGTERM or SIGHUP; what was finished is in the run
+        directory, its manifest says ``"interrupted"``, and `resume_run` continues it.
     """
     RunDirectory.check(out)
-    stopped = threading.Event()
-    with stop_signals(stopped), progress or Progress(quiet=True) as bars:
+    with _attended(progress) as (bars, stopped):
         try:
-            run = _Run(mission, bars, stopped, use_cache)
-            run.start(out, registry)
+            run = _Run(mission, bars, stopped, use_cache, executor, registry)
+            directory = RunDirectory.create(out, mission.name, run.record.started)
         except KeyboardInterrupt:
             raise Interrupted("interrupted before any stage ran") from None
-        return run.run()
+        with directory.locked():
+            return run.run(directory)
+
+
+def resume_run(
+    run: str | Path,
+    *,
+    executor: ExecutorChoice | None = None,
+    progress: Progress | None = None,
+    registry: Registry | None = None,
+) -> RunResult:
+    """Continue a run that was interrupted or killed, or in which a stage failed.
+
+    Products that are stored are loaded, the other stages run; campaigns take up the cases that they
+    have kept. What every stage shows is shown anew.
+
+    Parameters
+    ----------
+    run : str or Path
+        Its run directory.
+    executor : str, mapping or Executor, optional
+        As for `run_mission`; by default as in the earlier run.
+    progress, registry : optional
+        As for `run_mission`.
+
+    Returns
+    -------
+    RunResult
+        As if the run had not been interrupted, to the bit. Of a run that is finished, too.
+
+    Raises
+    ------
+    InputError
+        If the directory is none of a run, another process is still writing to it, or anything that
+        the results depend on has changed: the mission, its inputs, the code, the versions of the
+        numerical packages, the processor's features. The message shows every difference.
+    PluginError, StageError, Interrupted
+        As `run_mission`.
+    """
+    EarlierRun.open(run)
+    with _attended(progress) as (bars, stopped), RunDirectory(Path(run)).locked():
+        try:
+            earlier = EarlierRun.open(run)  # as it is now that nobody else writes to it
+            mission = earlier.mission(registry)
+            executor = executor or earlier.local.get("executor") or "serial"
+            use_cache = bool(earlier.local.get("cache", True))
+            again = _Run(mission, bars, stopped, use_cache, executor, registry, earlier)
+        except KeyboardInterrupt:
+            raise Interrupted("interrupted before any stage ran") from None
+        earlier.directory.clear_parts()
+        return again.run(earlier.directory)
+
+
+@contextmanager
+def _attended(progress: Progress | None) -> Iterator[tuple[Progress, threading.Event]]:
+    """Show progress, and take the signals that end a run."""
+    stopped = threading.Event()
+    with stop_signals(stopped), progress or Progress(quiet=True) as bars:
+        yield bars, stopped
 
 
 class _Run:
     """One run: what is fixed before it starts, and the records that grow while it lasts."""
 
     def __init__(
-        self, mission: Mission, progress: Progress, stopped: threading.Event, use_cache: bool
+        self,
+        mission: Mission,
+        progress: Progress,
+        stopped: threading.Event,
+        use_cache: bool,
+        executor: ExecutorChoice,
+        registry: Registry | None,
+        earlier: EarlierRun | None = None,
     ) -> None:
         self.mission = mission
         self.progress = progress
         self.stopped = stopped
+        self.registry = registry
+        self.earlier = earlier
         self.order = mission.order()
         self.products: dict[str, Any] = {}
-        self.specs: Mapping[str, Spec] = mission.specs["stage"]
-        self.classes = {name: self._class_of(name) for name in self.order}
-        self._check_needs()
+        self.specs = mission.specs["stage"]
+        self.classes = {name: product_class(mission, name) for name in self.order}
+        check_needs(mission, self.classes)
         assembly = Assembly(mission)
         self.stages = {name: assembly.get("stage", name) for name in self.order}
+        check_repeats(mission, self.stages)
+        self.executor = executor_of(executor, registry or default_registry())
         self.cache = StageCache() if use_cache else None
-        keys = StageKeys(mission)
-        self.keys = {name: keys.of(name) if use_cache else None for name in self.order}
+        self.record = RunRecord.begun(mission)
+        if earlier is not None:
+            earlier.continue_in(self.record)
+        self.local = local_facts(mission, cache=use_cache, executor=executor_table(executor))
 
-    def _class_of(self, stage: str) -> type:
-        path = getattr(self.specs[stage], "produces", "")
-        what = f"stage {stage!r} ({self._type(stage)})"
-        if not path:
-            raise PluginError(f"{what}: its Spec does not say what it produces")
-        return _product_class(path, what)
-
-    def _type(self, stage: str) -> str:
-        return self.mission.components["stage"][stage].component.type
-
-    def _check_needs(self) -> None:
-        """Every need must be met by a stage whose product is of the class that is needed."""
-        for name in self.order:
-            for where, path, ref in self.specs[name].needs_of():
-                wanted = _product_class(path, f"stage {name!r} ({self._type(name)})")
-                given = self.classes[ref.name]
-                if not issubclass(given, wanted):
-                    raise InputError(
-                        f"{self.mission.places['stage', name]}: stage.{name}."
-                        f"{'.'.join(map(str, where))}: needs {with_article(wanted.__name__)}, but "
-                        f"stage {ref.name!r} yields {with_article(given.__name__)}"
-                    )
-
-    def start(self, out: str | Path | None, registry: Registry | None) -> None:
-        started = datetime.now(UTC)
-        self.directory = RunDirectory.create(out, self.mission.name, started)
-        self.record = RunRecord(self.mission, started)
-        for plugin, reason in (registry.broken if registry else {}).items():
-            self.directory.log(f"plugin {plugin} was set aside as broken: {reason}")
-        self.directory.put_json("manifest.json", self.record.manifest("running"))
-
-    def run(self) -> RunResult:
+    def run(self, directory: RunDirectory) -> RunResult:
+        self.directory = directory
+        for plugin, reason in (self.registry.broken if self.registry else {}).items():
+            directory.log(f"plugin {plugin} was set aside as broken: {reason}")
+        directory.put_json(LOCAL, self.local)
         try:
+            self._put_manifest("running")
             for number, name in enumerate(self.order, 1):
                 with self.progress.stage(name, number, len(self.order)):
                     self._stage(name)
-                self.directory.put_json("manifest.json", self.record.manifest("running"))
+                self._put_manifest("running")
+            state = "failed" if self.record.failures() else "success"
+            summary = self._finish(state)
         except (KeyboardInterrupt, Interrupted):
             self.stopped.set()
             self._stopped()
             done = [s.name for s in self.record.stages.values() if s.state == "done"]
             raise Interrupted(
                 f"interrupted; finished stages: {', '.join(done) or 'none'}; results so far are in "
-                f"{self.directory.path}"
+                f"{directory.path}; continue with: hillsphere resume "
+                f"{shlex.quote(str(directory.path))}"
             ) from None
-        state = "failed" if self.record.failures() else "success"
-        summary = self._finish(state)
         return RunResult(
-            directory=self.directory.path,
+            directory=directory.path,
             state=state,
             notes=tuple(self.record.notes()),
             metrics=self.record.metrics(),
@@ -230,42 +229,47 @@ class _Run:
             summary=summary,
         )
 
+    def _put_manifest(self, state: str) -> None:
+        self.directory.put_json("manifest.json", self.record.manifest(state))
+
     def _stopped(self) -> None:
-        for name in self.order:
-            stage = self.record.stages.setdefault(name, StageRecord(name, self._type(name)))
+        for stage in self.record.stages.values():
             if stage.state == "running":
                 # Its product is stored as soon as it is there; presenting it may come too late.
-                stage.state = "done" if name in self.products else "interrupted"
+                stage.state = "done" if stage.product else "interrupted"
+        # First: should a second signal end this, the manifest already says how the run ended.
+        self._put_manifest("interrupted")
         self._finish("interrupted")
 
     def _finish(self, state: str) -> Mapping[str, Any]:
         self.record.finished = datetime.now(UTC)
-        # The manifest first: should a second signal end this, it already says how the run ended.
-        self.directory.put_json("manifest.json", self.record.manifest(state))
         summary: Mapping[str, Any] = plain_json(self.record.summary(state))
         self.directory.put_json("summary.json", summary)
         self.directory.put_text("report.html", self.record.report(state))
+        # Last: a run whose manifest says that it is finished has all its files.
+        self._put_manifest(state)
         return summary
 
     def _stage(self, name: str) -> None:
         """Run one stage, or say why not; only an interruption leaves this method."""
-        record = StageRecord(name, self._type(name), key=self.keys[name])
-        self.record.stages[name] = record
-        missing = sorted(
-            {ref.name for _, _, ref in self.specs[name].needs_of() if ref.name not in self.products}
-        )
+        record = self.record.stages[name]
+        missing = [other for other in takes_from(self.specs[name]) if other not in self.products]
         if missing:
+            record.state = "not run"
             record.message = f"it needs {', '.join(missing)}"
             return
         record.state = "running"
-        context = StageContext(name, self.mission.seed, self.directory, self.progress, self.stopped)
+        # A key that nothing else has, where there is none.
+        fingerprint = record.key or secrets.token_hex(32)
+        context = StageContext(
+            name, self.mission.seed, self.directory, self.progress, self.stopped, fingerprint,
+            self.executor,
+        )  # fmt: skip
         context.info(f"started ({record.type})")
         begun = perf_counter()
         try:
-            inputs = self._inputs(name)
-            product = self._product(name, record, inputs, context)
-            self.directory.put_product(name, product)
-            self.products[name] = product
+            inputs = inputs_of(self.specs[name], self.products)
+            self.products[name] = self._product(record, inputs, context)
             self._present(name, record, inputs)
             record.state = "done"
         except Interrupted:
@@ -278,39 +282,55 @@ class _Run:
             record.message = _sentence(error)
             context.info("failed\n" + "".join(traceback.format_exception(error)))
         finally:
-            record.seconds = perf_counter() - begun
+            record.seconds += perf_counter() - begun
         context.info(f"{record.state} after {record.seconds:.2f} s")
 
-    def _inputs(self, name: str) -> dict[str, Any]:
-        needs = getattr(self.specs[name], "needs", None)
-        if not isinstance(needs, Spec):
-            return {}
-        return {field: self._given(getattr(needs, field)) for field in type(needs).model_fields}
-
-    def _given(self, value: Any) -> Any:
-        if isinstance(value, Ref):
-            return self.products[value.name]
-        if isinstance(value, tuple):
-            return tuple(self._given(item) for item in value)
-        if isinstance(value, dict):
-            return {key: self._given(item) for key, item in value.items()}
-        return value
-
     def _product(
-        self, name: str, record: StageRecord, inputs: dict[str, Any], context: StageContext
+        self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
     ) -> Any:
-        expected = self.classes[name]
-        if self.cache is not None and record.key is not None:
-            try:
-                product = self.cache.load(record.key, expected)
-            except (InputError, OSError) as error:
-                context.info(f"its cache entry is damaged and computed again: {error}")
-            else:
-                if product is not None:
-                    context.info(f"taken from the cache ({record.key[:16]})")
-                    record.cached = True
-                    return product
-        product = self.stages[name].run(context, **inputs)
+        """Return the product of a stage, which is in the run directory then."""
+        product = self._stored(record, context)
+        if product is None:
+            product = self._cached(record, context)
+            if product is None:
+                product = self._computed(record, inputs, context)
+            record.product = self.directory.put_product(record.name, product)
+            self._put_manifest("running")
+        self.directory.clear_workspace(record.name)
+        return product
+
+    def _stored(self, record: StageRecord, context: StageContext) -> Any:
+        """Return what an earlier part of this run has stored, or ``None``."""
+        if self.earlier is None or not record.product:
+            return None
+        try:
+            product = self.earlier.product(record.name, self.classes[record.name])
+        except (InputError, OSError) as error:
+            context.info(f"its product is damaged and computed again: {error}")
+            record.product, record.cached, record.seconds = None, False, 0.0
+            return None
+        context.info("taken from the earlier part of this run")
+        return product
+
+    def _cached(self, record: StageRecord, context: StageContext) -> Any:
+        if self.cache is None or record.key is None:
+            return None
+        try:
+            product = self.cache.load(record.key, self.classes[record.name])
+        except (InputError, OSError) as error:
+            context.info(f"its cache entry is damaged and computed again: {error}")
+            return None
+        if product is not None:
+            context.info(f"taken from the cache ({record.key[:16]})")
+            record.cached = True
+        return product
+
+    def _computed(
+        self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
+    ) -> Any:
+        expected = self.classes[record.name]
+        repeated = repeated_of(self.mission, record.name, self.products)
+        product = self.stages[record.name].run(context, **repeated, **inputs)
         if not isinstance(product, expected):
             raise StageError(
                 f"it must yield a {expected.__name__}, but yielded a {type(product).__name__}"
@@ -322,7 +342,7 @@ class _Run:
                 context.info(f"its result could not be kept in the cache: {error}")
         return product
 
-    def _present(self, name: str, record: StageRecord, inputs: dict[str, Any]) -> None:
+    def _present(self, name: str, record: StageRecord, inputs: Mapping[str, Any]) -> None:
         shown = self.stages[name].present(self.products[name], **inputs)
         if not isinstance(shown, Presentation):
             raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
@@ -343,16 +363,6 @@ class _Run:
         for key, text in shown.files.items():
             self.directory.put_text(f"files/{name}/{key}", text)
             record.files = (*record.files, f"files/{name}/{key}")
-
-
-def _product_class(path: str, what: str) -> type:
-    try:
-        found = load_object(path)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise PluginError(f"{what}: product class {path!r} cannot be imported: {error}") from error
-    if not isinstance(found, type):
-        raise PluginError(f"{what}: {path!r} is not a class")
-    return found
 
 
 def _drawn(key: str, figure: Figure) -> Drawing:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from hillsphere.errors import InputError, PluginError, UnknownComponentError
-from hillsphere.problems import did_you_mean, format_key
+from hillsphere.problems import did_you_mean, format_key, with_article
 
 if TYPE_CHECKING:
     from hillsphere.spec import Spec
@@ -37,6 +37,7 @@ KINDS = (
     "estimator",
     "sensor",
     "tracker",
+    "dispersions",
     "stage",
     "executor",
     "command",
@@ -115,6 +116,11 @@ class Registered:
                 f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
                 f"({path}) cannot be imported: {_one_line(error)}"
             ) from error
+
+
+def kind_words(kind: str) -> str:
+    """Return what one component of a kind is called in messages: ``"orbit family"``."""
+    return {"dispersions": "distribution"}.get(kind, kind.replace("_", " "))
 
 
 def load_object(path: str) -> Any:
@@ -248,10 +254,9 @@ class Registry:
         if offers:
             return offers[0]
         types = [offered for of_kind, offered in sorted(self._offers) if of_kind == kind]
-        article = "an" if kind[0] in "aeiou" else "a"
-        text = f"no {kind.replace('_', ' ')} of type {type_[:60]!r}"
+        text = f"no {kind_words(kind)} of type {type_[:60]!r}"
         hint = did_you_mean(type_, types, otherwise="installed")
-        text += hint or f"; no plugin brings {article} {kind.replace('_', ' ')}"
+        text += hint or f"; no plugin brings {with_article(kind_words(kind))}"
         if self.broken:
             text += f" (set aside as broken: {', '.join(sorted(self.broken))})"
         if absent := [name for name in self.disabled if name not in self.unknown_disabled]:

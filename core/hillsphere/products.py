@@ -9,11 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hillsphere.interfaces import Array
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array, Integers
 from hillsphere.product_codec import load_product, save_product
 
 __all__ = [
     "Bifurcations",
+    "CaseList",
+    "CaseTable",
     "FlightSet",
     "OrbitSet",
     "PeriodicOrbits",
@@ -81,6 +86,9 @@ class OrbitSet:
 class Trajectories:
     """Coasts, that is flights without manoeuvres, one or more making up each plan.
 
+    Flights under a command that is known beforehand (a reference to be tracked) stand here too:
+    then `u` gives it.
+
     Parameters
     ----------
     frame : str
@@ -95,6 +103,10 @@ class Trajectories:
         Times since the beginning of the plan, rising; NaN beyond a coast's end.
     x : ndarray, shape (n, K, N)
         States, SI; NaN beyond a coast's end.
+    controls : tuple of str
+        Names of the p controls; none for coasts.
+    u : ndarray, shape (p, K, N), or None
+        Command from each time to the next, held, SI; the last is that beyond the end.
     """
 
     frame: str
@@ -103,6 +115,8 @@ class Trajectories:
     labels: tuple[str, ...]
     t_s: Array
     x: Array
+    controls: tuple[str, ...] = ()
+    u: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -139,3 +153,97 @@ class Bifurcations:
     d: tuple[int, ...]
     n: tuple[int, ...]
     index: Array
+
+
+@dataclass(frozen=True)
+class CaseTable:
+    """What came of a campaign, one row per case, stored by columns.
+
+    Parameters
+    ----------
+    stage : str
+        Name of the stage that was repeated.
+    design : str
+        How the cases were chosen: ``"random"``, ``"latin_hypercube"``, ``"sobol"``,
+        ``"sobol_indices"``, ``"grid"``, ``"list"``.
+    planned : int
+        Number of cases that were to be computed.
+    stopped : str
+        Why it ended before; ``""`` if it did not.
+    case : ndarray of int, shape (N,)
+        Number of each case, ascending.
+    draw : ndarray of int, shape (N,)
+        Number of its random numbers; equal numbers saw equal draws.
+    point : ndarray of int, shape (N,)
+        Its row in the swept points; 0 if nothing was swept.
+    inputs, input_units : tuple of str
+        Names and units of the k inputs that differed.
+    input_values : ndarray, shape (k, N)
+        Their values.
+    metrics, units : tuple of str
+        Names and units of the m metrics.
+    values : ndarray, shape (m, N)
+        Their values; NaN where a case has none.
+    status, cause : ndarray of str, shape (N,)
+        How each case ended, and what ended it.
+    failed : ndarray of bool, shape (N,)
+        Whether that counts as a failure.
+    message_case : ndarray of int, shape (F,)
+        Numbers of the cases of which there is more to say.
+    messages : tuple of str
+        What there is to say of them: class and text of the error.
+    swept : tuple of str
+        Names of the d quantities that a sweep changed; none for ``monte_carlo``.
+    swept_units : tuple of str
+        Their units; ``""`` for what is no number.
+    points : ndarray, shape (d, P)
+        Their values at the P points; of what is no number its place in the list.
+    point_labels : tuple of str
+        One name per point.
+    """
+
+    stage: str
+    design: str
+    planned: int
+    stopped: str
+    case: Integers
+    draw: Integers
+    point: Integers
+    inputs: tuple[str, ...]
+    input_units: tuple[str, ...]
+    input_values: Array
+    metrics: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    status: NDArray[np.str_]
+    cause: NDArray[np.str_]
+    failed: NDArray[np.bool_]
+    message_case: Integers
+    messages: tuple[str, ...]
+    swept: tuple[str, ...] = ()
+    swept_units: tuple[str, ...] = ()
+    points: Array | None = None
+    point_labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CaseList:
+    """Points that a sweep is to compute, one per column.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What is set: ``"stage.hover.state.x"``, ``"gravity.phobos.C2,0"``, any key of the mission.
+    units : tuple of str
+        Their units, as the models write them (``"m/s"``), for a check; ``""`` for none. Values of
+        run-time inputs are SI, those of keys in the key's own unit.
+    values : ndarray, shape (k, N)
+        Values of the k quantities at the N points.
+    labels : tuple of str
+        One name per point; empty for names made of the values.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    labels: tuple[str, ...] = ()

@@ -88,7 +88,9 @@ class Progress:
                 bars.update(self._open.pop(), visible=False)
             bars.update(self._stages, completed=number)
 
-    def track(self, description: str, total: int | None = None) -> Callable[[int], None]:
+    def track(
+        self, description: str, total: int | None = None, note: Callable[[], str] | None = None
+    ) -> Callable[[int], None]:
         """Show a bar for a part of the running stage, until that stage ends.
 
         Parameters
@@ -97,6 +99,8 @@ class Progress:
             What is being done.
         total : int, optional
             Number of items; without it the bar pulses.
+        note : callable, optional
+            Returns what stands behind the bar; called whenever it is drawn, in another thread.
 
         Returns
         -------
@@ -111,7 +115,7 @@ class Progress:
             if task.finished and task.id != self._stages:
                 bars.update(task.id, visible=False)
         # Markup is off (see _bars), so a description with brackets stays as it is.
-        made = bars.add_task(f"  {description}", total=total)
+        made = bars.add_task(f"  {description}", total=total, note=note)
         self._open.append(made)
         return lambda count: bars.advance(made, count)
 
@@ -139,6 +143,13 @@ def _bars(stream: TextIO) -> RichProgress:
                 return Text("")
             return Text(f"{speed:.3g}/s" if speed >= 1 else f"{60 * speed:.3g}/min")
 
+    class Note(ProgressColumn):
+        """What the stage has to say besides, as it is when the bar is drawn."""
+
+        def render(self, task: Task) -> Text:
+            note = task.fields.get("note")
+            return Text(note() if note is not None else "")
+
     return RichProgress(
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
@@ -147,6 +158,7 @@ def _bars(stream: TextIO) -> RichProgress:
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
+        Note(),
         console=Console(file=stream),
         transient=True,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,25 +15,25 @@ from hillsphere.mission import Mission
 from hillsphere.paths import missions_directory
 from hillsphere.presentation import Figure, Metric, Table
 from hillsphere.report import Report, Section, render
-from hillsphere.stage_cache import file_digest
+from hillsphere.stage_cache import StageKeys, file_digest
 
-__all__ = ["Failure", "RunRecord", "StageRecord"]
+__all__ = ["SCHEMA", "Failure", "RunRecord", "StageRecord"]
 
 SCHEMA = 1
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A stage that failed, or was not run because one that it needs failed.
+    """A stage that failed, was interrupted, or was not run because one that it needs failed.
 
     Parameters
     ----------
     stage : str
         Its name.
     state : str
-        ``"failed"`` or ``"not run"``.
+        ``"failed"``, ``"interrupted"`` or ``"not run"``.
     error : str
-        Class of the exception; ``""`` if it was not run.
+        Class of the exception; ``""`` if there was none.
     message : str
         What went wrong, and where.
     """
@@ -44,19 +44,23 @@ class Failure:
     message: str
 
     def __str__(self) -> str:
-        return (
-            f"stage {self.stage!r} {'was ' * (self.state == 'not run')}{self.state}: {self.message}"
+        return f"stage {self.stage!r} {'was ' * (self.state != 'failed')}{self.state}" + (
+            f": {self.message}" if self.message else ""
         )
 
 
 @dataclass
 class StageRecord:
-    """What is known of one stage; grows while it runs."""
+    """What is known of one stage; grows while it runs.
+
+    `product` is the SHA-256 of the file of its product, once that is written.
+    """
 
     name: str
     type: str
     state: str = "not run"
     key: str | None = None
+    product: str | None = None
     cached: bool = False
     seconds: float = 0.0
     error: str = ""
@@ -70,12 +74,18 @@ class StageRecord:
 
 @dataclass
 class RunRecord:
-    """What is known of a run; its methods return the contents of the files."""
+    """What is known of a run; its methods return the contents of the files.
+
+    `sources` holds the digest of the source files of every package that the results depend on,
+    `resumed` when the run was taken up again.
+    """
 
     mission: Mission
     started: datetime
-    finished: datetime | None = None
     stages: dict[str, StageRecord] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+    resumed: Sequence[datetime] = ()
+    finished: datetime | None = None
 
     def __post_init__(self) -> None:
         # Now, not at the end: the run uses the files as they are at its start.
@@ -83,6 +93,18 @@ class RunRecord:
             key: {"file": name, "sha256": file_digest(Path(path))}
             for key, path, name in self._data_files()
         }
+
+    @classmethod
+    def begun(cls, mission: Mission) -> RunRecord:
+        """Return the record of a run that is to begin now: no stage has run, all have keys."""
+        keys = StageKeys(mission)
+        stages = {
+            name: StageRecord(
+                name, mission.components["stage"][name].component.type, key=keys.of(name)
+            )
+            for name in mission.order()
+        }
+        return cls(mission, datetime.now(UTC), stages, keys.sources)
 
     def free_name(self, group: str, name: str, stage: str) -> str:
         """Return an identifier that no other stage used for a metric, table or figure."""
@@ -105,11 +127,11 @@ class RunRecord:
         return list(dict.fromkeys(note for s in self.stages.values() for note in s.notes))
 
     def failures(self) -> list[Failure]:
-        """Return the stages that failed or could not run, in order."""
+        """Return the stages that failed, were interrupted or could not run, in order."""
         return [
             Failure(s.name, s.state, s.error, s.message)
             for s in self.stages.values()
-            if s.state in ("failed", "not run")
+            if s.state in ("failed", "interrupted", "not run")
         ]
 
     def summary(self, state: str) -> dict[str, Any]:
@@ -140,6 +162,7 @@ class RunRecord:
             "schema": SCHEMA,
             "state": "finished" if state == "success" else state,
             "started_utc": _utc(self.started),
+            "resumed_utc": [_utc(moment) for moment in self.resumed],
             "finished_utc": _utc(self.finished) if self.finished else None,
             "command": self.command(),
             "seed": self.mission.seed,
@@ -152,6 +175,7 @@ class RunRecord:
                 "packages": package_versions(),
                 "plugins": self._plugins(),
             },
+            "sources": dict(self.sources),
             "platform": {key: environment()[key] for key in ("system", "machine", "cpu_features")},
             "stages": {
                 s.name: {
@@ -160,6 +184,7 @@ class RunRecord:
                     "cached": s.cached,
                     "seconds": round(s.seconds, 6),
                     "key": s.key,
+                    "product": s.product,
                 }
                 for s in self.stages.values()
             },

@@ -36,6 +36,8 @@ from hillsphere.fields import (
     option,
     quantity,
     reference,
+    repeated,
+    table_name,
 )
 from hillsphere.units import UNITS, unit_keys
 
@@ -52,6 +54,8 @@ __all__ = [
     "option",
     "quantity",
     "reference",
+    "repeated",
+    "table_name",
     "unit_keys",
 ]
 
@@ -260,6 +264,12 @@ class Spec(BaseModel):
         """Yield (location, path) for every input file named here and in nested Specs."""
         for where, field, item in self._items():
             if isinstance(item, str) and field.get("x-path"):
+                yield where, item
+
+    def table_names(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield (location, ``"kind.name"``) for every `table_name` here and in nested Specs."""
+        for where, field, item in self._items():
+            if isinstance(item, str) and field.get("x-table"):
                 yield where, item
 
     def needs_of(self) -> Iterator[tuple[tuple[str | int, ...], str, Ref]]:

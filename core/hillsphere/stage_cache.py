@@ -31,7 +31,7 @@ from hillsphere.spec import Ref, Spec
 if TYPE_CHECKING:
     from hillsphere.mission import Mission
 
-__all__ = ["StageCache", "StageKeys", "file_digest", "plain_spec"]
+__all__ = ["StageCache", "StageKeys", "file_digest", "plain_spec", "source_digest"]
 
 FORMAT = 1
 MAX_BYTES = 2 << 30
@@ -118,7 +118,12 @@ class StageKeys:
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
         self._keys: dict[str, str | None] = {}
-        self._sources: dict[Path, str] = {}
+        self._sources: dict[str, str] = {}
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """Package → SHA-256 of its source files, of all that the keys made so far depend on."""
+        return dict(sorted(self._sources.items()))
 
     def of(self, stage: str) -> str | None:
         """Return the key of a stage.
@@ -167,12 +172,13 @@ class StageKeys:
                     waiting.append((other, ref.name))
         sources: dict[str, str] = {}
         for module in sorted(modules):
-            place = _source_of(module)
-            if place is None:
+            source = _source_of(module)
+            if source is None:
                 return None
-            if place not in self._sources:
-                self._sources[place] = _tree_digest(place)
-            sources[module] = self._sources[place]
+            package, place = source
+            if package not in self._sources:
+                self._sources[package] = _tree_digest(place)
+            sources[module] = self._sources[package]
         facts = {
             "format": FORMAT,
             "name": stage,
@@ -237,8 +243,11 @@ def file_digest(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _source_of(module: str) -> Path | None:
-    """Return the outermost regular package (a directory) or the file that a module is in."""
+def _source_of(module: str) -> tuple[str, Path] | None:
+    """Return the outermost regular package (a directory) or the file that a module is in.
+
+    Its name comes first.
+    """
     parts = module.split(".")
     for depth in range(1, len(parts) + 1):
         name = ".".join(parts[:depth])
@@ -250,8 +259,25 @@ def _source_of(module: str) -> Path | None:
             file = found.origin if found is not None and found.has_location else None
         if file is not None:
             place = Path(file)
-            return place.parent if place.name == "__init__.py" else place
+            return name, place.parent if place.name == "__init__.py" else place
     return None
+
+
+def source_digest(module: str) -> tuple[str, str] | None:
+    """Return the package that a module belongs to and the SHA-256 of its source files.
+
+    Parameters
+    ----------
+    module : str
+        Name of an importable module.
+
+    Returns
+    -------
+    tuple of str or None
+        Name and digest; ``None`` if the module is in no file.
+    """
+    source = _source_of(module)
+    return None if source is None else (source[0], _tree_digest(source[1]))
 
 
 def _tree_digest(place: Path) -> str:

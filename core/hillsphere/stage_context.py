@@ -1,13 +1,12 @@
-"""What the pipeline gives a running stage: random numbers, a log, progress, and the stop sign."""
+"""What the pipeline gives a running stage: seeds, a log, progress, the stop sign, a workplace."""
 
 from __future__ import annotations
 
-import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import UTC, datetime
-from types import FrameType
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +15,10 @@ from hillsphere.progress import Progress
 from hillsphere.seeds import name_key
 from hillsphere.store import RunDirectory
 
-__all__ = ["StageContext", "stop_signals"]
+if TYPE_CHECKING:
+    from hillsphere.campaign.tasks import Executor
+
+__all__ = ["StageContext"]
 
 
 class StageContext:
@@ -34,6 +36,10 @@ class StageContext:
         Where progress is shown.
     stopped : threading.Event
         Set when the run was asked to stop.
+    fingerprint : str
+        Key of the stage.
+    executor : Executor
+        Where the tasks of campaigns are done.
     """
 
     def __init__(
@@ -43,12 +49,46 @@ class StageContext:
         directory: RunDirectory,
         progress: Progress,
         stopped: threading.Event,
+        fingerprint: str,
+        executor: Executor,
     ) -> None:
         self._stage = stage
         self._seed = seed
         self._directory = directory
         self._progress = progress
         self._stopped = stopped
+        self._fingerprint = fingerprint
+        self._executor = executor
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all that the stage's result depends on, in hexadecimal digits.
+
+        Of a stage that depends on code in no file (a class defined at a prompt), random digits:
+        nothing that it kept is taken up by another run.
+        """
+        return self._fingerprint
+
+    @property
+    def executor(self) -> Executor:
+        """Where the tasks of campaigns are done."""
+        return self._executor
+
+    def workspace(self) -> Path:
+        """Return a directory for what the stage wants to find again if the run is interrupted.
+
+        Returns
+        -------
+        Path
+            It exists; it is removed once the stage's product is stored. A resumed run finds in it
+            what the interrupted one left.
+
+        Raises
+        ------
+        StageError
+            If it cannot be made.
+        """
+        return self._directory.workspace(self._stage)
 
     @property
     def seed(self) -> int:
@@ -77,7 +117,9 @@ class StageContext:
         stamp = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         self._directory.log(f"{stamp} {self._stage}: " + message.replace("\n", "\n    "))
 
-    def track(self, description: str, total: int | None = None) -> Callable[[int], None]:
+    def track(
+        self, description: str, total: int | None = None, note: Callable[[], str] | None = None
+    ) -> Callable[[int], None]:
         """Show progress.
 
         Parameters
@@ -86,6 +128,9 @@ class StageContext:
             What is being done.
         total : int, optional
             Number of items.
+        note : callable, optional
+            Returns what else is to be said (``"3 failed"``); called each time the bar is drawn, in
+            another thread.
 
         Returns
         -------
@@ -93,7 +138,7 @@ class StageContext:
             ``advance(count)``; raises `Interrupted` if the run was asked to stop, so that a stage
             that works in threads of its own stops too.
         """
-        draw = self._progress.track(description, total)
+        draw = self._progress.track(description, total, note)
 
         def advance(count: int) -> None:
             if self._stopped.is_set():
@@ -101,30 +146,3 @@ class StageContext:
             draw(count)
 
         return advance
-
-
-@contextmanager
-def stop_signals(stopped: threading.Event) -> Iterator[None]:
-    """Turn SIGTERM and SIGINT into a `KeyboardInterrupt` and set the event, within the block.
-
-    A process whose SIGINT is ignored (as under nohup) or handled by its own code keeps that; so
-    does any thread but the main one, where Python allows no handler.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        stopped.set()
-        raise KeyboardInterrupt
-
-    taken = {}
-    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-    try:
-        for number, default in usual.items():
-            if signal.getsignal(number) is default:
-                taken[number] = signal.signal(number, stop)
-        yield
-    finally:
-        for number, handler in taken.items():
-            signal.signal(number, handler)

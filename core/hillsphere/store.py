@@ -7,8 +7,11 @@
     <stage>.npz          the product of a stage
     tables/<id>.csv      figures/<id>.svg  figures/<id>.png
     files/<stage>/       what a stage writes for other programs (ephemerides)
+    cases/               single cases that were repeated with their histories
     report.html          everything on one page
     log.txt              what the stages said; tracebacks of failures
+    work/<stage>/        what a stage keeps until it is done, for a run that is resumed
+    resume.json          where the mission is, and how it was run: all that belongs to this machine
 """
 
 from __future__ import annotations
@@ -17,7 +20,10 @@ import csv
 import json
 import math
 import secrets
-from collections.abc import Callable, Mapping
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, date, datetime
 from io import StringIO
 from pathlib import Path
@@ -25,11 +31,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hillsphere.atomic import write_bytes, write_text
+from hillsphere.atomic import PART_SUFFIX, write_bytes, write_text
 from hillsphere.drawing import Drawing
 from hillsphere.errors import InputError, StageError
 from hillsphere.presentation import Printed, Table
 from hillsphere.product_codec import save_product
+from hillsphere.stage_cache import file_digest
+
+if sys.platform != "win32":
+    import fcntl
 
 __all__ = ["RunDirectory", "csv_text", "plain_json"]
 
@@ -42,7 +52,7 @@ class RunDirectory:
     Parameters
     ----------
     path : Path
-        An existing, empty directory; use `RunDirectory.create`.
+        An existing directory; `RunDirectory.create` makes one for a new run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -110,6 +120,65 @@ class RunDirectory:
             raise _unusable(path, error) from error
         return cls(path)
 
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from writing to the same run, within the block.
+
+        Raises
+        ------
+        InputError
+            If another process holds it, or the directory cannot be written to.
+
+        Notes
+        -----
+        The lock is the system's, on ``log.txt``: it ends with the process, however that ends. A
+        file system without locks has none.
+        """
+        try:
+            log = (self.path / "log.txt").open("ab")
+        except OSError as error:
+            raise _unusable(self.path, error) from error
+        with log:
+            try:
+                if sys.platform != "win32":
+                    fcntl.flock(log, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    f"run {str(self.path)!r} is still going on in another process; wait for it, or "
+                    "interrupt it first"
+                ) from None
+            except OSError:  # no locks here, as on some network file systems
+                pass
+            yield
+
+    def workspace(self, stage: str) -> Path:
+        """Return the directory ``work/<stage>``, made if it is not there.
+
+        Raises
+        ------
+        StageError
+            If it cannot be made.
+        """
+        path = self.path / "work" / stage
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise self._full(f"work/{stage}", error) from error
+        return path
+
+    def clear_workspace(self, stage: str) -> None:
+        """Remove ``work/<stage>`` and all in it, if it is there; what cannot be removed stays."""
+        shutil.rmtree(self.path / "work" / stage, ignore_errors=True)
+        with suppress(OSError):  # another stage's may be there still
+            (self.path / "work").rmdir()
+
+    def clear_parts(self) -> None:
+        """Remove files that a killed run was writing; single cases may be repeated just now."""
+        for part in self.path.rglob(f".*{PART_SUFFIX}"):
+            if part.relative_to(self.path).parts[0] != "cases":
+                with suppress(OSError):
+                    part.unlink()
+
     def log(self, line: str) -> None:
         """Add a line to ``log.txt``."""
         data = (line.rstrip("\n") + "\n").encode("utf-8", "backslashreplace")
@@ -119,18 +188,19 @@ class RunDirectory:
         except OSError as error:
             raise self._full("log.txt", error) from error
 
-    def put_product(self, stage: str, product: Any) -> None:
-        """Write a stage's product to ``<stage>.npz``."""
-        self._write(f"{stage}.npz", lambda path: save_product(path, product))
+    def put_product(self, name: str, product: Any) -> str:
+        """Write a product, a stage's by its name, to ``<name>.npz``; return the file's SHA-256."""
+        self._write(f"{name}.npz", lambda path: save_product(path, product))
+        return file_digest(self.path / f"{name}.npz")
 
     def put_table(self, name: str, table: Table) -> None:
         """Write a table to ``tables/<name>.csv``."""
         self._write(f"tables/{name}.csv", lambda path: write_text(path, csv_text(table)))
 
-    def put_drawing(self, name: str, drawing: Drawing) -> None:
-        """Write a figure to ``figures/<name>.svg`` and ``.png``."""
-        self._write(f"figures/{name}.svg", lambda path: write_bytes(path, drawing.svg))
-        self._write(f"figures/{name}.png", lambda path: write_bytes(path, drawing.png))
+    def put_drawing(self, name: str, drawing: Drawing, folder: str = "figures") -> None:
+        """Write a figure to ``figures/<name>.svg`` and ``.png``, or to another folder."""
+        self._write(f"{folder}/{name}.svg", lambda path: write_bytes(path, drawing.svg))
+        self._write(f"{folder}/{name}.png", lambda path: write_bytes(path, drawing.png))
 
     def put_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file; see `plain_json` for what becomes of numbers."""
@@ -152,7 +222,7 @@ class RunDirectory:
     def _full(self, name: str, error: OSError) -> StageError:
         return StageError(
             f"{name} cannot be written to {str(self.path)!r}: {error.strerror or error}; free "
-            "space there or give another place with --out"
+            "space there and resume the run, or give another place with --out"
         )
 
 

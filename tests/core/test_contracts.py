@@ -10,6 +10,7 @@ import pytest
 from hillsphere.interfaces import Array
 from hillsphere.plugins import Registered, default_registry
 from hillsphere.testing import (
+    check_case_stage,
     check_compensator,
     check_gravity,
     check_orbit_family,
@@ -104,3 +105,17 @@ def test_compensator(type_: str, number: int) -> None:
 )
 def test_stage(type_: str) -> None:
     check_stage(type_)
+
+
+CASE_STAGES = [
+    record.component.type
+    for record in default_registry().of_kind("stage")
+    if hasattr(record.load_target(), "run_cases")
+]
+# What the flights of an example need not feel: they do not spend their budget.
+INERT = {"closed_loop": ["dv_budget"]}
+
+
+@pytest.mark.parametrize("type_", CASE_STAGES)
+def test_case_stage(type_: str) -> None:
+    check_case_stage(type_, inert=INERT.get(type_, []))

@@ -273,7 +273,7 @@ def test_a_chain_runs_in_order_and_leaves_everything(tmp_path: Path) -> None:
     first, alone = result.product("first"), result.product("alone")
     np.testing.assert_array_equal(result.product("twice").values, 2 * first.values + alone.values)
     assert files(result) == {
-        "manifest.json", "summary.json", "report.html", "log.txt",
+        "manifest.json", "summary.json", "report.html", "log.txt", "resume.json",
         "first.npz", "alone.npz", "twice.npz",
         *(f"tables/rows{end}.csv" for end in ("", "_alone", "_twice")),
         *(f"figures/line{e}.{k}" for e in ("", "_alone", "_twice") for k in ("png", "svg")),
@@ -510,7 +510,7 @@ def test_disk_that_stays_full_is_one_clear_error(monkeypatch: pytest.MonkeyPatch
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StageError, match=r"manifest\.json cannot be written.*No space left"):
+    with pytest.raises(StageError, match=r"resume\.json cannot be written.*No space left"):
         run_mission(mission(), out="out")
     assert [p.name for p in Path("out").iterdir()] == ["log.txt"]
 

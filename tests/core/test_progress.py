@@ -79,3 +79,17 @@ def test_nothing_is_imported_to_be_silent() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("[]\n", "")
+
+
+def test_a_note_is_what_it_is_when_the_bar_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    stream = Terminal()
+    failed = 0
+    with Progress(stream=stream) as progress, progress.stage("verify", 1, 1):
+        advance = progress.track("cases", 3, lambda: f"{failed} failed [in all]")
+        assert progress._bars is not None
+        for failed in (0, 2):
+            advance(1)
+            progress._bars.refresh()
+            assert f"{failed} failed [in all]" in stream.getvalue()

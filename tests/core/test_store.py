@@ -8,6 +8,7 @@ import json
 import math
 import os
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -111,3 +112,52 @@ def test_log_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (run.path / "log.txt").mkdir()
     with pytest.raises(StageError, match=r"log\.txt cannot be written"):
         run.log("line")
+
+
+def test_a_workspace_goes_without_those_of_others(tmp_path: Path) -> None:
+    run = directory(tmp_path)
+    for stage in ("one", "two"):
+        (run.workspace(stage) / "kept.txt").touch()
+    assert run.workspace("one") == run.path / "work" / "one"
+    run.clear_workspace("one")
+    assert [p.name for p in (run.path / "work").iterdir()] == ["two"]
+    run.clear_workspace("one")
+    run.clear_workspace("two")
+    assert not (run.path / "work").exists()
+
+
+def test_a_lock_is_held_once_and_released(tmp_path: Path) -> None:
+    run = directory(tmp_path)
+    with run.locked():
+        with pytest.raises(InputError, match="still going on in another process"), run.locked():
+            pass
+        run.log("written nevertheless")
+    with run.locked():
+        assert (run.path / "log.txt").read_text() == "written nevertheless\n"
+
+
+def test_a_file_system_without_locks_is_none_of_our_business(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*_: Any) -> NoReturn:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    with directory(tmp_path).locked():
+        pass
+
+
+def test_a_directory_that_cannot_be_written_to_cannot_be_locked(tmp_path: Path) -> None:
+    run = directory(tmp_path)
+    (run.path / "log.txt").unlink()
+    (run.path / "log.txt").mkdir()
+    with pytest.raises(InputError, match=r"run directory .* cannot be used"), run.locked():
+        pass
+
+
+def test_the_digest_of_a_product_is_that_of_its_file(tmp_path: Path) -> None:
+    from hillsphere.products import CaseList
+
+    run = directory(tmp_path)
+    digest = run.put_product("cases/a", CaseList(("a",), ("m",), np.zeros((1, 2)), ("b", "c")))
+    assert digest == sha256((run.path / "cases" / "a.npz").read_bytes()).hexdigest()

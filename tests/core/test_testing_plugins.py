@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
+from hillsphere.campaign.executors.serial import Serial
+from hillsphere.campaign.executors.specs import SerialSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.plugins import Component, Registry, hookimpl
@@ -329,3 +331,27 @@ def test_a_sound_presentation_passes() -> None:
 def test_a_fault_of_a_presentation_is_found(shown: Callable[[], Any], message: str) -> None:
     with pytest.raises(ContractViolation, match=message):
         check_presentation(shown())
+
+
+def test_a_context_without_a_pipeline_has_a_place_and_an_executor(tmp_path: Path) -> None:
+    context = RecordingContext(3)
+    place = context.workspace()
+    assert place.is_dir()
+    assert context.workspace() == place
+    assert isinstance(context.executor, Serial)
+    assert context.executor is context.executor
+    assert len(context.fingerprint) == 64
+    assert context.fingerprint == RecordingContext(3).fingerprint != RecordingContext(4).fingerprint
+    said: list[str] = []
+
+    def note() -> str:
+        said.append("note")
+        return ""
+
+    context.track("work", 2, note)(1)
+    assert said == ["note"]
+    del context
+    assert not place.exists()
+    given = RecordingContext(workspace=tmp_path / "kept", executor=Serial(SerialSpec()))
+    assert given.workspace() == tmp_path / "kept"
+    assert given.workspace().is_dir()

@@ -1,15 +1,28 @@
-"""The commands of the framework; each imports what it needs when it is called."""
+"""The commands about missions, plugins and the installation.
+
+Each command imports what it needs when it is called; those about runs are in `run_commands`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import hillsphere.cli.run_commands  # noqa: F401 - first: help lists commands in order of definition
+from hillsphere.cli.application import (
+    AllowPath,
+    Json,
+    Profile,
+    Sets,
+    StrictPlugins,
+    app,
+    load,
+    registry_of,
+)
 from hillsphere.cli.output import write, write_json, write_table
-from hillsphere.cli.plugin_commands import CommandGroup, shadowed
+from hillsphere.cli.plugin_commands import shadowed
 
 if TYPE_CHECKING:
     from hillsphere.mission import Mission
@@ -17,33 +30,6 @@ if TYPE_CHECKING:
     from hillsphere.problems import Problem
 
 __all__ = ["app"]
-
-app = typer.Typer(
-    name="hillsphere",
-    cls=CommandGroup,
-    help="Mission analysis for small bodies: missions are TOML files, models are plugins.",
-    epilog="Exit codes: 0 success, 1 a stage failed, 2 bad input, 3 internal error, "
-    "130 interrupted.",
-    add_completion=False,
-    rich_markup_mode=None,
-    invoke_without_command=True,
-)
-
-MissionName = Annotated[
-    str, typer.Argument(metavar="MISSION", help="Name of a packaged mission, or path of a .toml.")
-]
-Sets = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, e.g. stage.a.b_km=3."),
-]
-Profile = Annotated[str | None, typer.Option(metavar="NAME", help="Apply [profile.NAME].")]
-Json = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
-AllowPath = Annotated[
-    bool, typer.Option("--allow-path", help="Let the mission read files outside its directory.")
-]
-StrictPlugins = Annotated[
-    bool, typer.Option("--strict-plugins", help="Stop at the first broken plugin.")
-]
 
 
 @app.callback()
@@ -61,33 +47,6 @@ def _hillsphere(
 
 
 @app.command()
-def run(
-    mission: MissionName,
-    sets: Sets = None,
-    profile: Profile = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Run directory; must be empty or absent."),
-    ] = None,
-    no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Neither read nor write stage results.")
-    ] = False,
-    json: Json = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
-    allow_path: AllowPath = False,
-    strict_plugins: StrictPlugins = False,
-) -> int:
-    """Run a mission and write its results to a run directory."""
-    registry = _registry(strict_plugins)
-    loaded = _load(mission, sets, profile, registry, allow_path)
-    from hillsphere.cli.running import run_and_show
-
-    return run_and_show(
-        loaded, registry=registry, out=out, use_cache=not no_cache, quiet=quiet, json=json
-    )
-
-
-@app.command()
 def validate(
     missions: Annotated[
         list[str], typer.Argument(metavar="MISSION...", help="Packaged names or paths.")
@@ -102,13 +61,13 @@ def validate(
     from hillsphere.cli.endings import ExitCode, say
     from hillsphere.errors import InputError
 
-    registry = _registry(strict_plugins)
+    registry = registry_of(strict_plugins)
     results: list[dict[str, Any]] = []
     for name in missions:
         problems: list[dict[str, Any]] = []
         told = ""
         try:
-            loaded = _load(name, sets, profile, registry, allow_path)
+            loaded = load(name, sets, profile, registry, allow_path)
             if profile is None:
                 _check_profiles(loaded, name, sets, registry, allow_path)
         except InputError as error:
@@ -142,7 +101,7 @@ def missions(json: Json = False) -> None:
 @app.command()
 def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
     """List plugins and their components."""
-    registry = _registry(strict_plugins)
+    registry = registry_of(strict_plugins)
     contested = _contested(registry)
     records = [
         {
@@ -183,7 +142,7 @@ def schema() -> None:
     from hillsphere.cli.endings import say
     from hillsphere.mission_schema import mission_schema
 
-    registry = _registry(strict=False)
+    registry = registry_of(strict=False)
     write_json(mission_schema(registry))
     for message in registry.contested.values():
         say(f"not in the schema: {message}")
@@ -195,7 +154,7 @@ def doctor(json: Json = False) -> int:
     from hillsphere.cli.endings import ExitCode
     from hillsphere.doctor import examine
 
-    registry = _registry(strict=False)
+    registry = registry_of(strict=False)
     findings = examine(registry, _contested(registry))
     if json:
         write_json(
@@ -225,12 +184,6 @@ def _problem(problem: Problem | str) -> dict[str, Any]:
     }
 
 
-def _registry(strict: bool) -> Registry:
-    from hillsphere.plugins import default_registry, discover
-
-    return discover(strict=True) if strict else default_registry()
-
-
 def _check_profiles(
     mission: Mission, name: str, sets: list[str] | None, registry: Registry, allow_path: bool
 ) -> None:
@@ -240,7 +193,7 @@ def _check_profiles(
     found: dict[Problem, list[str]] = {}
     for profile in mission.profiles:
         try:
-            _load(name, sets, profile, registry, allow_path)
+            load(name, sets, profile, registry, allow_path)
         except MissionError as error:
             for problem in error.problems:
                 found.setdefault(problem, []).append(profile)
@@ -267,13 +220,3 @@ def _contested(registry: Registry) -> dict[tuple[str, str], str]:
         if command.callback
     }
     return {**registry.contested, **shadowed(registry, own)}
-
-
-def _load(
-    name: str, sets: list[str] | None, profile: str | None, registry: Registry, allow_path: bool
-) -> Mission:
-    from hillsphere.mission import load_mission
-
-    return load_mission(
-        name, sets=tuple(sets or ()), profile=profile, registry=registry, allow_path=allow_path
-    )

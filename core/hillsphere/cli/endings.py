@@ -21,22 +21,16 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from enum import IntEnum
-from types import FrameType
 from typing import NoReturn
 
 from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
 from hillsphere.errors import HillsphereError, InputError, Interrupted, PluginError
+from hillsphere.signals import STOPPING, interrupt
 
 __all__ = ["ExitCode", "main", "run", "say"]
 
 TRACEBACK_VARIABLE = "HILLSPHERE_TRACEBACK"
 """Set to 1, an internal error shows its traceback on stderr instead of logging it."""
-
-_STOPPING = [
-    getattr(signal, name)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP")
-    if hasattr(signal, name)  # Windows has no SIGHUP
-]
 
 _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
@@ -163,23 +157,19 @@ def _code_of_stdout(error: OSError | None, code: int) -> int:
 
 def _take_signals() -> None:
     """Let the signals that end a process interrupt it; under nohup SIGHUP stays ignored."""
-    for number in _STOPPING:
+    for number in STOPPING:
         if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, _interrupt)
+            signal.signal(number, interrupt)
 
 
 def _ignore_signals() -> None:
     while True:
         try:
-            for number in _STOPPING:
+            for number in STOPPING:
                 signal.signal(number, signal.SIG_IGN)
         except KeyboardInterrupt:
             continue  # one more that had already arrived
         return
-
-
-def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt(f"interrupted by {signal.Signals(number).name}")
 
 
 def _code_of(leaving: SystemExit) -> int:

@@ -1,17 +1,21 @@
-"""``hillsphere run``: run a loaded mission and show what came of it."""
+"""``hillsphere run`` and ``resume``: run a mission and show what came of it."""
 
 from __future__ import annotations
 
+import json as json_text
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from hillsphere.cli.endings import ExitCode, say
 from hillsphere.cli.output import number, write, write_json, write_table
+from hillsphere.earlier_run import EarlierRun
 from hillsphere.mission import Mission
-from hillsphere.pipeline import RunResult, run_mission
+from hillsphere.pipeline import RunResult, resume_run, run_mission
 from hillsphere.plugins import Registry
 from hillsphere.progress import Progress
 
-__all__ = ["run_and_show"]
+__all__ = ["resume_and_show", "run_and_show"]
 
 
 def run_and_show(
@@ -20,6 +24,7 @@ def run_and_show(
     registry: Registry,
     out: Path | None,
     use_cache: bool,
+    executor: Mapping[str, Any],
     quiet: bool,
     json: bool,
 ) -> ExitCode:
@@ -35,6 +40,8 @@ def run_and_show(
         Run directory.
     use_cache : bool
         Whether results of stages may come from the cache.
+    executor : mapping
+        Table of the executor.
     quiet : bool
         Show no progress even on a terminal.
     json : bool
@@ -46,20 +53,69 @@ def run_and_show(
         ``FAILED`` if a stage failed; which one and why is told on stderr.
     """
     result = run_mission(
-        mission, out=out, use_cache=use_cache, progress=Progress(quiet=quiet), registry=registry
-    )
+        mission, out=out, use_cache=use_cache, executor=executor, progress=Progress(quiet=quiet),
+        registry=registry,
+    )  # fmt: skip
+    return _ended(mission.name, result, json)
+
+
+def resume_and_show(
+    run: Path, *, registry: Registry, executor: Mapping[str, Any], quiet: bool, json: bool
+) -> ExitCode:
+    """Continue a run and show it like `run_and_show`; say so if there is nothing to continue.
+
+    Parameters
+    ----------
+    run : Path
+        Run directory.
+    registry : Registry
+        Where its components come from.
+    executor : mapping
+        Table of the executor; empty for that of the earlier run.
+    quiet : bool
+        Show no progress even on a terminal.
+    json : bool
+        Write ``summary.json`` with the run directory instead of a table.
+
+    Returns
+    -------
+    ExitCode
+        ``FAILED`` if a stage failed.
+    """
+    earlier = EarlierRun.open(run)
+    name = str(earlier.manifest["mission"].get("name"))
+    if earlier.state == "finished":
+        if json:
+            _write_summary(json_text.loads((run / "summary.json").read_text("utf-8")), run)
+        else:
+            write(f"{name}: this run is finished; nothing is left to do")
+            write(f"report: {run / 'report.html'}")
+        return ExitCode.SUCCESS
+    # What the command line runs by default; a run from Python may have had an executor of its own.
+    chosen = executor or earlier.local.get("executor") or {"type": "pool"}
+    result = resume_run(
+        run, executor=chosen, progress=Progress(quiet=quiet), registry=registry
+    )  # fmt: skip
+    return _ended(name, result, json)
+
+
+def _ended(name: str, result: RunResult, json: bool) -> ExitCode:
     for failure in result.failures:
         say(str(failure))
     if json:
-        paths = {"directory": str(result.directory), "report": str(result.report)}
-        write_json({**result.summary, **paths})
+        _write_summary(result.summary, result.directory)
     else:
-        _show(mission, result)
+        _show(name, result)
     return ExitCode.SUCCESS if result.ok else ExitCode.FAILED
 
 
-def _show(mission: Mission, result: RunResult) -> None:
-    write(f"{mission.name}: {result.state}")
+def _write_summary(summary: Mapping[str, Any], directory: Path) -> None:
+    paths = {"directory": str(directory), "report": str(directory / "report.html")}
+    write_json({**summary, **paths})
+
+
+def _show(name: str, result: RunResult) -> None:
+    write(f"{name}: {result.state}")
     for note in result.notes:
         write(f"  {note}")
     write_table(

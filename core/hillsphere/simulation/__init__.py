@@ -12,9 +12,10 @@ from hillsphere.simulation.block import BLOCK
 from hillsphere.simulation.cases import Cases
 from hillsphere.simulation.driver import Simulator, simulate
 from hillsphere.simulation.ends import Limit
-from hillsphere.simulation.navigation import NavigationErrors, PerfectNavigation
+from hillsphere.simulation.navigation import NavigationErrors, PerfectNavigation, SeenStates
 from hillsphere.simulation.outcomes import STATUSES, Flights, History
 from hillsphere.simulation.protocols import Actuator, ContinuousLaw, Navigation, Reference
+from hillsphere.simulation.recording import Observer
 from hillsphere.simulation.references import (
     FixedReference,
     PhaseReference,
@@ -34,10 +35,12 @@ __all__ = [
     "Limit",
     "Navigation",
     "NavigationErrors",
+    "Observer",
     "PerfectNavigation",
     "PhaseReference",
     "Reference",
     "SampledReference",
+    "SeenStates",
     "Simulator",
     "Thruster",
     "ZeroReference",

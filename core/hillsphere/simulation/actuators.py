@@ -75,7 +75,7 @@ class Thruster:
                 f"of {len(u)}; set dimension and thrusters"
             )
         command = u.reshape(self.thrusters, self.dimension, -1)
-        size = np.sqrt(np.sum(command * command, axis=1))
+        size = np.sqrt(np.add.reduce(command * command, axis=1))
         wanted = np.round(size / self.quantum) * self.quantum if self.quantum else size
         wanted = np.minimum(wanted, self.maximum)
         wanted = np.where(wanted < self.minimum, 0.0, wanted)
@@ -83,9 +83,10 @@ class Thruster:
         if self.noise:
             normal = w.reshape(self.thrusters, 1 + self.dimension, -1)
             wanted = wanted * (1.0 + self.magnitude_sigma * normal[:, 0])
-            across = normal[:, 1:] - np.sum(normal[:, 1:] * along, axis=1)[:, None] * along
+            within = np.add.reduce(normal[:, 1:] * along, axis=1)
+            across = normal[:, 1:] - within[:, None] * along
             across *= self.pointing_sigma_rad
-            angle = np.sqrt(np.sum(across * across, axis=1))[:, None]
+            angle = np.sqrt(np.add.reduce(across * across, axis=1))[:, None]
             along = np.cos(angle) * along + np.sinc(angle / np.pi) * across
         done: Array = (along * wanted[:, None]).reshape(u.shape)
         return done

@@ -29,8 +29,10 @@ class Cases:
     gain : array_like, shape (r, r, N), optional
         Effectiveness of the actuator, constant over a flight: what is done is gain · command.
     numbers : array_like of int, shape (N,), optional
-        Number of each case, by which its noise is drawn and limits and references look it up;
-        0 … N − 1 if absent.
+        Number of each case, by which limits and references look it up; 0 … N − 1 if absent.
+    draws : array_like of int, shape (N,), optional
+        Number by which the noise of each case is drawn: cases that are to see the same noise
+        share it; `numbers` if absent.
     t0_s : float or array_like, shape (N,)
         Time at the start.
     period_s : float or array_like, shape (N,), optional
@@ -44,6 +46,7 @@ class Cases:
     p: Any = None
     gain: Any = None
     numbers: Any = None
+    draws: Any = None
     t0_s: Any = 0.0
     period_s: Any = None
     dv_budget_m_s: Any = None
@@ -57,6 +60,7 @@ class Batch:
     p: Array
     gain: Array | None
     numbers: Integers
+    draws: Integers
     t0: Array
     period: Array
     budget: Array
@@ -73,6 +77,7 @@ class Batch:
             p=np.ascontiguousarray(self.p[:, which]),
             gain=None if self.gain is None else np.ascontiguousarray(self.gain[:, :, which]),
             numbers=self.numbers[which],
+            draws=self.draws[which],
             t0=self.t0[which],
             period=self.period[which],
             budget=self.budget[which],
@@ -146,6 +151,7 @@ def batch_of(
         spread(p, len(parameters), total, "p"),
         gain,
         _whole(numbers, total, "numbers"),
+        _whole(numbers if cases.draws is None else cases.draws, total, "draws"),
         per_lane(cases.t0_s, total, "t0_s"),
         period,
         np.broadcast_to(budget, (total,)),

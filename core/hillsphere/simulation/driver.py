@@ -13,14 +13,14 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Compensator, Plant
 from hillsphere.seeds import draws
 from hillsphere.simulation.acting import Act, ByEquations, ByHold, ByImpulse
-from hillsphere.simulation.block import BLOCK, CAUSES, Part, Result, Settings, fly_block
+from hillsphere.simulation.block import BLOCK, CAUSES, Part, Recorder, Result, Settings, fly_block
 from hillsphere.simulation.cases import Batch, Cases, batch_of
 from hillsphere.simulation.ends import Limit, Watch
 from hillsphere.simulation.flow import closed_system, compiled, velocity_rows
 from hillsphere.simulation.navigation import PerfectNavigation
 from hillsphere.simulation.outcomes import Flights
 from hillsphere.simulation.protocols import Actuator, ContinuousLaw, Navigation, Reference
-from hillsphere.simulation.recording import Table
+from hillsphere.simulation.recording import Observer, Table
 from hillsphere.simulation.references import FixedReference, ZeroReference
 
 __all__ = ["Simulator", "simulate"]
@@ -107,6 +107,8 @@ class Simulator:
         self._wall_limit_s = wall_limit_s
         self._velocities = velocity_rows(plant)
         self.map = self._compile()
+        events = self.map.system.events
+        self._events = self.map.system.function(*events.values()) if events else None
 
     def fly(
         self,
@@ -116,6 +118,8 @@ class Simulator:
         seed: int = 0,
         stage: str = "simulation",
         history: bool = False,
+        limits: Sequence[Limit] = (),
+        observer: Observer | None = None,
         advance: Callable[[int], None] | None = None,
     ) -> Flights:
         """Fly cases.
@@ -132,6 +136,10 @@ class Simulator:
             Name by which the noise of different stages differs.
         history : bool
             Whether to keep every sample: (n + 2 q + p + 1)·8 bytes each, for each case.
+        limits : sequence of Limit
+            Further conditions that end these flights.
+        observer : Observer, optional
+            Shown every sample, and the end, of every block.
         advance : callable, optional
             Told the number of cases done, as `Context.track` returns; with 0 now and then between.
 
@@ -149,14 +157,16 @@ class Simulator:
         tell = advance or (lambda count: None)
         table = Table(len(batch), int(batch.samples.max(initial=0))) if history else None
         budget = bool(np.isfinite(batch.budget).any())
-        watch = self._watch(budget)
+        watch = self._watch(budget, limits)
         found: list[Result] = []
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             for first in range(0, len(batch), BLOCK):
                 count = min(BLOCK, len(batch) - first)
                 lanes = np.minimum(np.arange(first, first + BLOCK), len(batch) - 1)
                 block = batch.lanes(lanes)
-                record = table.recorder(first, count) if table else None
+                record = _together(
+                    [one.recorder(first, count) for one in (table, observer) if one is not None]
+                )
                 part = self._part(block, count, seed, stage)
                 found.append(
                     fly_block(self._settings(watch, budget), part, self._act(block), tell, record)
@@ -232,9 +242,15 @@ class Simulator:
             return ByHold(law, self.actuator, block.gain, block.p, self._rows, width)
         return ByImpulse(law, self.actuator, block.gain, block.p, self._velocities, width)
 
-    def _watch(self, budget: bool) -> Watch:
-        n = len(self.plant.states)
-        return Watch(self.map.system, self.map.stepper, n, self._limits, budget)
+    def _watch(self, budget: bool, limits: Sequence[Limit]) -> Watch:
+        return Watch(
+            self.map.system,
+            self.map.stepper,
+            self._events,
+            len(self.plant.states),
+            (*self._limits, *limits),
+            budget,
+        )
 
     def _settings(self, watch: Watch, budget: bool) -> Settings:
         return Settings(
@@ -255,7 +271,7 @@ class Simulator:
         longest = int(block.samples.max(initial=0))
         # Lanes that only fill the block repeat the last case, and its noise with it.
         copies = np.minimum(np.arange(BLOCK), count - 1)
-        cases = block.numbers[:count]
+        cases = block.draws[:count]
 
         def noise(stream: str, samples: int, rows: int) -> Array:
             if not rows:
@@ -321,15 +337,29 @@ def simulate(
     samples : int or array_like of int, shape (N,)
         At how many samples the law acts.
     **options
-        Of `Simulator`, and ``seed``, ``stage``, ``history``, ``advance`` of `Simulator.fly`.
+        Of `Simulator`, and ``seed``, ``stage``, ``history``, ``observer``, ``advance`` of
+        `Simulator.fly`.
 
     Returns
     -------
     Flights
         In the order of the cases, SI.
     """
-    flying = {k: options.pop(k) for k in ("seed", "stage", "history", "advance") if k in options}
+    names = ("seed", "stage", "history", "observer", "advance")
+    flying = {k: options.pop(k) for k in names if k in options}
     return Simulator(plant, law, **options).fly(cases, samples, **flying)
+
+
+def _together(recorders: Sequence[Recorder]) -> Recorder | None:
+    """Return one recorder that stands for all."""
+    if len(recorders) < 2:
+        return recorders[0] if recorders else None
+
+    def record(*sample: Any) -> None:
+        for one in recorders:
+            one(*sample)
+
+    return record
 
 
 def _reference(given: Reference | ArrayLike | None) -> Reference:

@@ -105,6 +105,8 @@ class Watch:
         The equations that fly.
     stepper : Stepper
         Their step.
+    events : ArrayFunction or None
+        The system's events, compiled, in their order; None if it has none.
     n : int
         Number of the plant's states among them.
     limits : sequence of Limit
@@ -114,14 +116,18 @@ class Watch:
     """
 
     def __init__(
-        self, system: System, stepper: Stepper, n: int, limits: Sequence[Limit], budget: bool
+        self,
+        system: System,
+        stepper: Stepper,
+        events: ArrayFunction | None,
+        n: int,
+        limits: Sequence[Limit],
+        budget: bool,
     ) -> None:
-        self._stepper, self._n, self._limits = stepper, n, tuple(limits)
-        self._events: ArrayFunction | None = None
+        self._stepper, self._events = stepper, events
+        self._n, self._limits = n, tuple(limits)
         self.names = [*system.events, *(limit.name for limit in limits)]
         self.statuses = [*map(status_of_event, system.events), *(limit.status for limit in limits)]
-        if system.events:
-            self._events = system.function(*system.events.values())
         self.budget_row = len(self.names)
         if budget:
             self.names.append("dv_budget")

@@ -1,7 +1,8 @@
-"""What the law sees: the truth, or the truth with errors of given size."""
+"""What the law sees: the truth, some of it, or the truth with errors of given size."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,9 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.simulation.protocols import Navigation
 
-__all__ = ["NavigationErrors", "PerfectNavigation"]
+__all__ = ["NavigationErrors", "PerfectNavigation", "SeenStates"]
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,32 @@ class PerfectNavigation:
     ) -> tuple[Array, Any]:
         """Return the states."""
         return x, memory
+
+
+class SeenStates:
+    """Some of the states: a law for positions and velocities sees no anomaly.
+
+    Parameters
+    ----------
+    rows : sequence of int
+        Which, in the order in which the law takes them.
+    navigation : Navigation
+        Of these.
+    """
+
+    def __init__(self, rows: Sequence[int], navigation: Navigation) -> None:
+        self._rows, self._navigation = list(rows), navigation
+        self.noise = navigation.noise
+
+    def initial(self, t_s: Array, x: Array, w: Array) -> Any:
+        """Return the memory of the navigation."""
+        return self._navigation.initial(t_s, x[self._rows], w)
+
+    def observe(
+        self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
+    ) -> tuple[Array, Any]:
+        """Return what it makes of these states."""
+        return self._navigation.observe(k, t_s, x[self._rows], u, w, memory)
 
 
 class NavigationErrors:

@@ -1,6 +1,8 @@
-"""Histories, filled block by block."""
+"""What is told of flights on their way: to histories, and to whoever watches."""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,21 @@ from hillsphere.interfaces import Array
 from hillsphere.simulation.block import Recorder
 from hillsphere.simulation.outcomes import History
 
-__all__ = ["Table"]
+__all__ = ["Observer", "Table"]
+
+
+class Observer(Protocol):
+    """Follows flights sample by sample, where only a few numbers of each are wanted."""
+
+    def recorder(self, first: int, count: int) -> Recorder:
+        """Return what is told of one block: the `count` cases from place `first` on.
+
+        It is called as ``(k, t (B,), x (n, B), y, ref, done, flying (B,))`` at every sample k while
+        a lane flies, and once at the end with None for y, ref and done and with the final states;
+        flying then marks the lanes that reached their last sample. Lanes beyond `count` only fill
+        the block.
+        """
+        ...
 
 
 class Table:

@@ -18,6 +18,7 @@ and what was found. A plugin's tests call them with any test runner::
 `example` makes any installed component from the examples of its Spec.
 """
 
+from hillsphere.testing.case_stages import check_case_stage
 from hillsphere.testing.compensators import check_compensator
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import ContractViolation
@@ -32,6 +33,7 @@ __all__ = [
     "HEAVY_MODULES",
     "ContractViolation",
     "RecordingContext",
+    "check_case_stage",
     "check_compensator",
     "check_gravity",
     "check_orbit_family",

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from hillsphere.mission import Mission
 from hillsphere.plugins import Registered, Registry, default_registry, load_object, validate
+from hillsphere.problems import Key
 from hillsphere.spec import Ref, Spec, StageSpec
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
+from hillsphere.wiring import repeated_by
 
-__all__ = ["bound_example", "example", "example_inputs", "example_product"]
+__all__ = ["bound_example", "example", "example_inputs", "example_product", "example_repeated"]
 
 
 def example(kind: str, type_: str, number: int = 0, *, registry: Registry | None = None) -> Any:
@@ -110,7 +114,81 @@ def example_product(path: str, *, registry: Registry | None = None) -> Any:
     require(candidates, f"no installed stage yields {path}")
     record = min(candidates, key=lambda candidate: candidate[:2])[2]
     bound = bound_example(record, registry)
-    return record.load_target()(bound).run(RecordingContext(), **example_inputs(bound, registry))
+    inputs = example_inputs(bound, registry) | example_repeated(bound, registry)
+    return record.load_target()(bound).run(RecordingContext(), **inputs)
+
+
+def example_repeated(spec: Spec, registry: Registry | None = None) -> dict[str, Any]:
+    """Make what a campaign repeats: the simplest installed stage that can be.
+
+    Parameters
+    ----------
+    spec : Spec
+        The campaign's.
+    registry : Registry, optional
+        Where stages are found; by default all installed plugins.
+
+    Returns
+    -------
+    dict of str to Repeated
+        By field, as `run` takes them; empty for a stage that repeats none. It belongs to a mission
+        made of examples, which has a table for every dispersion that the campaign names: of the
+        first quantity of the stage itself.
+
+    Raises
+    ------
+    ContractViolation
+        If no installed stage can be repeated.
+    """
+    registry = registry or default_registry()
+    return {field: _example_mission(name, spec, registry) for field, name in repeated_by(spec)}
+
+
+def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:
+    from hillsphere.campaign.repeated import Repeated
+
+    fitting = [
+        record
+        for record in registry.of_kind("stage")
+        if hasattr(target := record.load_target(), "run_cases") and hasattr(target, "case_inputs")
+    ]
+    require(fitting, "no installed stage can be repeated: none has run_cases and case_inputs")
+    record = min(fitting, key=lambda record: _size(record))
+    specs: dict[str, dict[str, Spec]] = {}
+    components: dict[str, dict[str, Registered]] = {}
+    waiting = [("stage", name, record)]
+    while waiting:
+        kind, table, found = waiting.pop()
+        made = _example_spec(found, 0)
+        specs.setdefault(kind, {})[table] = made
+        components.setdefault(kind, {})[table] = found
+        waiting += [
+            (other, ref.name, _simplest_record(other, found, registry))
+            for _, other, ref in made.references()
+            if other != "stage" and ref.name not in specs.get(other, {})
+        ]
+    places: dict[Key, str] = {
+        (kind, table, *where): "example"
+        for kind, tables in specs.items()
+        for table, spec in tables.items()
+        for where in ((), *(where for where, _ in spec.data_paths()))
+    }
+    here = Path.cwd()
+    mission = Mission(
+        format=1, name="example", title="Examples", seed=1, description="",
+        path=here / "example.toml", directory=here, text="", profile=None, sets=(), profiles=(),
+        specs=specs, components=components, places=places,
+    )  # fmt: skip
+    repeated = Repeated(mission, name, example_inputs(specs["stage"][name], registry), "campaign")
+    own = [p.name for p in repeated.case_inputs() if "." not in p.name.removeprefix("state.")]
+    for _, kind, ref in campaign.references():
+        if kind == "dispersions":
+            normal = registry.get(kind, "normal")
+            keys = {"of": f"stage.{name}", "parameters": own[:1], "sigma": 1e-6}
+            specs.setdefault(kind, {})[ref.name] = normal.load_spec().model_validate(keys)
+            components.setdefault(kind, {})[ref.name] = normal
+            own = own[1:]
+    return repeated
 
 
 def _example_spec(record: Registered, number: int) -> Spec:
@@ -125,12 +203,16 @@ def _example_spec(record: Registered, number: int) -> Spec:
 
 
 def _simplest(kind: str, user: Registered, registry: Registry) -> Any:
-    candidates = []
-    for record in registry.of_kind(kind):
-        if record == user:
-            continue
-        references = len(list(_example_spec(record, 0).references()))
-        candidates.append((references, record.component.type, record))
-    require(candidates, f"{user.component.type}: no other installed component is a {kind}")
-    record = min(candidates, key=lambda candidate: candidate[:2])[2]
+    record = _simplest_record(kind, user, registry)
     return record.load_target()(bound_example(record, registry))
+
+
+def _simplest_record(kind: str, user: Registered, registry: Registry) -> Registered:
+    candidates = [record for record in registry.of_kind(kind) if record != user]
+    require(candidates, f"{user.component.type}: no other installed component is a {kind}")
+    return min(candidates, key=_size)
+
+
+def _size(record: Registered) -> tuple[int, str]:
+    """Order components by what their examples refer to, then by name."""
+    return len(list(_example_spec(record, 0).references())), record.component.type

@@ -166,16 +166,18 @@ def _module_of(path: str) -> str:
 
 
 def _check_signatures(what: str, stage: Any, record: Registered) -> None:
-    needs = record.load_spec().model_fields.get("needs")
+    spec = record.load_spec()
+    needs = spec.model_fields.get("needs")
     inputs = {
         name: None
         for part in (get_args(needs.annotation) or (needs.annotation,) if needs else ())
         if isinstance(part, type) and issubclass(part, Spec)
         for name in part.model_fields
     }
-    for method in ("run", "present"):
+    repeats = {f: None for f in spec.model_fields if spec.schema_extra(f).get("x-repeats")}
+    for method, given in (("run", inputs | repeats), ("present", inputs)):
         require(callable(getattr(stage, method, None)), f"{what}: has no method {method}")
         try:
-            inspect.signature(getattr(stage, method)).bind(None, **inputs)
+            inspect.signature(getattr(stage, method)).bind(None, **given)
         except TypeError as error:
-            require(False, f"{what}: {method} does not take the inputs {list(inputs)}: {error}")
+            require(False, f"{what}: {method} does not take the inputs {list(given)}: {error}")

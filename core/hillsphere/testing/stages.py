@@ -16,7 +16,7 @@ from hillsphere.presentation import Figure, Presentation, Table, presentation_fa
 from hillsphere.products import load_product, save_product
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
-from hillsphere.testing.examples import bound_example, example_inputs
+from hillsphere.testing.examples import bound_example, example_inputs, example_repeated
 
 __all__ = ["check_presentation", "check_product", "check_stage"]
 
@@ -61,7 +61,7 @@ def check_stage(
         spec = validate(record.load_spec(), keys, where=f"stage {type_!r}")
     given = dict(example_inputs(spec, registry) if inputs is None else inputs)
     stage = record.load_target()(spec)
-    product = stage.run(RecordingContext(), **given)
+    product = stage.run(RecordingContext(), **given, **example_repeated(spec, registry))
     expected = load_object(getattr(spec, "produces", ""))
     require(
         isinstance(product, expected),

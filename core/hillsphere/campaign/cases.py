@@ -1,0 +1,110 @@
+"""A block of cases, and what comes of it: what the campaign and the stage it repeats exchange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array, Integers
+
+__all__ = ["LANES", "CaseBatch", "CaseResults", "Histories"]
+
+Flags = NDArray[np.bool_]
+
+LANES = 64
+"""Cases that are computed together, always: another width would give other last bits."""
+
+
+@dataclass(frozen=True)
+class CaseBatch:
+    """A block of 64 lanes, one case each.
+
+    Lanes without a case of their own repeat another case of the block and are `filler`: a stage
+    whose cases share no arrays may leave them out (any result will do); one that computes on arrays
+    computes all lanes, so that the bits of a case never depend on how full its block is.
+
+    Parameters
+    ----------
+    numbers : ndarray of int, shape (64,)
+        Number of each case, unique in the campaign.
+    draws : ndarray of int, shape (64,)
+        Number by which the stage draws the noise of each case; cases that are to see the same
+        noise share it.
+    filler : ndarray of bool, shape (64,)
+        Lanes that only fill the block.
+    names : tuple of str
+        Names of the k inputs that differ from case to case, of those that the stage offers
+        (`CaseStage.case_inputs`).
+    values : ndarray, shape (k, 64)
+        Their values, SI.
+    seed : int
+        Root seed of the mission.
+    stream : str
+        Name of the campaign's random numbers: with `seed` and `draws` it fixes all noise
+        (`hillsphere.seeds.draws`).
+    """
+
+    numbers: Integers
+    draws: Integers
+    filler: Flags
+    names: tuple[str, ...]
+    values: Array
+    seed: int
+    stream: str
+
+    def value(self, name: str, nominal: float) -> Array:
+        """Return an input of every lane (64,), SI; `nominal` where it does not differ."""
+        if name in self.names:
+            return np.ascontiguousarray(self.values[self.names.index(name)])
+        return np.full(len(self.numbers), float(nominal))
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Cases sample by sample.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (K, N)
+        Times; NaN after the end of a case.
+    names, units : tuple of str
+        Of the q quantities.
+    values : ndarray, shape (q, K, N)
+        Their values.
+    """
+
+    time_s: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+
+
+@dataclass(frozen=True)
+class CaseResults:
+    """What came of N cases.
+
+    Parameters
+    ----------
+    metrics, units : tuple of str
+        Names and units of the m metrics; the same for every block of a stage.
+    values : ndarray, shape (m, N)
+        Their values; of a case that did not fail all must be finite.
+    status : tuple of str
+        How each case ended, one of a few words.
+    cause : tuple of str
+        What ended it (name of an event, of a limit); ``""`` for none.
+    failed : ndarray of bool, shape (N,)
+        Whether that counts as a failure.
+    histories : Histories or None
+        The way there, if it was asked for.
+    """
+
+    metrics: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    status: tuple[str, ...]
+    cause: tuple[str, ...]
+    failed: Flags
+    histories: Histories | None = None

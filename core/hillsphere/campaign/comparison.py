@@ -1,0 +1,295 @@
+"""Campaigns on the same random numbers, compared case by case."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtri
+from scipy.stats import binomtest, wilcoxon
+
+from hillsphere.campaign.comparison_presentation import present_comparison
+from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
+from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
+from hillsphere.campaign.statistics import LEVEL, mean_interval, ratio_interval
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context, Integers
+from hillsphere.presentation import Presentation
+from hillsphere.products import CaseTable
+
+__all__ = [
+    "CampaignComparison",
+    "CampaignComparisonStage",
+    "compare",
+    "matched",
+    "mcnemar",
+    "paired_ratio_interval",
+    "signed_rank",
+]
+
+
+class CampaignComparisonStage:
+    """Compare campaigns with the first of them.
+
+    Parameters
+    ----------
+    spec : CampaignComparisonSpec
+        With its references bound.
+    """
+
+    def __init__(self, spec: CampaignComparisonSpec) -> None:
+        self.spec = spec
+
+    def run(self, ctx: Context, campaigns: tuple[CaseTable, ...]) -> CampaignComparison:
+        """Compare them.
+
+        Parameters
+        ----------
+        ctx : Context
+            Not used: it takes no time.
+        campaigns : tuple of CaseTable
+            Two or more.
+
+        Returns
+        -------
+        CampaignComparison
+            Of each of the others with the first.
+
+        Raises
+        ------
+        InputError
+            If they did not see the same draws.
+        """
+        names = tuple(ref.name for ref in self.spec.needs.campaigns)
+        return compare(campaigns, names, self.spec.confidence)
+
+    def present(
+        self, product: CampaignComparison, campaigns: tuple[CaseTable, ...] = ()
+    ) -> Presentation:
+        """Show the differences."""
+        return present_comparison(product)
+
+
+def compare(
+    tables: tuple[CaseTable, ...], names: tuple[str, ...], level: float = LEVEL
+) -> CampaignComparison:
+    """Compare campaigns with the first of them, case by case.
+
+    Parameters
+    ----------
+    tables : tuple of CaseTable
+        Two or more; cases of the same draw at the same point are a pair.
+    names : tuple of str
+        Their names.
+    level : float
+        Confidence level.
+
+    Returns
+    -------
+    CampaignComparison
+        One row for each point of each comparison; metrics that only one of the two has are left
+        out, and so are cases without partner.
+
+    Raises
+    ------
+    InputError
+        If they have no case in common, were swept over different points, or an input that both
+        have differs: then they did not see the same draws.
+    """
+    first, *others = tables
+    rows: list[tuple[str, str, int, int, NDArray[np.bool_], NDArray[np.bool_]]] = []
+    metrics: list[PairedMetrics] = []
+    for name, table in zip(names[1:], others, strict=True):
+        a, b = matched(first, table, names[0], name)
+        for p in np.unique(first.point[a]).tolist():
+            here = first.point[a] == p
+            label = first.point_labels[p] if first.point_labels else ""
+            i, j = a[here], b[here]
+            left = int(np.count_nonzero(first.point == p) + np.count_nonzero(table.point == p))
+            left -= 2 * i.size
+            rows.append((name, label, i.size, left, first.failed[i], table.failed[j]))
+            metrics += _paired(first, table, i, j, name, label, level)
+    counts = np.array(
+        [[(fa & fb).sum(), (fa & ~fb).sum(), (~fa & fb).sum(), (~fa & ~fb).sum()]
+         for *_, fa, fb in rows]
+    ).reshape(len(rows), 4)  # fmt: skip
+    return CampaignComparison(
+        baseline=names[0],
+        level=level,
+        campaign=tuple(row[0] for row in rows),
+        point=tuple(row[1] for row in rows),
+        pairs=np.array([row[2] for row in rows], dtype=np.int64),
+        unpaired=np.array([row[3] for row in rows], dtype=np.int64),
+        both_failed=counts[:, 0],
+        only_baseline_failed=counts[:, 1],
+        only_other_failed=counts[:, 2],
+        difference=(counts[:, 2] - counts[:, 1]) / np.maximum(counts.sum(axis=1), 1),
+        difference_interval=np.array(
+            [paired_ratio_interval(int(c[2]), int(c[1]), int(c.sum()), level) for c in counts]
+        ).reshape(len(rows), 2).T,
+        mcnemar_p=np.array([mcnemar(int(c[1]), int(c[2])) for c in counts]),
+        metrics=tuple(metrics),
+    )  # fmt: skip
+
+
+def matched(a: CaseTable, b: CaseTable, name_a: str, name_b: str) -> tuple[Integers, Integers]:
+    """Return the rows of two campaigns that are pairs, ordered by point and draw.
+
+    Parameters
+    ----------
+    a, b : CaseTable
+        The campaigns.
+    name_a, name_b : str
+        Their names, for messages.
+
+    Returns
+    -------
+    tuple of ndarray of int
+        Row of each pair in a, in b.
+
+    Raises
+    ------
+    InputError
+        If they did not see the same draws, see `compare`.
+    """
+    both = f"campaigns {name_a!r} and {name_b!r}"
+    if a.point_labels != b.point_labels:
+        raise InputError(
+            f"{both} were swept over different points ({len(a.point_labels)} and "
+            f"{len(b.point_labels)}); compare sweeps over the same points"
+        )
+    if len({a.design, b.design}) == 2:
+        raise InputError(f"{both} have different designs, {a.design!r} and {b.design!r}")
+    if a.design == "sobol_indices":  # its samples share their draws
+        keys_a, keys_b = a.case, b.case
+    else:
+        keys_a, keys_b = _keys(a, b)
+    _, rows_a, rows_b = np.intersect1d(keys_a, keys_b, assume_unique=True, return_indices=True)
+    if rows_a.size == 0:
+        raise InputError(f"{both} have no case in common; give both the same draws_as and seed")
+    for name in (n for n in a.inputs if n in b.inputs):
+        of_a = a.input_values[a.inputs.index(name), rows_a]
+        of_b = b.input_values[b.inputs.index(name), rows_b]
+        unlike = np.flatnonzero((of_a != of_b) & ~(np.isnan(of_a) & np.isnan(of_b)))
+        if unlike.size:
+            k = unlike[0]
+            raise InputError(
+                f"{both} did not see the same draws: {name} is {of_a[k]:.17g} in case "
+                f"{a.case[rows_a[k]]} of the one and {of_b[k]:.17g} in case {b.case[rows_b[k]]} of "
+                "the other; give both the same draws_as, seed and dispersions"
+            )
+    return rows_a, rows_b
+
+
+def _keys(a: CaseTable, b: CaseTable) -> tuple[Integers, Integers]:
+    """Return one number for each pair of point and draw."""
+    span = 1 + max(int(t.draw.max()) if t.draw.size else 0 for t in (a, b))
+    return a.point * span + a.draw, b.point * span + b.draw
+
+
+def _paired(
+    a: CaseTable, b: CaseTable, rows_a: Integers, rows_b: Integers, name: str, point: str,
+    level: float,
+) -> list[PairedMetrics]:  # fmt: skip
+    made = []
+    for metric in (m for m in a.metrics if m in b.metrics):
+        of_a, of_b = a.metrics.index(metric), b.metrics.index(metric)
+        if a.units[of_a] != b.units[of_b]:
+            raise InputError(
+                f"metric {metric!r} is in {a.units[of_a]!r} in one campaign, in "
+                f"{b.units[of_b]!r} in {name!r}"
+            )
+        x, y = a.values[of_a, rows_a], b.values[of_b, rows_b]
+        kept = ~a.failed[rows_a] & ~b.failed[rows_b] & np.isfinite(x) & np.isfinite(y)
+        d = y[kept] - x[kept]
+        less, more = int(np.count_nonzero(d < 0)), int(np.count_nonzero(d > 0))
+        made.append(
+            PairedMetrics(
+                campaign=name,
+                point=point,
+                metric=metric,
+                unit=a.units[of_a],
+                pairs=d.size,
+                baseline_mean=float(np.mean(x[kept])) if d.size else np.nan,
+                mean=float(np.mean(d)) if d.size else np.nan,
+                mean_interval=mean_interval(d, level),
+                less=less,
+                more=more,
+                less_interval=ratio_interval(less, d.size, level),
+                more_interval=ratio_interval(more, d.size, level),
+                p=signed_rank(d),
+                differences=d,
+            )
+        )
+    return made
+
+
+def signed_rank(differences: Array) -> float:
+    """Return the p value of Wilcoxon's signed-rank test, two-sided.
+
+    Differences of zero are left out; 1 if there are no others, NaN for no difference at all. Exact
+    for at most 50 differences without ties, else the normal approximation with its corrections.
+    """
+    if differences.size == 0:
+        return np.nan
+    d = differences[differences != 0.0]
+    if d.size == 0:
+        return 1.0
+    tied = np.unique(np.abs(d)).size < d.size
+    method = "exact" if d.size <= 50 and not tied else "asymptotic"
+    return float(wilcoxon(d, method=method, correction=method != "exact").pvalue)
+
+
+def mcnemar(only_a: int, only_b: int) -> float:
+    """Return the p value of McNemar's exact test, from the pairs of which one case failed."""
+    total = only_a + only_b
+    return float(binomtest(only_b, total).pvalue) if total else 1.0
+
+
+def paired_ratio_interval(only_b: int, only_a: int, pairs: int, level: float = LEVEL) -> Array:
+    """Return the score interval of the difference of two failure ratios of paired cases.
+
+    Parameters
+    ----------
+    only_b, only_a : int
+        Pairs of which only the case of b, of a failed.
+    pairs : int
+        All pairs.
+    level : float
+        Confidence level, reached approximately, also for few failures.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        Of the ratio of b less that of a; (−1, 1) for no pair.
+
+    References
+    ----------
+    .. [1] T. Tango (1998), Statistics in Medicine 17, 891–908.
+    """
+    if pairs == 0:
+        return np.array([-1.0, 1.0])
+    z = float(ndtri(0.5 * (1.0 + level)))
+    estimate = (only_b - only_a) / pairs
+
+    def excess(delta: float) -> float:
+        """Return (b − c − nΔ)² − z² times its variance under Δ."""
+        # Restricted maximum likelihood of the probability that only a fails.
+        linear = -only_b - only_a + (2.0 * pairs - only_b + only_a) * delta
+        constant = -only_a * delta * (1.0 - delta)
+        root = np.sqrt(max(linear**2 - 8.0 * pairs * constant, 0.0))
+        q = (root - linear) / (4.0 * pairs)
+        variance = pairs * (2.0 * q + delta * (1.0 - delta))
+        return float((only_b - only_a - pairs * delta) ** 2 - z**2 * max(variance, 0.0))
+
+    ends = []
+    for limit in (-1.0, 1.0):
+        # Just beside the estimate: at zero without any failure the variance vanishes too.
+        inner = estimate + 1e-9 * limit
+        if abs(inner) >= 1.0 or excess(limit) <= 0.0:
+            ends.append(limit)
+        elif excess(inner) >= 0.0:
+            ends.append(estimate)
+        else:
+            ends.append(float(brentq(excess, limit, inner, xtol=1e-14)))
+    return np.array(ends)

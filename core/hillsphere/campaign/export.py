@@ -1,0 +1,219 @@
+"""A campaign's table as files for other programs: CSV and netCDF."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Iterator, Sequence
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.atomic import replacing
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.products import CaseTable
+
+__all__ = ["export_csv", "export_netcdf"]
+
+_ROWS = 4096
+"""Rows that are made into text at a time."""
+
+
+def export_csv(table: CaseTable, path: str | Path) -> None:
+    """Write a campaign as CSV (RFC 4180, UTF-8), one row per case.
+
+    Parameters
+    ----------
+    table : CaseTable
+        The cases.
+    path : str or Path
+        Where; the file appears complete or not at all.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+
+    Notes
+    -----
+    Columns ``case``, ``draw``, ``status``, ``cause``, ``failed`` (0 or 1); of a sweep ``point``,
+    its label and what was swept; the inputs, the metrics, and ``message``. A unit stands behind the
+    name, ``"dv [m/s]"``. Numbers have every digit, so that they are read back as they were; where
+    there is none stands ``nan``. A name that stands twice (an input that is a metric too) is told
+    apart by ``"input "``, ``"metric "`` before it.
+    """
+    said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
+    with replacing(Path(path)) as stream:
+        text = TextIOWrapper(stream, "utf-8", errors="backslashreplace", newline="")
+        writer = csv.writer(text)
+        writer.writerow(_header(table))
+        for begin in range(0, table.case.size, _ROWS):
+            writer.writerows(_rows(table, slice(begin, begin + _ROWS), said))
+        # Not closed: `replacing` syncs and renames the file.
+        text.detach()
+
+
+def _header(table: CaseTable) -> list[str]:
+    fixed = ["case", "draw", "status", "cause", "failed"]
+    if table.points is not None:
+        fixed += ["point", "point_label"]
+    groups = (
+        ("swept ", table.swept if table.points is not None else (), table.swept_units),
+        ("input ", table.inputs, table.input_units),
+        ("metric ", table.metrics, table.units),
+    )
+    names = [*fixed, "message", *(name for _, group, _ in groups for name in group)]
+    header = list(fixed)
+    for word, group, units in groups:
+        for name, unit in zip(group, units, strict=bool(group)):
+            plain = name if names.count(name) == 1 else word + name
+            header.append(f"{plain} [{unit}]" if unit not in ("", "-") else plain)
+    return [*header, "message"]
+
+
+def _rows(table: CaseTable, part: slice, said: dict[int, str]) -> Iterator[tuple[Any, ...]]:
+    # csv writes a float as its repr, which is exact; tolist makes floats of numpy's numbers.
+    case = table.case[part].tolist()
+    columns: list[Sequence[Any]] = [
+        case,
+        table.draw[part].tolist(),
+        table.status[part].tolist(),
+        table.cause[part].tolist(),
+        table.failed[part].astype(int).tolist(),
+    ]
+    if table.points is not None:
+        point = table.point[part]
+        columns += [point.tolist(), [table.point_labels[p] for p in point.tolist()]]
+        columns += [row[point].tolist() for row in table.points]
+    columns += [row[part].tolist() for row in table.input_values]
+    columns += [row[part].tolist() for row in table.values]
+    columns.append([said.get(k, "") for k in case])
+    return zip(*columns, strict=True)
+
+
+def export_netcdf(table: CaseTable, path: str | Path) -> None:
+    """Write a campaign as netCDF-3 (64-bit offset), which xarray, MATLAB, IDL and others read.
+
+    Parameters
+    ----------
+    table : CaseTable
+        The cases.
+    path : str or Path
+        Where; the file appears complete or not at all.
+
+    Raises
+    ------
+    InputError
+        If a case or draw number is beyond what the format can count.
+    OSError
+        If it cannot be written.
+
+    Notes
+    -----
+    Dimensions ``case`` and, of a sweep, ``point``. A variable of each input is called
+    ``input_NAME``, of each metric ``metric_NAME``, of each swept quantity ``swept_NAME``, what is
+    no letter or digit in NAME made ``_``; the attributes ``long_name`` and ``units`` hold the name
+    and unit as they are. Doubles are written bit by bit, NaN where a case has no value. Texts
+    (``status``, ``cause``, ``message`` with ``message_case``, ``point_label``) are characters,
+    UTF-8, one row each. The format has no 64-bit integers: numbers are of 32 bits.
+    """
+    from scipy.io import netcdf_file
+
+    # scipy closes the descriptor that it is given: another one of the same file.
+    with (
+        replacing(Path(path)) as stream,
+        os.fdopen(os.dup(stream.fileno()), "wb") as own,
+    ):
+        file = netcdf_file(own, "w", version=2)
+        _Writer(file).write(table)
+        file.close()
+
+
+class _Writer:
+    """Puts a table into an open netCDF file."""
+
+    def __init__(self, file: Any) -> None:
+        self.file = file
+        self.used: set[str] = set()
+
+    def write(self, table: CaseTable) -> None:
+        self._attributes(
+            self.file, title=f"cases of stage {table.stage}", stage=table.stage,
+            design=table.design, stopped=table.stopped,
+        )  # fmt: skip
+        self.file.planned = np.int32(table.planned)
+        # A dimension of no length would be read as the one that may grow.
+        for name, length in (
+            ("case", table.case.size),
+            ("point", 0 if table.points is None else table.points.shape[1]),
+            ("message", table.message_case.size),
+        ):
+            if length:
+                self.file.createDimension(name, length)
+        if table.case.size:
+            self._cases(table)
+        if table.message_case.size:
+            self._integers("message_case", table.message_case, "message", "number of a case")
+            self._texts("message", table.messages, "what there is to say of this case")
+        if table.points is not None and table.points.size:
+            self._texts("point_label", table.point_labels, "name of the point", "point")
+            self._doubles("swept", table.swept, table.swept_units, table.points, "point")
+
+    def _cases(self, table: CaseTable) -> None:
+        self._integers("case", table.case, "case", "number of the case")
+        self._integers("draw", table.draw, "case", "number of its random numbers")
+        if table.points is not None:
+            self._integers("point_of_case", table.point, "case", "place of its point, from 0")
+        failed = self.file.createVariable("failed", "b", ("case",))
+        failed[:] = table.failed
+        self._attributes(failed, long_name="whether it counts as a failure")
+        self._texts("status", table.status, "how the case ended", "case")
+        self._texts("cause", table.cause, "what ended it", "case")
+        self._doubles("input", table.inputs, table.input_units, table.input_values, "case")
+        self._doubles("metric", table.metrics, table.units, table.values, "case")
+
+    def _attributes(self, holder: Any, **texts: str) -> None:
+        for name, text in texts.items():
+            if text:
+                setattr(holder, name, text.encode("utf-8", errors="backslashreplace"))
+
+    def _integers(self, name: str, values: NDArray[np.int64], over: str, about: str) -> None:
+        if values.size and values.max() > np.iinfo(np.int32).max:
+            raise InputError(
+                f"netCDF-3 counts to {np.iinfo(np.int32).max}; {name} reaches {values.max()}: "
+                "export it as CSV"
+            )
+        variable = self.file.createVariable(name, "i", (over,))
+        variable[:] = values
+        self._attributes(variable, long_name=about)
+
+    def _doubles(
+        self, kind: str, names: Sequence[str], units: Sequence[str], values: Array, over: str
+    ) -> None:
+        for name, unit, row in zip(names, units, values, strict=True):
+            stem = f"{kind}_" + re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+            plain, count = stem, 1
+            while plain in self.used:
+                count += 1
+                plain = f"{stem}_{count}"
+            self.used.add(plain)
+            variable = self.file.createVariable(plain, "d", (over,))
+            variable[:] = row
+            self._attributes(variable, long_name=name, units="1" if unit == "-" else unit)
+
+    def _texts(
+        self, name: str, texts: Sequence[str] | NDArray[np.str_], about: str, over: str = "message"
+    ) -> None:
+        held, place = np.unique(np.asarray(texts, dtype=np.str_), return_inverse=True)
+        encoded = [cast(str, text).encode("utf-8", errors="backslashreplace") for text in held]
+        width = max(1, *map(len, encoded))
+        self.file.createDimension(f"{name}_length", width)
+        rows = np.array(encoded, dtype=f"S{width}")[place.ravel()]
+        variable = self.file.createVariable(name, "c", (over, f"{name}_length"))
+        variable[:] = rows.view("S1").reshape(rows.size, width)
+        self._attributes(variable, long_name=about)

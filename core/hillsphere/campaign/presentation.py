@@ -1,0 +1,394 @@
+"""What a campaign shows: sentences, metrics, tables and figures, however large it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hillsphere.campaign.convergence import convergence_of_failures, convergence_of_mean
+from hillsphere.campaign.figures import (
+    Shown,
+    draw_convergence,
+    draw_correlations,
+    draw_cumulative,
+    draw_histograms,
+    draw_scatter,
+    draw_sobol,
+    grid_size,
+    labelled,
+)
+from hillsphere.campaign.sensitivity import (
+    RankCorrelations,
+    SobolIndices,
+    explanatory,
+    independent_cases,
+    rank_correlations,
+    sobol_of,
+)
+from hillsphere.campaign.statistics import (
+    LEVEL,
+    MetricStatistics,
+    classes,
+    metric_statistics,
+    ratio_interval,
+)
+from hillsphere.campaign.sweep_figures import PointValues, draw_sweep, points_of
+from hillsphere.campaign.tables import (
+    class_table,
+    correlation_table,
+    extreme_table,
+    failed_table,
+    percentile,
+    point_statistics_table,
+    point_table,
+    sobol_table,
+    statistics_table,
+)
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.products import CaseTable
+
+__all__ = ["present_campaign"]
+
+_PANELS = 6
+"""Panels of a figure; a campaign has a dozen figures at most, however many metrics it has."""
+
+_BARS = 20
+_METRICS = 20
+
+_NOT_COMPUTED = ("error", "memory", "not_finite", "killed", "time_limit")
+"""Statuses of cases that could not be computed, see `BlockOutcome`."""
+
+_CAVEATS = {
+    "latin_hypercube": "The cases of a Latin hypercube are more even than random ones: the "
+    "intervals are mostly too wide.",
+    "sobol": "The cases of a Sobol sequence are more even than random ones: the intervals are "
+    "mostly too wide.",
+    "sobol_indices": "Over the first of the design's samples, which is a Sobol sequence: the "
+    "intervals are mostly too wide.",
+    "grid": "The cases of a grid were not drawn: the intervals are those of as many random ones.",
+    "list": "The cases of a list were not drawn: the intervals are those of as many random ones.",
+}
+
+
+def present_campaign(
+    table: CaseTable,
+    *,
+    level: float = LEVEL,
+    levels: Sequence[float] = (0.05, 0.5, 0.95),
+) -> Presentation:
+    """Show a campaign.
+
+    Parameters
+    ----------
+    table : CaseTable
+        The cases.
+    level : float
+        Confidence level of all intervals.
+    levels : sequence of float
+        Levels of the quantiles.
+
+    Returns
+    -------
+    Presentation
+        Tables ``campaign_classes``, ``campaign_failed`` (if any did), ``campaign_extremes``,
+        ``campaign_correlations`` and ``campaign_sobol`` (if the design allows it); for random cases
+        ``campaign_statistics`` with figures of distributions and convergence; for the points of a
+        sweep ``sweep_failures`` and ``sweep_statistics`` with figures over what was swept.
+    """
+    levels = tuple(levels)
+    sets = table.points is not None and table.points.shape[1] > 1
+    repeated = sets and table.case.size > np.unique(table.point).size
+    figures: dict[str, Figure] = {}
+    # Of other cases than independent ones a ratio has no interval.
+    drawn = not repeated and table.design in ("random", "latin_hypercube", "sobol")
+    tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
+    metrics = _counts(table, level, drawn)
+    verdict = _verdict(table, level, drawn)
+    if table.failed.any():
+        tables["campaign_failed"] = failed_table(table)
+    if not repeated:
+        usable = independent_cases(table)
+        found = metric_statistics(table, usable, level=level, levels=levels)
+        caveat = _CAVEATS.get(table.design, "")
+        tables["campaign_statistics"] = statistics_table(found, levels, level, caveat)
+        metrics |= _metric_values(found)
+        figures |= _distributions(table, found, level)
+    if sets:
+        tables["sweep_failures"] = point_table(table, level)
+        tables["sweep_statistics"] = point_statistics_table(table, levels, level)
+        figures |= _over_points(table, level, repeated)
+        verdict += _worst_points(table, level) if repeated else []
+    tables["campaign_extremes"] = extreme_table(table)
+    correlations = rank_correlations(table, level)
+    if correlations.strongest():
+        tables["campaign_correlations"] = correlation_table(correlations, level)
+        figures |= _sensitivities(table, correlations, level)
+        verdict += _strongest(correlations, level)
+    if table.design == "sobol_indices":
+        indices = sobol_of(table, level=level)
+        if isinstance(indices, str):
+            verdict.append(f"{indices}.")
+        else:
+            tables["campaign_sobol"] = sobol_table(indices, level)
+            figures |= _sobol(indices)
+    return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
+
+
+def _counts(table: CaseTable, level: float, drawn: bool) -> dict[str, Metric]:
+    total, failures = table.case.size, int(np.count_nonzero(table.failed))
+    low, high = ratio_interval(failures, total, level)
+    lost = int(np.count_nonzero(np.isin(table.status, _NOT_COMPUTED) & table.failed))
+    made = {
+        "campaign_cases": Metric(total),
+        "campaign_failures": Metric(failures),
+        "campaign_not_computed": Metric(lost),
+        "campaign_failure_ratio": Metric(failures / total if total else np.nan),
+    }
+    if drawn:
+        made["campaign_failure_ratio_low"] = Metric(float(low))
+        made["campaign_failure_ratio_high"] = Metric(float(high))
+    return made
+
+
+def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
+    made: dict[str, Metric] = {}
+    for one in found[:_METRICS]:
+        stem = "campaign_" + re.sub(r"[^a-z0-9]+", "_", one.name.lower()).strip("_")[:60]
+        while f"{stem}_mean" in made:
+            stem += "_"
+        unit = one.unit or "-"
+        made[f"{stem}_mean"] = Metric(one.mean, unit)
+        if one.levels:
+            q = max(one.levels)
+            made[f"{stem}_{percentile(q)}"] = Metric(
+                float(one.quantiles[one.levels.index(q)]), unit
+            )
+    return made
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.3g} %"
+
+
+def _verdict(table: CaseTable, level: float, drawn: bool) -> list[str]:
+    total, failures = table.case.size, int(np.count_nonzero(table.failed))
+    if total == 0:
+        return [f"No case of stage {table.stage!r} was computed."]
+    count = table.points.shape[1] if table.points is not None else 1
+    cases = f"{total} case{'' if total == 1 else 's'} of stage {table.stage!r}"
+    cases += f" at {count} points" if count > 1 else ""
+    said = f"{cases} ({table.design.replace('_', ' ')}): {failures} failed, "
+    said += _percent(failures / total)
+    if drawn:
+        low, high = ratio_interval(failures, total, level)
+        said += f" ({100 * level:g} % interval {100 * low:.3g} to {_percent(high)})"
+    sentences = [said + "."]
+    bad = [one for one in classes(table, level=level) if one.failed]
+    if bad:
+        words = [
+            f"{one.count} {one.status}{f' ({one.cause})' if one.cause else ''}, first case "
+            f"{one.first_case}"
+            for one in bad[:4]
+        ]
+        more = sum(one.count for one in bad[4:])
+        words += [f"{more} in {len(bad) - 4} further classes"] if more else []
+        sentences.append(f"How they failed: {'; '.join(words)}.")
+    lost = sum(one.count for one in bad if one.status in _NOT_COMPUTED)
+    if lost:
+        sentences.append(
+            f"{lost} of them could not be computed, which says nothing of the flight itself: see "
+            "the messages in table campaign_failed."
+        )
+    if table.stopped:
+        sentences.append(f"It ended after {total} of {table.planned} cases: {table.stopped}.")
+    elif total < table.planned:
+        sentences.append(f"{table.planned - total} of {table.planned} planned cases are missing.")
+    return sentences
+
+
+def _worst_points(table: CaseTable, level: float) -> list[str]:
+    assert table.points is not None
+    count = table.points.shape[1]
+    cases = np.bincount(table.point, minlength=count)
+    failures = np.bincount(table.point, weights=table.failed, minlength=count)
+    if not failures.any():
+        return []
+    ratio = failures / np.maximum(cases, 1)
+    # A point that was never reached is neither the best nor the worst.
+    ends = (
+        int(np.argmax(np.where(cases > 0, ratio, -1.0))),
+        int(np.argmin(np.where(cases > 0, ratio, 2.0))),
+    )
+    words = []
+    for word, p in zip(("most", "fewest"), ends, strict=True):
+        low, high = ratio_interval(failures[p], cases[p], level)
+        words.append(
+            f"{word} at {table.point_labels[p]}: {_percent(ratio[p])} of {cases[p]} "
+            f"({100 * low:.3g} to {_percent(high)})"
+        )
+    return [f"Failures are {'; '.join(words)}."]
+
+
+def _strongest(found: RankCorrelations, level: float) -> list[str]:
+    """Name the input that goes most with failure and with each of the first metrics."""
+    said: dict[int, str] = {}
+    for i, j in found.strongest():
+        if j not in said and found.p_holm[i, j] < 1.0 - level:
+            said[j] = f"{found.metrics[j]} with {found.inputs[i]} ({found.rho[i, j]:+.2f})"
+    words = [said[j] for j in sorted(said)[:4]]
+    return [f"Clearest rank correlations: {', '.join(words)}."] if words else []
+
+
+def _distributions(
+    table: CaseTable, found: Sequence[MetricStatistics], level: float
+) -> dict[str, Figure]:
+    usable = independent_cases(table) & ~table.failed
+    varied = [
+        (Shown(values[usable & np.isfinite(values)], one), values)
+        for one, values in zip(found, table.values, strict=True)
+        if one.count > 1 and one.least < one.largest
+    ]
+    shown = [one for one, _ in varied[:_PANELS]]
+    left = f" The first {_PANELS} of {len(varied)} metrics." if len(varied) > _PANELS else ""
+    made: dict[str, Figure] = {}
+    if shown:
+        made["campaign_histograms"] = Figure(
+            "Distributions of the metrics",
+            lambda figure: draw_histograms(figure, shown),
+            "Cases that did not fail." + left,
+            size_in=grid_size(len(shown)),
+        )
+        made["campaign_distributions"] = Figure(
+            "Cumulative distributions of the metrics",
+            lambda figure: draw_cumulative(figure, shown, level),
+            "Share of the cases that did not fail; the band holds the whole curve with this "
+            "confidence." + left,
+            size_in=grid_size(len(shown)),
+        )
+    rows = independent_cases(table)
+    if table.case.size > 1 and rows.any():
+        failed = table.failed[rows]
+        traces = [("failure ratio", convergence_of_failures(failed, level=level))]
+        for one, values in varied[: _PANELS - 1]:
+            kept = ~failed & np.isfinite(values[rows])
+            label = f"mean {one.label}"
+            traces.append((label, convergence_of_mean(values[rows], kept, level=level)))
+        made["campaign_convergence"] = Figure(
+            "Convergence",
+            lambda figure: draw_convergence(figure, traces, level),
+            "Estimates from the first cases, in the order of their numbers; each interval by "
+            "itself.",
+            size_in=grid_size(len(traces)),
+        )
+    return made
+
+
+def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Figure]:
+    assert table.points is not None
+    points, count = points_of(table), table.points.shape[1]
+    if not points.labels and count > table.case.size // 2 and len(table.swept) > 2:
+        return {}  # scattered points, one case each: the scatter plots show them
+    cases = np.bincount(table.point, minlength=count)
+    failures = np.bincount(table.point, weights=table.failed, minlength=count)
+    left = "" if (points.places[0] >= 0).all() else f" The first {len(points.ticks[0])} points."
+    made: dict[str, Figure] = {}
+    if repeated:
+        low, high = ratio_interval(failures, cases, level)
+        ratio = np.where(cases > 0, failures / np.maximum(cases, 1), np.nan)
+        of_failures = [PointValues("failure ratio", ratio, low, high)]
+        if points.is_map:
+            of_failures.append(PointValues("failure ratio, at most", high))
+        made["sweep_failures"] = Figure(
+            "Failures over the sweep",
+            lambda figure: draw_sweep(
+                figure, points, of_failures, f"{100 * level:g} % interval", "failure ratio"
+            ),
+            "Clopper–Pearson intervals, each by itself." + left,
+            size_in=grid_size(2) if points.is_map else (8.0, 4.2),
+        )
+    medians = _medians(table, count, repeated)
+    if medians:
+        made["sweep_metrics"] = Figure(
+            "Metrics over the sweep",
+            lambda figure: draw_sweep(
+                figure,
+                points,
+                medians,
+                "5 % to 95 % of the cases",
+                "median" if repeated else "value",
+            ),
+            ("Median" + ("" if points.is_map else ", 5 % and 95 %") if repeated else "Value")
+            + " over the cases that did not fail."
+            + left,
+            size_in=grid_size(len(medians)),
+        )
+    return made
+
+
+def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
+    """Return median, 5 % and 95 % of the first metrics at every point."""
+    order = np.argsort(table.point, kind="stable")
+    parts = np.split(order, np.searchsorted(table.point[order], np.arange(1, count)))
+    made = []
+    for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
+        ends = np.full((3, count), np.nan)
+        for p, rows in enumerate(parts):
+            kept = values[rows][~table.failed[rows] & np.isfinite(values[rows])]
+            if kept.size:
+                ends[:, p] = np.quantile(kept, [0.05, 0.5, 0.95])
+        known = ends[1][np.isfinite(ends[1])]
+        if known.size > 1 and np.nanmin(ends) < np.nanmax(ends):
+            label = labelled(name, unit)
+            made.append(
+                PointValues(label, ends[1], ends[0], ends[2])
+                if repeated
+                else PointValues(label, ends[1])
+            )
+        if len(made) == _PANELS:
+            break
+    return made
+
+
+def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> dict[str, Figure]:
+    pairs, rows = found.strongest(), independent_cases(table)
+    given = explanatory(table)
+    arguments: Mapping[str, Any] = {
+        "values": table.values[:, rows],
+        "units": table.units,
+        "failed": table.failed[rows],
+    }
+    shown = type(given)(given.names, given.units, given.values[:, rows])
+    few, bars = pairs[:_PANELS], pairs[:_BARS]
+    return {
+        "campaign_correlations": Figure(
+            "Clearest rank correlations",
+            lambda figure: draw_correlations(figure, bars, found, level),
+            f"The {len(bars)} clearest of {len(pairs)}, judged with all in view (Holm).",
+            size_in=(8.0, 1.6 + 0.26 * max(len(bars), 3)),
+        ),
+        "campaign_scatter": Figure(
+            "Metrics against the inputs that they go with",
+            lambda figure: draw_scatter(figure, few, shown, found, **arguments),
+            "The clearest rank correlations; at most 2000 cases are drawn.",
+            size_in=grid_size(len(few)),
+        ),
+    }
+
+
+def _sobol(found: SobolIndices) -> dict[str, Figure]:
+    known = [j for j in range(len(found.metrics)) if np.isfinite(found.total[:, j]).all()]
+    some = known[:_PANELS]
+    if not some:
+        return {}
+    left = f" The first {_PANELS} of {len(known)} metrics." if len(known) > _PANELS else ""
+    return {
+        "campaign_sobol": Figure(
+            "Sobol indices",
+            lambda figure: draw_sobol(figure, found, some, 10),
+            "The inputs with the largest total indices; lines: bootstrap intervals." + left,
+            size_in=grid_size(len(some)),
+        )
+    }

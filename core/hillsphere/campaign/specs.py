@@ -1,0 +1,217 @@
+"""What the stages ``monte_carlo`` and ``sweep`` can be told."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal, Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    quantity,
+    reference,
+    repeated,
+)
+
+__all__ = ["CampaignSpec", "MonteCarloSpec", "RangeSpec", "StopSpec", "SweepNeeds", "SweepSpec"]
+
+
+class StopSpec(Spec):
+    """When a campaign ends before all its cases are done.
+
+    The rules look at the cases in order, block by block, so that the cut is the same for any number
+    of workers.
+    """
+
+    examples = ({"failure_half_width": 0.01}, {"failures_above": 0.2, "least_cases": 128})
+
+    failure_half_width: float | None = option(
+        "end when the confidence interval of the failure ratio reaches no farther to either side",
+        default=None,
+        gt=0,
+        lt=0.5,
+    )
+    mean_half_widths: dict[str, float] = option(
+        "end when the intervals of these metrics' means are as narrow as this, in their units",
+        default={},
+        gt=0,
+    )
+    failures_above: float | None = option(
+        "end when the failure ratio is surely above this", default=None, ge=0, lt=1
+    )
+    least_cases: int = option("but not before so many cases", default=256, ge=2)
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not (self.failure_half_width or self.mean_half_widths) and self.failures_above is None:
+            text = "nothing ends it; give failure_half_width, mean_half_widths or failures_above"
+            raise PydanticCustomError("rule", "{text}", {"text": text})
+        return self
+
+
+class CampaignSpec(StageSpec):
+    """What all campaigns share."""
+
+    produces: ClassVar[str] = "hillsphere.products:CaseTable"
+
+    repeat: Ref = repeated("stage that is repeated, one case after the other")
+    dispersions: tuple[Ref, ...] = reference(
+        "dispersions", "what differs at random from case to case", default=()
+    )
+    draws_as: str = option(
+        "name of the random numbers: campaigns of the same name see the same ones, so that they "
+        "can be compared case by case; left out: the stage's own name",
+        default="",
+        max_length=64,
+    )
+    confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
+    quantiles: tuple[float, ...] = option(
+        "quantiles of the metrics that are shown", default=(0.05, 0.5, 0.95), gt=0, lt=1
+    )
+    block_limit_s: float | None = quantity(
+        "time",
+        "wall-clock time for a block of 64 cases, after which its worker is stopped; the case that "
+        "takes too long counts as failed; left out: no limit",
+        default=None,
+        gt=0,
+    )
+    stop: StopSpec | None = option("when it ends early; left out: never", default=None)
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        names = [ref.name for ref in self.dispersions if ref.target is None]
+        if len(set(names)) < len(names):
+            raise _rule("dispersions", "a name stands twice")
+        return self
+
+
+class MonteCarloSpec(CampaignSpec):
+    """Many cases with what is uncertain drawn at random."""
+
+    examples = (
+        {"repeat": "hover", "dispersions": ["field"], "cases": 128},
+        {"repeat": "hover", "dispersions": ["field"], "cases": 64, "design": "latin_hypercube"},
+    )
+
+    cases: int = option(
+        "number of cases; for 'sobol_indices' that of each of its k + 2 samples, k being the "
+        "number of quantities that differ",
+        ge=1,
+        le=10_000_000,
+    )
+    design: Literal["random", "latin_hypercube", "sobol", "sobol_indices"] = option(
+        "how they are chosen: 'random'; 'latin_hypercube' and 'sobol' (scrambled) fill the space "
+        "more evenly, best with a power of two; 'sobol_indices' is made for variance-based "
+        "sensitivities",
+        default="random",
+    )
+
+    @model_validator(mode="after")
+    def _something_differs(self) -> Self:
+        if self.design != "random" and not self.dispersions:
+            raise _rule("dispersions", f"nothing differs: {self.design!r} needs dispersions")
+        if self.design != "random" and self.stop is not None:
+            raise _rule("stop", f"part of a {self.design!r} design is none; use 'random'")
+        return self
+
+
+class RangeSpec(Spec):
+    """Values from one end to the other."""
+
+    examples = ({"first": 10, "last": 100, "points": 4, "spacing": "log"},)
+
+    first: float = option("value at one end")
+    last: float = option("value at the other end")
+    points: int | None = option(
+        "number of values, for 'grid'; the other designs choose their own", default=None, ge=2
+    )
+    spacing: Literal["linear", "log"] = option("how they are spaced", default="linear")
+
+    @model_validator(mode="after")
+    def _ends(self) -> Self:
+        if self.first == self.last:
+            raise _rule("last", "must differ from first")
+        if self.spacing == "log" and not self.first * self.last > 0:
+            raise _rule("spacing", "'log' needs two ends of the same sign, neither zero")
+        return self
+
+
+class SweepNeeds(Spec):
+    """What a sweep takes from earlier stages."""
+
+    examples: ClassVar[tuple[dict[str, Any], ...]] = ({},)
+
+    rows: Ref | None = need(
+        "hillsphere.products:CaseList", "for 'list': the points, one per row", default=None
+    )
+
+
+class SweepSpec(CampaignSpec):
+    """A stage at chosen points, and at each of them many cases if something differs at random.
+
+    What is swept is named by table and key, ``"stage.hover.period_s"``, ``"gravity.phobos.C2,0"``,
+    ``"dispersions.field.scale"``: whatever the stage can take case by case, and any other key of
+    the mission that it depends on.
+    """
+
+    examples = (
+        {"repeat": "hover", "over": {"stage.hover.samples": [10, 20]}},
+        {
+            "repeat": "hover",
+            "over": {"dispersions.field.scale": {"first": 1, "last": 4, "points": 3}},
+            "dispersions": ["field"],
+            "repetitions": 64,
+        },
+    )
+
+    needs: SweepNeeds = option("products of earlier stages", default=SweepNeeds())
+    over: dict[str, tuple[Any, ...] | RangeSpec] = option(
+        'what is swept: "kind.table.key" = list of values, or first, last, points and spacing',
+        default={},
+    )
+    design: Literal["grid", "latin_hypercube", "sobol", "list"] = option(
+        "'grid': every combination; 'latin_hypercube' and 'sobol': so many points between the "
+        "ends; 'list': the rows of a file or of an earlier stage",
+        default="grid",
+    )
+    points: int | None = option(
+        "number of points, for 'latin_hypercube' and 'sobol'", default=None, ge=1, le=10_000_000
+    )
+    rows: DataPath | None = data_path(
+        "for 'list': a CSV file, its header the swept names, one point per row", default=None
+    )
+    repetitions: int = option(
+        "cases at each point, with the same random numbers at every point", default=1, ge=1
+    )
+
+    @model_validator(mode="after")
+    def _fits_the_design(self) -> Self:
+        is_list = self.design == "list"
+        if is_list != bool(self.rows or self.needs.rows) or (self.rows and self.needs.rows):
+            raise _rule("rows", "'list' takes either rows or needs.rows, the other designs neither")
+        if is_list == bool(self.over):
+            raise _rule("over", "names what is swept, except for 'list', whose rows do")
+        if (self.points is not None) != (self.design in ("latin_hypercube", "sobol")):
+            raise _rule("points", "is for 'latin_hypercube' and 'sobol', which need it")
+        for name, values in self.over.items():
+            if not isinstance(values, RangeSpec):
+                if not values or self.design != "grid":
+                    raise _rule(
+                        "over",
+                        f"{name}: {self.design!r} needs "
+                        + ("at least one value" if not values else "first and last"),
+                    )
+            elif self.design == "grid" and values.points is None:
+                raise _rule("over", f"{name}: a grid needs the number of points")
+        return self
+
+
+def _rule(key: str, text: str) -> PydanticCustomError:
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -1,0 +1,172 @@
+"""The stages ``monte_carlo`` and ``sweep``: many cases of another stage."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+from hillsphere.campaign.checkpoints import Checkpoints
+from hillsphere.campaign.engine import run_campaign
+from hillsphere.campaign.plan import Plan
+from hillsphere.campaign.planning import plan_of
+from hillsphere.campaign.presentation import present_campaign
+from hillsphere.campaign.repeated import Repeated, RepeatedWork
+from hillsphere.campaign.specs import CampaignSpec, MonteCarloSpec, RangeSpec, SweepSpec
+from hillsphere.campaign.stopping import StopCriteria
+from hillsphere.campaign.swept import Swept, case_list, grid, listed, sampled
+from hillsphere.campaign.table import table_of
+from hillsphere.interfaces import Context
+from hillsphere.presentation import Presentation
+from hillsphere.products import CaseList, CaseTable
+
+__all__ = ["Campaign", "MonteCarlo", "Sweep"]
+
+
+class Campaign(ABC):
+    """What the campaigns share; see `hillsphere.campaign.engine`.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+        With its references bound, but for the stage that is repeated.
+    """
+
+    def __init__(self, spec: CampaignSpec) -> None:
+        self.spec: Any = spec
+
+    @abstractmethod
+    def plan(self, repeated: Repeated, **needs: Any) -> Plan:
+        """Return the cases.
+
+        Parameters
+        ----------
+        repeated : Repeated
+            The stage, of which nothing is run.
+        **needs
+            Products, as for `run`.
+        """
+
+    def check(self, repeated: Repeated) -> None:
+        """Raise `InputError` if the campaign cannot be planned, before anything runs."""
+        self.plan(repeated)
+
+    def run(self, ctx: Context, *, repeat: Repeated, **needs: Any) -> CaseTable:
+        """Compute the cases, and take up what an interrupted run has left.
+
+        Parameters
+        ----------
+        ctx : Context
+            Gives executor, workspace and progress.
+        repeat : Repeated
+            The stage with its products.
+        **needs
+            Products of earlier stages.
+
+        Returns
+        -------
+        CaseTable
+            Every case, whatever became of it.
+        """
+        plan = self.plan(repeat, **needs)
+        failed = 0
+
+        def count(failures: int) -> None:
+            nonlocal failed
+            failed = failures
+
+        outcomes, stopped = run_campaign(
+            plan,
+            RepeatedWork(plan.variants),
+            executor=ctx.executor,
+            checkpoints=Checkpoints(ctx.workspace(), ctx.fingerprint, ctx.info),
+            limit_s=self.spec.block_limit_s,
+            stop=self._stop(),
+            advance=ctx.track(
+                "cases", plan.cases, note=lambda: f"{failed} failed" if failed else ""
+            ),
+            on_failures=count,
+        )
+        for note in plan.notes:
+            ctx.info(note)
+        return table_of(plan, outcomes, repeat.stage, stopped)
+
+    def present(self, product: CaseTable, **needs: Any) -> Presentation:
+        """Return statistics, failures, sensitivities and figures."""
+        return present_campaign(product, levels=self.spec.quantiles, level=self.spec.confidence)
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(ref.name for ref in self.spec.dispersions)
+
+    def _stop(self) -> Callable[..., str] | None:
+        given = self.spec.stop
+        if given is None:
+            return None
+        return StopCriteria(
+            failure_half_width=given.failure_half_width,
+            mean_half_widths=given.mean_half_widths,
+            failures_above=given.failures_above,
+            least_cases=given.least_cases,
+            level=self.spec.confidence,
+        ).rule()
+
+
+class MonteCarlo(Campaign):
+    """Many cases with what is uncertain drawn at random.
+
+    Parameters
+    ----------
+    spec : MonteCarloSpec
+        With its references bound.
+    """
+
+    spec: MonteCarloSpec
+
+    def plan(self, repeated: Repeated, **needs: Any) -> Plan:
+        """Return the cases; see `Campaign.plan`."""
+        return plan_of(
+            repeated,
+            self._names(),
+            cases=self.spec.cases,
+            design=self.spec.design,
+            stream=self.spec.draws_as or repeated.by,
+        )
+
+
+class Sweep(Campaign):
+    """A stage at chosen points, and at each of them cases with what is uncertain drawn at random.
+
+    Parameters
+    ----------
+    spec : SweepSpec
+        With its references bound.
+    """
+
+    spec: SweepSpec
+
+    def check(self, repeated: Repeated) -> None:
+        """Raise `InputError` if the campaign cannot be planned, as far as this can be seen yet."""
+        if self.spec.needs.rows is None:
+            self.plan(repeated)
+
+    def plan(self, repeated: Repeated, *, rows: CaseList | None = None, **needs: Any) -> Plan:
+        """Return the cases; see `Campaign.plan`."""
+        stream = self.spec.draws_as or repeated.by
+        return plan_of(
+            repeated,
+            self._names(),
+            cases=self.spec.repetitions,
+            swept=self._swept(repeated.mission.seed, stream, rows),
+            stream=stream,
+        )
+
+    def _swept(self, seed: int, stream: str, rows: CaseList | None) -> Swept:
+        spec = self.spec
+        if spec.rows is not None:
+            return listed(case_list(spec.rows))
+        if rows is not None:
+            return listed(rows)
+        if spec.design not in ("latin_hypercube", "sobol"):
+            return grid(spec.over)
+        ranges = {name: v for name, v in spec.over.items() if isinstance(v, RangeSpec)}
+        return sampled(ranges, spec.design, spec.points or 1, seed=seed, stream=stream)

@@ -1,0 +1,345 @@
+"""Tables of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hillsphere.campaign.sensitivity import RankCorrelations, SobolIndices
+from hillsphere.campaign.statistics import (
+    MetricStatistics,
+    classes,
+    metric_statistics,
+    ratio_interval,
+)
+from hillsphere.presentation import Cell, Column, Table
+from hillsphere.products import CaseTable
+
+__all__ = [
+    "MOST_ROWS",
+    "class_table",
+    "correlation_table",
+    "extreme_table",
+    "failed_table",
+    "number",
+    "percentile",
+    "point_statistics_table",
+    "point_table",
+    "sobol_table",
+    "statistics_table",
+]
+
+MOST_ROWS = 500
+"""Rows of the tables that grow with the campaign; the export has all of it."""
+
+_INTERVALS = "Ends _low and _high are those of {level:g} % confidence intervals, each by itself."
+
+
+def number(value: float) -> float | None:
+    """Return a table's cell: nothing for what is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
+def percentile(q: float) -> str:
+    """Return the name of a quantile's column: ``"p99_73"``."""
+    return "p" + f"{100.0 * q:.10g}".replace(".", "_").replace("-", "_")
+
+
+def _between(stem: str, label: str, unit: str = "-", digits: int = 5) -> tuple[Column, ...]:
+    return (
+        Column(stem, unit, label, digits),
+        Column(f"{stem}_low", unit, f"{label}, at least", digits),
+        Column(f"{stem}_high", unit, f"{label}, at most", digits),
+    )
+
+
+def _cells(stem: str, value: float, interval: Sequence[float] | np.ndarray) -> dict[str, Cell]:
+    return {
+        stem: number(value),
+        f"{stem}_low": number(float(interval[0])),
+        f"{stem}_high": number(float(interval[1])),
+    }
+
+
+def _statistics_columns(levels: Sequence[float]) -> tuple[Column, ...]:
+    return (
+        Column("metric", "", "metric"),
+        Column("unit", "", "unit"),
+        Column("cases", "-", "cases without failure"),
+        *_between("mean", "mean"),
+        *_between("deviation", "standard deviation"),
+        Column("least", "-", "least", 5),
+        *(c for q in levels for c in _between(percentile(q), f"{100 * q:g} %")),
+        Column("largest", "-", "largest", 5),
+        Column("note", "", "note"),
+    )
+
+
+def _statistics_row(one: MetricStatistics) -> dict[str, Cell]:
+    row: dict[str, Cell] = {
+        "metric": one.name,
+        "unit": one.unit,
+        "cases": one.count,
+        **_cells("mean", one.mean, one.mean_interval),
+        **_cells("deviation", one.deviation, one.deviation_interval),
+        "least": number(one.least),
+        "largest": number(one.largest),
+        "note": one.note,
+    }
+    for i, q in enumerate(one.levels):
+        row |= _cells(percentile(q), one.quantiles[i], one.quantile_intervals[:, i])
+    return row
+
+
+def statistics_table(
+    found: Sequence[MetricStatistics], levels: Sequence[float], level: float, caveat: str
+) -> Table:
+    """Return mean, standard deviation, extremes and quantiles of every metric."""
+    notes = [
+        "Over the cases that did not fail; each number in the unit of its row. "
+        + _INTERVALS.format(level=100 * level)
+        + " An end that is missing would need more cases.",
+        "Intervals: Student's for the mean, Bonett's (2006) for the standard deviation, two of the "
+        "values themselves for a quantile.",
+    ]
+    rows = [_statistics_row(one) for one in found]
+    return Table(
+        "Statistics", _statistics_columns(levels), rows, [*notes, *([caveat] if caveat else [])]
+    )
+
+
+def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
+    """Return how the cases ended, with the first case of each class and what it has to say.
+
+    `drawn` says whether the cases are independent.
+    """
+    rows: list[dict[str, Cell]] = [
+        {
+            "status": one.status,
+            "cause": one.cause,
+            "failed": one.failed,
+            "cases": one.count,
+            **_cells("share", one.count / table.case.size, one.interval),
+            "first_case": one.first_case,
+            "message": one.message,
+        }
+        for one in classes(table, level=level)
+    ]
+    columns = (
+        Column("status", "", "status"),
+        Column("cause", "", "cause"),
+        Column("failed", "", "failed"),
+        Column("cases", "-", "cases"),
+        *_between("share", "share", digits=4),
+        Column("first_case", "-", "first case"),
+        Column("message", "", "message"),
+    )
+    notes = [_INTERVALS.format(level=100 * level) + " Shares by Clopper and Pearson."]
+    if not drawn:
+        notes.append("The cases are no independent draws: they are those of as many random ones.")
+    return Table("How the cases ended", columns, rows[:MOST_ROWS], notes)
+
+
+def failed_table(table: CaseTable) -> Table:
+    """Return the first failed cases, so that they can be repeated one by one."""
+    said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
+    which = np.flatnonzero(table.failed)
+    rows: list[dict[str, Cell]] = [
+        {
+            "case": int(table.case[i]),
+            **_at(table, int(i)),
+            "status": str(table.status[i]),
+            "cause": str(table.cause[i]),
+            "message": said.get(int(table.case[i]), ""),
+        }
+        for i in which[:MOST_ROWS]
+    ]
+    columns = (
+        Column("case", "-", "case"),
+        *_point_column(table),
+        Column("status", "", "status"),
+        Column("cause", "", "cause"),
+        Column("message", "", "message"),
+    )
+    more = f"The first {MOST_ROWS} of {which.size}. " if which.size > MOST_ROWS else ""
+    notes = [more + "`hillsphere rerun RUN --case NUMBER` repeats one with its history."]
+    return Table("Failed cases", columns, rows, notes)
+
+
+def _point_column(table: CaseTable) -> tuple[Column, ...]:
+    return (Column("point", "", "point"),) if table.point_labels else ()
+
+
+def _at(table: CaseTable, row: int) -> dict[str, Cell]:
+    return {"point": table.point_labels[table.point[row]]} if table.point_labels else {}
+
+
+def extreme_table(table: CaseTable, each: int = 3) -> Table:
+    """Return the cases with the least and the largest values of every metric."""
+    rows: list[dict[str, Cell]] = []
+    for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
+        kept = np.flatnonzero(~table.failed & np.isfinite(values))
+        if kept.size < 2 or np.ptp(values[kept]) == 0.0:
+            continue
+        order = kept[np.argsort(values[kept], kind="stable")]
+        ends = [("least", i) for i in order[:each]] + [("largest", i) for i in order[::-1][:each]]
+        rows += [
+            {
+                "metric": name,
+                "unit": unit,
+                "end": end,
+                "case": int(table.case[i]),
+                **_at(table, int(i)),
+                "value": float(values[i]),
+            }
+            for end, i in ends
+        ]
+    columns = (
+        Column("metric", "", "metric"),
+        Column("unit", "", "unit"),
+        Column("end", "", "end"),
+        Column("case", "-", "case"),
+        *_point_column(table),
+        Column("value", "-", "value", 6),
+    )
+    notes = [
+        "Of the cases that did not fail. `hillsphere rerun RUN --case NUMBER` repeats one with its "
+        "history."
+    ]
+    return Table("Extreme cases", columns, rows[:MOST_ROWS], notes)
+
+
+def correlation_table(found: RankCorrelations, level: float) -> Table:
+    """Return the rank correlations, those least likely by chance first."""
+    pairs = found.strongest()
+    rows: list[dict[str, Cell]] = [
+        {
+            "input": found.inputs[i],
+            "metric": found.metrics[j],
+            "cases": int(found.count[j]),
+            **_cells("rho", found.rho[i, j], found.interval[:, i, j]),
+            "p": number(found.p[i, j]),
+            "p_holm": number(found.p_holm[i, j]),
+        }
+        for i, j in pairs[:MOST_ROWS]
+    ]
+    columns = (
+        Column("input", "", "input"),
+        Column("metric", "", "metric"),
+        Column("cases", "-", "cases"),
+        *_between("rho", "rank correlation", digits=3),
+        Column("p", "-", "p", 2),
+        Column("p_holm", "-", "p, for all comparisons", 2),
+    )
+    notes = [
+        "Spearman's coefficient over the cases that did not fail; with “failed” the rank-biserial "
+        "one over all cases. " + _INTERVALS.format(level=100 * level),
+        f"p: probability of such a coefficient by chance; corrected by Holm for "
+        f"{len(pairs)} comparisons. Inputs that are drawn together share their correlations.",
+    ]
+    if len(pairs) > MOST_ROWS:
+        notes.append(f"The {MOST_ROWS} clearest of {len(pairs)}.")
+    if found.dependent:
+        notes.append(
+            "The points of the sweep saw the same random numbers: no p values and intervals, which "
+            "need independent cases."
+        )
+    return Table("Rank correlations", columns, rows, notes)
+
+
+def sobol_table(found: SobolIndices, level: float) -> Table:
+    """Return the Sobol indices of every metric."""
+    rows: list[dict[str, Cell]] = [
+        {
+            "metric": metric,
+            "input": name,
+            **_cells("first", found.first[i, j], found.first_interval[:, i, j]),
+            **_cells("total", found.total[i, j], found.total_interval[:, i, j]),
+        }
+        for j, metric in enumerate(found.metrics)
+        for i, name in enumerate(found.inputs)
+    ]
+    columns = (
+        Column("metric", "", "metric"),
+        Column("input", "", "input"),
+        *_between("first", "first", digits=3),
+        *_between("total", "total", digits=3),
+    )
+    notes = [
+        f"From {len(found.inputs) + 2} samples of {found.samples} cases: share of the metric's "
+        "variance that is due to the input alone (first), and with all that it does together with "
+        "others (total). " + _INTERVALS.format(level=100 * level) + " Bootstrap."
+    ]
+    return Table("Sobol indices", columns, rows[:MOST_ROWS], notes)
+
+
+def _swept_columns(table: CaseTable) -> tuple[list[Column], list[str]]:
+    """Return columns for the swept numbers, and their names."""
+    columns, names = [], []
+    for name, unit in zip(table.swept, table.swept_units, strict=True):
+        key = (
+            name
+            if name not in ("number", "point", "cases", "failures", "ratio")
+            else f"{name}_swept"
+        )
+        names.append(key if unit else "")
+        if unit:
+            columns.append(Column(key, unit, key, 6))
+    return columns, names
+
+
+def point_table(table: CaseTable, level: float) -> Table:
+    """Return the failure ratio at each point of a sweep."""
+    assert table.points is not None
+    count = table.points.shape[1]
+    cases = np.bincount(table.point, minlength=count)
+    failures = np.bincount(table.point, weights=table.failed, minlength=count)
+    low, high = ratio_interval(failures, cases, level)
+    columns, names = _swept_columns(table)
+    rows: list[dict[str, Cell]] = [
+        {
+            "number": p,
+            "point": table.point_labels[p],
+            **{key: float(table.points[d, p]) for d, key in enumerate(names) if key},
+            "cases": int(cases[p]),
+            "failures": int(failures[p]),
+            **_cells("ratio", failures[p] / cases[p] if cases[p] else np.nan, (low[p], high[p])),
+        }
+        for p in range(min(count, MOST_ROWS))
+    ]
+    more = f"The first {MOST_ROWS} of {count} points. " if count > MOST_ROWS else ""
+    return Table(
+        "Failures over the sweep",
+        (
+            Column("number", "-", "number"),
+            Column("point", "", "point"),
+            *columns,
+            Column("cases", "-", "cases"),
+            Column("failures", "-", "failures"),
+            *_between("ratio", "failure ratio", digits=4),
+        ),
+        rows,
+        [more + _INTERVALS.format(level=100 * level) + " Ratios by Clopper and Pearson."],
+    )
+
+
+def point_statistics_table(table: CaseTable, levels: Sequence[float], level: float) -> Table:
+    """Return the statistics of every metric at each point of a sweep."""
+    assert table.points is not None
+    count, room = table.points.shape[1], MOST_ROWS // max(1, len(table.metrics))
+    rows: list[dict[str, Cell]] = [
+        {"point": table.point_labels[p], **_statistics_row(one)}
+        for p in range(min(count, room))
+        for one in metric_statistics(table, table.point == p, level=level, levels=levels)
+    ]
+    more = f"The first {room} of {count} points. " if count > room else ""
+    return Table(
+        "Statistics over the sweep",
+        (Column("point", "", "point"), *_statistics_columns(levels)),
+        rows,
+        [
+            more + "Over the cases that did not fail; each number in the unit of its row. "
+            + _INTERVALS.format(level=100 * level)
+        ],
+    )  # fmt: skip

@@ -1,0 +1,63 @@
+"""The application that the commands belong to, and what several of them share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hillsphere.cli.plugin_commands import CommandGroup
+
+if TYPE_CHECKING:
+    from hillsphere.mission import Mission
+    from hillsphere.plugins import Registry
+
+__all__ = [
+    "AllowPath", "Json", "MissionName", "Profile", "Sets", "StrictPlugins", "app", "load",
+    "registry_of",
+]  # fmt: skip
+
+app = typer.Typer(
+    name="hillsphere",
+    cls=CommandGroup,
+    help="Mission analysis for small bodies: missions are TOML files, models are plugins.",
+    epilog="Exit codes: 0 success, 1 a stage failed, 2 bad input, 3 internal error, "
+    "130 interrupted.",
+    add_completion=False,
+    rich_markup_mode=None,
+    invoke_without_command=True,
+)
+
+MissionName = Annotated[
+    str, typer.Argument(metavar="MISSION", help="Name of a packaged mission, or path of a .toml.")
+]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replace a value, e.g. stage.a.b_km=3."),
+]
+Profile = Annotated[str | None, typer.Option(metavar="NAME", help="Apply [profile.NAME].")]
+Json = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
+AllowPath = Annotated[
+    bool, typer.Option("--allow-path", help="Let the mission read files outside its directory.")
+]
+StrictPlugins = Annotated[
+    bool, typer.Option("--strict-plugins", help="Stop at the first broken plugin.")
+]
+
+
+def registry_of(strict: bool) -> Registry:
+    """Return the installed plugins; the first broken one is an error if strict."""
+    from hillsphere.plugins import default_registry, discover
+
+    return discover(strict=True) if strict else default_registry()
+
+
+def load(
+    name: str, sets: list[str] | None, profile: str | None, registry: Registry, allow_path: bool
+) -> Mission:
+    """Load a mission as the options of a command say."""
+    from hillsphere.mission import load_mission
+
+    return load_mission(
+        name, sets=tuple(sets or ()), profile=profile, registry=registry, allow_path=allow_path
+    )

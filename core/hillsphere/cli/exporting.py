@@ -1,0 +1,70 @@
+"""``hillsphere export``: the cases of a campaign as a file for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hillsphere.campaign.export import export_csv, export_netcdf
+from hillsphere.earlier_run import EarlierRun
+from hillsphere.errors import InputError
+from hillsphere.plugins import Registry
+from hillsphere.products import CaseTable
+from hillsphere.rerun import one_campaign
+
+__all__ = ["export_cases"]
+
+_TABLE = f"{CaseTable.__module__}:{CaseTable.__qualname__}"
+_SUFFIXES = {"csv": ".csv", "netcdf": ".nc"}
+
+
+def export_cases(
+    run: Path, *, stage: str | None, format_: str, out: Path | None, registry: Registry
+) -> Path:
+    """Write the cases of a campaign to a file.
+
+    Parameters
+    ----------
+    run : Path
+        Run directory.
+    stage : str or None
+        The campaign.
+    format_ : str
+        ``"csv"`` or ``"netcdf"``.
+    out : Path or None
+        The file; by default ``<stage>.csv`` or ``<stage>.nc`` in the run directory.
+    registry : Registry
+        Where the types of stages are found.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If there is no such campaign, it is not finished, or the file cannot be written.
+    """
+    earlier = EarlierRun.open(run)
+    stages: dict[str, Any] = earlier.manifest["mission"].get("stage", {})
+    specs = {key: registry.get("stage", table["type"]).load_spec() for key, table in stages.items()}
+    tables = [
+        key
+        for key, spec in specs.items()
+        if _TABLE in (getattr(spec, "produces", ""), *getattr(spec, "provides", ()))
+    ]
+    name = one_campaign(tables, stage, run)
+    if not earlier.manifest["stages"].get(name, {}).get("product"):
+        raise InputError(
+            f"campaign {name!r} is not finished in run {str(run)!r}; hillsphere resume continues it"
+        )
+    path = run / f"{name}{_SUFFIXES[format_]}" if out is None else out
+    export = export_csv if format_ == "csv" else export_netcdf
+    try:
+        export(earlier.product(name, CaseTable), path)
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be written: {error.strerror or error}; choose another with --out"
+        ) from error
+    return path

@@ -1,0 +1,107 @@
+"""``hillsphere rerun``: a single case of a campaign once more, with its history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hillsphere.campaign.block_outcome import BlockOutcome
+from hillsphere.cli.endings import ExitCode
+from hillsphere.cli.output import number, write, write_json, write_table
+from hillsphere.plugins import Registry
+from hillsphere.rerun import Rerun, rerun_case
+
+__all__ = ["rerun_and_show"]
+
+
+def rerun_and_show(
+    run: Path, case: int, *, stage: str | None, registry: Registry, json: bool
+) -> ExitCode:
+    """Repeat a case; write what came of it, and whether that is the same, to stdout.
+
+    Parameters
+    ----------
+    run : Path
+        Run directory.
+    case : int
+        Number of the case.
+    stage : str or None
+        The campaign.
+    registry : Registry
+        Where components come from.
+    json : bool
+        Write JSON instead of tables.
+
+    Returns
+    -------
+    ExitCode
+        ``FAILED`` if the case is not the same as in the run.
+    """
+    found = rerun_case(run, case, stage=stage, registry=registry)
+    if json:
+        write_json(_plain(found))
+    else:
+        _show(found)
+    return ExitCode.FAILED if found.differences else ExitCode.SUCCESS
+
+
+def _show(found: Rerun) -> None:
+    where = f" at {found.point}" if found.point else ""
+    write(f"{found.campaign}: case {found.case} of stage {found.stage}{where}, draw {found.draw}")
+    now = found.now
+    write(f"  {_ending(now)}")
+    for message in now.messages:
+        write(f"  {message}")
+    if found.then is None:
+        write("  the run has not computed this case")
+    elif found.differences:
+        write("  NOT the same as in the run (then -> now):")
+        for line in found.differences:
+            write(f"    {line}")
+    else:
+        write("  the same as in the run, to the last bit")
+    write_table(
+        [f"  {name}", number(value), "" if unit == "-" else unit]
+        for name, value, unit in [
+            *((name, value, unit) for name, (value, unit) in found.inputs.items()),
+            *zip(now.metrics, now.values[:, 0].tolist(), now.units, strict=True),
+        ]
+    )
+    if found.traceback:
+        write(found.traceback.rstrip("\n"))
+    for path in found.files:
+        write(f"history: {path}")
+
+
+def _ending(row: BlockOutcome) -> str:
+    cause = f" ({row.cause[0]})" if row.cause[0] else ""
+    return f"{'failed' if row.failed[0] else 'succeeded'}: {row.status[0]}{cause}"
+
+
+def _plain(found: Rerun) -> dict[str, Any]:
+    return {
+        "stage": found.campaign,
+        "repeats": found.stage,
+        "case": found.case,
+        "draw": found.draw,
+        "point": found.point,
+        "inputs": {
+            name: {"value": value, "unit": unit} for name, (value, unit) in found.inputs.items()
+        },
+        "now": _plain_row(found.now),
+        "then": None if found.then is None else _plain_row(found.then),
+        "differences": list(found.differences),
+        "traceback": found.traceback,
+        "files": [str(path) for path in found.files],
+    }
+
+
+def _plain_row(row: BlockOutcome) -> dict[str, Any]:
+    values = zip(row.metrics, row.values[:, 0].tolist(), row.units, strict=True)
+    return {
+        "status": str(row.status[0]),
+        "cause": str(row.cause[0]),
+        "failed": bool(row.failed[0]),
+        "messages": list(row.messages),
+        "metrics": {name: {"value": value, "unit": unit} for name, value, unit in values},
+    }

@@ -1,0 +1,159 @@
+"""The commands that make runs and work with them; each imports what it needs when it is called."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hillsphere.cli.application import (
+    AllowPath,
+    Json,
+    MissionName,
+    Profile,
+    Sets,
+    StrictPlugins,
+    app,
+    load,
+    registry_of,
+)
+from hillsphere.cli.output import write
+from hillsphere.errors import InputError
+
+
+class ExportFormat(StrEnum):
+    """Formats of exported cases."""
+
+    csv = "csv"
+    netcdf = "netcdf"
+
+
+RunName = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        min=0,
+        help="Processes for campaigns; 0: none but this one. By default one per processor.",
+    ),
+]
+ExecutorType = Annotated[
+    str | None,
+    typer.Option("--executor", metavar="TYPE", help="Where campaigns run: serial, pool, dask …"),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Use the dask cluster there, e.g. tcp://host:8786."),
+]
+StageName = Annotated[
+    str | None,
+    typer.Option("--stage", metavar="NAME", help="Campaign; needed if the mission has several."),
+]
+
+
+@app.command()
+def run(
+    mission: MissionName,
+    sets: Sets = None,
+    profile: Profile = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Run directory; must be empty or absent."),
+    ] = None,
+    workers: Workers = None,
+    executor: ExecutorType = None,
+    scheduler: Scheduler = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Neither read nor write stage results.")
+    ] = False,
+    json: Json = False,
+    quiet: Quiet = False,
+    allow_path: AllowPath = False,
+    strict_plugins: StrictPlugins = False,
+) -> int:
+    """Run a mission and write its results to a run directory."""
+    chosen = _executor(executor, workers, scheduler) or {"type": "pool"}
+    registry = registry_of(strict_plugins)
+    loaded = load(mission, sets, profile, registry, allow_path)
+    from hillsphere.cli.running import run_and_show
+
+    return run_and_show(
+        loaded, registry=registry, out=out, use_cache=not no_cache, executor=chosen, quiet=quiet,
+        json=json,
+    )  # fmt: skip
+
+
+@app.command()
+def resume(
+    run: RunName,
+    workers: Workers = None,
+    executor: ExecutorType = None,
+    scheduler: Scheduler = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    strict_plugins: StrictPlugins = False,
+) -> int:
+    """Continue a run that was interrupted or killed, or in which a stage failed."""
+    from hillsphere.cli.running import resume_and_show
+
+    return resume_and_show(
+        run, registry=registry_of(strict_plugins), executor=_executor(executor, workers, scheduler),
+        quiet=quiet, json=json,
+    )  # fmt: skip
+
+
+def _executor(type_: str | None, workers: int | None, scheduler: str | None) -> dict[str, Any]:
+    """Return the table of the executor that is asked for; empty if none is."""
+    if scheduler is not None and type_ is None:
+        type_ = "dask"
+    if workers == 0:
+        if type_ not in (None, "serial"):
+            raise InputError(f"--workers 0: the executor {type_!r} needs at least one")
+        return {"type": "serial"}
+    if type_ is None and workers is None:
+        return {}
+    table: dict[str, Any] = {"type": type_ or "pool"}
+    if workers is not None:
+        table["workers"] = workers
+    if scheduler is not None:
+        table["scheduler"] = scheduler
+    return table
+
+
+@app.command()
+def rerun(
+    run: RunName,
+    case: Annotated[int, typer.Option("--case", metavar="N", help="Number of the case.")],
+    stage: StageName = None,
+    json: Json = False,
+    strict_plugins: StrictPlugins = False,
+) -> int:
+    """Repeat one case of a campaign with its history, and compare it with that of the run."""
+    from hillsphere.cli.rerunning import rerun_and_show
+
+    return rerun_and_show(
+        run, case, stage=stage, registry=registry_of(strict_plugins), json=json
+    )  # fmt: skip
+
+
+@app.command()
+def export(
+    run: RunName,
+    stage: StageName = None,
+    format_: Annotated[
+        ExportFormat, typer.Option("--format", help="Text with every digit, or netCDF.")
+    ] = ExportFormat.csv,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="By default in the run directory, named by the stage."),
+    ] = None,
+) -> None:
+    """Write the cases of a campaign to a file for other programs."""
+    from hillsphere.cli.exporting import export_cases
+
+    registry = registry_of(strict=False)
+    path = export_cases(run, stage=stage, format_=format_.value, out=out, registry=registry)
+    write(str(path))

@@ -1,0 +1,190 @@
+"""What is followed: a state that is held, or a trajectory; at the samples and at any time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from hillsphere.errors import InputError, StageError
+from hillsphere.interfaces import Array, Plant
+from hillsphere.products import FlightSet
+from hillsphere.simulation.flow import thrust_vectors, velocity_rows
+
+__all__ = ["Course", "Rows", "course_along", "course_at"]
+
+_SAME_TIME = 1e-9
+
+
+class Rows:
+    """Which states of a plant are positions and velocities.
+
+    Parameters
+    ----------
+    plant : Plant
+        Its positions and velocities are as many; the i-th velocity is the rate of the i-th
+        position. Several spacecraft follow one another, three and three.
+
+    Raises
+    ------
+    InputError
+        If they are not as many, or none.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self.names = tuple(v.name for v in plant.states)
+        self.positions = [i for i, v in enumerate(plant.states) if (v.length, v.time) == (1, 0)]
+        self.velocities = velocity_rows(plant)
+        if len(self.positions) != len(self.velocities) or not self.positions:
+            raise InputError(
+                "the closed loop needs a plant with positions and as many velocities among its "
+                f"states; this one has {', '.join(self.names) or 'none'}"
+            )
+        self.moving = sorted([*self.positions, *self.velocities])
+        self.others = [i for i in range(len(self.names)) if i not in self.moving]
+        self.vectors = thrust_vectors(len(self.positions))
+        """Number of positions in space: one, or one per spacecraft."""
+
+    def distance(self, difference: Array) -> Array:
+        """Return the largest distance (N,) among the spacecraft, of states (n, N)."""
+        return self._largest(difference[self.positions])
+
+    def speed(self, difference: Array) -> Array:
+        """Return the largest speed (N,) among the spacecraft, of states (n, N)."""
+        return self._largest(difference[self.velocities])
+
+    def _largest(self, each: Array) -> Array:
+        squares = np.add.reduce((each * each).reshape(self.vectors, -1, each.shape[1]), axis=1)
+        return np.asarray(np.sqrt(np.maximum.reduce(squares, axis=0)))
+
+
+class Course:
+    """States to be followed, by the time since the start.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of the plant.
+    t : ndarray, shape (J,)
+        Times, rising from zero; one for a state that is held.
+    x : ndarray, shape (n, J)
+        States there, SI.
+    u : ndarray, shape (p, J), or None
+        Command from each time to the next.
+
+    Notes
+    -----
+    Between two times positions run along the cubic that meets positions and velocities at both,
+    velocities are its slope, other states run in a line. After the last all stay as they are there.
+    """
+
+    def __init__(self, rows: Rows, t: Array, x: Array, u: Array | None = None) -> None:
+        self.rows, self._t, self._x, self._u = rows, t, x, u
+        self.length_s = float(t[-1])
+        self._cubic = (
+            CubicHermiteSpline(t, x[rows.positions], x[rows.velocities], axis=1)
+            if len(t) > 1
+            else None
+        )
+
+    @property
+    def start(self) -> Array:
+        """State at the start (n,)."""
+        return np.array(self._x[:, 0])
+
+    @property
+    def commanded(self) -> bool:
+        """Whether a command comes with it."""
+        return self._u is not None
+
+    def at(self, t: Array) -> Array:
+        """Return the states (n, N) at times (N,) since the start."""
+        if self._cubic is None:
+            return np.broadcast_to(self._x, (len(self._x), len(t)))
+        # A NaN stays: what never began is nowhere.
+        within = np.clip(t, 0.0, self.length_s)
+        out = np.empty((len(self._x), len(t)))
+        out[self.rows.positions] = self._cubic(within)
+        out[self.rows.velocities] = self._cubic(within, 1)
+        for row in self.rows.others:
+            out[row] = np.interp(within, self._t, self._x[row])
+        # At the given times the given states, to the last bit.
+        near = np.clip(np.searchsorted(self._t, within), 0, len(self._t) - 1)
+        same = np.abs(self._t[near] - within) <= _SAME_TIME * max(self.length_s, 1.0)
+        out[:, same] = self._x[:, near[same]]
+        return out
+
+    def command(self, t: Array) -> Array | None:
+        """Return the command (p, N) from times (N,) on; None if there is none."""
+        if self._u is None:
+            return None
+        slack = _SAME_TIME * max(self.length_s, 1.0)
+        place = np.searchsorted(self._t, t + slack, side="right") - 1
+        return np.ascontiguousarray(self._u[:, np.clip(place, 0, len(self._t) - 1)])
+
+
+def course_at(rows: Rows, state: Array) -> Course:
+    """Return the course that stays at one state (n,)."""
+    return Course(rows, np.zeros(1), state[:, None])
+
+
+def course_along(plant: Plant, rows: Rows, product: FlightSet, name: str) -> Course:
+    """Return the course along a trajectory of an earlier stage.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of the flight that follows it.
+    rows : Rows
+        Of its states; those that the trajectory does not have are zero.
+    product : FlightSet
+        Where it is.
+    name : str
+        Its label; ``""`` for the only one.
+
+    Returns
+    -------
+    Course
+        Its times counted from its own beginning.
+
+    Raises
+    ------
+    InputError
+        If there is no such trajectory, or several.
+    StageError
+        If it is given in another frame, or lacks positions, velocities or times.
+    """
+    flights = product.flights
+    found = [i for i, label in enumerate(flights.labels) if name in ("", label)]
+    if len(found) != 1:
+        known = ", ".join(repr(label) for label in flights.labels) or "none"
+        many = f"{len(found)} trajectories are" if found else "no trajectory is"
+        called = f"called {name!r}" if name else "there"
+        raise InputError(f"follow: {many} {called}; needs.reference has {known}")
+    if flights.frame != plant.frame:
+        raise StageError(
+            f"the reference is given in frame {flights.frame!r}, the plant moves in "
+            f"{plant.frame!r}; follow it with a plant in its frame"
+        )
+    (lane,) = found
+    there = np.isfinite(flights.t_s[:, lane])
+    t = flights.t_s[there, lane]
+    place = {state: i for i, state in enumerate(flights.states)}
+    missing = [rows.names[i] for i in rows.moving if rows.names[i] not in place]
+    x = np.zeros((len(rows.names), len(t)))
+    for i, state in enumerate(rows.names):
+        if state in place:
+            x[i] = flights.x[place[state], there, lane]
+    if missing or len(t) < 2 or not np.isfinite(x).all() or not (np.diff(t) > 0).all():
+        raise StageError(
+            f"trajectory {flights.labels[lane]!r} cannot be followed: it needs finite "
+            "positions and velocities at two rising times or more"
+            + (f", and has no {', '.join(missing)}" if missing else "")
+        )
+    if flights.u is None:
+        return Course(rows, t - t[0], x)
+    names = tuple(v.name for v in plant.controls)
+    if flights.controls != names:
+        raise StageError(
+            f"the reference's command is {flights.controls}, the plant's controls are {names}"
+        )
+    return Course(rows, t - t[0], x, np.nan_to_num(flights.u[:, there, lane]))

@@ -1,0 +1,133 @@
+"""Figures of the nominal flight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hillsphere.closed_loop.products import ClosedLoopFlight
+from hillsphere.closed_loop.specs import ClosedLoopSpec
+from hillsphere.interfaces import Array
+from hillsphere.presentation import PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_command", "draw_errors", "draw_path"]
+
+_COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
+_LONG_H = 72.0
+_NEAR = 3.0
+"""A limit is drawn if the flight comes within this factor of it; else it would hide the flight."""
+_FAR_KM = 1.0
+"""Flights that span less are drawn in metres about their reference."""
+
+
+def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec) -> None:
+    """Draw distance and speed from the reference over time."""
+    time, label = _time(product)
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    limits, require = spec.limits, spec.require
+    top.set_ylabel("distance [m]")
+    bottom.set_ylabel("speed [m/s]")
+    bottom.set_xlabel(label)
+    counted = time >= time[0] + _in_units(spec.errors_from_s, product)
+    for axes, error, limit, required in (
+        (top, product.position_error_m, limits.position_error_m, require.largest_position_error_m),
+        (
+            bottom,
+            product.velocity_error_m_s,
+            limits.velocity_error_m_s,
+            require.largest_velocity_error_m_s,
+        ),
+    ):
+        axes.plot(time, error, color=PALETTE["blue"], label="from the reference")
+        _line(axes, time, error, limit, "vermillion", "limit")
+        _line(axes, time[counted], error, required, "orange", "required")
+        axes.set_ylim(bottom=0.0)
+        axes.legend(loc="upper right")
+
+
+def _line(
+    axes: Axes, time: Array, error: Array, value: float | None, colour: str, what: str
+) -> None:
+    if value is not None and len(time) and value <= _NEAR * np.nanmax(error):
+        ends = [np.nanmin(time), np.nanmax(time)]
+        axes.plot(ends, [value, value], color=PALETTE[colour], linestyle="--", label=what)
+
+
+def draw_command(figure: Figure, product: ClosedLoopFlight) -> None:
+    """Draw the command over time: steps where it is held, points where it is an impulse."""
+    time, label = _time(product)
+    unit = product.control_units[0]
+    impulses = unit == "m/s"
+    most = np.nanmax(np.abs(product.u), initial=0.0)
+    factor, prefix = (1e3, "m") if unit.startswith("m/s") and most < 0.1 else (1.0, "")
+    axes = figure.subplots()
+    for i, (name, values) in enumerate(zip(product.controls, factor * product.u, strict=True)):
+        colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
+        if impulses:
+            axes.plot(time[:-1], values, ".", color=colour, label=f"Δ{name}")
+        else:
+            # The last command is held to the end of the flight.
+            steps = np.append(values, values[-1])
+            axes.step(time, steps, where="post", color=colour, label=name)
+    axes.set_xlabel(label)
+    shown = prefix + unit.replace("s2", "s²")
+    axes.set_ylabel(f"{'impulse' if impulses else 'command'} [{shown}]")
+    axes.legend(loc="best", ncols=max(1, len(product.controls) // 3))
+
+
+def draw_path(figure: Figure, product: ClosedLoopFlight) -> None:
+    """Draw the paths in space, and the body if it has a surface."""
+    axes: Any = figure.add_subplot(projection="3d")
+    rows = np.array(product.position_rows).reshape(-1, 3)
+    both = np.concatenate([product.x[rows], product.goal[rows]], axis=2) / 1e3
+    span = float(np.max(np.nanmax(both, axis=2) - np.nanmin(both, axis=2)))
+    near = span < _FAR_KM
+    for i, vector in enumerate(rows):
+        colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
+        path, goal = product.x[vector], product.goal[vector]
+        if near:
+            path, goal = path - goal[:, :1], goal - goal[:, :1]
+        else:
+            path, goal = path / 1e3, goal / 1e3
+        who = f" {i + 1}" if len(rows) > 1 else ""
+        axes.plot(*path, color=colour, label=f"flight{who}")
+        still = not np.ptp(goal, axis=1).any()
+        shape = {"marker": "x", "linestyle": ""} if still else {"linestyle": "--"}
+        shown = goal[:, :1] if still else goal
+        axes.plot(*shown, color=PALETTE["black"], label=f"reference{who}", **shape)
+    if product.semi_axes_m is not None and not near:
+        axes.plot_surface(*_ellipsoid(product), color="#bbbbbb", alpha=0.4, linewidth=0)
+    for name in "xyz":
+        getattr(axes, f"set_{name}label")(f"Δ{name} [m]" if near else f"{name} [km]", labelpad=8)
+        axes.locator_params(axis=name, nbins=5)
+    axes.set_aspect("equal")
+    axes.legend(loc="upper left")
+
+
+def _ellipsoid(product: ClosedLoopFlight) -> Array:
+    """Return points of the surface (3, J, K), km, in the frame of the flight."""
+    assert product.semi_axes_m is not None
+    a, b, c = product.semi_axes_m / 1e3
+    lon, lat = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(-np.pi / 2, np.pi / 2, 25))
+    x, y, z = a * np.cos(lat) * np.cos(lon), b * np.cos(lat) * np.sin(lon), c * np.sin(lat)
+    cos, sin = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
+    return np.array([x * cos - y * sin, x * sin + y * cos, z])
+
+
+def _time(product: ClosedLoopFlight) -> tuple[Array, str]:
+    """Return times since the start in hours or days, and the label of their axis."""
+    unit = "days" if _is_long(product) else "h"
+    return _in_units(product.time_s - product.time_s[0], product), f"time [{unit}]"
+
+
+def _in_units(seconds: Any, product: ClosedLoopFlight) -> Any:
+    return seconds / (86400.0 if _is_long(product) else 3600.0)
+
+
+def _is_long(product: ClosedLoopFlight) -> bool:
+    return bool(np.nanmax(product.time_s) - product.time_s[0] > _LONG_H * 3600.0)

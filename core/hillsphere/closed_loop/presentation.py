@@ -1,0 +1,132 @@
+"""Tables, figures and sentences about the nominal flight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.closed_loop.figures import draw_command, draw_errors, draw_path
+from hillsphere.closed_loop.metrics import requirement
+from hillsphere.closed_loop.products import ClosedLoopFlight
+from hillsphere.closed_loop.specs import ClosedLoopSpec
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+
+__all__ = ["present_flight"]
+
+_BEYOND_HILL = 0.01
+_COARSE = 1e-3
+"""Part of the largest distance from the reference that the sub-steps may cost unremarked."""
+
+_COLUMNS = (
+    Column("metric", "", "metric"),
+    Column("value", "", "value", 6),
+    Column("unit", "", "unit"),
+    Column("required", "", "at most", 6),
+)
+
+
+def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentation:
+    """Show the nominal flight.
+
+    Parameters
+    ----------
+    product : ClosedLoopFlight
+        What is shown.
+    spec : ClosedLoopSpec
+        What was asked for.
+
+    Returns
+    -------
+    Presentation
+        Table ``closed_loop``, figures ``closed_loop_errors``, ``closed_loop_command`` and, for
+        positions in space, ``closed_loop_path``.
+    """
+
+    def named(name: str) -> str:
+        return f"{name}_{spec.label}" if spec.label else name
+
+    rows: list[dict[str, Cell]] = []
+    for name, unit, value in zip(product.metrics, product.units, product.values, strict=True):
+        most = requirement(spec.require, name)
+        rows.append(
+            {
+                "metric": name.replace("_", " "),
+                "value": float(value) if np.isfinite(value) else None,
+                "unit": unit,
+                "required": most,
+            }
+        )
+    figures = {
+        "closed_loop_errors": Figure(
+            "Distance and speed from the reference",
+            lambda canvas: draw_errors(canvas, product, spec),
+            "True deviations at the samples; dashed: limits and requirements.",
+        ),
+        "closed_loop_command": Figure(
+            "Command",
+            lambda canvas: draw_command(canvas, product),
+            "What the actuator did at each sample.",
+        ),
+    }
+    if len(product.position_rows) % 3 == 0:
+        figures["closed_loop_path"] = Figure(
+            "Path",
+            lambda canvas: draw_path(canvas, product),
+            f"In the frame {product.frame}; Δ: from where the reference begins. Dashed, or a "
+            "cross: the reference.",
+            size_in=(6.5, 5.5),
+        )
+    metrics = {
+        f"closed_loop_{name}": Metric(float(value), unit)
+        for name, unit, value in zip(product.metrics, product.units, product.values, strict=True)
+        if np.isfinite(value)
+    }
+    metrics["closed_loop_status"] = Metric(product.status, "")
+    return Presentation(
+        metrics={named(name): metric for name, metric in metrics.items()},
+        tables={named("closed_loop"): Table("Nominal flight", _COLUMNS, rows, _notes(product))},
+        figures={named(name): figure for name, figure in figures.items()},
+        verdict=_verdict(product, spec),
+    )
+
+
+def _notes(product: ClosedLoopFlight) -> list[str]:
+    seen = ", ".join(product.seen_states)
+    return [
+        f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
+        "case 0 of a campaign. The largest errors are those at the samples that count and at the "
+        "end."
+    ]
+
+
+def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
+    begun, ended = product.time_s[0], product.end_s
+    what = product.status + (f" ({product.cause.replace('_', ' ')})" if product.cause else "")
+    counted = f" after {spec.errors_from_s / 60.0:g} min" if spec.errors_from_s else ""
+    values = dict(zip(product.metrics, product.values.tolist(), strict=True))
+    sentences = [
+        f"The nominal flight {'failed' if product.failed else 'succeeded'}: {what} after "
+        f"{(ended - begun) / 3600.0:.4g} h, at most "
+        f"{values['largest_position_error']:.4g} m from its reference{counted}, with "
+        f"{values['dv']:.4g} m/s of Δv."
+    ]
+    if product.step_error_m is not None and not product.step_error_m <= _COARSE * max(
+        values["largest_position_error"], 1.0
+    ):
+        sentences.append(
+            f"With twice as many sub-steps the flight ends {product.step_error_m:.2g} m from "
+            "there: too few; raise substeps, or give a tolerance."
+        )
+    if product.series_radius_m is not None and product.nearest_m < product.series_radius_m:
+        sentences.append(
+            f"The flight comes as near as {product.nearest_m / 1e3:.4g} km, inside the sphere of "
+            f"{product.series_radius_m / 1e3:.4g} km outside which the harmonic series is sure to "
+            "converge: its gravity is used there without that guarantee."
+        )
+    if product.hill_distance_m is not None:
+        share = product.farthest_m / product.hill_distance_m
+        if share > _BEYOND_HILL:
+            sentences.append(
+                f"It reaches {100 * share:.2g} % of the distance to the primary: the Hill "
+                "approximation neglects terms of that relative order."
+            )
+    return sentences

@@ -1,0 +1,289 @@
+"""Spec of the stage ``closed_loop``: what a mission may write."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+
+__all__ = [
+    "ActuatorSpec",
+    "ClosedLoopNeeds",
+    "ClosedLoopSpec",
+    "LimitsSpec",
+    "NavigationSpec",
+    "RequirementsSpec",
+    "StartSpec",
+    "TargetSpec",
+]
+
+
+class ClosedLoopNeeds(Spec):
+    """Products of earlier stages that ``closed_loop`` takes."""
+
+    reference: Ref | None = need(
+        "hillsphere.products:FlightSet",
+        "a trajectory that is followed, with its command added to the law's if it has one",
+        default=None,
+    )
+
+
+class StartSpec(Spec):
+    """Where and when a flight begins."""
+
+    position_m: tuple[float, ...] | None = quantity(
+        "length",
+        "positions in the plant's frame, one per state that is a length, in their order; left out: "
+        "those of the reference",
+        default=None,
+        min_length=1,
+    )
+    velocity_m_s: tuple[float, ...] | None = quantity(
+        "speed",
+        "velocities, likewise; left out: those of the reference",
+        default=None,
+        min_length=1,
+    )
+    others: dict[str, float] = option(
+        "values of states that are neither position nor velocity, by name, SI "
+        "(true_anomaly = 0.5); left out: those of the reference",
+        default={},
+    )
+    time_s: float = quantity("time", "time at the start", default=0.0)
+
+
+class TargetSpec(Spec):
+    """A state that is held."""
+
+    position_m: tuple[float, ...] | None = quantity(
+        "length",
+        "positions, one per state that is a length; left out: those at the start",
+        default=None,
+        min_length=1,
+    )
+    velocity_m_s: tuple[float, ...] | None = quantity(
+        "speed", "velocities, likewise; left out: zero", default=None, min_length=1
+    )
+
+
+class NavigationSpec(Spec):
+    """Errors of what the law sees, each axis on its own."""
+
+    position_m: float = quantity("length", "standard deviation of each position", default=0.0, ge=0)
+    velocity_m_s: float = quantity(
+        "speed", "standard deviation of each velocity", default=0.0, ge=0
+    )
+    correlation_time_s: float = quantity(
+        "time",
+        "time in which errors are forgotten (first-order Gauss-Markov); zero: they are independent "
+        "from sample to sample",
+        default=0.0,
+        ge=0,
+    )
+
+
+class ActuatorSpec(Spec):
+    """Limits and errors of what is done of a command, for each thrust vector on its own."""
+
+    magnitude: float = option(
+        "standard deviation of the size, as a fraction, new at each sample", default=0.0, ge=0, lt=1
+    )
+    pointing_rad: float = quantity(
+        "angle",
+        "standard deviation of the direction about each axis normal to the command, new at each "
+        "sample",
+        default=0.0,
+        ge=0,
+        lt=1,
+    )
+    minimum_acceleration_m_s2: float = quantity(
+        "acceleration", "held laws: a smaller command is not done", default=0.0, ge=0
+    )
+    maximum_acceleration_m_s2: float | None = quantity(
+        "acceleration", "held laws: a larger command is cut to this", default=None, gt=0
+    )
+    quantum_acceleration_m_s2: float = quantity(
+        "acceleration", "held laws: commands are rounded to multiples of this", default=0.0, ge=0
+    )
+    minimum_impulse_m_s: float = quantity(
+        "speed", "impulsive laws: a smaller impulse is not done", default=0.0, ge=0
+    )
+    maximum_impulse_m_s: float | None = quantity(
+        "speed", "impulsive laws: a larger impulse is cut to this", default=None, gt=0
+    )
+    quantum_impulse_m_s: float = quantity(
+        "speed", "impulsive laws: impulses are rounded to multiples of this", default=0.0, ge=0
+    )
+
+
+class LimitsSpec(Spec):
+    """What ends a flight, beside the events of the plant (impact, escape)."""
+
+    position_error_m: float | None = quantity(
+        "length", "largest distance from the reference (a tube about it)", default=None, gt=0
+    )
+    velocity_error_m_s: float | None = quantity(
+        "speed", "largest difference in velocity from the reference", default=None, gt=0
+    )
+    distance_min_m: float | None = quantity(
+        "length", "smallest distance from the centre of the plant's frame", default=None, gt=0
+    )
+    distance_max_m: float | None = quantity(
+        "length", "largest distance from the centre of the plant's frame", default=None, gt=0
+    )
+    dv_m_s: float | None = quantity("speed", "Δv at hand", default=None, ge=0)
+
+
+class RequirementsSpec(Spec):
+    """Largest values of metrics; a flight that ends well but beyond one of them has failed."""
+
+    dv_m_s: float | None = quantity("speed", "Δv", default=None, ge=0)
+    final_position_error_m: float | None = quantity(
+        "length", "distance from the reference at the end", default=None, gt=0
+    )
+    final_velocity_error_m_s: float | None = quantity(
+        "speed", "difference in velocity from the reference at the end", default=None, gt=0
+    )
+    largest_position_error_m: float | None = quantity(
+        "length", "largest distance from the reference at samples", default=None, gt=0
+    )
+    largest_velocity_error_m_s: float | None = quantity(
+        "speed", "largest difference in velocity at samples", default=None, gt=0
+    )
+
+
+class ClosedLoopSpec(StageSpec):
+    """A plant under a law that follows a reference: flown once, or repeated by a campaign.
+
+    What may differ from case to case, and be dispersed or swept at run time: the plant's
+    parameters; ``state.NAME`` (the start) or ``offset.NAME`` (added to it) of each state;
+    ``start_time``; ``dv_budget`` where one is given; ``actuator.scale``, and for each row of the
+    command ``actuator.gain.ROW`` (effectiveness) and ``actuator.turn.ROW`` (misalignment about that
+    axis, rad), all constant over a flight.
+    """
+
+    produces = "hillsphere.closed_loop.products:ClosedLoopFlight"
+    examples = (
+        {
+            "plant": "hill",
+            "law": "hover",
+            "target": {"position_km": [0, 300, 0]},
+            "samples": 2,
+            "substeps": 50,
+            "navigation": {"position_m": 5, "velocity_mm_s": 1},
+            "actuator": {"magnitude": 0.01, "pointing_deg": 0.5},
+            "limits": {"distance_max_km": 1000, "dv_m_s": 1000},
+        },
+        {
+            "plant": "hill",
+            "law": "tracking",
+            "needs": {"reference": "descent"},
+            "success": ["impact"],
+            "tolerance": 1e-9,
+            "limits": {"position_error_m": 500, "dv_m_s": 30},
+            "require": {"final_velocity_error_m_s": 0.2},
+        },
+    )
+
+    needs: ClosedLoopNeeds = option("products of earlier stages", default=ClosedLoopNeeds())
+    plant: Ref = reference("plant", "equations of motion")
+    law: Ref = reference("compensator", "what commands")
+    follow: str = option(
+        "with needs.reference: name of the trajectory in it that is followed; left out: the only "
+        "one",
+        default="",
+    )
+    target: TargetSpec | None = option(
+        "state that is held; left out: what needs.reference gives, or else the place of the start",
+        default=None,
+    )
+    start: StartSpec = option("where and when the flight begins", default=StartSpec())
+    sees: tuple[str, ...] = option(
+        "names of the states that the law sees, in its order; left out: all positions and "
+        "velocities (all states, for a law that measures them continuously)",
+        default=(),
+    )
+    duration_s: float | None = quantity(
+        "time",
+        "how long a flight lasts, rounded up to whole periods of the law; left out: samples, or as "
+        "long as the reference",
+        default=None,
+        gt=0,
+    )
+    samples: int | None = option(
+        "at how many samples the law acts, instead of a duration", default=None, ge=1, le=10_000_000
+    )
+    method: Literal["rk6", "dop853"] = option("formula of the step map", default="dop853")
+    substeps: int = option(
+        "steps of the step map between two samples; events are watched at their ends",
+        default=1,
+        ge=1,
+        le=100_000,
+    )
+    tolerance: float | None = option(
+        "check every leg against twice as many steps, doubled until they differ by less, in the "
+        "plant's natural units; three times the work or more; left out: not checked",
+        default=None,
+        gt=0,
+    )
+    most_substeps: int = option("with tolerance: the most steps", default=1024, ge=2, le=1_000_000)
+    navigation: NavigationSpec = option(
+        "errors of what the law sees; left out: none", default=NavigationSpec()
+    )
+    actuator: ActuatorSpec | None = option(
+        "limits and errors of what is done of a command; left out: none", default=None
+    )
+    limits: LimitsSpec = option("what ends a flight early", default=LimitsSpec())
+    success: tuple[Literal["completed", "impact", "escape", "constraint", "propellant"], ...] = (
+        option(
+            "how a flight may end that has not failed: after its last sample, or for a landing "
+            "with 'impact'",
+            default=("completed",),
+            min_length=1,
+        )
+    )
+    require: RequirementsSpec = option(
+        "largest values beyond which a flight has failed all the same", default=RequirementsSpec()
+    )
+    errors_from_s: float = quantity(
+        "time",
+        "time since the start from which the largest errors count, to leave out how an error of "
+        "the start is brought in",
+        default=0.0,
+        ge=0,
+    )
+    label: str = option(
+        "appended to the names of tables, figures and metrics, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _something_to_follow(self) -> Self:
+        given = self.needs.reference is not None
+        if given and self.target is not None:
+            raise _rule("target", "needs.reference is followed already; give one of the two")
+        if self.follow and not given:
+            raise _rule("follow", "it names a trajectory of needs.reference, which is not given")
+        place = self.target.position_m if self.target else None
+        if not given and place is None and self.start.position_m is None:
+            raise _rule("target", "where? give target.position_m, start.position_m or both")
+        if self.duration_s is not None and self.samples is not None:
+            raise _rule("samples", "duration_s says it already; give one of the two")
+        if self.duration_s is None and self.samples is None and not given:
+            raise _rule("duration_s", "how long? give a duration or the number of samples")
+        if self.tolerance is not None and self.most_substeps < 2 * self.substeps:
+            raise _rule("most_substeps", "must be at least twice substeps")
+        for key in ("sees", "success"):
+            values = getattr(self, key)
+            if len(set(values)) < len(values):
+                raise _rule(key, "a value stands twice")
+        return self
+
+
+def _rule(key: str, text: str) -> PydanticCustomError:
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -1,0 +1,398 @@
+"""The stage ``closed_loop``: a plant under a law that follows a reference, N cases at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
+from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.closed_loop.limits import limits_of
+from hillsphere.closed_loop.metrics import METRICS, UNITS, Deviations, judge, measure
+from hillsphere.closed_loop.parts import (
+    Effectiveness,
+    actuator_of,
+    command_rows,
+    navigation_of,
+    seen_rows,
+    unit_of,
+)
+from hillsphere.closed_loop.presentation import present_flight
+from hillsphere.closed_loop.products import ClosedLoopFlight
+from hillsphere.closed_loop.specs import ClosedLoopSpec
+from hillsphere.closed_loop.surroundings import Surroundings
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Compensator, Context, Parameter, Plant
+from hillsphere.presentation import Presentation
+from hillsphere.products import FlightSet
+from hillsphere.simulation import (
+    BLOCK,
+    Cases,
+    ContinuousLaw,
+    Flights,
+    SampledReference,
+    Simulator,
+)
+
+__all__ = ["ClosedLoopStage"]
+
+_PLANT = "plant."
+_STREAM = "closed_loop"
+_ENDS = 1e-9
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """What flights with one reference share.
+
+    Parameters
+    ----------
+    course : Course
+        What is followed.
+    samples : int
+        At how many samples the law acts.
+    goal : ndarray, shape (n, K + 1)
+        The reference at them, and at the end of the last.
+    reference : SampledReference
+        The same as the law sees it.
+    simulators : dict
+        By names of run-time parameters and number of sub-steps; filled when first needed.
+    """
+
+    course: Course
+    samples: int
+    goal: Array
+    reference: SampledReference
+    simulators: dict[tuple[tuple[str, ...], int], Simulator]
+
+
+class ClosedLoopStage:
+    """A plant under a law.
+
+    Parameters
+    ----------
+    spec : ClosedLoopSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If plant, law and Spec do not fit together.
+    """
+
+    def __init__(self, spec: ClosedLoopSpec) -> None:
+        self.spec = spec
+        self.plant: Plant = spec.plant.get()
+        self.law: Compensator | ContinuousLaw = spec.law.get()
+        self.rows = Rows(self.plant)
+        self._seen = seen_rows(self.rows, self.law, spec.sees)
+        self._navigation = navigation_of(spec.navigation, self.rows, self._seen)
+        self.commands = command_rows(self.plant, self.rows, self.law)
+        self._actuator = actuator_of(spec.actuator, self.law, len(self.commands))
+        self._effectiveness = Effectiveness(self.commands)
+        self._check()
+        self._start = self._given_start()
+        self._known: tuple[FlightSet | None, _Loop] | None = None
+
+    def case_inputs(self) -> tuple[Parameter, ...]:
+        """Return what may differ from case to case, see `ClosedLoopSpec`."""
+        start = self._start if self.spec.needs.reference else self._loop(None).course.start
+        start = np.where(np.isnan(self._start), start, self._start)
+        units = [unit_of(v) for v in self.plant.states]
+        names, spec = self.rows.names, self.spec
+        found = [Parameter(_PLANT + q.name, q.value, q.unit) for q in self.plant.parameters()]
+        found += [
+            Parameter(f"state.{name}", float(value), unit)
+            for name, value, unit in zip(names, start, units, strict=True)
+        ]
+        found += [Parameter(f"offset.{name}", 0.0, u) for name, u in zip(names, units, strict=True)]
+        found.append(Parameter("start_time", spec.start.time_s, "s"))
+        if spec.limits.dv_m_s is not None:
+            found.append(Parameter("dv_budget", spec.limits.dv_m_s, "m/s"))
+        return (*found, *self._effectiveness.inputs())
+
+    def run(self, ctx: Context, reference: FlightSet | None = None) -> ClosedLoopFlight:
+        """Fly the nominal case.
+
+        Parameters
+        ----------
+        ctx : Context
+            Seed and progress.
+        reference : FlightSet, optional
+            What is followed.
+
+        Returns
+        -------
+        ClosedLoopFlight
+            With the navigation and actuator errors of draw 0.
+        """
+        loop = self._loop(reference)
+        # A lane among 64 as in a campaign, so that the same case has the same bits there.
+        lanes = np.zeros(BLOCK, dtype=np.int64)
+        batch = CaseBatch(
+            lanes, lanes, np.arange(BLOCK) > 0, (), np.zeros((0, BLOCK)), ctx.seed, _STREAM
+        )
+        advance = ctx.track("closed loop", loop.samples)
+        flights, largest = self._fly(loop, batch, history=True)
+        step_error = None
+        if self.spec.tolerance is None:
+            finer, _ = self._fly(loop, batch, finer=True)
+            moved = (finer.x - flights.x)[self.rows.positions, 0]
+            step_error = float(np.sqrt(np.sum(moved**2)))
+        advance(loop.samples)
+        results = self._results(loop, flights, largest, batch)
+        return self._product(loop, flights, results, step_error)
+
+    def run_cases(
+        self, batch: CaseBatch, history: bool = False, reference: FlightSet | None = None
+    ) -> CaseResults:
+        """Fly a block of cases.
+
+        Parameters
+        ----------
+        batch : CaseBatch
+            Inputs by the names of `case_inputs`; noise by its draws.
+        history : bool
+            Whether to keep every sample.
+        reference : FlightSet, optional
+            What is followed.
+
+        Returns
+        -------
+        CaseResults
+            Metrics as in `hillsphere.closed_loop.metrics.METRICS`.
+
+        Raises
+        ------
+        InputError
+            If the batch names something that is no input.
+        """
+        loop = self._loop(reference)
+        flights, largest = self._fly(loop, batch, history=history)
+        return self._results(loop, flights, largest, batch)
+
+    def present(
+        self, product: ClosedLoopFlight, reference: FlightSet | None = None
+    ) -> Presentation:
+        """Show the nominal flight."""
+        return present_flight(product, self.spec)
+
+    def _check(self) -> None:
+        spec, rows = self.spec, self.rows
+        most = len(rows.positions)
+        given = {"start.position_m": spec.start.position_m}
+        given["start.velocity_m_s"] = spec.start.velocity_m_s
+        if spec.target is not None:
+            given["target.position_m"] = spec.target.position_m
+            given["target.velocity_m_s"] = spec.target.velocity_m_s
+        for key, values in given.items():
+            if values is not None and len(values) != most:
+                named = rows.positions if "position" in key else rows.velocities
+                raise InputError(
+                    f"{key}: the plant has {most} ({', '.join(rows.names[i] for i in named)}), "
+                    f"got {len(values)} numbers"
+                )
+        others = [rows.names[i] for i in rows.others]
+        if unknown := sorted(set(spec.start.others) - set(others)):
+            raise InputError(
+                f"start.others: no state {', '.join(unknown)} that is neither position nor "
+                f"velocity; the plant has {', '.join(others) or 'none'}"
+            )
+        missing = [name for name in others if name not in spec.start.others]
+        if missing and not spec.needs.reference:
+            raise InputError(f"start.others: give the value of {', '.join(missing)}")
+
+    def _given_start(self) -> Array:
+        """Return the start as the Spec gives it (n,); NaN where it is that of the reference."""
+        start, rows = self.spec.start, self.rows
+        x = np.full(len(rows.names), np.nan)
+        if start.position_m is not None:
+            x[rows.positions] = start.position_m
+        if start.velocity_m_s is not None:
+            x[rows.velocities] = start.velocity_m_s
+        for name, value in start.others.items():
+            x[rows.names.index(name)] = value
+        return x
+
+    def _loop(self, product: FlightSet | None) -> _Loop:
+        """Return what flights with this reference share, made once."""
+        if self._known is not None and self._known[0] is product:
+            return self._known[1]
+        spec, period = self.spec, self.law.period_s
+        course = self._held() if product is None else self._along(product)
+        if spec.samples is not None:
+            samples = spec.samples
+        else:
+            duration = course.length_s if spec.duration_s is None else spec.duration_s
+            samples = max(1, ceil(duration / period * (1.0 - _ENDS)))
+        times: Array = np.arange(samples + 1, dtype=float) * period
+        goal = course.at(times)
+        command = course.command(times[:-1])
+        loop = _Loop(course, samples, goal, SampledReference(goal[self._seen], command), {})
+        self._known = (product, loop)
+        return loop
+
+    def _held(self) -> Course:
+        """Return the state that is held."""
+        target, rows = self.spec.target, self.rows
+        x = self._start.copy()
+        if target is not None and target.position_m is not None:
+            x[rows.positions] = target.position_m
+        x[rows.velocities] = 0.0
+        if target is not None and target.velocity_m_s is not None:
+            x[rows.velocities] = target.velocity_m_s
+        return course_at(rows, x)
+
+    def _along(self, product: FlightSet) -> Course:
+        course = course_along(self.plant, self.rows, product, self.spec.follow)
+        if course.commanded and self._kind() == "impulses":
+            raise InputError(
+                "needs.reference: it comes with a command that is held, the law commands impulses"
+            )
+        return course
+
+    def _kind(self) -> str:
+        law = self.law
+        impulsive = not isinstance(law, ContinuousLaw) and law.actuation == "impulse"
+        return "impulses" if impulsive else "a held acceleration"
+
+    def _simulator(self, loop: _Loop, names: tuple[str, ...], substeps: int) -> Simulator:
+        """Return the loop with these parameters of the plant at run time, compiled once."""
+        if (names, substeps) not in loop.simulators:
+            spec = self.spec
+            loop.simulators[names, substeps] = Simulator(
+                self.plant,
+                self.law,
+                reference=loop.reference,
+                navigation=self._navigation,
+                actuator=self._actuator,
+                run_time=names,
+                method=spec.method,
+                substeps=substeps,
+                tolerance=spec.tolerance,
+                most_substeps=spec.most_substeps,
+            )
+        return loop.simulators[names, substeps]
+
+    def _fly(
+        self, loop: _Loop, batch: CaseBatch, *, history: bool = False, finer: bool = False
+    ) -> tuple[Flights, Array]:
+        """Fly a batch; return the flights and the largest deviations (2, N)."""
+        spec = self.spec
+        known = {q.name for q in self.case_inputs()}
+        if unknown := [name for name in batch.names if name not in known]:
+            raise InputError(f"closed_loop has no input {', '.join(unknown)}")
+        # In the plant's order, whatever that of the batch: one compiled map for all.
+        names = tuple(q.name for q in self.plant.parameters() if _PLANT + q.name in batch.names)
+        p = np.array([batch.value(_PLANT + name, 0.0) for name in names])
+        width = len(batch.numbers)
+        begun = batch.value("start_time", spec.start.time_s)
+        nominal = np.where(np.isnan(self._start), loop.course.start, self._start)
+        x0 = np.array(
+            [
+                batch.value(f"state.{name}", value) + batch.value(f"offset.{name}", 0.0)
+                for name, value in zip(self.rows.names, nominal, strict=True)
+            ]
+        )
+        budget = spec.limits.dv_m_s
+        cases = Cases(
+            x0,
+            p.reshape(len(names), width),
+            gain=self._effectiveness.gain(batch),
+            draws=batch.draws,
+            t0_s=begun,
+            dv_budget_m_s=None if budget is None else batch.value("dv_budget", budget),
+        )
+        first = ceil(spec.errors_from_s / self.law.period_s * (1.0 - _ENDS))
+        seen = Deviations(self.rows, loop.goal, width, first)
+        flights = self._simulator(loop, names, spec.substeps * (1 + finer)).fly(
+            cases,
+            loop.samples,
+            seed=batch.seed,
+            stage=batch.stream,
+            history=history,
+            limits=limits_of(spec.limits, self.rows, loop.course, begun),
+            observer=seen,
+        )
+        return flights, seen.largest
+
+    def _results(
+        self, loop: _Loop, flights: Flights, largest: Array, batch: CaseBatch
+    ) -> CaseResults:
+        begun = batch.value("start_time", self.spec.start.time_s)
+        goal = np.repeat(loop.goal[:, -1:], len(begun), axis=1)
+        short = np.array(flights.status) != "completed"
+        if short.any():
+            goal[:, short] = loop.course.at((flights.time_s - begun)[short])
+        values = measure(self.rows, flights, goal, begun, largest)
+        status, cause, failed = judge(flights, values, self.spec.success, self.spec.require)
+        return CaseResults(
+            METRICS, UNITS, values, status, cause, failed, self._histories(loop, flights)
+        )
+
+    def _histories(self, loop: _Loop, flights: Flights) -> Histories | None:
+        """Return everything that was kept, by name."""
+        history = flights.history
+        if history is None:
+            return None
+        units = [unit_of(v) for v in self.plant.states]
+        names = [*self.rows.names]
+        names += [f"{kind}.{self.rows.names[i]}" for kind in ("seen", "ref") for i in self._seen]
+        names += [f"u.{name}" for name in self.commands]
+        units += [units[i] for _ in range(2) for i in self._seen] + self._command_units()
+        acted = np.concatenate([history.y, history.ref, history.u])
+        last = np.full((len(acted), 1, acted.shape[2]), np.nan)
+        values = np.concatenate([history.x, np.concatenate([acted, last], axis=1)])
+        return Histories(history.time_s, tuple(names), tuple(units), values)
+
+    def _command_units(self) -> list[str]:
+        if self._kind() == "impulses":
+            return ["m/s"] * len(self.commands)
+        return [unit_of(v) for v in self.plant.controls]
+
+    def _product(
+        self, loop: _Loop, flights: Flights, results: CaseResults, step_error: float | None
+    ) -> ClosedLoopFlight:
+        history = flights.history
+        assert history is not None
+        x = history.x[:, :, 0]
+        gap = x - loop.goal
+        places = x[self.rows.positions].reshape(self.rows.vectors, -1, x.shape[1])
+        distances = np.sqrt(np.sum(places**2, axis=1))
+        around = Surroundings.of(self.plant)
+        return ClosedLoopFlight(
+            frame=self.plant.frame,
+            states=self.rows.names,
+            state_units=tuple(unit_of(v) for v in self.plant.states),
+            controls=self.commands,
+            control_units=tuple(self._command_units()),
+            seen_states=tuple(self.rows.names[i] for i in self._seen),
+            period_s=self.law.period_s,
+            time_s=history.time_s[:, 0],
+            x=x,
+            goal=loop.goal,
+            seen=history.y[:, :, 0],
+            u=history.u[:, :, 0],
+            position_error_m=self.rows.distance(gap),
+            velocity_error_m_s=self.rows.speed(gap),
+            end_s=float(flights.time_s[0]),
+            end_x=flights.x[:, 0],
+            status=results.status[0],
+            cause=results.cause[0],
+            failed=bool(results.failed[0]),
+            metrics=results.metrics,
+            units=results.units,
+            values=results.values[:, 0],
+            step_error_m=step_error,
+            nearest_m=float(np.nanmin(distances)),
+            farthest_m=float(np.nanmax(distances)),
+            position_rows=tuple(self.rows.positions),
+            velocity_rows=tuple(self.rows.velocities),
+            body=around.body,
+            semi_axes_m=around.semi_axes_m,
+            prime_meridian_rad=around.prime_meridian_rad,
+            series_radius_m=around.series_radius_m,
+            hill_distance_m=around.hill_distance_m,
+        )

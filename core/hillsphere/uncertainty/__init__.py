@@ -1,0 +1,1 @@
+"""What is not known exactly: declared once, drawn by campaigns, bounded for LFTs, a covariance."""

@@ -1,0 +1,232 @@
+"""Dispersions of a mission, resolved into the case inputs of the stage that is repeated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.campaign.repeated import Repeated
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Dispersion, Parameter
+from hillsphere.uncertainty.matching import matched
+
+__all__ = ["Dispersed", "Group", "Quantity", "quantities_of", "resolve"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of a mission that a stage takes case by case, under one name or several.
+
+    Parameters
+    ----------
+    name : str
+        ``"gravity.phobos.C2,0"``; of the stage's own table without its name, ``"state.x"``.
+    inputs : tuple of str
+        Names of the stage's case inputs that it sets, one for each way to its table.
+    nominal : float
+        Nominal value, SI.
+    unit : str
+        Unit.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    nominal: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Group:
+    """One dispersion with the quantities that it stands for.
+
+    Parameters
+    ----------
+    table : str
+        Name of its table.
+    dispersion : Dispersion
+        How they are distributed.
+    quantities : tuple of Quantity
+        In its order.
+    """
+
+    table: str
+    dispersion: Dispersion
+    quantities: tuple[Quantity, ...]
+
+    @property
+    def nominal(self) -> Array:
+        """Nominal values (k,), SI."""
+        return np.array([quantity.nominal for quantity in self.quantities])
+
+
+@dataclass(frozen=True)
+class Dispersed:
+    """What differs at random between the cases of a stage.
+
+    Parameters
+    ----------
+    groups : tuple of Group
+        One per dispersion; no quantity stands in two of them.
+    """
+
+    groups: tuple[Group, ...]
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All k quantities, in order."""
+        return tuple(q for group in self.groups for q in group.quantities)
+
+    def values(self, u: Array, nominal: Mapping[str, float] | None = None) -> Array:
+        """Return values (k, N), SI.
+
+        Parameters
+        ----------
+        u : ndarray, shape (k, N)
+            Numbers in (0, 1), independent and uniform.
+        nominal : mapping of str to float, optional
+            Name of a quantity → value that takes the place of its nominal one.
+        """
+        parts, row = [], 0
+        for group in self.groups:
+            count = len(group.quantities)
+            about = group.nominal
+            for i, quantity in enumerate(group.quantities):
+                about[i] = (nominal or {}).get(quantity.name, about[i])
+            parts.append(group.dispersion.quantiles(u[row : row + count], about))
+            row += count
+        return np.concatenate(parts) if parts else np.empty((0, u.shape[1]))
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean values (k,) and covariance (k, k), SI."""
+        means = [group.dispersion.mean(group.nominal) for group in self.groups]
+        covariance = np.zeros((sum(map(len, means)),) * 2)
+        row = 0
+        for group, mean in zip(self.groups, means, strict=True):
+            here = slice(row, row + len(mean))
+            covariance[here, here] = group.dispersion.covariance(group.nominal)
+            row += len(mean)
+        return np.concatenate([np.empty(0), *means]), covariance
+
+
+def resolve(
+    dispersions: Mapping[str, Dispersion],
+    repeated: Repeated,
+    case_inputs: Sequence[Parameter] | None = None,
+) -> Dispersed:
+    """Find the case inputs that dispersions stand for.
+
+    Parameters
+    ----------
+    dispersions : mapping of str to Dispersion
+        By the name of their table.
+    repeated : Repeated
+        The stage and its mission.
+    case_inputs : sequence of Parameter, optional
+        What it takes case by case, where that is known already.
+
+    Returns
+    -------
+    Dispersed
+        In the order of `dispersions`.
+
+    Raises
+    ------
+    InputError
+        Naming the dispersion: if the stage does not use its table or takes none of its quantities
+        case by case, a name is not found there, has another unit or no nominal value, sizes do not
+        fit, or another dispersion stands for the same quantity.
+    """
+    inputs = repeated.case_inputs() if case_inputs is None else case_inputs
+    taken: dict[str, str] = {}
+    groups = []
+    for table, dispersion in dispersions.items():
+        try:
+            group = _group(table, dispersion, repeated, inputs)
+        except InputError as error:
+            raise InputError(f"dispersions.{table}: {error}") from error
+        for quantity in group.quantities:
+            for name in quantity.inputs:
+                if name in taken:
+                    raise InputError(
+                        f"dispersions.{table}: {quantity.name} is dispersed by "
+                        f"dispersions.{taken[name]} already; leave it out of one of them"
+                    )
+                taken[name] = table
+        groups.append(group)
+    return Dispersed(tuple(groups))
+
+
+def quantities_of(
+    table: str, repeated: Repeated, case_inputs: Sequence[Parameter]
+) -> dict[str, Quantity]:
+    """Return what a stage takes case by case of a table, by the names in that table.
+
+    Parameters
+    ----------
+    table : str
+        ``"gravity.phobos"``.
+    repeated : Repeated
+        The stage and its mission.
+    case_inputs : sequence of Parameter
+        What it takes case by case.
+
+    Returns
+    -------
+    dict of str to Quantity
+        Name in the table → quantity; a quantity that is reached by several ways stands there once.
+    """
+    own = table in ("stage", f"stage.{repeated.stage}")
+    found: dict[str, Quantity] = {}
+    for prefix in repeated.paths(table):
+        for parameter in case_inputs:
+            name = parameter.name.removeprefix(prefix)
+            if not parameter.name.startswith(prefix) or not name:
+                continue
+            if name in found:
+                known = found[name]
+                inputs = (*known.inputs, parameter.name)
+                found[name] = Quantity(known.name, inputs, known.nominal, known.unit)
+            else:
+                full = name if own else f"{table}.{name}"
+                found[name] = Quantity(full, (parameter.name,), parameter.value, parameter.unit)
+    return found
+
+
+def _group(
+    table: str, dispersion: Dispersion, repeated: Repeated, inputs: Sequence[Parameter]
+) -> Group:
+    offered = quantities_of(dispersion.of, repeated, inputs)
+    if not offered:
+        raise InputError(_nothing_there(dispersion.of, repeated, inputs))
+    names = matched(dispersion.keys, list(offered), dispersion.of)
+    group = Group(table, dispersion, tuple(offered[name] for name in names))
+    for quantity in group.quantities:
+        if dispersion.unit and quantity.unit != dispersion.unit:
+            raise InputError(
+                f"its numbers stand for {dispersion.unit}, but {quantity.name} is in "
+                f"{quantity.unit}; give another unit, or leave it out for SI"
+            )
+    lower, upper = dispersion.bounds(group.nominal, 1.0)
+    bad = np.flatnonzero(~(np.isfinite(lower) & np.isfinite(upper)))
+    if bad.size:
+        raise InputError(
+            f"{group.quantities[int(bad[0])].name} has no nominal value before earlier stages have "
+            "run, so nothing can be drawn about it; use limits of its own (uniform with lower and "
+            "upper, choice, samples)"
+        )
+    return group
+
+
+def _nothing_there(table: str, repeated: Repeated, inputs: Sequence[Parameter]) -> str:
+    """Say why a stage takes nothing of a table case by case."""
+    if repeated.paths(table):
+        return (
+            f"of: stage {repeated.stage!r} takes no quantity of {table} case by case; a key of it "
+            "can be swept"
+        )
+    names = [f"{kind}.{name}" for kind, group in repeated.mission.specs.items() for name in group]
+    usable = [name for name in names if quantities_of(name, repeated, inputs)]
+    there = f"it uses {', '.join(usable)}" if usable else "it takes nothing case by case"
+    return f"of: stage {repeated.stage!r} does not use {table}; {there}"

@@ -1,0 +1,158 @@
+"""A distribution of quantities, each by itself, correlated by a Gaussian copula.
+
+Each is a function of standard normal numbers z: value = F⁻¹(Φ(z)). So drawn numbers, designs that
+fill the unit cube, correlation and bounds at so many standard deviations all go one way.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from scipy.special import ndtri
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.uncertainty.copula import copula_covariance, correlated_factor
+from hillsphere.uncertainty.specs import ContinuousSpec, DispersionSpec
+from hillsphere.units import UNITS
+
+__all__ = ["Distribution", "Sizes", "require_count", "si_unit"]
+
+Sizes = float | tuple[float, ...]
+"""One size for all quantities, or one for each."""
+
+_SMALLEST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53
+
+
+def si_unit(unit: str) -> tuple[str, float]:
+    """Return the SI unit of a unit's dimension, as models write it (``"m3/s2"``), and the factor.
+
+    Parameters
+    ----------
+    unit : str
+        A suffix of `hillsphere.units.UNITS`, or ``""``.
+
+    Returns
+    -------
+    tuple of str and float
+        ``("", 1.0)`` if none is given: the numbers are SI, of any dimension.
+    """
+    for suffixes in UNITS.values():
+        if unit in suffixes:
+            return next(iter(suffixes)).replace("_", "/"), suffixes[unit]
+    return "", 1.0
+
+
+def require_count(given: int, wanted: int, key: str) -> None:
+    """Raise `InputError` if a key is given for another number of quantities than there are."""
+    if given != wanted:
+        raise InputError(
+            f"{key} is given for {given} quantities, but parameters finds {wanted}; give as many, "
+            "in the order in which parameters finds them"
+        )
+
+
+class Distribution(ABC):
+    """What all distributions here have in common, see `hillsphere.interfaces.Dispersion`.
+
+    Parameters
+    ----------
+    spec : DispersionSpec
+        Which quantities, in which unit.
+    """
+
+    def __init__(self, spec: DispersionSpec) -> None:
+        self.of = spec.of
+        self.keys = spec.parameters
+        self.unit, self._factor = si_unit(spec.unit)
+        self._scale = spec.scale
+        given = spec.correlation if isinstance(spec, ContinuousSpec) else None
+        self._correlation = None if given is None else np.array(given, dtype=float)
+        self._lower = None if given is None else correlated_factor(np.array(given, dtype=float))
+
+    @abstractmethod
+    def _at(self, z: Array, nominal: Array) -> Array:
+        """Return values (k, N) at standard normal numbers z (k, N)."""
+
+    @abstractmethod
+    def mean(self, nominal: Array) -> Array:
+        """Return the mean values (k,), SI, for nominal values (k,)."""
+
+    @abstractmethod
+    def _deviation(self, nominal: Array) -> Array:
+        """Return standard deviations (k,), SI."""
+
+    @abstractmethod
+    def _support(self, nominal: Array) -> tuple[Array, Array]:
+        """Return least and largest possible values (k,), SI."""
+
+    def quantiles(self, u: Array, nominal: Array) -> Array:
+        """Return values (k, N), SI, for independent uniform numbers u (k, N) in (0, 1).
+
+        Parameters
+        ----------
+        u : ndarray, shape (k, N)
+            A row for each quantity; 0 and 1 stand for the nearest numbers between them.
+        nominal : ndarray, shape (k,)
+            Nominal values, SI.
+
+        Raises
+        ------
+        InputError
+            If sizes or correlations are given for another number of quantities.
+        """
+        z = ndtri(np.clip(u, _SMALLEST, _LARGEST))
+        if self._lower is not None:
+            require_count(len(self._lower), len(nominal), "correlation")
+            z = self._lower @ z
+        return self._at(z, nominal)
+
+    def covariance(self, nominal: Array) -> Array:
+        """Return the covariance (k, k), SI.
+
+        Variances are exact. Covariances of correlated quantities are those of the Gaussian copula:
+        exact for `Normal` without truncation and for `LogNormal`, else by series
+        (`hillsphere.uncertainty.copula.copula_covariance`).
+        """
+        deviation = self._deviation(nominal)
+        if self._correlation is None:
+            return np.diag(deviation**2)
+        require_count(len(self._correlation), len(nominal), "correlation")
+        covariance = self._joint(self._correlation, nominal)
+        np.fill_diagonal(covariance, deviation**2)
+        return covariance
+
+    def _joint(self, correlation: Array, nominal: Array) -> Array:
+        """Return the covariance (k, k) off its diagonal."""
+        return copula_covariance(lambda z: self._at(z, nominal), correlation)
+
+    def bounds(self, nominal: Array, sigmas: float) -> tuple[Array, Array]:
+        """Return mean ∓ `sigmas` standard deviations (k,), SI, within the support."""
+        mean, reach = self.mean(nominal), sigmas * self._deviation(nominal)
+        least, largest = self._support(nominal)
+        return np.maximum(mean - reach, least), np.minimum(mean + reach, largest)
+
+    def _sizes(self, given: Sizes, nominal: Array, key: str) -> Array:
+        """Return one size per quantity (k,), as given."""
+        sizes = np.array(given, dtype=float)
+        if sizes.ndim:
+            require_count(len(sizes), len(nominal), key)
+        return np.broadcast_to(sizes, nominal.shape)
+
+    def _width(
+        self,
+        absolute: Sizes | None,
+        relative: Sizes | None,
+        nominal: Array,
+        key: str,
+    ) -> Array:
+        """Return one width per quantity (k,), SI, times the scale."""
+        if absolute is not None:
+            return self._scale * self._factor * self._sizes(absolute, nominal, key)
+        assert relative is not None
+        sizes = self._sizes(relative, nominal, f"{key}_relative")
+        return np.asarray(self._scale * sizes * np.abs(nominal))
+
+    def _shifted(self, offset: Sizes, nominal: Array) -> Array:
+        return nominal + self._factor * self._sizes(offset, nominal, "offset")

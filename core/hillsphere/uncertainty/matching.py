@@ -1,0 +1,44 @@
+"""Which quantities of a table or a model a dispersion stands for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from hillsphere.errors import InputError
+from hillsphere.problems import did_you_mean
+
+__all__ = ["matched"]
+
+
+def matched(patterns: Sequence[str], names: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return the names that patterns stand for, pattern by pattern, each in the order of `names`.
+
+    Parameters
+    ----------
+    patterns : sequence of str
+        Whole names; ``*`` stands for any characters.
+    names : sequence of str
+        What there is.
+    where : str
+        Whose names they are, for the message.
+
+    Returns
+    -------
+    tuple of str
+        Each name once, at the first pattern that finds it.
+
+    Raises
+    ------
+    InputError
+        If a pattern finds nothing, with the nearest name.
+    """
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        form = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        hits = [name for name in names if form.fullmatch(name)]
+        if not hits:
+            hint = did_you_mean(pattern, names, otherwise="there are") or "; it offers none"
+            raise InputError(f"{where} has no quantity {pattern[:60]!r}{hint}")
+        found.update(dict.fromkeys(hits))
+    return tuple(found)

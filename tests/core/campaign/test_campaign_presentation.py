@@ -1,0 +1,277 @@
+"""What campaigns show: of every kind of table, small, broken or large."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from hillsphere.campaign.presentation import present_campaign
+from hillsphere.campaign.statistics import ratio_interval
+from hillsphere.campaign.sweep_figures import points_of
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Presentation
+from hillsphere.products import CaseTable
+from hillsphere.testing import check_presentation, check_product
+
+METRICS = ("dv", "rms_error", "time")
+UNITS = ("m/s", "m", "s")
+
+
+def campaign(n: int = 600, seed: int = 1, inputs: int = 5) -> CaseTable:
+    """Return n cases: Δv grows with the first input, failures come with the second."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(inputs, n))
+    failed = x[1] + 0.3 * rng.normal(size=n) > 1.8
+    status = np.where(failed, "impact", "completed").astype("<U10")
+    cause = np.where(failed, "surface", "").astype("<U10")
+    said = np.empty(0, dtype=np.int64)
+    messages: tuple[str, ...] = ()
+    if n > 20:
+        failed[[7, 20]], status[[7, 20]], cause[[7, 20]] = True, "error", "ValueError"
+        said, messages = np.array([7, 20]), ("ValueError: no root", "ValueError: no root")
+    values = np.array(
+        [np.exp(0.5 * x[0]) + 0.1 * rng.normal(size=n), 3.0 + x[0] * x[-1], np.full(n, 600.0)]
+    )
+    return CaseTable(
+        stage="hover",
+        design="random",
+        planned=n,
+        stopped="",
+        case=np.arange(n),
+        draw=np.arange(n),
+        point=np.zeros(n, dtype=np.int64),
+        inputs=tuple(f"plant.gravity.C{i},0" for i in range(inputs)),
+        input_units=("-",) * inputs,
+        input_values=x,
+        metrics=METRICS,
+        units=UNITS,
+        values=np.where(failed, np.nan, values),
+        status=status,
+        cause=cause,
+        failed=failed,
+        message_case=said,
+        messages=messages,
+    )
+
+
+def sweep(axes: dict[str, Array], repetitions: int, design: str = "grid") -> CaseTable:
+    """Return a sweep over a grid of these values; the first makes cases fail."""
+    points = np.array([a.ravel() for a in np.meshgrid(*axes.values(), indexing="ij")])
+    count = points.shape[1]
+    base = campaign(repetitions, inputs=2)
+    point = np.repeat(np.arange(count), repetitions)
+    draw = np.tile(np.arange(repetitions), count)
+    level = points[0] / points[0].max()
+    x = base.input_values[:, draw]
+    failed = x[1] + 2.0 * level[point] > 2.5
+    values = np.array([1.0 + level[point] + 0.2 * x[0], 5.0 + x[0] * points[-1, point]])
+    n = point.size
+    return replace(
+        base,
+        design=design,
+        planned=n,
+        case=np.arange(n),
+        draw=draw,
+        point=point,
+        input_values=x,
+        metrics=METRICS[:2],
+        units=UNITS[:2],
+        values=np.where(failed, np.nan, values),
+        status=np.where(failed, "impact", "completed"),
+        cause=np.where(failed, "surface", ""),
+        failed=failed,
+        message_case=np.empty(0, dtype=np.int64),
+        messages=(),
+        swept=tuple(axes),
+        swept_units=("s", "-", "m")[: len(axes)],
+        points=points,
+        point_labels=tuple(
+            ", ".join(f"{k} = {v:g}" for k, v in zip(axes, p, strict=True)) for p in points.T
+        ),
+    )
+
+
+PERIOD = "stage.hover.period_s"
+SIGMA = "dispersions.field.scale"
+
+
+def shown(table: CaseTable) -> Presentation:
+    check_product(table)
+    found = present_campaign(table)
+    check_presentation(found)
+    assert len(found.figures) <= 10
+    return found
+
+
+def test_random_cases() -> None:
+    table = campaign()
+    found = shown(table)
+    failures = int(table.failed.sum())
+    low, high = 100.0 * ratio_interval(failures, 600)
+    assert found.verdict[0] == (
+        f"600 cases of stage 'hover' (random): {failures} failed, {failures / 6:.3g} % "
+        f"(95 % interval {low:.3g} to {high:.3g} %)."
+    )
+    assert "impact (surface)" in found.verdict[1]
+    assert "2 of them could not be computed" in found.verdict[2]
+    assert "dv with plant.gravity.C0,0" in found.verdict[-1]
+    assert "failed with plant.gravity.C1,0" in found.verdict[-1]
+    assert found.metrics["campaign_failures"].value == failures
+    assert found.metrics["campaign_not_computed"].value == 2
+    kept = table.values[0][~table.failed]
+    assert_allclose(float(found.metrics["campaign_dv_mean"].value), kept.mean(), rtol=1e-14)
+    p95 = float(found.metrics["campaign_dv_p95"].value)
+    assert_allclose(p95, np.quantile(kept, 0.95), rtol=1e-14)
+    assert set(found.tables) == {
+        "campaign_classes", "campaign_failed", "campaign_statistics", "campaign_extremes",
+        "campaign_correlations",
+    }  # fmt: skip
+    assert set(found.figures) == {
+        "campaign_histograms", "campaign_distributions", "campaign_convergence",
+        "campaign_correlations", "campaign_scatter",
+    }  # fmt: skip
+    errors = found.tables["campaign_classes"].rows[2]
+    assert errors["first_case"] == 7
+    assert errors["message"] == "ValueError: no root"
+    row = found.tables["campaign_statistics"].rows[0]
+    assert (row["metric"], row["unit"], row["cases"]) == ("dv", "m/s", 600 - failures)
+    assert row["p95_low"] < row["p95"] < row["p95_high"]  # type: ignore[operator]
+    extreme = next(r for r in found.tables["campaign_extremes"].rows if r["end"] == "largest")
+    assert extreme["value"] == np.nanmax(table.values[0])
+    assert extreme["case"] == np.nanargmax(table.values[0])
+
+
+def test_a_campaign_that_was_stopped() -> None:
+    found = present_campaign(replace(campaign(64), planned=2000, stopped="failures above 0.2"))
+    assert any("after 64 of 2000 cases: failures above 0.2" in s for s in found.verdict)
+    found = present_campaign(replace(campaign(64), planned=2000))
+    assert any("1936 of 2000" in s for s in found.verdict)
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 5])
+def test_few_cases(n: int) -> None:
+    assert shown(campaign(n)).metrics["campaign_cases"].value == n
+
+
+def test_every_case_failed() -> None:
+    table = campaign(100)
+    table = replace(
+        table,
+        failed=np.ones(100, dtype=bool),
+        values=np.full((3, 100), np.nan),
+        status=np.full(100, "error"),
+    )
+    found = shown(table)
+    assert found.metrics["campaign_failure_ratio"].value == 1.0
+    assert found.tables["campaign_statistics"].rows[0]["note"] == "no case without failure"
+    unknown = replace(table, metrics=(), units=(), values=np.empty((0, 100)))
+    assert shown(unknown).tables["campaign_statistics"].rows == []
+
+
+def test_sweep_over_one_quantity() -> None:
+    found = shown(sweep({PERIOD: np.array([30.0, 60.0, 120.0, 240.0])}, 150))
+    rows = found.tables["sweep_failures"].rows
+    assert [row[PERIOD] for row in rows] == [30.0, 60.0, 120.0, 240.0]
+    assert rows[0]["ratio"] < rows[-1]["ratio"]  # type: ignore[operator]
+    assert any(f"most at {PERIOD} = 240" in s for s in found.verdict)
+    # The points share their draws: 600 cases are not 600 independent ones.
+    assert "interval" not in found.verdict[0]
+    assert "campaign_failure_ratio_low" not in found.metrics
+    assert {"sweep_failures", "sweep_metrics"} <= set(found.figures)
+    assert "campaign_statistics" not in found.tables
+    assert [r["metric"] for r in found.tables["sweep_statistics"].rows[:2]] == ["dv", "rms_error"]
+
+
+def test_sweep_over_two_quantities() -> None:
+    axes = {PERIOD: np.array([30.0, 60.0, 120.0]), SIGMA: np.array([1.0, 2.0, 4.0, 8.0])}
+    assert {"sweep_failures", "sweep_metrics"} <= set(shown(sweep(axes, 60)).figures)
+
+
+def test_sweep_over_three_quantities() -> None:
+    axes = {
+        PERIOD: np.array([30.0, 60.0, 120.0]),
+        SIGMA: np.array([1.0, 2.0, 3.0]),
+        "stage.hover.height_m": np.arange(9.0),
+    }
+    table = sweep(axes, 20)
+    assert table.points is not None
+    assert table.points.shape[1] > 60
+    assert "sweep_failures" in shown(table).figures
+
+
+def test_sweep_with_one_case_at_each_point() -> None:
+    axes = {PERIOD: np.geomspace(1.0, 500.0, 40)}
+    found = shown(sweep(axes, 1))
+    assert "sweep_metrics" in found.figures
+    assert "campaign_statistics" in found.tables
+    names = sweep({PERIOD: np.arange(3.0)}, 20)
+    laws = replace(names, swept_units=("",), point_labels=("law = pid", "law = lqr", "none"))
+    assert points_of(laws).ticks == (("pid", "lqr", "none"),)
+    assert "sweep_metrics" in shown(laws).figures
+
+
+def test_map_over_what_is_no_number() -> None:
+    table = sweep({PERIOD: np.array([30.0, 60.0]), "law": np.arange(3.0)}, 20)
+    names = tuple(f"{PERIOD} = {p} s, law = {w}" for p in (30, 60) for w in ("pid", "lqr", "lti"))
+    table = replace(table, swept_units=("s", ""), point_labels=names)
+    points = points_of(table)
+    assert points.is_map
+    assert points.ticks == (("30", "60"), ("pid", "lqr", "lti"))
+    assert "sweep_failures" in shown(table).figures
+
+
+def test_sweep_whose_last_points_were_not_reached() -> None:
+    table = sweep({PERIOD: np.array([30.0, 60.0, 120.0])}, 50)
+    some = np.arange(100)
+    table = replace(
+        table,
+        **{
+            k: getattr(table, k)[some]
+            for k in ("case", "draw", "point", "status", "cause", "failed")
+        },
+        values=table.values[:, some],
+        input_values=table.input_values[:, some],
+        stopped="enough",
+    )
+    assert shown(table).tables["sweep_failures"].rows[2]["cases"] == 0
+
+
+def test_sobol_design() -> None:
+    rng = np.random.default_rng(5)
+    a, b = rng.normal(size=(2, 3, 128))
+    parts = [a, b]
+    for i in range(3):
+        ab = a.copy()
+        ab[i] = b[i]
+        parts.append(ab)
+    x = np.concatenate(parts, axis=1)
+    table = replace(
+        campaign(640, inputs=3), design="sobol_indices", input_values=x,
+        values=np.array([x[0] + 0.2 * x[1], x[0] * x[2], x[1]]), failed=np.zeros(640, dtype=bool),
+        status=np.full(640, "completed"),
+    )  # fmt: skip
+    found = shown(table)
+    assert "campaign_sobol" in found.figures
+    assert len(found.tables["campaign_sobol"].rows) == 9
+    assert found.tables["campaign_statistics"].rows[0]["cases"] == 128
+    failed = np.arange(640) == 3
+    assert any(
+        "1 of 640 failed" in s for s in present_campaign(replace(table, failed=failed)).verdict
+    )
+
+
+def test_many_metrics_and_inputs_make_no_more_figures() -> None:
+    rng = np.random.default_rng(6)
+    table = campaign(300, inputs=60)
+    values = rng.normal(size=(40, 300)) + table.input_values[:40]
+    table = replace(
+        table, metrics=tuple(f"Metric {i}!" for i in range(40)), units=("m",) * 40, values=values
+    )
+    found = shown(table)
+    assert len(found.figures) == 5
+    assert all(figure.size_in[1] < 9.0 for figure in found.figures.values())
+    assert len(found.tables["campaign_correlations"].rows) == 500
+    assert len(found.metrics) < 50
