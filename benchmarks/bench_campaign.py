@@ -50,7 +50,7 @@ from hillsphere.spec import StageSpec
 Array = NDArray[np.float64]
 INPUTS, METRICS = 24, 7
 LAYER_CASES, MANY_CASES, FLIGHTS, BY_SCIPY = 32_000, 100_000, 2000, 3
-LONG_FLIGHTS = 300_000
+LONG_FLIGHTS = 200_000
 QUICK_FLIGHTS = 16_000
 DISPERSIONS = ("field", "mass", "start", "start_rate", "thrust")
 # Run by its path, this module has another name than the one by which its stage is found.

@@ -92,7 +92,8 @@ class CaseResults:
     values : ndarray, shape (m, N)
         Their values; of a case that did not fail all must be finite.
     status : tuple of str
-        How each case ended, one of a few words.
+        How each case ended, one of a few words. A case that came to its end but missed what is
+        required of its metrics is said to be ``"requirement"``: its metrics enter the statistics.
     cause : tuple of str
         What ended it (name of an event, of a limit); ``""`` for none.
     failed : ndarray of bool, shape (N,)

@@ -11,7 +11,7 @@ from scipy.stats import binomtest, wilcoxon
 from hillsphere.campaign.comparison_presentation import present_comparison
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
 from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
-from hillsphere.campaign.statistics import LEVEL, mean_interval, ratio_interval
+from hillsphere.campaign.statistics import LEVEL, ended, mean_interval, ratio_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
@@ -200,7 +200,7 @@ def _paired(
                 f"{b.units[of_b]!r} in {name!r}"
             )
         x, y = a.values[of_a, rows_a], b.values[of_b, rows_b]
-        kept = ~a.failed[rows_a] & ~b.failed[rows_b] & np.isfinite(x) & np.isfinite(y)
+        kept = ended(a)[rows_a] & ended(b)[rows_b] & np.isfinite(x) & np.isfinite(y)
         d = y[kept] - x[kept]
         less, more = int(np.count_nonzero(d < 0)), int(np.count_nonzero(d > 0))
         made.append(

@@ -39,7 +39,7 @@ _METRICS = (
     *_WHO,
     Column("metric", "", "metric"),
     Column("unit", "", "unit"),
-    Column("pairs", "-", "pairs without failure"),
+    Column("pairs", "-", "pairs that came to their end"),
     Column("baseline_mean", "-", "mean of the first", 5),
     Column("difference", "-", "mean difference", 5),
     Column("difference_low", "-", "at least", 5),
@@ -83,7 +83,10 @@ def present_comparison(product: CampaignComparison) -> Presentation:
             f"Metrics compared with {product.baseline}",
             _METRICS,
             [_metric_row(one) for one in product.metrics[:MOST_ROWS]],
-            [note, "Over pairs of which neither case failed; each number in the unit of its row."],
+            [
+                note,
+                "Over pairs that both came to their end; each number in the unit of its row.",
+            ],
         ),
     }
     shown = [one for one in product.metrics if one.pairs > 1 and np.ptp(one.differences) > 0.0]

@@ -41,7 +41,7 @@ _FENCE = 8.0
 
 @dataclass(frozen=True)
 class Shown:
-    """A metric that is drawn: its values over the cases that did not fail, and their statistics."""
+    """A metric that is drawn: its values over the cases that came to their end."""
 
     values: Array
     statistics: MetricStatistics
@@ -191,7 +191,7 @@ def draw_scatter(
             axes.set_ylabel("share of these cases below")
             axes.legend(fontsize=8)
             continue
-        rows = np.flatnonzero(~failed & np.isfinite(values[j]))
+        rows = np.flatnonzero(np.isfinite(values[j]))
         rows = rows[np.unique(np.linspace(0, rows.size - 1, _MOST_DOTS).round().astype(int))]
         axes.plot(x[rows], values[j, rows], ".", ms=2.5, color=PALETTE["blue"], rasterized=True)
         axes.set_ylabel(labelled(found.metrics[j], units[j]))

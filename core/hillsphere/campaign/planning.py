@@ -248,10 +248,13 @@ def _check_overlap(set_there: Mapping[int, Quantity], dispersed: Dispersed, swep
             for row, other in enumerate(group.quantities):
                 if set(quantity.inputs).isdisjoint(other.inputs):
                     continue
-                nominal = group.nominal
-                nominal[row] = nominal[row] + max(1.0, abs(nominal[row]))
-                before = group.dispersion.mean(group.nominal)[row]
-                if quantity.name == other.name and (group.dispersion.mean(nominal)[row] != before):
+                values = {other.nominal, min(swept.levels[i]), max(swept.levels[i])}
+                here = np.arange(len(group.quantities)) == row
+                means = {
+                    float(group.dispersion.mean(np.where(here, value, group.nominal))[row])
+                    for value in values
+                }
+                if quantity.name == other.name and (len(means) > 1 or len(values) == 1):
                     continue
                 raise InputError(
                     f"{swept.names[i]}: swept, but dispersions.{group.table} sets it for every "

@@ -32,6 +32,7 @@ from hillsphere.campaign.statistics import (
     LEVEL,
     MetricStatistics,
     classes,
+    ended,
     metric_statistics,
     ratio_interval,
 )
@@ -245,7 +246,7 @@ def _strongest(found: RankCorrelations, level: float) -> list[str]:
 def _distributions(
     table: CaseTable, found: Sequence[MetricStatistics], level: float
 ) -> dict[str, Figure]:
-    usable = independent_cases(table) & ~table.failed
+    usable = independent_cases(table) & ended(table)
     varied = [
         (Shown(values[usable & np.isfinite(values)], one), values)
         for one, values in zip(found, table.values, strict=True)
@@ -258,13 +259,13 @@ def _distributions(
         made["campaign_histograms"] = Figure(
             "Distributions of the metrics",
             lambda figure: draw_histograms(figure, shown),
-            "Cases that did not fail." + left,
+            "Cases that came to their end." + left,
             size_in=grid_size(len(shown)),
         )
         made["campaign_distributions"] = Figure(
             "Cumulative distributions of the metrics",
             lambda figure: draw_cumulative(figure, shown, level),
-            "Share of the cases that did not fail; the band holds the whole curve with this "
+            "Share of the cases that came to their end; the band holds the whole curve with this "
             "confidence." + left,
             size_in=grid_size(len(shown)),
         )
@@ -273,7 +274,7 @@ def _distributions(
         failed = table.failed[rows]
         traces = [("failure ratio", convergence_of_failures(failed, level=level))]
         for one, values in varied[: _PANELS - 1]:
-            kept = ~failed & np.isfinite(values[rows])
+            kept = (usable & np.isfinite(values))[rows]
             label = f"mean {one.label}"
             traces.append((label, convergence_of_mean(values[rows], kept, level=level)))
         made["campaign_convergence"] = Figure(
@@ -321,7 +322,7 @@ def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Fi
                 "median" if repeated else "value",
             ),
             ("Median" + ("" if points.is_map else ", 5 % and 95 %") if repeated else "Value")
-            + " over the cases that did not fail."
+            + " over the cases that came to their end."
             + left,
             size_in=grid_size(len(medians)),
         )
@@ -332,11 +333,11 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
     """Return median, 5 % and 95 % of the first metrics at every point."""
     order = np.argsort(table.point, kind="stable")
     parts = np.split(order, np.searchsorted(table.point[order], np.arange(1, count)))
-    made = []
+    made, sound = [], ended(table)
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
         ends = np.full((3, count), np.nan)
         for p, rows in enumerate(parts):
-            kept = values[rows][~table.failed[rows] & np.isfinite(values[rows])]
+            kept = values[rows][sound[rows] & np.isfinite(values[rows])]
             if kept.size:
                 ends[:, p] = np.quantile(kept, [0.05, 0.5, 0.95])
         known = ends[1][np.isfinite(ends[1])]
@@ -356,7 +357,7 @@ def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> d
     pairs, rows = found.strongest(), independent_cases(table)
     given = explanatory(table)
     arguments: Mapping[str, Any] = {
-        "values": table.values[:, rows],
+        "values": np.where(ended(table), table.values, np.nan)[:, rows],
         "units": table.units,
         "failed": table.failed[rows],
     }

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 from scipy.stats import norm, rankdata, tiecorrect
 
-from hillsphere.campaign.statistics import LEVEL
+from hillsphere.campaign.statistics import LEVEL, ended
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
 
@@ -83,7 +83,7 @@ class RankCorrelations:
     metrics : tuple of str
         Names of the m metrics; the last may be ``"failed"``.
     count : ndarray of int, shape (m,)
-        Cases that were looked at: those that did not fail, for ``"failed"`` all.
+        Cases that were looked at: those that came to their end, for ``"failed"`` all.
     rho : ndarray, shape (k, m)
         Spearman's coefficient with a metric; with failure the rank-biserial one, which is 1 if all
         failed cases have larger values of the input than all others. NaN where either is constant.
@@ -148,7 +148,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     """
     given = explanatory(table)
     usable = independent_cases(table)
-    failed = table.failed[usable]
+    failed, sound = table.failed[usable], ended(table)[usable]
     names = table.metrics + (("failed",) if 0 < np.count_nonzero(failed) < failed.size else ())
     k, m = len(given.names), len(names)
     rho, p = np.full((k, m), np.nan), np.full((k, m), np.nan)
@@ -165,7 +165,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
             rho[:, j], p[:, j] = _rank_biserial(rankdata(inputs, axis=1), failed)
             continue
         metric = table.values[j, usable]
-        rows = ~failed & np.isfinite(metric)
+        rows = sound & np.isfinite(metric)
         n = count[j] = np.count_nonzero(rows)
         if n < 2:
             continue
@@ -358,11 +358,11 @@ def _unfit(table: CaseTable, given: Explanatory) -> str:
         return f"design {table.design!r} does not allow Sobol indices; use 'sobol_indices'"
     if total < table.planned:
         return f"Sobol indices need all {table.planned} cases; {total} were computed"
-    if lost := int(np.count_nonzero(table.failed)):
+    lost = ~ended(table)
+    if count := int(np.count_nonzero(lost)):
         return (
-            f"Sobol indices need every case; {lost} of {total} failed, the first of them case "
-            f"{int(table.case[table.failed][0])}: a metric that such cases have too, or smaller "
-            "dispersions would do"
+            f"Sobol indices need every case; {count} of {total} did not come to their end, the "
+            f"first of them case {int(table.case[lost][0])}: smaller dispersions would do"
         )
     if not np.isfinite(table.values).all():
         return "Sobol indices need finite metrics"

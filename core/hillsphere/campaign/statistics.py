@@ -1,9 +1,10 @@
 """Statistics of a campaign, each with its confidence interval.
 
-A case that failed has no metrics: means, deviations and quantiles are those of the cases that did
-not fail, and say how many these were. All intervals are two-sided and take the cases for
-independent draws. For a Latin hypercube or a Sobol sequence they are usually too wide; for a grid
-or a list they mean nothing.
+Means, deviations and quantiles of a metric are those of the cases that came to their end, whether
+or not they met what is required (`ended`), and say how many these were: the final error of a flight
+that was lost on the way says nothing about flights. All intervals are two-sided and take the cases
+for independent draws. For a Latin hypercube or a Sobol sequence they are usually too wide; for a
+grid or a list they mean nothing.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ __all__ = [
     "classes",
     "describe",
     "deviation_interval",
+    "ended",
     "mean_interval",
     "metric_statistics",
     "quantile_interval",
@@ -171,14 +173,14 @@ def quantile_interval(ordered: Array, q: float, level: float = LEVEL) -> Array:
 
 @dataclass(frozen=True)
 class MetricStatistics:
-    """One metric over the cases that did not fail.
+    """One metric over the cases that came to their end.
 
     Parameters
     ----------
     name, unit : str
         The metric.
     count : int
-        Number of cases that did not fail.
+        Number of these cases.
     mean, deviation : float
         Mean, and standard deviation with divisor count − 1.
     mean_interval, deviation_interval : ndarray, shape (2,)
@@ -249,12 +251,17 @@ def describe(
 
 def _note(n: int) -> str:
     if n == 0:
-        return "no case without failure"
+        return "no case came to its end"
     if n == 1:
         return "one case only: no spread"
     if n < LEAST_FOR_DEVIATION:
         return f"fewer than {LEAST_FOR_DEVIATION} cases: no interval of the standard deviation"
     return ""
+
+
+def ended(table: CaseTable) -> NDArray[np.bool_]:
+    """Return which cases (N,) came to their end: without failure, or short of a requirement."""
+    return np.asarray(~table.failed | (table.status == "requirement"))
 
 
 def metric_statistics(
@@ -282,7 +289,7 @@ def metric_statistics(
     tuple of MetricStatistics
         One per metric.
     """
-    kept = ~table.failed if rows is None else ~table.failed & rows
+    kept = ended(table) if rows is None else ended(table) & rows
     made = []
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
         which = kept & np.isfinite(values)

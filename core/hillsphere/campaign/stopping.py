@@ -32,6 +32,11 @@ class Block(Protocol):
         ...
 
     @property
+    def status(self) -> NDArray[np.str_]:
+        """How each case ended, shape (n,)."""
+        ...
+
+    @property
     def failed(self) -> NDArray[np.bool_]:
         """Which cases failed, shape (n,)."""
         ...
@@ -144,7 +149,9 @@ class _Rule:
         self._failures += int(np.count_nonzero(block.failed))
         for name, running in self._means.items():
             if name in block.metrics:
-                running.add(block.values[block.metrics.index(name)][~block.failed])
+                values = block.values[block.metrics.index(name)]
+                sound = ~block.failed | (block.status == "requirement")
+                running.add(values[sound & np.isfinite(values)])
             elif block.metrics:
                 hint = did_you_mean(name, list(block.metrics), otherwise="metrics")
                 raise StageError(

@@ -10,6 +10,7 @@ from hillsphere.campaign.sensitivity import RankCorrelations, SobolIndices
 from hillsphere.campaign.statistics import (
     MetricStatistics,
     classes,
+    ended,
     metric_statistics,
     ratio_interval,
 )
@@ -66,7 +67,7 @@ def _statistics_columns(levels: Sequence[float]) -> tuple[Column, ...]:
     return (
         Column("metric", "", "metric"),
         Column("unit", "", "unit"),
-        Column("cases", "-", "cases without failure"),
+        Column("cases", "-", "cases that came to their end"),
         *_between("mean", "mean"),
         *_between("deviation", "standard deviation"),
         Column("least", "-", "least", 5),
@@ -97,7 +98,7 @@ def statistics_table(
 ) -> Table:
     """Return mean, standard deviation, extremes and quantiles of every metric."""
     notes = [
-        "Over the cases that did not fail; each number in the unit of its row. "
+        "Over the cases that came to their end; each number in the unit of its row. "
         + _INTERVALS.format(level=100 * level)
         + " An end that is missing would need more cases.",
         "Intervals: Student's for the mean, Bonett's (2006) for the standard deviation, two of the "
@@ -179,7 +180,7 @@ def extreme_table(table: CaseTable, each: int = 3) -> Table:
     """Return the cases with the least and the largest values of every metric."""
     rows: list[dict[str, Cell]] = []
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
-        kept = np.flatnonzero(~table.failed & np.isfinite(values))
+        kept = np.flatnonzero(ended(table) & np.isfinite(values))
         if kept.size < 2 or np.ptp(values[kept]) == 0.0:
             continue
         order = kept[np.argsort(values[kept], kind="stable")]
@@ -204,8 +205,8 @@ def extreme_table(table: CaseTable, each: int = 3) -> Table:
         Column("value", "-", "value", 6),
     )
     notes = [
-        "Of the cases that did not fail. `hillsphere rerun RUN --case NUMBER` repeats one with its "
-        "history."
+        "Of the cases that came to their end. `hillsphere rerun RUN --case NUMBER` repeats one "
+        "with its history."
     ]
     return Table("Extreme cases", columns, rows[:MOST_ROWS], notes)
 
@@ -233,8 +234,8 @@ def correlation_table(found: RankCorrelations, level: float) -> Table:
         Column("p_holm", "-", "p, for all comparisons", 2),
     )
     notes = [
-        "Spearman's coefficient over the cases that did not fail; with “failed” the rank-biserial "
-        "one over all cases. " + _INTERVALS.format(level=100 * level),
+        "Spearman's coefficient over the cases that came to their end; with “failed” the "
+        "rank-biserial one over all cases. " + _INTERVALS.format(level=100 * level),
         f"p: probability of such a coefficient by chance; corrected by Holm for "
         f"{len(pairs)} comparisons. Inputs that are drawn together share their correlations.",
     ]
@@ -339,7 +340,7 @@ def point_statistics_table(table: CaseTable, levels: Sequence[float], level: flo
         (Column("point", "", "point"), *_statistics_columns(levels)),
         rows,
         [
-            more + "Over the cases that did not fail; each number in the unit of its row. "
+            more + "Over the cases that came to their end; each number in the unit of its row. "
             + _INTERVALS.format(level=100 * level)
         ],
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -173,6 +174,10 @@ class ClosedLoopStage:
         flights, largest = self._fly(loop, batch, history=history)
         return self._results(loop, flights, largest, batch)
 
+    def prepare_cases(self, names: Sequence[str], reference: FlightSet | None = None) -> None:
+        """Compile what `run_cases` needs for batches of these inputs."""
+        self._simulator(self._loop(reference), self._run_time(names), self.spec.substeps)
+
     def present(
         self, product: ClosedLoopFlight, reference: FlightSet | None = None
     ) -> Presentation:
@@ -258,6 +263,10 @@ class ClosedLoopStage:
         impulsive = not isinstance(law, ContinuousLaw) and law.actuation == "impulse"
         return "impulses" if impulsive else "a held acceleration"
 
+    def _run_time(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return those of the inputs that are parameters of the plant, in its order."""
+        return tuple(q.name for q in self.plant.parameters() if _PLANT + q.name in names)
+
     def _simulator(self, loop: _Loop, names: tuple[str, ...], substeps: int) -> Simulator:
         """Return the loop with these parameters of the plant at run time, compiled once."""
         if (names, substeps) not in loop.simulators:
@@ -285,7 +294,7 @@ class ClosedLoopStage:
         if unknown := [name for name in batch.names if name not in known]:
             raise InputError(f"closed_loop has no input {', '.join(unknown)}")
         # In the plant's order, whatever that of the batch: one compiled map for all.
-        names = tuple(q.name for q in self.plant.parameters() if _PLANT + q.name in batch.names)
+        names = self._run_time(batch.names)
         p = np.array([batch.value(_PLANT + name, 0.0) for name in names])
         width = len(batch.numbers)
         begun = batch.value("start_time", spec.start.time_s)

@@ -54,6 +54,13 @@ of = "stage.hover"
 parameters = ["state.x"]
 lower = 0.0
 upper = 1.0
+
+[dispersions.peak]
+type = "triangular"
+of = "gravity.believed"
+parameters = ["gm"]
+lower = 7e5
+upper = 9e5
 """
 DISPERSIONS = ("field", "start")
 
@@ -178,6 +185,16 @@ def test_a_dispersion_lies_about_the_swept_value(repeated: Repeated) -> None:
     assert_array_equal(plan.block(0)[0].values[0], values[:64])
     with pytest.raises(InputError, match=r"state\.x: swept, but dispersions\.fixed sets it"):
         planned(repeated, ("fixed",), swept=grid({"stage.hover.state.x": (1.0, 2.0)}))
+
+
+def test_the_peak_of_a_distribution_is_swept_within_its_limits(repeated: Repeated) -> None:
+    plan = planned(repeated, ("peak",), cases=50, swept=grid({"gravity.believed.gm": (7e5, 9e5)}))
+    low, high = plan.input_values(np.arange(100))[0].reshape(2, 50)
+    assert (low < high).all()
+    assert (low > 7e5).all()
+    assert (high < 9e5).all()
+    with pytest.raises(InputError, match="the nominal value 1000000, the most probable one, must"):
+        planned(repeated, ("peak",), cases=50, swept=grid({"gravity.believed.gm": (7e5, 1e6)}))
 
 
 def test_sweep_of_keys_makes_variants(repeated: Repeated) -> None:

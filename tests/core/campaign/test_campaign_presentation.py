@@ -166,7 +166,7 @@ def test_every_case_failed() -> None:
     )
     found = shown(table)
     assert found.metrics["campaign_failure_ratio"].value == 1.0
-    assert found.tables["campaign_statistics"].rows[0]["note"] == "no case without failure"
+    assert found.tables["campaign_statistics"].rows[0]["note"] == "no case came to its end"
     unknown = replace(table, metrics=(), units=(), values=np.empty((0, 100)))
     assert shown(unknown).tables["campaign_statistics"].rows == []
 
@@ -259,7 +259,8 @@ def test_sobol_design() -> None:
     assert found.tables["campaign_statistics"].rows[0]["cases"] == 128
     failed = np.arange(640) == 3
     assert any(
-        "1 of 640 failed" in s for s in present_campaign(replace(table, failed=failed)).verdict
+        "1 of 640 did not come to their end" in s
+        for s in present_campaign(replace(table, failed=failed)).verdict
     )
 
 

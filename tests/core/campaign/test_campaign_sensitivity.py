@@ -250,7 +250,11 @@ def test_why_there_are_no_sobol_indices() -> None:
     assert "need all 100 cases; 80 were computed" in refused(replace(good, planned=100))
     failed = np.zeros(80, dtype=bool)
     failed[[5, 9]] = True
-    assert "2 of 80 failed, the first of them case 5" in refused(replace(good, failed=failed))
+    assert "2 of 80 did not come to their end, the first of them case 5" in refused(
+        replace(good, failed=failed)
+    )
+    short = np.where(failed, "requirement", "completed")
+    assert isinstance(sobol_of(replace(good, failed=failed, status=short)), SobolIndices)
     assert "finite" in refused(replace(good, values=np.full((1, 80), np.nan)))
     assert "more than one case" in refused(
         replace(table_of(x[:, ::16], x[:1, ::16]), design="sobol_indices")

@@ -175,3 +175,11 @@ def test_classes_of_failures() -> None:
         ("completed", 1, ""),
     ]
     assert classes(table, np.zeros(10, dtype=bool)) == ()
+
+
+def test_a_requirement_does_not_cut_the_distribution() -> None:
+    """Cases short of a requirement count; cases lost on the way do not, whatever they measured."""
+    table = table_of(np.arange(10.0))
+    status = np.array(["completed"] * 6 + ["requirement"] * 3 + ["impact"])
+    (found,) = metric_statistics(replace(table, status=status, failed=status != "completed"))
+    assert (found.count, found.largest, found.mean) == (9, 8.0, 4.0)

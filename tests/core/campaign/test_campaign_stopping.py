@@ -24,6 +24,10 @@ class Toy:
     values: Array = field(default_factory=lambda: np.zeros((0, 64)))
     metrics: tuple[str, ...] = ()
 
+    @property
+    def status(self) -> NDArray[np.str_]:
+        return np.where(self.failed, "impact", "completed")
+
 
 def blocks(failed: NDArray[np.bool_], values: Array | None = None) -> list[Toy]:
     if values is None:

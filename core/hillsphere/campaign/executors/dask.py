@@ -248,7 +248,7 @@ class DaskCrew:
             how = "time_limit" if member.overran else "killed"
             if member.overran:
                 detail = f"stopped after {task.limit_s:g} s"
-            self._outcomes.append(Lost(task, how, f"worker {member.address}: {detail}"))
+            self._outcomes.append(Lost(task, how, detail))
         elif member in self._free:
             self._free.remove(member)
         else:
