@@ -17,6 +17,13 @@ def hillsphere_components() -> list[Component]:
             "a small moon on a Keplerian orbit around its primary",
         ),
         Component(
+            "body",
+            "planet",
+            "hillsphere.earth.planet:Planet",
+            "hillsphere.earth.specs:PlanetSpec",
+            "a planet with an ellipsoid for stations, turning as the Earth does",
+        ),
+        Component(
             "stage",
             "closed_loop",
             "hillsphere.closed_loop.stage:ClosedLoopStage",

@@ -14,7 +14,7 @@ from hillsphere.errors import InputError
 from hillsphere.mission import Mission, load_mission
 from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registry
-from hillsphere.product_codec import load_product
+from hillsphere.product_codec import load_product, read_fault
 from hillsphere.run_differences import differences
 from hillsphere.run_record import SCHEMA, RunRecord
 from hillsphere.stage_cache import file_digest
@@ -203,9 +203,17 @@ class EarlierRun:
         ------
         InputError
             If the file is not what the run wrote, or not there.
+        StageError
+            If it cannot be read just now.
         """
         path = self.directory.path / f"{stage}.npz"
-        if file_digest(path) != self.manifest["stages"].get(stage, {}).get("product"):
+        try:
+            digest = file_digest(path)
+        except InputError as error:
+            if isinstance(error.__cause__, OSError):
+                raise read_fault(path, error.__cause__) from error
+            raise
+        if digest != self.manifest["stages"].get(stage, {}).get("product"):
             raise InputError(f"{path.name}: is not the file that the run wrote")
         product = load_product(path)
         if not isinstance(product, expected):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from collections.abc import Iterable
 from functools import cache
@@ -15,6 +16,15 @@ __all__ = ["environment", "package_versions"]
 NUMERICAL = ("numpy", "scipy", "heyoka")
 PACKAGES = ("hillsphere", *NUMERICAL, "matplotlib", "pluggy", "pydantic")
 
+KERNEL_VARIABLES = (
+    "GLIBC_TUNABLES",
+    "MKL_CBWR",
+    "MKL_DEBUG_CPU_TYPE",
+    "MKL_ENABLE_INSTRUCTIONS",
+    "OPENBLAS_CORETYPE",
+)
+"""Environment variables that choose among the kernels of a library by hand."""
+
 
 @cache
 def environment() -> dict[str, Any]:
@@ -23,8 +33,9 @@ def environment() -> dict[str, Any]:
     Returns
     -------
     dict
-        ``python``, ``packages`` (the numerical ones), ``system``, ``machine``, ``cpu_features``
-        (those that numpy found). Nothing in it names a host or a user.
+        ``python``, ``packages`` (the numerical ones), ``system``, ``machine``, ``c_library`` (its
+        sines are those of the simulation), ``cpu_features`` (those that numpy found), ``kernels``
+        (variables that are set and choose others). Nothing in it names a host or a user.
     """
     # A numpy built without run-time dispatch has no such section.
     simd = np.show_config(mode="dicts").get("SIMD Extensions", {})
@@ -33,7 +44,9 @@ def environment() -> dict[str, Any]:
         "packages": package_versions(NUMERICAL),
         "system": platform.system(),
         "machine": platform.machine(),
+        "c_library": " ".join(platform.libc_ver()).strip(),
         "cpu_features": [*simd.get("baseline", []), *simd.get("found", [])],
+        "kernels": {name: os.environ[name] for name in KERNEL_VARIABLES if os.environ.get(name)},
     }
 
 

@@ -42,6 +42,15 @@ _FAMILIES = {
     ),
 }
 
+_EARTH = {
+    name: Frame(name, "centre of mass of the Earth", axes, inertial)
+    for name, axes, inertial in (
+        ("teme", "true equator and mean equinox (of date; over an arc taken as inertial)", True),
+        ("gcrs", "those of the ICRF", True),
+        ("itrf", "fixed in the Earth: x towards longitude 0, z along its axis", False),
+    )
+}
+
 
 def frame(name: str) -> Frame:
     """Return the frame of this name.
@@ -49,7 +58,7 @@ def frame(name: str) -> Frame:
     Parameters
     ----------
     name : str
-        ``"hill:BODY"`` or ``"body:BODY"``.
+        ``"hill:BODY"``, ``"body:BODY"``, ``"teme"``, ``"gcrs"`` or ``"itrf"``.
 
     Returns
     -------
@@ -61,8 +70,11 @@ def frame(name: str) -> Frame:
     InputError
         If there is no such frame.
     """
+    if name in _EARTH:
+        return _EARTH[name]
     family, _, body = name.partition(":")
     if family not in _FAMILIES or not body:
-        raise InputError(f"no frame {name!r}; known: {', '.join(f + ':BODY' for f in _FAMILIES)}")
+        known = ", ".join([*(f + ":BODY" for f in _FAMILIES), *_EARTH])
+        raise InputError(f"no frame {name!r}; known: {known}")
     centre, axes = (text.format(body=body) for text in _FAMILIES[family])
     return Frame(name, centre, axes)

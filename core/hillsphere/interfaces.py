@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
     from hillsphere.campaign.cases import CaseResults
     from hillsphere.campaign.tasks import Executor
+    from hillsphere.earth.geodetic import Station
+    from hillsphere.earth.orientation import EarthOrientation
     from hillsphere.symbolic import Expr, Params, Vec3
+    from hillsphere.time import Epoch
 
 Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
@@ -39,11 +42,15 @@ class Parameter:
         Nominal value, SI.
     unit : str
         E.g. ``"m3/s2"``, ``"-"``.
+    positive : bool
+        Whether only values above zero mean anything: a case of a campaign that draws another is
+        not computed.
     """
 
     name: str
     value: float
     unit: str = "-"
+    positive: bool = False
 
 
 @dataclass(frozen=True)
@@ -355,6 +362,73 @@ class Compensator(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Channel:
+    """One thing that a sensor measures.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the sensor.
+    unit : str
+        SI, e.g. ``"rad"``, ``"m"``, ``"m/s"``.
+    kind : {"linear", "angle", "direction"}
+        A number; an angle, whose differences go the short way round; a unit vector.
+    """
+
+    name: str
+    unit: str
+    kind: Literal["linear", "angle", "direction"] = "linear"
+
+    @property
+    def rows(self) -> int:
+        """Number of rows that it takes in an array of measurements."""
+        return 3 if self.kind == "direction" else 1
+
+
+Scene: TypeAlias = Mapping[str, Array]
+"""What surrounds a sensor at the times of its measurements, by name; the last axis is N or 1."""
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """What is measured of a state, and with which errors.
+
+    Pure functions on N lanes: states x (n, N), SI, positions first, at times t_s (N,), s. All
+    randomness comes in as standard normal numbers, drawn by whoever repeats the cases
+    (`hillsphere.seeds`). Each sensor documents what it takes from the scene.
+    """
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What is measured; together m rows."""
+        ...
+
+    @property
+    def draws(self) -> tuple[int, int]:
+        """How many normal numbers the constant errors of a case take, and each measurement."""
+        ...
+
+    def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return what a perfect sensor shows, SI, (m, N), visible or not."""
+        ...
+
+    def visible(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
+        """Say where there is something to measure, (N,)."""
+        ...
+
+    def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return the standard deviations of the random errors, SI, (m, N)."""
+        ...
+
+    def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
+        """Return what is measured, SI, (m, N); NaN where nothing is.
+
+        constant (k, N) and noise (l, N) are standard normal, k and l as `draws` says.
+        """
+        ...
+
+
 class Context(Protocol):
     """What the pipeline gives a running stage."""
 
@@ -482,5 +556,50 @@ class Dispersion(Protocol):
         """Return least and largest values (k,), SI, at so many standard deviations: for LFTs.
 
         A distribution of bounded support never exceeds it.
+        """
+        ...
+
+
+State = TypeVar("State")
+
+
+class Tracker(Protocol[State]):
+    """From a nominal orbit and measured angles to where an antenna must point.
+
+    Pure functions of frozen states, N cases at once, independent of each other. Times are SI
+    seconds after the epoch given to `initial`; angles are radians, azimuth from north over east.
+    """
+
+    def initial(
+        self,
+        elements: Array,
+        t_s: Array,
+        stations: Sequence[Station],
+        epoch: Epoch,
+        orientation: EarthOrientation = ...,
+    ) -> State:
+        """Return the state before the first measurement.
+
+        elements (6, N) are nominal mean elements a, e, i, Ω, ω, M (m, rad) of Brouwer's theory in
+        the frame ``teme``, at times t_s (N,) or (1,); the stations one, or one a case.
+        """
+        ...
+
+    def update(
+        self, state: State, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array
+    ) -> State:
+        """Return the state after one measurement a case.
+
+        t_s, az_rad, el_rad are (N,); where an angle is not finite, the case has no measurement.
+        sigma_rad, (), (N,) or (2, N), are the standard deviations of both angles or of each.
+        """
+        ...
+
+    def predict(self, state: State, times_s: Array) -> tuple[Array, Array, Array]:
+        """Return what the antenna will show at times (K,) or (K, N), and how surely.
+
+        Azimuth in [0, 2π) and elevation, (K, N), contain the biases that the state knows of.
+        The covariance (2, 2, K, N), rad², is that on the sky, finite at the zenith: of
+        cross-elevation (azimuth times cos h) and elevation.
         """
         ...

@@ -183,6 +183,8 @@ class _Run:
         self.earlier = earlier
         self.order = mission.order()
         self.products: dict[str, Any] = {}
+        # Stages whose products a repetition might not reproduce: nothing of them is for the cache.
+        self.by_chance: set[str] = set()
         self.specs = mission.specs["stage"]
         self.classes = {name: product_class(mission, name) for name in self.order}
         check_needs(mission, self.classes)
@@ -289,13 +291,18 @@ class _Run:
         self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
     ) -> Any:
         """Return the product of a stage, which is in the run directory then."""
+        settled = self.by_chance.isdisjoint(takes_from(self.specs[record.name]))
         product = self._stored(record, context)
         if product is None:
-            product = self._cached(record, context)
+            product = self._cached(record, context) if settled else None
             if product is None:
                 product = self._computed(record, inputs, context)
+                if settled and getattr(product, "reproducible", True):
+                    self._keep(record, product, context)
             record.product = self.directory.put_product(record.name, product)
             self._put_manifest("running")
+        if not settled or not getattr(product, "reproducible", True):
+            self.by_chance.add(record.name)
         self.directory.clear_workspace(record.name)
         return product
 
@@ -320,6 +327,9 @@ class _Run:
         except (InputError, OSError) as error:
             context.info(f"its cache entry is damaged and computed again: {error}")
             return None
+        except StageError as error:
+            context.info(f"it is computed again, as its cache entry stays unread: {error}")
+            return None
         if product is not None:
             context.info(f"taken from the cache ({record.key[:16]})")
             record.cached = True
@@ -335,12 +345,14 @@ class _Run:
             raise StageError(
                 f"it must yield a {expected.__name__}, but yielded a {type(product).__name__}"
             )
+        return product
+
+    def _keep(self, record: StageRecord, product: Any, context: StageContext) -> None:
         if self.cache is not None and record.key is not None:
             try:
                 self.cache.save(record.key, product)
             except OSError as error:
                 context.info(f"its result could not be kept in the cache: {error}")
-        return product
 
     def _present(self, name: str, record: StageRecord, inputs: Mapping[str, Any]) -> None:
         shown = self.stages[name].present(self.products[name], **inputs)

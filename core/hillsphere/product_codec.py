@@ -8,6 +8,7 @@ entry ``__product__`` holds the rest as JSON. Nothing is pickled, in either dire
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
 import math
@@ -23,9 +24,9 @@ from typing import Any
 import numpy as np
 
 from hillsphere.atomic import replacing
-from hillsphere.errors import InputError
+from hillsphere.errors import HillsphereError, InputError, StageError
 
-__all__ = ["load_product", "save_product"]
+__all__ = ["load_product", "read_fault", "save_product"]
 
 FORMAT = 1
 HEADER = "__product__"
@@ -86,6 +87,9 @@ def load_product(path: str | Path) -> Any:
     InputError
         If there is no such file, if it is torn or was not written by `save_product`, if its class
         does not belong to the framework or an installed plugin, or has changed since.
+    StageError
+        If the file is there but cannot be read just now: a disk that does not answer, too many
+        open files, too little memory. It may be as good as ever.
 
     Notes
     -----
@@ -102,24 +106,60 @@ def load_product(path: str | Path) -> Any:
                 f"format {FORMAT}"
             )
         return _decode(head["root"], arrays, place.name)
-    except OSError as error:
-        raise InputError(f"{place.name}: cannot be read: {error.strerror or error}") from error
+    except (OSError, MemoryError) as error:
+        raise read_fault(place, error) from error
     except InputError:
         raise
     except (zipfile.BadZipFile, EOFError, LookupError, TypeError, ValueError, AttributeError,
-            RuntimeError, ArithmeticError, MemoryError) as error:  # fmt: skip
+            RuntimeError, ArithmeticError) as error:  # fmt: skip
         raise InputError(
             f"{place.name}: not a product file, or a damaged one "
             f"({type(error).__name__}: {error}); run the mission again"
         ) from error
 
 
+def read_fault(path: Path, error: OSError | MemoryError) -> HillsphereError:
+    """Return the error of a file that was not read.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    error : OSError or MemoryError
+        What the system says.
+
+    Returns
+    -------
+    HillsphereError
+        `InputError` if there is no such file or its content leads nowhere, `StageError` if the
+        file may be good but cannot be read just now.
+    """
+    if isinstance(error, MemoryError):
+        return StageError(
+            f"{path.name}: there is too little memory to read it; the file stands in "
+            f"{str(path.parent)!r} as it was"
+        )
+    reason = error.strerror or error
+    # A damaged directory of the archive leads to places that are not in the file.
+    damaged = error.errno in (None, errno.EINVAL)
+    if damaged or isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError):
+        return InputError(f"{path.name}: cannot be read: {reason}")
+    return StageError(
+        f"{path.name}: cannot be read: {reason}; the file stands in {str(path.parent)!r} as it "
+        "was: mend what keeps it from being read, and try again"
+    )
+
+
 def _members(path: Path) -> tuple[str, dict[str, np.ndarray[Any, Any]]]:
     arrays: dict[str, np.ndarray[Any, Any]] = {}
+    size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
             if member.compress_type != zipfile.ZIP_STORED:
                 raise InputError(f"{path.name}: not a product file (its entries are compressed)")
+            # Before memory is asked for it: a lack of memory is no damage.
+            if member.file_size > size:
+                raise zipfile.BadZipFile(f"{member.filename} is longer than the file")
             # A whole member is read at once: only then does zipfile check its CRC.
             data = BytesIO(archive.read(member))
             array = np.lib.format.read_array(data, allow_pickle=False)

@@ -225,6 +225,11 @@ class CaseTable:
     points: Array | None = None
     point_labels: tuple[str, ...] = ()
 
+    @property
+    def reproducible(self) -> bool:
+        """Whether a repetition yields the same: no case was lost for want of time or memory."""
+        return not np.isin(self.status, ("killed", "time_limit", "memory")).any()
+
 
 @dataclass(frozen=True)
 class CaseList:

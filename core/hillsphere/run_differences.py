@@ -58,9 +58,11 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
         for key in sorted({*sources[0], *sources[1]})
         if sources[0].get(key) != sources[1].get(key)
     ]
-    for key in ("system", "machine"):
+    for key in ("system", "machine", "c_library"):
         a, b = then["platform"].get(key), now["platform"].get(key)
         found += [f"{key}: {a} -> {b}"] * (a != b)
+    kernels = [manifest["platform"].get("kernels", {}) for manifest in (then, now)]
+    found += [f"variable {format_key(key)}: {a} -> {b}" for key, a, b in _unequal(*kernels)]
     features = [set(manifest["platform"].get("cpu_features", ())) for manifest in (then, now)]
     if features[0] != features[1]:
         lost, new = (", ".join(sorted(a - b)) or "none" for a, b in (features, features[::-1]))

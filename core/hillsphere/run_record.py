@@ -20,6 +20,7 @@ from hillsphere.stage_cache import StageKeys, file_digest
 __all__ = ["SCHEMA", "Failure", "RunRecord", "StageRecord"]
 
 SCHEMA = 1
+PLATFORM = ("system", "machine", "c_library", "cpu_features", "kernels")
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,7 @@ class RunRecord:
                 "plugins": self._plugins(),
             },
             "sources": dict(self.sources),
-            "platform": {key: environment()[key] for key in ("system", "machine", "cpu_features")},
+            "platform": {key: environment()[key] for key in PLATFORM},
             "stages": {
                 s.name: {
                     "type": s.type,

@@ -16,6 +16,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -62,6 +63,8 @@ class StageCache:
         ------
         InputError
             If the entry is damaged or holds something else; it is removed.
+        StageError
+            If it cannot be read just now; it stays.
         """
         path = self._path(key)
         if not path.exists():
@@ -70,10 +73,11 @@ class StageCache:
             product = load_product(path)
             if not isinstance(product, expected):
                 raise InputError(f"{path.name}: holds a {type(product).__name__}")
-            os.utime(path)
-        except (InputError, OSError):
+        except InputError:
             path.unlink(missing_ok=True)
             raise
+        with suppress(OSError):  # only its age in the cache
+            os.utime(path)
         return product
 
     def save(self, key: str, product: Any) -> None:

@@ -23,10 +23,10 @@ from hillsphere.errors import InputError
 
 __all__ = [
     "Expr", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2", "constant", "cos",
-    "cross", "dot", "exp", "gradient", "greater", "is_zero", "jacobian", "less", "log", "matvec",
-    "maximum", "minimum", "norm", "parameter", "parameter_names", "pi", "power", "product",
-    "select", "sin", "spherical_harmonics_potential", "sqrt", "substitute", "sum_of", "tan",
-    "time", "variable", "variable_names", "variables",
+    "cross", "dot", "exp", "gradient", "greater", "is_zero", "jacobian", "kepler", "less", "log",
+    "matvec", "maximum", "minimum", "norm", "parameter", "parameter_names", "pi", "power",
+    "product", "select", "sin", "spherical_harmonics_potential", "sqrt", "substitute", "sum_of",
+    "tan", "time", "variable", "variable_names", "variables",
 ]  # fmt: skip
 
 
@@ -138,6 +138,18 @@ def exp(x: Scalar) -> Expr:
 def log(x: Scalar) -> Expr:
     """Natural logarithm."""
     return cast(Expr, _hy.log(_as_expr(x)))
+
+
+def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
+    """Solve Kepler's equation D + s (1 − cos D) − c sin D = M for D, where s² + c² < 1.
+
+    s and c are e sin E₀ and e cos E₀ at an eccentric anomaly E₀, D and M the differences of the
+    eccentric and the mean anomaly from there. Without singularity at e = 0.
+    """
+    s, c, m = _as_expr(e_sin), _as_expr(e_cos), _as_expr(difference)
+    within = cast(Expr, _hy.kepDE(s, c, m))
+    # The engine's D is in [0, 2π); the equation itself gives the one that belongs to M.
+    return m + c * sin(within) - s * (1.0 - cos(within))
 
 
 def power(x: Scalar, exponent: float) -> Expr:

@@ -86,7 +86,7 @@ class Epoch:
         slipped = hour > 23 or minute > 59 or second >= 61.0
         if second >= 60.0 and not slipped:
             # only the last minute of a day with a leap second has a second 60
-            slipped = not found.isot(np.zeros(1), 0)[0].endswith(":60")
+            slipped = ":60." not in found.isot(np.zeros(1), 9)[0]
         if slipped:
             raise InputError(f"{text!r} is no time of day")
         return found

@@ -372,6 +372,24 @@ def test_the_neighbour_of_a_case_that_kills_is_repeated(broken: Runner) -> None:
     assert (done.returncode, shown["differences"]) == (0, [])
 
 
+def test_what_a_worker_was_lost_for_is_not_kept_for_other_runs(hillsphere: Runner) -> None:
+    (hillsphere.directory / "waves.toml").write_text(
+        MISSION
+        + '[stage.few]\ntype = "many"\nrepeat = "wave"\ndraws_as = "many"\n'
+        + 'dispersions = ["start"]\ncases = 60\n'
+        + '[stage.both]\ntype = "campaign_comparison"\nneeds.campaigns = ["few", "many"]\n'
+    )
+    for name in ("one", "two"):
+        done = hillsphere(
+            "run", "waves.toml", "--set", "stage.many.cases=66", "--set", "stage.wave.kills_at=65",
+            "--out", name, "--workers", "1",
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
+    stages = json.loads((hillsphere.directory / "two/manifest.json").read_text())["stages"]
+    kept = {name: stage["cached"] for name, stage in stages.items()}
+    assert kept == {"wave": True, "few": True, "many": False, "both": False}
+
+
 def test_a_case_that_is_not_the_same_is_told(
     whole: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -84,8 +84,8 @@ EDITS: list[tuple[str, str, str, tuple[Expected, ...]]] = [
         (11, "gravity.brick.type", "missing: which gravity it is; installed: ball, brick"),)),
     ("type-number", 'type = "brick"', "type = 3", (
         (12, "gravity.brick.type", "expected a string, got 3"),)),
-    ("type-none-installed", "[profile.fast]", '[tracker.t]\ntype="x"\n[profile.fast]', (
-        (40, "tracker.t.type", "no plugin brings a tracker"),)),
+    ("type-none-installed", "[profile.fast]", '[estimator.e]\ntype="x"\n[profile.fast]', (
+        (40, "estimator.e.type", "no plugin brings an estimator"),)),
     ("type-broken", "[profile.fast]", '[sensor.s]\ntype="lost"\n[profile.fast]', (
         (40, "sensor.s.type", "plugin 'toys': sensor 'lost'"),)),
     # --- keys

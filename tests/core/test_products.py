@@ -19,8 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, StageError
 from hillsphere.products import Bifurcations, PeriodicOrbits, load_product, save_product
+from hillsphere.stage_cache import StageCache
 
 
 @dataclass(frozen=True)
@@ -162,6 +163,27 @@ def test_no_file(tmp_path: Path) -> None:
         load_product(tmp_path / "none.npz")
     with pytest.raises(InputError, match="cannot be read"):
         load_product(tmp_path)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), MemoryError()])
+def test_what_cannot_be_read_just_now_is_not_damaged(
+    tmp_path: Path, error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache = StageCache(tmp_path)
+    cache.save("p", Box(np.arange(3.0)))
+
+    def failing(self: zipfile.ZipFile, name: Any, pwd: Any = None) -> bytes:
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(zipfile.ZipFile, "read", failing)
+        with pytest.raises(
+            StageError, match=r"p\.npz: (cannot be read: Input|there is too little)"
+        ):
+            load_product(tmp_path / "p.npz")
+        with pytest.raises(StageError, match=r"p\.npz"):
+            cache.load("p", Box)
+    assert same(cache.load("p", Box), Box(np.arange(3.0)))
 
 
 def test_torn_files_are_refused_at_every_length(tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -262,6 +264,35 @@ def test_a_damaged_product_is_computed_again(registry: Registry, damage: str) ->
     assert "its product is damaged and computed again" in Path("out/log.txt").read_text()
 
 
+@pytest.mark.parametrize("where", ["digest", "read"])
+def test_a_product_that_cannot_be_read_just_now_stays(
+    registry: Registry, where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted(registry)
+    whole = Path("out/one.npz").read_bytes()
+    opened = Path.open
+
+    def failing(self: Path, *arguments: Any, **options: Any) -> Any:
+        if self.name == "one.npz":
+            raise OSError(errno.EIO, "Input/output error")
+        return opened(self, *arguments, **options)
+
+    def unread(self: zipfile.ZipFile, *arguments: Any) -> bytes:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        if where == "digest":
+            patched.setattr(Path, "open", failing)
+        else:
+            patched.setattr(zipfile.ZipFile, "read", unread)
+        result = resume_run("out", registry=registry)
+    assert not result.ok
+    assert "one.npz: cannot be read: Input/output error" in Path("out/log.txt").read_text()
+    assert Path("out/one.npz").read_bytes() == whole
+    assert resume_run("out", registry=registry).ok
+    assert Make.ran == [2, 3]
+
+
 def test_cache_profile_and_settings_are_as_they_were(registry: Registry, tmp_path: Path) -> None:
     text = CHAIN + "[profile.more]\nstage.three.count = 4\n"
     interrupted(registry, text=text, profile="more", sets=("stage.one.count=5",))
@@ -386,8 +417,9 @@ def test_other_versions_and_processors_are_refused(
     )
     features = hillsphere.environment.environment()["cpu_features"]
     changed_environment(
-        monkeypatch, python="4.0.0", machine="abacus", cpu_features=[*features[1:], "BEADS"]
-    )
+        monkeypatch, python="4.0.0", machine="abacus", cpu_features=[*features[1:], "BEADS"],
+        c_library="glibc 1.9", kernels={"OPENBLAS_CORETYPE": "Prescott"},
+    )  # fmt: skip
     registry._offers["stage", "make"] = [
         replace(registry.get("stage", "make"), distribution="hillsphere-small 1.1")
     ]
@@ -397,7 +429,9 @@ def test_other_versions_and_processors_are_refused(
         r"version of numpy: .* -> \"9\.9\"",
         r"version of small: \"hillsphere-small 1\.0\" -> \"hillsphere-small 1\.1\"",
         r"machine: \w+ -> abacus",
+        r"c_library: .* -> glibc 1\.9",
         f"CPU features that only one has: {re.escape(features[0])} -> BEADS",
+        r"variable OPENBLAS_CORETYPE: .* -> \"Prescott\"",
     )
 
 

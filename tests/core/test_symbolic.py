@@ -153,3 +153,19 @@ def test_compact_mode_gives_the_same_numbers() -> None:
     points = np.random.default_rng(1).normal(size=(2, 9))
     full, compact = (ArrayFunction(e, [X, Y], compact=c)(points) for c in (False, True))
     np.testing.assert_allclose(full, compact, rtol=1e-15)
+
+
+def test_kepler_equation_over_many_revolutions() -> None:
+    s, c, m = sym.variables("s", "c", "m")
+    solved = ArrayFunction(
+        [sym.kepler(s, c, m), *sym.gradient(sym.kepler(s, c, m), (m,))], (s, c, m)
+    )
+    random = np.random.default_rng(1)
+    e, anomaly = random.uniform(0.0, 0.99, 500), random.uniform(0.0, 6.3, 500)
+    e[:20] = 0.0
+    given = np.array([e * np.sin(anomaly), e * np.cos(anomaly), random.uniform(-20.0, 20.0, 500)])
+    difference, slope = solved(given)
+    back = difference + given[0] * (1.0 - np.cos(difference)) - given[1] * np.sin(difference)
+    np.testing.assert_allclose(back, given[2], rtol=0, atol=4e-14)
+    by_hand = 1.0 / (1.0 + given[0] * np.sin(difference) - given[1] * np.cos(difference))
+    np.testing.assert_allclose(slope, by_hand, rtol=1e-10)

@@ -77,7 +77,8 @@ class Checkpoints:
         Raises
         ------
         StageError
-            If the directory cannot be used.
+            If the directory cannot be used, or a file cannot be read just now, which is none of
+            its damages: it stays.
         """
         found: dict[int, BlockOutcome] = {}
         try:

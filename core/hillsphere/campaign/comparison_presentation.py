@@ -169,11 +169,14 @@ def _verdict(product: CampaignComparison) -> list[str]:
         sentences.append(
             f"{row['campaign']} against {product.baseline}{at}: {row['failures']} failures instead "
             f"of {row['baseline_failures']} in {row['pairs']} pairs, failure ratio {middle:+.3g} "
-            f"percentage points ({low:+.3g} to {high:+.3g}, {100 * product.level:g} % interval)."
+            f"percentage points ({low:+.3g} to {high:+.3g}, {100 * product.level:g} % interval; "
+            f"p = {row['p']:.2g}, exact)."
         )
     room = _SENTENCES if len(product.campaign) == 1 else 0
     for one in product.metrics[:room]:
-        if one.pairs > 1:
+        if one.pairs > 1 and not one.less and not one.more:
+            sentences.append(f"{one.metric}: the same in all {one.pairs} pairs.")
+        elif one.pairs > 1:
             low, high = one.mean_interval
             unit = f" {one.unit}" if one.unit not in ("", "-") else ""
             sentences.append(

@@ -25,6 +25,12 @@ GROUP_S = 1.0
 MOST_BLOCKS = 64
 """Blocks of a task at most."""
 
+READY_LIMITS = 10.0
+"""Limits of a block that preparing the stage may take: it compiles, once for many blocks …"""
+
+LEAST_READY_S = 300.0
+"""… and this long in any case."""
+
 PARTS = 8
 """Parts of a block that cost its worker: 64 cases, 8, 1. Each level costs a worker and the time to
 its limit, so that two of them are better than the six of halves."""
@@ -188,7 +194,16 @@ class _Campaign:
             if piece is None:
                 return
             limit_s = self._limit(len(piece.batches))
-            task = Task(self._tasks, piece.batches, piece.variant, limit_s=limit_s)
+            ready_limit_s = None
+            if self.limit_s is not None:
+                ready_limit_s = max(LEAST_READY_S, READY_LIMITS * self.limit_s)
+            task = Task(
+                self._tasks,
+                piece.batches,
+                piece.variant,
+                limit_s=limit_s,
+                ready_limit_s=ready_limit_s,
+            )
             self._tasks += 1
             self._under_way[task.number] = piece
             crew.submit(task)

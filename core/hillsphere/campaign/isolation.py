@@ -17,7 +17,7 @@ import numpy as np
 
 from hillsphere.campaign.block_outcome import BlockOutcome, failed_rows, joined
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
-from hillsphere.errors import StageError
+from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import CaseStage, Integers
 
 __all__ = ["BlockOutcome", "compute", "only"]
@@ -62,6 +62,7 @@ def compute(
         lanes = waiting.pop()
         part = batch if len(lanes) == len(cases) else only(batch, lanes)
         try:
+            _check_inputs(stage, part)
             results = stage.run_cases(part, history, **inputs)
         except Exception as error:
             if len(lanes) > 1:
@@ -73,6 +74,15 @@ def compute(
         _check(stage, results, len(batch.numbers))
         rows.append(_rows(results, lanes, batch.numbers[lanes], history))
     return replace(joined(rows), seconds=perf_counter() - begin)
+
+
+def _check_inputs(stage: CaseStage, batch: CaseBatch) -> None:
+    """Raise if a case was drawn that means nothing, such as a negative density."""
+    for q in stage.case_inputs():
+        if q.positive and q.name in batch.names:
+            least = float(batch.values[batch.names.index(q.name)].min())
+            if not least > 0.0:
+                raise InputError(f"{q.name} must be > 0, got {least:.6g} {q.unit}".rstrip(" -"))
 
 
 def only(batch: CaseBatch, lanes: Integers) -> CaseBatch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import isfinite, log2
 from typing import Any
 
@@ -73,6 +73,7 @@ def plan_of(
     keys = [i for i in range(len(swept.names)) if i not in quantities]
     for i in keys:
         _require_used(swept.names[i], repeated, dispersions)
+    _require_apart([swept.names[i] for i in keys], repeated)
     swept, parts = _by_variant(swept, keys)
     root = repeated.mission.seed if seed is None else seed
     stages: dict[tuple[tuple[str, int], ...], tuple[Repeated, tuple[Parameter, ...]]] = {}
@@ -161,10 +162,23 @@ def _require_used(name: str, repeated: Repeated, dispersions: Sequence[str]) -> 
     roots = [("stage", repeated.stage), *(("dispersions", other) for other in dispersions)]
     used = [f"{kind}.{other}" for kind, other in topological(roots, mission.specs)]
     if table not in used:
+        hint = did_you_mean(table, used, otherwise="it uses")
+        if table.startswith("dispersions."):
+            hint = f" here; add {table[12:]!r} to the key dispersions"
         raise InputError(
-            f"{name}: changes nothing, as stage {repeated.stage!r} does not use {table}"
-            + did_you_mean(table, used, otherwise="it uses")
+            f"{name}: changes nothing, as stage {repeated.stage!r} does not use {table}{hint}"
         )
+
+
+def _require_apart(names: Sequence[str], repeated: Repeated) -> None:
+    """Raise if two names mean the same key in two units, or one a part of the other."""
+    plain: dict[str, str] = {}
+    for name in names:
+        field, keys = _field_of(name, repeated)
+        plain[name] = f"{name.rpartition('.')[0]}.{field}." if keys else f"{name}."
+    for name, other in combinations(names, 2):
+        if plain[name].startswith(plain[other]) or plain[other].startswith(plain[name]):
+            raise InputError(f"{name} and {other} set the same key; keep one")
 
 
 def _by_variant(swept: Swept, keys: Sequence[int]) -> tuple[Swept, list[tuple[int, int]]]:
@@ -264,17 +278,21 @@ def _check_overlap(set_there: Mapping[int, Quantity], dispersed: Dispersed, swep
 
 def _unit_of(name: str, repeated: Repeated) -> str:
     """Return the unit in which a mission writes a key, ``"-"`` for none."""
+    _, keys = _field_of(name, repeated)
+    return keys.get(name.rpartition(".")[2], "-")
+
+
+def _field_of(name: str, repeated: Repeated) -> tuple[str, dict[str, str]]:
+    """Return the field that a key with a unit means, and the unit of each of its spellings."""
     table, path = _split(name)
     kind, _, other = table.partition(".")
     spec: Any = repeated.mission.specs[kind][other]
     *steps, key = path.split(".")
     for step in steps:
         spec = getattr(spec, step, None)
-    if not isinstance(spec, Spec):
-        return "-"
-    for field, keys in type(spec).units_by_field().items():
+    for field, keys in type(spec).units_by_field().items() if isinstance(spec, Spec) else ():
         if key in keys:
             dimension = str(type(spec).schema_extra(field)["x-dimension"])
-            suffix = dict(zip(keys, UNITS[dimension], strict=True))[key]
-            return suffix.replace("_", "/")
-    return "-"
+            units = [suffix.replace("_", "/") for suffix in UNITS[dimension]]
+            return field, dict(zip(keys, units, strict=True))
+    return "", {}

@@ -58,6 +58,8 @@ _PANELS = 6
 
 _BARS = 20
 _METRICS = 20
+_WORTH_SAYING = 0.1
+"""A smaller rank correlation is no headline, however many cases make it sure."""
 
 _NOT_COMPUTED = ("error", "memory", "not_finite", "killed", "time_limit")
 """Statuses of cases that could not be computed, see `BlockOutcome`."""
@@ -237,7 +239,8 @@ def _strongest(found: RankCorrelations, level: float) -> list[str]:
     """Name the input that goes most with failure and with each of the first metrics."""
     said: dict[int, str] = {}
     for i, j in found.strongest():
-        if j not in said and found.p_holm[i, j] < 1.0 - level:
+        sure = found.p_holm[i, j] < 1.0 - level
+        if j not in said and sure and abs(found.rho[i, j]) >= _WORTH_SAYING:
             said[j] = f"{found.metrics[j]} with {found.inputs[i]} ({found.rho[i, j]:+.2f})"
     words = [said[j] for j in sorted(said)[:4]]
     return [f"Clearest rank correlations: {', '.join(words)}."] if words else []

@@ -114,6 +114,13 @@ class Repeated:
             self._refuse_stale((kind, name), address)
             spec = mission.specs[kind][name]
             made = _with_key(spec, key.split("."), value, address)
+            for _, other, ref in made.references():
+                if ref.name not in (names := mission.specs.get(other, {})):
+                    hint = did_you_mean(ref.name, names, otherwise="there are")
+                    raise InputError(
+                        f"{address} = {value!r}: no {other.replace('_', ' ')} table is named "
+                        f"{ref.name[:60]!r}{hint}"
+                    )
             specs = {k: dict(group) for k, group in mission.specs.items()}
             specs[kind][name] = made
             mission = replace(mission, specs=specs)
@@ -195,7 +202,8 @@ class _Computing:
         stage = self._stage(task.variant)
         prepare = getattr(stage, "prepare_cases", None)
         if prepare is not None:
-            prepare(task.blocks[0].names, **self._variants[task.variant].inputs)
+            for names in dict.fromkeys(block.names for block in task.blocks):
+                prepare(names, **self._variants[task.variant].inputs)
 
     def __call__(self, task: Task) -> tuple[BlockOutcome, ...]:
         stage, inputs = self._stage(task.variant), self._variants[task.variant].inputs

@@ -94,8 +94,8 @@ class RankCorrelations:
     p_holm : ndarray, shape (k, m)
         The same with all k·m comparisons in view, see `holm`.
     dependent : bool
-        Whether cases shared their random numbers (the points of a sweep do): `p`, `p_holm` and
-        `interval` then are NaN.
+        Whether cases shared their random numbers (the points of a sweep do) or differed in nothing
+        random: `p`, `p_holm` and `interval` then are NaN.
     """
 
     inputs: tuple[str, ...]
@@ -154,9 +154,11 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     rho, p = np.full((k, m), np.nan), np.full((k, m), np.nan)
     interval = np.full((2, k, m), np.nan)
     count = np.zeros(m, dtype=np.int64)
-    # Points of a sweep that see the same draws; a single draw is as good as a constant.
+    # Points of a sweep that see the same draws; a single draw is as good as a constant, but then
+    # the points themselves must have come by chance.
     draws = table.draw[usable]
-    dependent = 1 < np.unique(draws).size < draws.size
+    least = 0 if table.design in ("grid", "list") else 1
+    dependent = least < np.unique(draws).size < draws.size
     inputs = given.values[:, usable]
     ranks_of: dict[bytes, Array] = {}
     for j, name in enumerate(names):
@@ -242,7 +244,8 @@ def independent_cases(table: CaseTable) -> NDArray[np.bool_]:
     """
     if table.design != "sobol_indices":
         return np.ones(table.case.size, dtype=bool)
-    size = table.planned // (len(explanatory(table).names) + 2)
+    # Every sample sees the same draws. Quantities that came out constant belong to the samples too.
+    size = int(table.draw.max(initial=-1)) + 1
     return np.asarray(table.case < size)
 
 
@@ -304,12 +307,12 @@ def sobol_of(
     .. [1] A. Saltelli et al. (2010), Computer Physics Communications 181, 259–270.
     """
     given = explanatory(table)
-    k, total = len(given.names), table.case.size
-    if reason := _unfit(table, given):
-        return reason
-    n = total // (k + 2)
-    parts = table.values.reshape(len(table.metrics), k + 2, n)
-    f_a, f_b, f_ab = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, 2:], 1, 0)
+    alone = _samples(table, given)
+    if isinstance(alone, str):
+        return alone
+    k, n = len(alone), int(table.draw.max()) + 1
+    parts = table.values.reshape(len(table.metrics), -1, n)
+    f_a, f_b, f_ab = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, alone], 1, 0)
     constant = np.ptp(table.values, axis=1) == 0.0
     found = np.full((2, k, len(table.metrics)), np.nan)
     for j in np.flatnonzero(~constant):
@@ -351,8 +354,11 @@ def _resampled(f_a: Array, f_b: Array, f_ab: Array, weights: Array) -> Array:
     return shares
 
 
-def _unfit(table: CaseTable, given: Explanatory) -> str:
-    """Say why there are no Sobol indices; ``""`` if there are."""
+def _samples(table: CaseTable, given: Explanatory) -> list[int] | str:
+    """Return in which sample each quantity changed alone, or why there are no Sobol indices.
+
+    Quantities that came out constant have a sample of their own as well, equal to the first.
+    """
     k, total = len(given.names), table.case.size
     if table.design != "sobol_indices":
         return f"design {table.design!r} does not allow Sobol indices; use 'sobol_indices'"
@@ -366,18 +372,21 @@ def _unfit(table: CaseTable, given: Explanatory) -> str:
         )
     if not np.isfinite(table.values).all():
         return "Sobol indices need finite metrics"
-    n = total // (k + 2)
-    if not k or total != n * (k + 2):
+    n = int(table.draw.max(initial=-1)) + 1
+    if not k or total % n or total < n * (k + 2):
         return f"{total} cases are no {k + 2} samples of equal size for {k} inputs"
     if n < 2:
         return "Sobol indices need samples of more than one case"
-    parts = given.values.reshape(k, k + 2, n)
+    parts = given.values.reshape(k, -1, n)
+    found = []
     for i in range(k):
         expected = parts[:, 0].copy()
         expected[i] = parts[i, 1]
-        if not np.array_equal(parts[:, 2 + i], expected):
+        same = (parts[:, 2:] == expected[:, None]).all(axis=(0, 2))
+        if not same.any():
             return (
                 "Sobol indices need inputs that are independent of each other; here "
                 f"{given.names[i]!r} does not change alone (correlated inputs)"
             )
-    return ""
+        found.append(2 + int(np.argmax(same)))
+    return found

@@ -82,7 +82,6 @@ class CampaignSpec(StageSpec):
         default=None,
         gt=0,
     )
-    stop: StopSpec | None = option("when it ends early; left out: never", default=None)
 
     @model_validator(mode="after")
     def _each_once(self) -> Self:
@@ -112,6 +111,7 @@ class MonteCarloSpec(CampaignSpec):
         "sensitivities",
         default="random",
     )
+    stop: StopSpec | None = option("when it ends early; left out: never", default=None)
 
     @model_validator(mode="after")
     def _something_differs(self) -> Self:

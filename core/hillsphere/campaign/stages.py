@@ -81,7 +81,7 @@ class Campaign(ABC):
             executor=ctx.executor,
             checkpoints=Checkpoints(ctx.workspace(), ctx.fingerprint, ctx.info),
             limit_s=self.spec.block_limit_s,
-            stop=self._stop(),
+            stop=self.stop(),
             advance=ctx.track(
                 "cases", plan.cases, note=lambda: f"{failed} failed" if failed else ""
             ),
@@ -98,17 +98,9 @@ class Campaign(ABC):
     def _names(self) -> tuple[str, ...]:
         return tuple(ref.name for ref in self.spec.dispersions)
 
-    def _stop(self) -> Callable[..., str] | None:
-        given = self.spec.stop
-        if given is None:
-            return None
-        return StopCriteria(
-            failure_half_width=given.failure_half_width,
-            mean_half_widths=given.mean_half_widths,
-            failures_above=given.failures_above,
-            least_cases=given.least_cases,
-            level=self.spec.confidence,
-        ).rule()
+    def stop(self) -> Callable[..., str] | None:
+        """Return the rule by which it ends early, if there is one; see `engine.StopRule`."""
+        return None
 
 
 class MonteCarlo(Campaign):
@@ -131,6 +123,19 @@ class MonteCarlo(Campaign):
             design=self.spec.design,
             stream=self.spec.draws_as or repeated.by,
         )
+
+    def stop(self) -> Callable[..., str] | None:
+        """Return the rule by which it ends early; see `Campaign.stop`."""
+        given = self.spec.stop
+        if given is None:
+            return None
+        return StopCriteria(
+            failure_half_width=given.failure_half_width,
+            mean_half_widths=given.mean_half_widths,
+            failures_above=given.failures_above,
+            least_cases=given.least_cases,
+            level=self.spec.confidence,
+        ).rule()
 
 
 class Sweep(Campaign):

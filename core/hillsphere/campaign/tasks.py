@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from hillsphere.campaign.cases import CaseBatch
 
-__all__ = ["Crew", "Executor", "Failed", "Finished", "Lost", "Outcome", "Task", "Work"]
+__all__ = ["Crew", "Executor", "Failed", "Finished", "Lost", "Outcome", "Task", "Work", "unready"]
 
 
 class Work(Protocol):
@@ -18,7 +18,7 @@ class Work(Protocol):
         """Make the function that does a task; called once in each worker, it may take long.
 
         The function may have a method ``ready(task)``, which is called before each task: what it
-        makes ready, such as compiled code, does not count against `Task.limit_s`.
+        makes ready, such as compiled code, counts against `Task.ready_limit_s`, not `limit_s`.
         """
         ...
 
@@ -39,6 +39,8 @@ class Task:
         Whether histories are wanted.
     limit_s : float or None
         Wall-clock time after which its worker is stopped.
+    ready_limit_s : float or None
+        The same for what is made ready before.
     """
 
     number: int
@@ -46,6 +48,7 @@ class Task:
     variant: int = 0
     history: bool = False
     limit_s: float | None = None
+    ready_limit_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,14 @@ class Failed:
 
 
 Outcome = Finished | Lost | Failed
+
+
+def unready(task: Task) -> str:
+    """Say that a worker was stopped while it made ready for a task."""
+    return (
+        f"preparing the stage did not end within {task.ready_limit_s:g} s (ten times the limit of "
+        "a block, at least 300 s), and its worker was stopped; give a longer block_limit or none"
+    )
 
 
 class Crew(Protocol):

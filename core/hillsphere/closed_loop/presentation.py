@@ -104,7 +104,8 @@ def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     counted = f" after {spec.errors_from_s / 60.0:g} min" if spec.errors_from_s else ""
     values = dict(zip(product.metrics, product.values.tolist(), strict=True))
     sentences = [
-        f"The nominal flight {'failed' if product.failed else 'succeeded'}: {what} after "
+        f"The nominal flight{f' ({spec.label})' if spec.label else ''} "
+        f"{'failed' if product.failed else 'succeeded'}: {what} after "
         f"{(ended - begun) / 3600.0:.4g} h, at most "
         f"{values['largest_position_error']:.4g} m from its reference{counted}, with "
         f"{values['dv']:.4g} m/s of Δv."

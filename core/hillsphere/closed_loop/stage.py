@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -103,7 +103,7 @@ class ClosedLoopStage:
         start = np.where(np.isnan(self._start), start, self._start)
         units = [unit_of(v) for v in self.plant.states]
         names, spec = self.rows.names, self.spec
-        found = [Parameter(_PLANT + q.name, q.value, q.unit) for q in self.plant.parameters()]
+        found = [replace(q, name=_PLANT + q.name) for q in self.plant.parameters()]
         found += [
             Parameter(f"state.{name}", float(value), unit)
             for name, value, unit in zip(names, start, units, strict=True)

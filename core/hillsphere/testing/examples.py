@@ -31,8 +31,9 @@ def example(kind: str, type_: str, number: int = 0, *, registry: Registry | None
     Returns
     -------
     object
-        The component. Each reference in the example is filled by the simplest installed component
-        of its kind, made from its own first example.
+        The component. Each reference in the example is filled by the component whose type is the
+        name written there, or else the simplest installed one of its kind, made from its own first
+        example.
 
     Raises
     ------
@@ -47,7 +48,7 @@ def example(kind: str, type_: str, number: int = 0, *, registry: Registry | None
 def bound_example(record: Registered, registry: Registry, number: int = 0) -> Spec:
     """Return the Spec of an example with its references filled, a stage's inputs left open."""
     return _example_spec(record, number).bound(
-        lambda kind, name: None if kind == "stage" else _simplest(kind, record, registry)
+        lambda kind, name: None if kind == "stage" else _filling(kind, name, record, registry)
     )
 
 
@@ -153,7 +154,7 @@ def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:
         if hasattr(target := record.load_target(), "run_cases") and hasattr(target, "case_inputs")
     ]
     require(fitting, "no installed stage can be repeated: none has run_cases and case_inputs")
-    record = min(fitting, key=lambda record: _size(record))
+    record = min(fitting, key=lambda record: _size(record, registry))
     specs: dict[str, dict[str, Spec]] = {}
     components: dict[str, dict[str, Registered]] = {}
     waiting = [("stage", name, record)]
@@ -163,7 +164,7 @@ def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:
         specs.setdefault(kind, {})[table] = made
         components.setdefault(kind, {})[table] = found
         waiting += [
-            (other, ref.name, _simplest_record(other, found, registry))
+            (other, ref.name, _filling_record(other, ref.name, found, registry))
             for _, other, ref in made.references()
             if other != "stage" and ref.name not in specs.get(other, {})
         ]
@@ -202,17 +203,27 @@ def _example_spec(record: Registered, number: int) -> Spec:
     return validate(spec, spec.examples[number], where=f"{what}, example {number}")
 
 
-def _simplest(kind: str, user: Registered, registry: Registry) -> Any:
-    record = _simplest_record(kind, user, registry)
+def _filling(kind: str, name: str, user: Registered, registry: Registry) -> Any:
+    record = _filling_record(kind, name, user, registry)
     return record.load_target()(bound_example(record, registry))
 
 
-def _simplest_record(kind: str, user: Registered, registry: Registry) -> Registered:
+def _filling_record(kind: str, name: str, user: Registered, registry: Registry) -> Registered:
+    """Return what fills a reference: the component of the type that is its name, or the simplest.
+
+    So an example that needs a certain type writes it: ``{"body": "planet"}``.
+    """
     candidates = [record for record in registry.of_kind(kind) if record != user]
     require(candidates, f"{user.component.type}: no other installed component is a {kind}")
-    return min(candidates, key=_size)
+    named = (record for record in candidates if record.component.type == name)
+    return next(named, None) or min(candidates, key=lambda record: _size(record, registry))
 
 
-def _size(record: Registered) -> tuple[int, str]:
-    """Order components by what their examples refer to, then by name."""
-    return len(list(_example_spec(record, 0).references())), record.component.type
+def _size(record: Registered, registry: Registry) -> tuple[int, int, str]:
+    """Order components by what their examples refer to, then by how much of that must be of a type.
+
+    At last by name.
+    """
+    types = {(other.component.kind, other.component.type) for other in registry}
+    names = [(kind, ref.name) for _, kind, ref in _example_spec(record, 0).references()]
+    return len(names), len(types.intersection(names)), record.component.type

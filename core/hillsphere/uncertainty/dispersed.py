@@ -216,6 +216,8 @@ def _group(
             "run, so nothing can be drawn about it; use limits of its own (uniform with lower and "
             "upper, choice, samples)"
         )
+    # What is given for another number of quantities is told now, not when the first case is drawn.
+    dispersion.quantiles(np.full((len(names), 1), 0.5), group.nominal)
     return group
 
 

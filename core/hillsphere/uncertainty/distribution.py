@@ -53,6 +53,18 @@ def require_count(given: int, wanted: int, key: str) -> None:
         )
 
 
+def _correlated(lower: Array, z: Array) -> Array:
+    """Return L z for a lower triangular L (k, k) and z (k, N).
+
+    Not by the matrix product, whose last bits depend on N and on the number of its threads: a case
+    is drawn among others here and there, and must have one value.
+    """
+    out = np.zeros_like(z)
+    for j, row in enumerate(z):
+        out[j:] += lower[j:, j, None] * row
+    return out
+
+
 class Distribution(ABC):
     """What all distributions here have in common, see `hillsphere.interfaces.Dispersion`.
 
@@ -105,7 +117,7 @@ class Distribution(ABC):
         z = ndtri(np.clip(u, _SMALLEST, _LARGEST))
         if self._lower is not None:
             require_count(len(self._lower), len(nominal), "correlation")
-            z = self._lower @ z
+            z = _correlated(self._lower, z)
         return self._at(z, nominal)
 
     def covariance(self, nominal: Array) -> Array:

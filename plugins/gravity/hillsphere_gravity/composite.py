@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, pi, sin
 from typing import cast
 
@@ -122,7 +122,7 @@ class _Sum:
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parts' parameters and scales: ``core.gm``, …, ``core.scale``, …."""
         return tuple(
-            Parameter(f"{part.name}.{own.name}", own.value, own.unit)
+            replace(own, name=f"{part.name}.{own.name}")
             for part in self._parts
             for own in (*part.model.parameters(), Parameter("scale", part.scale))
         )

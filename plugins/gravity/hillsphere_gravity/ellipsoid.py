@@ -79,12 +79,12 @@ class Ellipsoid:
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``density`` or ``gm``, then the three axes."""
         mass = (
-            Parameter("gm", self.gm_m3_s2, "m3/s2")
+            Parameter("gm", self.gm_m3_s2, "m3/s2", positive=True)
             if self._density is None
-            else Parameter("density", self._density, "kg/m3")
+            else Parameter("density", self._density, "kg/m3", positive=True)
         )
         axes = zip(_AXIS_NAMES, self._axes, strict=True)
-        return (mass, *(Parameter(name, value, "m") for name, value in axes))
+        return (mass, *(Parameter(name, value, "m", positive=True) for name, value in axes))
 
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""

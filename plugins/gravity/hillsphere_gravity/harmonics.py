@@ -62,7 +62,12 @@ class Harmonics:
         self.reference_radius_m = table.reference_radius_m
         self.normalisation = table.normalisation
         self.tide_system = table.tide_system
-        used = sorted(row for row in table.rows if row.n <= self.degree and row.m <= self.order)
+        tesseral = self.degree if spec.max_tesseral_degree is None else spec.max_tesseral_degree
+        used = sorted(
+            row
+            for row in table.rows
+            if row.n <= self.degree and row.m <= self.order and (row.m == 0 or row.n <= tesseral)
+        )
         # C00 scales the whole mass, as gm does; one of the two is enough to disperse.
         self._c00 = next((row.c for row in used if row.n == 0), 1.0)
         self._rows = tuple(row for row in used if row.n > 0)
@@ -76,7 +81,7 @@ class Harmonics:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``gm``, then the coefficients by degree and order, C before S."""
-        found = [Parameter("gm", self._gm, "m3/s2")]
+        found = [Parameter("gm", self._gm, "m3/s2", positive=True)]
         for row in self._rows:
             found.append(Parameter(f"C{row.n},{row.m}", row.c))
             if row.m > 0:
@@ -157,6 +162,11 @@ def _merged(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
     degree = table.max_degree if spec.max_degree is None else spec.max_degree
     if spec.max_order is not None and spec.max_order > degree:
         raise InputError(f"max_order must be ≤ {degree}, the degree used, got {spec.max_order}")
+    if spec.max_tesseral_degree is not None and spec.max_tesseral_degree > degree:
+        raise InputError(
+            f"max_tesseral_degree must be ≤ {degree}, the degree used, got "
+            f"{spec.max_tesseral_degree}"
+        )
     return CoefficientTable(
         name=table.name,
         gm_m3_s2=table.gm_m3_s2,

@@ -25,7 +25,7 @@ class PointMass:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``gm``."""
-        return (Parameter("gm", self.gm_m3_s2, "m3/s2"),)
+        return (Parameter("gm", self.gm_m3_s2, "m3/s2", positive=True),)
 
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""

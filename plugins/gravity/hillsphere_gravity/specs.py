@@ -182,6 +182,12 @@ class HarmonicsSpec(Spec):
     )
     max_degree: int | None = option("use degrees up to this", default=None, ge=0)
     max_order: int | None = option("use orders up to this", default=None, ge=0)
+    max_tesseral_degree: int | None = option(
+        "use orders above 0 in degrees up to this only, zonal terms up to max_degree; left out: "
+        "in all",
+        default=None,
+        ge=0,
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -218,6 +224,11 @@ class HarmonicsSpec(Spec):
         degree = highest if self.max_degree is None else self.max_degree
         if self.max_order is not None and self.max_order > degree:
             raise _fault("max_order", f"must be ≤ {degree}, the degree, got {self.max_order}")
+        if self.max_tesseral_degree is not None and self.max_tesseral_degree > degree:
+            raise _fault(
+                "max_tesseral_degree",
+                f"must be ≤ {degree}, the degree, got {self.max_tesseral_degree}",
+            )
 
 
 def file_format_of(spec: HarmonicsSpec) -> FileFormat:

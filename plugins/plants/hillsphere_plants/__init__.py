@@ -1,4 +1,4 @@
-"""Built-in plants plugin: equations of motion near small bodies."""
+"""Built-in plants plugin: equations of motion near small bodies and about the Earth."""
 
 from __future__ import annotations
 
@@ -22,5 +22,12 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_plants.three_body:three_body",
             "hillsphere_plants.specs:ThreeBodySpec",
             "circular or elliptic three-body problem about a moon, with any gravity model",
+        ),
+        Component(
+            "plant",
+            "earth_orbit",
+            "hillsphere_plants.earth_orbit:EarthOrbit",
+            "hillsphere_plants.earth_orbit_specs:EarthOrbitSpec",
+            "flight about the turning Earth in an inertial frame, with any gravity model and drag",
         ),
     ]

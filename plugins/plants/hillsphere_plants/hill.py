@@ -9,7 +9,12 @@ import numpy as np
 from hillsphere.gravity import AnyGravityModel, is_array_model
 from hillsphere.interfaces import Array, Parameter, Variable
 from hillsphere.symbolic import Expr, Params, Vec3, dot, sum_of
-from hillsphere_plants.moon_centred import ArrayAttraction, MoonCentred, SymbolicAttraction
+from hillsphere_plants.moon_centred import (
+    ArrayAttraction,
+    MoonCentred,
+    SymbolicAttraction,
+    moon_of,
+)
 from hillsphere_plants.specs import HillSpec
 
 __all__ = ["ArrayHill", "Hill", "hill"]
@@ -33,7 +38,7 @@ class _HillMotion(MoonCentred):
     """Time reversals that hold if the gravity has the same mirror plane; check before use."""
 
     def __init__(self, spec: HillSpec) -> None:
-        super().__init__(spec, spec.prime_meridian_rad, spec.body.get().mean_motion_rad_s)
+        super().__init__(spec, spec.prime_meridian_rad, moon_of(spec.body).mean_motion_rad_s)
 
     def _own_parameters(self) -> tuple[Parameter, ...]:
         return (Parameter("mean_motion", self.mean_motion_rad_s, "rad/s"),)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from hillsphere.bodies import Moon
+from hillsphere.errors import InputError
 from hillsphere.gravity import AnyGravityModel, GravityField, acceleration_at, potential_at
 from hillsphere.interfaces import (
     Array,
@@ -28,11 +30,13 @@ from hillsphere.symbolic import Expr, Params, Vec3, constant, dot, sum_of, varia
 from hillsphere_plants.rotation import AxialRotation
 
 __all__ = [
+    "CONTROLS",
     "POSITION_AND_VELOCITY",
     "ArrayAttraction",
     "MoonCentred",
     "MoonCentredSpec",
     "SymbolicAttraction",
+    "moon_of",
     "vector",
 ]
 
@@ -44,7 +48,7 @@ POSITION_AND_VELOCITY = (
     Variable("vy", 1, -1),
     Variable("vz", 1, -1),
 )
-_CONTROLS = (Variable("ax", 1, -2), Variable("ay", 1, -2), Variable("az", 1, -2))
+CONTROLS = (Variable("ax", 1, -2), Variable("ay", 1, -2), Variable("az", 1, -2))
 _PREFIX = "gravity."
 
 
@@ -84,12 +88,12 @@ class MoonCentred(ABC):
     """
 
     states: tuple[Variable, ...] = POSITION_AND_VELOCITY
-    controls = _CONTROLS
+    controls = CONTROLS
 
     def __init__(
         self, spec: MoonCentredSpec, meridian_rad: float, mean_motion_rad_s: float
     ) -> None:
-        body: Moon = spec.body.get()
+        body = moon_of(spec.body)
         self._model: AnyGravityModel = spec.gravity.get()
         self._semi_axes_m: tuple[float, float, float] | None = body.semi_axes_m
         self._escape_radius_m = spec.escape_radius_m
@@ -138,7 +142,7 @@ class MoonCentred(ABC):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of the motion, then those of the gravity model, prefixed."""
-        gravity = (Parameter(_PREFIX + q.name, q.value, q.unit) for q in self._model.parameters())
+        gravity = (replace(q, name=_PREFIX + q.name) for q in self._model.parameters())
         return (*self._own_parameters(), *gravity)
 
     def derivative(
@@ -260,6 +264,17 @@ class ArrayAttraction(MoonCentred):
         """Columns: the body's axes in the frame of the motion."""
         c, s = self.rotation
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def moon_of(reference: Ref) -> Moon:
+    """Return the moon that is referred to; an `InputError` if the body is something else."""
+    body: object = reference.get()
+    if not isinstance(body, Moon):
+        raise InputError(
+            f"the plant needs a body of type 'moon', got a {type(body).__name__} "
+            f"({reference.name!r})"
+        )
+    return body
 
 
 def vector(components: Sequence[Expr]) -> Vec3:

@@ -30,6 +30,7 @@ from hillsphere_plants.moon_centred import (
     ArrayAttraction,
     MoonCentred,
     SymbolicAttraction,
+    moon_of,
     vector,
 )
 from hillsphere_plants.rotation import (
@@ -67,15 +68,15 @@ class _ThreeBody(MoonCentred):
     """What the circular and the elliptic problem share."""
 
     def __init__(self, spec: ThreeBodySpec, meridian_rad: float) -> None:
-        body = spec.body.get()
+        body = moon_of(spec.body)
         total = body.primary_gm_m3_s2 + spec.gravity.get().gm_m3_s2
         super().__init__(spec, meridian_rad, sqrt(total / body.semi_major_axis_m**3))
         self.primary_gm_m3_s2: float = body.primary_gm_m3_s2
 
     def _own_parameters(self) -> tuple[Parameter, ...]:
         return (
-            Parameter("primary_gm", self.primary_gm_m3_s2, "m3/s2"),
-            Parameter("semi_major_axis", self.primary_distance_m, "m"),
+            Parameter("primary_gm", self.primary_gm_m3_s2, "m3/s2", positive=True),
+            Parameter("semi_major_axis", self.primary_distance_m, "m", positive=True),
         )
 
     def _mean_motion(self, p: Params) -> Expr:
@@ -185,7 +186,7 @@ class _EllipticMotion(_ThreeBody):
 
     def __init__(self, spec: ThreeBodySpec) -> None:
         super().__init__(spec, 0.0)  # x is longitude 0
-        body = spec.body.get()
+        body = moon_of(spec.body)
         self.eccentricity: float = body.eccentricity
         self.libration_amplitude_rad: float = body.libration_amplitude_rad
         self.mode = spec.rotation

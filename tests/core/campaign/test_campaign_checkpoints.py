@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import random
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,27 @@ def test_a_torn_file_is_set_aside(tmp_path: Path, share: float, reference: list[
     assert len(notes) == 1
     assert notes[0].startswith(torn.name)
     assert notes[0].endswith("it was set aside and its blocks are computed again")
+    assert same(run(tmp_path), reference)
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.EIO, "Input/output error"), OSError(errno.EMFILE, "x"), MemoryError()]
+)
+def test_a_file_that_cannot_be_read_just_now_stays(
+    tmp_path: Path, error: Exception, monkeypatch: pytest.MonkeyPatch, reference: list[Any]
+) -> None:
+    run(tmp_path)
+    before = sorted(tmp_path.iterdir())
+
+    def failing(self: zipfile.ZipFile, name: Any, pwd: Any = None) -> bytes:
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(zipfile.ZipFile, "read", failing)
+        with pytest.raises(StageError, match=r"blocks-0000000-0000001\.npz"):
+            kept(tmp_path).load()
+    assert sorted(tmp_path.iterdir()) == before
+    assert len(kept(tmp_path).load()) == 8
     assert same(run(tmp_path), reference)
 
 

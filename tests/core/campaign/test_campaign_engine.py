@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +118,7 @@ def test_killers_are_found_and_nobody_else_is_hurt(
 def test_how_often_what_is_tried() -> None:
     executor = Scripted(killers=[100], how="time_limit")
     found = run(executor, group_blocks=4, limit_s=2.5)
+    assert {task.ready_limit_s for task in executor.tasks} == {300.0}
     assert (found[1].status[36], found[1].failed[36]) == ("time_limit", True)
     assert found[1].messages == ("its worker was signal 9 (SIGKILL)",)
     tried = [
@@ -132,6 +133,7 @@ def test_how_often_what_is_tried() -> None:
 def test_a_group_waits_for_one_block_without_end_not_for_many() -> None:
     executor = Scripted()
     run(executor, group_blocks=4, limit_s=1000.0)
+    assert {task.ready_limit_s for task in executor.tasks} == {10_000.0}
     first, *others = (task.limit_s for task in executor.tasks)
     assert first == 4000.0
     assert all(limit is not None and 1000.0 < limit < 1100.0 for limit in others)
@@ -327,6 +329,11 @@ def test_stages_are_built_and_compiled_before_the_clock_runs() -> None:
     do.ready(Task(0, (batch,)))
     assert told == ["built 0", "compiled for ('a', 'b')"]
     assert same(do(Task(0, (batch,))), REFERENCE[:1])
+    # A task may hold blocks of several designs.
+    other, _ = PLAN.block(1)
+    do.ready(Task(0, (batch, replace(batch, names=("b", "a")), other)))
+    assert told[2:] == ["compiled for ('a', 'b')", "compiled for ('b', 'a')"]
+    del told[2:]
     # Blocks of a variant follow each other: only the stage of the last one is kept.
     do(Task(1, (batch,), variant=1))
     do(Task(2, (batch,), variant=1))

@@ -23,6 +23,7 @@ from hillsphere.campaign.block_outcome import (
 from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.campaign.isolation import compute, only
 from hillsphere.errors import StageError
+from hillsphere.interfaces import Parameter
 from hillsphere.products import load_product, save_product
 
 FULL, _ = ToyPlan(64).block(0)
@@ -265,3 +266,24 @@ def test_cases_without_metrics_get_those_of_the_others() -> None:
     other = replace(SOUND, metrics=("x", "z"))
     with pytest.raises(StageError, match=r"x \(m\), z \(m/s\) for cases 0 to 63, but x \(m\), y"):
         named_alike([SOUND, other])
+
+
+class Weighed(Toy):
+    """Means nothing without a mass above zero."""
+
+    def case_inputs(self) -> tuple[Parameter, ...]:
+        return (Parameter("mass", 1.0, "kg", positive=True),)
+
+
+def test_a_case_that_means_nothing_is_not_computed() -> None:
+    """A quantity that must be positive and was drawn negative costs only its own case."""
+    mass = np.ones((1, LANES))
+    mass[0, 7] = -2.5
+    names = (*FULL.names, "mass")
+    batch = replace(FULL, names=names, values=np.concatenate([FULL.values, mass]))
+    found = compute(Weighed(), batch, {})
+    kept = np.arange(LANES) != 7
+    assert_array_equal(found.failed, SOUND.failed | ~kept)
+    assert (found.status[7], found.cause[7]) == ("error", "InputError")
+    assert "mass must be > 0, got -2.5 kg" in found.messages[0]
+    assert_array_equal(found.values[:, kept], SOUND.values[:, kept])

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from numpy.testing import assert_allclose, assert_array_equal
 from tests.core.uncertainty.toy_mission import Ball, Hover, toy_repeated
 
@@ -16,7 +17,7 @@ from hillsphere.campaign.cases import LANES
 from hillsphere.campaign.plan import Plan
 from hillsphere.campaign.planning import plan_of
 from hillsphere.campaign.repeated import Repeated
-from hillsphere.campaign.specs import RangeSpec
+from hillsphere.campaign.specs import MonteCarloSpec, RangeSpec, SweepSpec
 from hillsphere.campaign.swept import Swept, case_list, grid, listed, sampled
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Integers
@@ -331,6 +332,12 @@ def test_labels_of_a_list_follow_its_points(repeated: Repeated) -> None:
         ({"state.x": (1.0,), "stage.hover.state.x": (2.0,)}, "set the same quantity; keep one"),
         ({"stage.hover.gravity.gm": (1.0,), "gravity.phobos.gm": (2.0,)}, "set the same quantity"),
         ({"stage.hover.gravity.C2,0": (1.0,)}, "swept, but dispersions.field sets it for every"),
+        (
+            {"stage.hover.period_s": (60,), "stage.hover.period_min": (1,)},
+            "stage.hover.period_s and stage.hover.period_min set the same key; keep one",
+        ),
+        ({"stage.hover.gravity": ("fobos",)}, "= 'fobos': no gravity table is named 'fobos'; did"),
+        ({"dispersions.mass.scale": (2,)}, "dispersions.mass here; add 'mass' to the key disper"),
         ({"stage.hover.period_s": ()}, "stage.hover.period_s: no values"),
         ({"stage.hover.period_s": RangeSpec(first=1, last=2)}, "a grid needs the number of points"),
         (
@@ -439,3 +446,15 @@ def test_the_toys_are_what_they_seem(repeated: Repeated) -> None:
     stage = repeated.build()
     assert isinstance(stage, Hover)
     assert isinstance(stage.spec.gravity.get(), Ball)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [{"failure_half_width": 0.01}, {"mean_half_widths": {"x": 1.0}}, {"failures_above": 0.5}],
+)
+def test_a_sweep_does_not_end_early(rule: dict[str, Any]) -> None:
+    """What its first points show is no estimate of the others."""
+    tables = {"repeat": "hover", "stop": rule}
+    assert MonteCarloSpec.model_validate({**tables, "cases": 10}).stop is not None
+    with pytest.raises(ValidationError, match="stop"):
+        SweepSpec.model_validate({**tables, "over": {"stage.hover.samples": [1, 2]}})

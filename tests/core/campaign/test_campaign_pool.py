@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import signal
@@ -21,11 +22,12 @@ from tests.core.campaign.toy_loop import Loop
 
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
+from hillsphere.campaign.executors import pool as executors_pool
 from hillsphere.campaign.executors.pool import Pool, PoolCrew
 from hillsphere.campaign.executors.serial import Serial
 from hillsphere.campaign.executors.specs import PoolSpec, SerialSpec
 from hillsphere.campaign.tasks import Failed, Finished, Lost, Outcome, Task, Work
-from hillsphere.errors import StageError
+from hillsphere.errors import InputError, StageError
 
 PLAN = ToyPlan(330)
 SERIAL = Serial(SerialSpec())
@@ -144,13 +146,119 @@ def outcome_of(work: Work, task: Task | None = None) -> Outcome:
 def test_work_that_cannot_be_prepared() -> None:
     failed = outcome_of(Unprepared("raise"))
     assert isinstance(failed, Failed)
-    assert failed.error == "RuntimeError: there is no field"
+    assert failed.error == (
+        "RuntimeError: there is no field (in 5 worker processes one after another)"
+    )
     assert "in prepare" in failed.detail
     died = outcome_of(Unprepared("exit"))
     assert isinstance(died, Failed)
     assert died.error.startswith(
         "worker processes end before they are ready, the last with exit code 5;"
     )
+
+
+@pytest.mark.parametrize("when", ["prepare", "ready"])
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_passing_fault_while_a_worker_prepares(tmp_path: Path, when: str, workers: int) -> None:
+    def outcome(error: Exception, times: int) -> tuple[Outcome, int]:
+        place = tmp_path / f"{type(error).__name__}-{times}"
+        place.mkdir()
+        work = Faulty(str(place), when, error, times)
+        with PoolCrew(work, 1) if workers else SERIAL.crew(work) as crew:
+            crew.submit(Task(7, ()))
+            return crew.outcome(), len(list(place.iterdir()))
+
+    busy = OSError(errno.EMFILE, "Too many open files")
+    ended, tries = outcome(busy, 2)
+    assert ended == Finished(Task(7, ()), 7)
+    assert tries == 3
+    failed, tries = outcome(MemoryError("no room"), 99)
+    assert isinstance(failed, Failed)
+    assert failed.error.startswith("MemoryError: no room")
+    assert tries == 5
+    failed, tries = outcome(InputError("no such body"), 99)
+    assert (isinstance(failed, Failed) and failed.error, tries) == ("no such body", 1)
+    failed, tries = outcome(ModuleNotFoundError("no such module"), 99)
+    assert isinstance(failed, Failed)
+    assert tries == 1
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """Work that can be prepared only after some tries, which leave files."""
+
+    place: str
+    when: str
+    error: Exception
+    times: int
+
+    def prepare(self) -> Any:
+        if self.when == "prepare":
+            self.go_wrong()
+        return FaultyTask(self)
+
+    def go_wrong(self) -> None:
+        tries = len(list(Path(self.place).iterdir()))
+        Path(self.place, str(tries)).touch()
+        if tries < self.times:
+            raise self.error
+
+
+@dataclass(frozen=True)
+class FaultyTask:
+    work: Faulty
+
+    def ready(self, task: Task) -> None:
+        if self.work.when == "ready":
+            self.work.go_wrong()
+
+    def __call__(self, task: Task) -> int:
+        return task.number
+
+
+@pytest.mark.parametrize(("limit_s", "how"), [(None, "killed"), (0.5, "time_limit")])
+def test_half_an_answer_does_not_hold_up_the_run(limit_s: float | None, how: str) -> None:
+    """The channel stays open, as a process that the stage started holds it."""
+    begun = time.monotonic()
+    lost = outcome_of(Half(), Task(0, (), limit_s=limit_s))
+    assert time.monotonic() - begun < 15.0
+    assert isinstance(lost, Lost)
+    assert lost.how == how
+
+
+class Half:
+    def prepare(self) -> Any:
+        return half
+
+
+def half(task: Task) -> None:
+    channel = int(sys.argv[1])
+    run_by = os.getpid()
+    if os.fork() == 0:
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end and os.getppid() == run_by:
+            time.sleep(0.1)
+        time.sleep(4.0)
+        os._exit(0)
+    os.write(channel, (10_000).to_bytes(8, "big") + b"half of it")
+    if task.limit_s is None:
+        os.kill(run_by, signal.SIGKILL)
+    time.sleep(60.0)
+
+
+def test_no_more_workers_than_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
+    started = 0
+    start = executors_pool._started
+
+    def counted() -> Any:
+        nonlocal started
+        started += 1
+        return start()
+
+    monkeypatch.setattr(executors_pool, "_started", counted)
+    plan = ToyPlan(130)
+    assert same(run(pool(99), StageWork([Toy()]), plan), run(SERIAL, StageWork([Toy()]), plan))
+    assert 1 <= started <= 3
 
 
 def test_work_that_cannot_be_sent() -> None:
@@ -212,6 +320,13 @@ def test_time_to_prepare_does_not_count() -> None:
     lost = outcome_of(StageWork([Toy({3: "loop"})]), task)
     assert isinstance(lost, Lost)
     assert (lost.how, lost.detail) == ("time_limit", "stopped after 0.3 s")
+
+
+def test_time_to_prepare_has_a_limit_of_its_own() -> None:
+    failed = outcome_of(Slow(), Task(0, (), limit_s=0.1, ready_limit_s=0.2))
+    assert isinstance(failed, Failed)
+    assert failed.error.startswith("preparing the stage did not end within 0.2 s")
+    assert isinstance(outcome_of(Slow(), Task(0, (), limit_s=5, ready_limit_s=20)), Finished)
 
 
 class Slow:

@@ -249,7 +249,7 @@ def test_sobol_design() -> None:
         parts.append(ab)
     x = np.concatenate(parts, axis=1)
     table = replace(
-        campaign(640, inputs=3), design="sobol_indices", input_values=x,
+        campaign(640, inputs=3), design="sobol_indices", input_values=x, draw=np.arange(640) % 128,
         values=np.array([x[0] + 0.2 * x[1], x[0] * x[2], x[1]]), failed=np.zeros(640, dtype=bool),
         status=np.full(640, "completed"),
     )  # fmt: skip

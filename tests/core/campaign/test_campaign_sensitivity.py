@@ -51,6 +51,12 @@ def table_of(
     )
 
 
+def designed(x: Array, values: Array) -> CaseTable:
+    """Return a campaign of samples A, B and others, all with the draws of the first."""
+    table, n = table_of(x, values), x.shape[1] // (len(x) + 2)
+    return replace(table, design="sobol_indices", draw=np.arange(x.shape[1]) % n)
+
+
 def saltelli(k: int, n: int, seed: int = 1) -> Array:
     """Return A, B and the k samples of A with one row of B, uniform in (0, 1): (k, n (k + 2))."""
     both = qmc.Sobol(2 * k, rng=seed).random(n).T
@@ -188,7 +194,7 @@ def test_points_of_a_sweep() -> None:
 def test_sobol_indices_of_the_ishigami_function() -> None:
     """Ishigami and Homma (1990), a = 7, b = 0.1: closed forms of all indices."""
     x = saltelli(3, 4096)
-    table = replace(table_of(x, ishigami(x)[None]), design="sobol_indices")
+    table = designed(x, ishigami(x)[None])
     found = sobol_of(table)
     assert isinstance(found, SobolIndices)
     assert found.samples == 4096
@@ -222,15 +228,35 @@ def test_sobol_indices_of_the_ishigami_function() -> None:
 
 def test_only_the_first_sample_is_independent() -> None:
     x = saltelli(3, 64)
-    table = replace(table_of(x, ishigami(x)[None]), design="sobol_indices")
+    table = designed(x, ishigami(x)[None])
     assert_array_equal(np.flatnonzero(independent_cases(table)), np.arange(64))
     assert rank_correlations(table).count.tolist() == [64]
+
+
+@pytest.mark.parametrize("row", [0, 1, 3])
+def test_an_input_that_came_out_constant_has_a_sample_too(row: int) -> None:
+    """A distribution may be so narrow, or so coarse, that no draw changes its quantity."""
+    x = saltelli(4, 256)
+    x[row] = 2.5
+    table = designed(x, (x[0] + 2.0 * x[1] + 3.0 * x[2] * x[3])[None])
+    assert_array_equal(np.flatnonzero(independent_cases(table)), np.arange(256))
+    found = sobol_of(table)
+    assert isinstance(found, SobolIndices)
+    assert found.inputs == tuple(f"x{i}" for i in range(4) if i != row)
+    assert found.samples == 256
+    samples = np.delete(x.reshape(4, 6, 256), row, axis=0)
+    fewer = np.delete(samples, 2 + row, axis=1).reshape(3, -1)
+    metric = np.delete(table.values.reshape(6, 256), 2 + row, axis=0).reshape(1, -1)
+    without = sobol_of(designed(fewer, metric))
+    assert isinstance(without, SobolIndices)
+    assert_array_equal(found.first, without.first)
+    assert_array_equal(found.total, without.total)
 
 
 def test_a_constant_metric_has_no_sobol_indices() -> None:
     x = saltelli(2, 16)
     values = np.array([np.full(x.shape[1], 3.0), x[0]])
-    found = sobol_of(replace(table_of(x, values), design="sobol_indices"))
+    found = sobol_of(designed(x, values))
     assert isinstance(found, SobolIndices)
     assert np.isnan(found.first[:, 0]).all()
     assert_allclose(found.total[1, 1], 0.0, rtol=0, atol=1e-12)
@@ -238,7 +264,7 @@ def test_a_constant_metric_has_no_sobol_indices() -> None:
 
 def test_why_there_are_no_sobol_indices() -> None:
     x = saltelli(3, 16)
-    good = replace(table_of(x, x[:1]), design="sobol_indices")
+    good = designed(x, x[:1])
     assert isinstance(sobol_of(good), SobolIndices)
 
     def refused(table: CaseTable) -> str:
@@ -256,8 +282,6 @@ def test_why_there_are_no_sobol_indices() -> None:
     short = np.where(failed, "requirement", "completed")
     assert isinstance(sobol_of(replace(good, failed=failed, status=short)), SobolIndices)
     assert "finite" in refused(replace(good, values=np.full((1, 80), np.nan)))
-    assert "more than one case" in refused(
-        replace(table_of(x[:, ::16], x[:1, ::16]), design="sobol_indices")
-    )
+    assert "more than one case" in refused(designed(x[:, ::16], x[:1, ::16]))
     mixed = x + 0.5 * np.roll(x, 1, axis=0)
     assert "does not change alone" in refused(replace(good, input_values=mixed))

@@ -206,6 +206,18 @@ def test_correlation_that_is_singular_or_impossible() -> None:
         )
 
 
+def test_correlated_numbers_do_not_depend_on_their_company() -> None:
+    k = 40
+    correlation = 0.7 ** np.abs(np.subtract.outer(np.arange(k), np.arange(k)))
+    model = made(
+        "normal", tuple(f"q{i}" for i in range(k)), sigma=1.0, correlation=correlation.tolist()
+    )
+    u = uniform_numbers(100, k)
+    whole = model.quantiles(u, np.zeros(k))
+    for count in (1, 2, 3, 63, 99):
+        assert_array_equal(model.quantiles(u[:, :count], np.zeros(k)), whole[:, :count])
+
+
 def test_fully_correlated_quantities_move_together() -> None:
     model = made("normal", sigma=(1.0, 2.0), correlation=joint(1.0))
     values = model.quantiles(uniform_numbers(50), np.zeros(2))

@@ -107,6 +107,11 @@ def series(*rows: dict[str, Any], **more: Any) -> dict[str, Any]:
         ),
         (
             "harmonics",
+            series(ROW, max_degree=1, max_tesseral_degree=2),
+            ["max_tesseral_degree: must be ≤ 1, the degree, got 2"],
+        ),
+        (
+            "harmonics",
             {"coefficients": [ROW], "gm_km3_s2": 7e-4},
             ["missing beside coefficients: reference_radius_m, normalisation, tide_system"],
         ),

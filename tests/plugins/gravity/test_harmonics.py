@@ -226,6 +226,16 @@ def test_truncation_equals_the_shorter_table() -> None:
     )
 
 
+def test_zonal_terms_may_go_further_than_tesseral_ones() -> None:
+    triangle = random_triangle(6)
+    points = random_points(15)
+    cut = {(n, m): v for (n, m), v in triangle.items() if m == 0 or n <= 4}
+    np.testing.assert_array_equal(
+        GravityField(model(triangle, max_tesseral_degree=4)).potential(points),
+        GravityField(model(cut)).potential(points),
+    )
+
+
 def test_degree_one_moves_the_centre_of_mass() -> None:
     # To first order C̄10 = z/(√3 R), C̄11 = x/(√3 R), S̄11 = y/(√3 R).
     offset = np.array([30.0, -20.0, 10.0])
@@ -340,6 +350,11 @@ def test_shadr_file_equals_the_table(tmp_path: Path) -> None:
             "norm fully_normalized\ntide_system zero_tide",
             {"max_order": 4},
             "max_order must be ≤ 3, the degree used, got 4",
+        ),
+        (
+            "norm fully_normalized\ntide_system zero_tide",
+            {"max_tesseral_degree": 4},
+            "max_tesseral_degree must be ≤ 3, the degree used, got 4",
         ),
     ],
 )

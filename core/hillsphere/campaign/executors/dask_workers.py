@@ -21,8 +21,8 @@ from importlib import metadata
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from hillsphere.campaign.executors.worker import told
-from hillsphere.campaign.tasks import Failed, Finished, Task, Work
+from hillsphere.campaign.executors.worker import MOST_FAULTS, is_passing, told
+from hillsphere.campaign.tasks import Failed, Finished, Task, Work, unready
 from hillsphere.environment import environment, package_versions
 from hillsphere.errors import StageError
 from hillsphere.plugins import ENTRY_POINT_GROUP
@@ -225,23 +225,26 @@ class Registry:
                 return
             # Held here as long as the worker is a member: it stays prepared.
             prepare = operator.methodcaller("prepare")
-            do = self._submit(member, prepare, self._submit(member, pickle.loads, self._work))
-            broken = await _failure(do)
+            for _ in range(MOST_FAULTS):
+                do = self._submit(member, prepare, self._submit(member, pickle.loads, self._work))
+                error = await _failure(do)
+                if error is None or not is_passing(error):
+                    break
+            broken = None if error is None else told(error)
             self._news.put(Hired(member))
             while True:
                 task = await member.todo.get()
                 if broken is not None:
-                    error, detail = broken
-                    self._news.put(Answered(member, Failed(task, error, detail)))
+                    self._news.put(Answered(member, Failed(task, *broken)))
                 elif (outcome := await self._do(member, do, task)) is not None:
                     self._news.put(Answered(member, outcome))
                 else:
                     return
         # The worker has died, or somebody else's restart took the task away; if it is the scheduler
         # that is gone, `watch` tells of it.
-        except (CancelledError, KilledWorker) as error:
+        except (CancelledError, KilledWorker) as end:
             if self._client.status == "running" and self._members.get(member.address) is member:
-                self._drop(member, " ".join(str(error).split()) or type(error).__name__)
+                self._drop(member, " ".join(str(end).split()) or type(end).__name__)
 
     async def _unlike(self, member: Member) -> str:
         """Return how a worker differs from this process in what matters; empty if it does not."""
@@ -268,19 +271,25 @@ class Registry:
 
         sent = self._submit(member, pickle.loads, pickle.dumps(task))
         # What the work can make ready beforehand does not count against the task's limit.
-        ready = self._submit(
-            member, operator.call, self._submit(member, pickle.loads, _READY), do, sent
-        )
-        if (failure := await _failure(ready)) is not None:
-            return Failed(task, *failure)
+        for _ in range(MOST_FAULTS):
+            ready = self._submit(
+                member, operator.call, self._submit(member, pickle.loads, _READY), do, sent
+            )
+            try:
+                fault = await asyncio.wait_for(_failure(ready), task.ready_limit_s)
+            except TimeoutError:
+                self._stop_later(member)
+                return Failed(task, unready(task), "")
+            if fault is None or not is_passing(fault):
+                break
+        if fault is not None:
+            return Failed(task, *told(fault))
         waiting = asyncio.ensure_future(_result(self._submit(member, operator.call, do, sent)))
         try:
             done, _ = await asyncio.wait({waiting}, timeout=task.limit_s)
             if not done:
                 member.overran = True
-                stop = asyncio.ensure_future(self._stop(member))
-                self._stops.add(stop)
-                stop.add_done_callback(self._stops.discard)
+                self._stop_later(member)
                 return None
             return Finished(task, waiting.result())
         except (CancelledError, KilledWorker):
@@ -290,6 +299,11 @@ class Registry:
             return Failed(task, *told(error))
         finally:
             waiting.cancel()
+
+    def _stop_later(self, member: Member) -> None:
+        stop = asyncio.ensure_future(self._stop(member))
+        self._stops.add(stop)
+        stop.add_done_callback(self._stops.discard)
 
     async def _stop(self, member: Member) -> None:
         """Have a worker's process ended by its nanny, which starts another."""
@@ -323,15 +337,15 @@ async def _result(future: Future[Any]) -> Any:
     return await future
 
 
-async def _failure(future: Future[Any]) -> tuple[str, str] | None:
+async def _failure(future: Future[Any]) -> BaseException | None:
     """Wait for a future whose value stays where it is; return what it raised."""
     from distributed import CancelledError
 
     exception: Any = future.exception  # of a client's loop, where it is to be awaited
-    error = await exception()
+    error: BaseException | None = await exception()
     if future.status == "cancelled":
         raise CancelledError(future.key)
-    return None if error is None else told(error)
+    return error
 
 
 def surroundings() -> dict[str, str]:
@@ -345,7 +359,11 @@ def surroundings() -> dict[str, str]:
     """
     facts = environment()
     found = {key: str(facts[key]) for key in ("python", "system", "machine")}
+    found["C library"] = facts["c_library"]
     found["CPU features"] = " ".join(facts["cpu_features"])
+    found["kernels chosen by variables"] = (
+        " ".join(f"{name}={value}" for name, value in facts["kernels"].items()) or "none"
+    )
     found |= {name: str(version) for name, version in facts["packages"].items()}
     modules = {point.value.partition(":")[0] for point in _plugins()}
     for module in sorted(modules | {"hillsphere"}):

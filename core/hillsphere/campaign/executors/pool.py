@@ -1,4 +1,4 @@
-"""Tasks done in processes of their own, each on a pipe, so that one that dies costs one task.
+"""Tasks done in processes of their own, each on a channel, so that one that dies costs one task.
 
 The pool of the standard library does not say which task killed a process, and all its tasks are
 lost with one; here the run knows what each process is doing, can stop it, and replaces it.
@@ -10,6 +10,7 @@ import json
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 from collections import deque
@@ -17,14 +18,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from fcntl import F_DUPFD_CLOEXEC, fcntl
 from io import BytesIO
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from time import monotonic
 from types import FunctionType
 from typing import Any
 
+from hillsphere.campaign.executors.channel import Channel
 from hillsphere.campaign.executors.specs import PoolSpec
-from hillsphere.campaign.tasks import Failed, Finished, Lost, Outcome, Task, Work
+from hillsphere.campaign.executors.worker import MOST_FAULTS
+from hillsphere.campaign.tasks import Failed, Finished, Lost, Outcome, Task, Work, unready
 from hillsphere.errors import StageError
 from hillsphere.threads import processors
 
@@ -48,8 +50,8 @@ MOST_FAILED_STARTS = 5
 """Workers in a row that may die before they are ready."""
 
 LOOK_S = 1.0
-"""How often to look whether a worker still lives whose pipe is open: processes that a stage started
-may hold it open."""
+"""How often to look whether a worker still lives whose channel is open: processes that a stage
+started may hold it open."""
 
 FAREWELL_S = 2.0
 """Time that idle workers have to end by themselves."""
@@ -84,9 +86,10 @@ class Pool:
 @dataclass(eq=False)
 class _Worker:
     process: subprocess.Popen[bytes]
-    pipe: Connection[Any, Any]
+    channel: Channel
     ready: bool = False
     task: Task | None = None
+    begun: bool = False
     deadline: float | None = None
 
 
@@ -113,6 +116,7 @@ class PoolCrew:
         self._waiting: deque[Task] = deque()
         self._ended: deque[Outcome] = deque()
         self._failed_starts = 0
+        self._faults = 0
 
     def __enter__(self) -> PoolCrew:
         return self
@@ -123,7 +127,7 @@ class PoolCrew:
             for worker in self._workers:
                 if worker in idle:
                     with suppress(OSError):
-                        worker.pipe.send(None)
+                        worker.channel.send(None)
                 else:
                     worker.process.kill()
             end = monotonic() + FAREWELL_S
@@ -150,12 +154,17 @@ class PoolCrew:
             self._hand_out()
             now = monotonic()
             limits = [w.deadline - now for w in self._workers if w.deadline is not None]
-            awake = wait([w.pipe for w in self._workers], max(0.0, min([LOOK_S, *limits])))
+            awake = wait(
+                [w.channel.fileno() for w in self._workers], max(0.0, min([LOOK_S, *limits]))
+            )
             for worker in list(self._workers):
-                # A worker may have sent its result before it ended: the pipe is read first.
-                if worker.pipe in awake:
+                ended = worker.process.poll() is not None
+                # A worker may have sent its result before it ended: that is read first.
+                if ended or worker.channel.fileno() in awake:
                     self._hear(worker)
-                elif worker.process.poll() is not None:
+                if worker not in self._workers:
+                    continue
+                if ended:
                     self._bury(worker)
                 elif worker.deadline is not None and worker.deadline <= monotonic():
                     self._stop(worker)
@@ -165,13 +174,15 @@ class PoolCrew:
         """Give waiting tasks to idle workers, and start workers for those that are left."""
         for worker in list(self._workers):
             if self._waiting and worker.ready and worker.task is None:
-                worker.task = self._waiting.popleft()
+                task = worker.task = self._waiting.popleft()
+                worker.begun = False
+                if task.ready_limit_s is not None:
+                    worker.deadline = monotonic() + task.ready_limit_s
                 try:
-                    worker.pipe.send(worker.task)
+                    worker.channel.send(task)
                 except OSError:
                     # It died while it was idle, for which the task is not to blame.
-                    self._waiting.appendleft(worker.task)
-                    worker.task = None
+                    self._waiting.appendleft(task)
                     self._remove(worker)
         starting = sum(not w.ready for w in self._workers)
         while starting < len(self._waiting) and len(self._workers) < self.slots:
@@ -179,23 +190,26 @@ class PoolCrew:
             starting += 1
 
     def _hear(self, worker: _Worker) -> None:
+        """Take up all that a worker has told; half a message waits for its other half."""
         try:
-            what, *content = worker.pipe.recv()
-        except (EOFError, OSError):
+            while worker in self._workers and (message := worker.channel.arrived()) is not None:
+                self._take(worker, *pickle.loads(message))
+        except EOFError:
             self._bury(worker)
-            return
+
+    def _take(self, worker: _Worker, what: str, *content: Any) -> None:
         if what == "hello":
-            with suppress(OSError):  # if it is gone, its pipe will tell
-                worker.pipe.send_bytes(self._work)
+            with suppress(OSError):  # if it is gone, its channel will tell
+                worker.channel.send_bytes(self._work)
         elif what == "ready":
             worker.ready, self._failed_starts = True, 0
         elif what == "begun":
             assert worker.task is not None
-            if worker.task.limit_s is not None:
-                worker.deadline = monotonic() + worker.task.limit_s
+            worker.begun, self._faults = True, 0
+            limit_s = worker.task.limit_s
+            worker.deadline = None if limit_s is None else monotonic() + limit_s
         elif what == "unprepared":
-            self._remove(worker)
-            self._give_up(*content)
+            self._unprepared(worker, *content)
         else:
             task, worker.task, worker.deadline = worker.task, None, None
             assert task is not None
@@ -203,16 +217,30 @@ class PoolCrew:
                 Finished(task, *content) if what == "done" else Failed(task, *content)
             )
 
+    def _unprepared(self, worker: _Worker, passing: bool, error: str, detail: str) -> None:
+        """Try with another worker, for a while; the task is not to blame."""
+        if worker.task is not None:
+            self._waiting.appendleft(worker.task)
+        self._remove(worker)
+        self._faults += 1
+        if not passing:
+            self._give_up(error, detail)
+        elif self._faults >= MOST_FAULTS:
+            self._give_up(f"{error} (in {self._faults} worker processes one after another)", detail)
+
     def _stop(self, worker: _Worker) -> None:
         """Kill a worker that overran its task's limit."""
         task = worker.task
         assert task is not None
         self._remove(worker)
+        if not worker.begun:
+            self._ended.append(Failed(task, unready(task), ""))
+            return
         self._ended.append(Lost(task, "time_limit", f"stopped after {task.limit_s:g} s"))
 
     def _bury(self, worker: _Worker) -> None:
         """Say what a worker that ended by itself was doing."""
-        # Its pipe closes a moment before it has ended.
+        # Its channel closes a moment before it has ended.
         with suppress(subprocess.TimeoutExpired):
             worker.process.wait(FAREWELL_S)
         self._remove(worker)
@@ -237,7 +265,7 @@ class PoolCrew:
     def _remove(self, worker: _Worker) -> None:
         worker.process.kill()
         worker.process.wait()
-        worker.pipe.close()
+        worker.channel.close()
         self._workers.remove(worker)
 
 
@@ -266,8 +294,8 @@ class _Pickler(pickle.Pickler):
 
 def _started() -> _Worker:
     """Start a process; it says hello when it has come up."""
-    ours, theirs = Pipe()
-    # The standard streams' numbers may be free if they were closed: there the pipe would be lost.
+    ours, theirs = socket.socketpair()
+    # The standard streams' numbers may be free if they were closed: there it would be lost.
     descriptor = fcntl(theirs.fileno(), F_DUPFD_CLOEXEC, 3)
     theirs.close()
     errors = subprocess.DEVNULL if sys.__stderr__ is None else 2
@@ -290,7 +318,7 @@ def _started() -> _Worker:
         ) from error
     finally:
         os.close(descriptor)
-    return _Worker(process, ours)
+    return _Worker(process, Channel(ours))
 
 
 def _ending(code: int) -> str:

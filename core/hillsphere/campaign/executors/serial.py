@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hillsphere.campaign.executors.specs import SerialSpec
-from hillsphere.campaign.executors.worker import told
+from hillsphere.campaign.executors.worker import MOST_FAULTS, is_passing, told
 from hillsphere.campaign.tasks import Failed, Finished, Outcome, Task, Work
 
 __all__ = ["Serial", "SerialCrew"]
@@ -62,10 +62,23 @@ class SerialCrew:
         if task is None:
             raise RuntimeError("no task is under way")
         try:
-            if self._do is None:
-                self._do = self._work.prepare()
-            if hasattr(self._do, "ready"):
-                self._do.ready(task)
-            return Finished(task, self._do(task))
+            do = self._prepared(task)
+            return Finished(task, do(task))
         except Exception as error:
             return Failed(task, *told(error))
+
+    def _prepared(self, task: Task) -> Callable[[Task], Any]:
+        """Make ready for a task, again if a fault may be a passing one."""
+        left = MOST_FAULTS
+        while True:
+            try:
+                if self._do is None:
+                    self._do = self._work.prepare()
+                if hasattr(self._do, "ready"):
+                    self._do.ready(task)
+                return self._do
+            except Exception as error:
+                left -= 1
+                if not left or not is_passing(error):
+                    raise
+                self._do = None

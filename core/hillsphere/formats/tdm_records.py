@@ -1,0 +1,293 @@
+"""The records of a CCSDS Tracking Data Message, checked one by one as they come [1]_.
+
+References
+----------
+.. [1] CCSDS 503.0-B-2, Tracking Data Message, Blue Book, 2020.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from math import isfinite, nan, radians
+from types import MappingProxyType
+from typing import NamedTuple
+
+from hillsphere.errors import InputError
+from hillsphere.formats.tdm_entries import Entry, entries
+from hillsphere.problems import did_you_mean
+from hillsphere.time import SCALES, Epoch
+
+__all__ = ["SCALAR", "AnglePair", "PairedAngles", "TdmMeta", "TdmRecord", "tdm_records"]
+
+SCALAR = MappingProxyType({"RANGE": 1e3, "DOPPLER_INSTANTANEOUS": 1e3, "DOPPLER_INTEGRATED": 1e3})
+"""Keywords besides the angles that are read, with their factors to SI (from km and km/s)."""
+_ANGLES = ("ANGLE_1", "ANGLE_2")
+_READ = (*_ANGLES, *SCALAR)
+_PASSED_OVER = re.compile(
+    r"CARRIER_POWER|CLOCK_(BIAS|DRIFT)|DOPPLER_COUNT|DOR|MAG|P[CR]_N0|PRESSURE|RCS"
+    r"|RECEIVE_(FREQ(_[1-5])?|PHASE_CT_[1-5])|RHUMIDITY|STEC|TEMPERATURE"
+    r"|TRANSMIT_(FREQ(_RATE)?|PHASE_CT)_[1-5]|TROPO_(DRY|WET)|VLBI_DELAY"
+)
+_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)")
+_PARTICIPANT = re.compile(r"PARTICIPANT_([1-5])")
+
+
+@dataclass(frozen=True)
+class TdmMeta:
+    """What a segment says about all of its data.
+
+    Parameters
+    ----------
+    participants : tuple of str
+        Stations and spacecraft, by number from 1.
+    path : tuple of int
+        Numbers of the participants along the signal's path; empty if the message does not say.
+    time_system : str
+        One of `hillsphere.time.SCALES`.
+    fields : mapping of str to str
+        All keywords of the metadata as they stand.
+    """
+
+    participants: tuple[str, ...]
+    path: tuple[int, ...] = ()
+    time_system: str = "UTC"
+    fields: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def station(self) -> str:
+        """The participant that receives and so measures angles; the first if there is no path."""
+        return self.participants[self.path[-1] - 1 if self.path else 0]
+
+
+class TdmRecord(NamedTuple):
+    """One measured number: where it stands, its keyword, time, and value (rad, m or m/s)."""
+
+    place: str
+    meta: TdmMeta
+    keyword: str
+    epoch: Epoch
+    value: float
+
+
+class AnglePair(NamedTuple):
+    """Azimuth from north eastwards and elevation at one time, rad."""
+
+    place: str
+    meta: TdmMeta
+    epoch: Epoch
+    azimuth_rad: float
+    elevation_rad: float
+
+
+class PairedAngles:
+    """Puts together the ANGLE_1 and ANGLE_2 of one time as they arrive.
+
+    They may alternate, or all of one keyword may stand before those of the other.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[TdmRecord] = deque()
+
+    def add(self, record: TdmRecord) -> AnglePair | None:
+        """Take a record; return a pair once it is complete.
+
+        Raises
+        ------
+        InputError
+            If an angle turns out to have no partner.
+        """
+        waiting = self._waiting
+        if waiting and waiting[0].meta is not record.meta:
+            self.finish()
+        if record.keyword not in _ANGLES:
+            return None
+        if not waiting or waiting[0].keyword == record.keyword:
+            waiting.append(record)
+            return None
+        other = waiting.popleft()
+        apart = record.epoch.seconds_since(other.epoch)
+        if abs(apart) > 1e-9:
+            # the earlier of both is the one whose partner did not come
+            raise _alone(other if apart > 0.0 else record)
+        angles = {r.keyword: r.value for r in (other, record)}
+        return AnglePair(
+            record.place, record.meta, record.epoch, angles["ANGLE_1"], angles["ANGLE_2"]
+        )
+
+    def finish(self) -> None:
+        """Raise `InputError` if an angle still waits for its partner at the end."""
+        if self._waiting:
+            raise _alone(self._waiting[0])
+
+
+def _alone(record: TdmRecord) -> InputError:
+    other = _ANGLES[record.keyword == _ANGLES[0]]
+    return InputError(
+        f"{record.place}: {record.keyword} has no {other} of the same time; both are needed"
+    )
+
+
+def tdm_records(lines: Iterable[str], where: str = "TDM") -> Iterator[TdmRecord]:
+    """Read the records of a message one by one, as soon as each is complete.
+
+    Keywords of the standard that are not read here (power, weather, clocks …) are passed over.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        The message; may be a stream that is still being written.
+    where : str
+        Name of the file, for errors.
+
+    Yields
+    ------
+    TdmRecord
+        Angles in rad, ranges in m, range rates in m/s, corrections of the metadata applied.
+
+    Raises
+    ------
+    InputError
+        With file and line: no such message, a keyword missing or unknown, angles of another type
+        than AZEL, another time system or unit than those read here, a value that is not finite or
+        out of range, times that do not rise.
+    """
+    state = ""
+    version = False
+    gathered: dict[str, str] = {}
+    meta: TdmMeta | None = None
+    latest: dict[str, Epoch] = {}
+    place = where
+    for entry in entries(lines, where):
+        place, key = entry.place, entry.key
+        if key == "CCSDS_TDM_VERS":
+            version = True
+            if entry.value not in ("1.0", "2.0"):
+                raise InputError(f"{place}: version {entry.value!r}; 1.0 and 2.0 are read")
+        elif not version:
+            raise InputError(
+                f"{place}: not a tracking data message: CCSDS_TDM_VERS must come first"
+            )
+        elif key == "META_START":
+            state, gathered, latest, meta = key, {}, {}, None
+        elif key == "META_STOP":
+            state, meta = key, _meta(gathered, place)
+        elif key in ("DATA_START", "DATA_STOP"):
+            if meta is None:
+                raise InputError(f"{place}: {key} without metadata before it")
+            state = key
+        elif state == "META_START":
+            if key in gathered:
+                raise InputError(f"{place}: {key} stands twice; keep one")
+            gathered[key] = entry.value
+        elif state == "DATA_START" and meta is not None:
+            record = _record(entry, meta)
+            if record is None:
+                continue
+            before = latest.get(key)
+            if before is not None and (step := record.epoch.seconds_since(before)) <= 0.0:
+                fault = (
+                    "the time of the record before again"
+                    if step == 0.0
+                    else (f"{-step:.6g} s before the record before")
+                )
+                raise InputError(f"{place}: {key}: {fault}; times of a keyword must rise")
+            latest[key] = record.epoch
+            yield record
+        elif state:
+            raise InputError(f"{place}: {key} stands outside of metadata and data")
+    if meta is None:
+        raise InputError(f"{place}: not a tracking data message: it ends before any data")
+
+
+def _meta(fields: dict[str, str], place: str) -> TdmMeta:
+    scale = fields.get("TIME_SYSTEM", "")
+    if scale not in SCALES:
+        raise InputError(
+            f"{place}: TIME_SYSTEM {scale!r} cannot be read; known: {', '.join(SCALES)}"
+        )
+    numbered = {
+        int(m.group(1)): name for key, name in fields.items() if (m := _PARTICIPANT.fullmatch(key))
+    }
+    if not numbered or sorted(numbered) != list(range(1, len(numbered) + 1)):
+        raise InputError(f"{place}: the metadata must name PARTICIPANT_1, PARTICIPANT_2, …")
+    path = fields.get("PATH", "")
+    words = [word.strip() for word in path.split(",")] if path else []
+    if any(not word.isdigit() or int(word) not in numbered for word in words):
+        raise InputError(f"{place}: PATH must list numbers of participants, got {path!r}")
+    names = tuple(numbered[n] for n in sorted(numbered))
+    return TdmMeta(names, tuple(int(word) for word in words), scale, MappingProxyType(fields))
+
+
+def _record(entry: Entry, meta: TdmMeta) -> TdmRecord | None:
+    place, key = entry.place, entry.key
+    if key not in _READ:
+        if _PASSED_OVER.fullmatch(key):
+            return None
+        raise InputError(
+            f"{place}: no data keyword {key[:40]!r} in a tracking data message"
+            f"{did_you_mean(key, _READ, otherwise='read')}"
+        )
+    words = entry.value.split()
+    if len(words) != 2:
+        raise InputError(f"{place}: {key}: expected a time and a number, got {entry.value[:60]!r}")
+    epoch = _epoch(words[0], meta.time_system, place)
+    value = _number(words[1], key, place) + _correction(key, meta, place)
+    if key in _ANGLES:
+        _check_angle(key, value, meta, place)
+        return TdmRecord(place, meta, key, epoch, radians(value))
+    unit = meta.fields.get("RANGE_UNITS", "km")
+    if key == "RANGE" and unit != "km":
+        raise InputError(f"{place}: RANGE_UNITS = {unit} cannot be read, only km; convert them")
+    return TdmRecord(place, meta, key, epoch, value * SCALAR[key])
+
+
+def _check_angle(key: str, value: float, meta: TdmMeta, place: str) -> None:
+    kind = meta.fields.get("ANGLE_TYPE", "")
+    if kind.upper() != "AZEL":
+        raise InputError(
+            f"{place}: ANGLE_TYPE = {kind or '(missing)'}: only azimuth and elevation, AZEL, are "
+            "read; convert the angles"
+        )
+    what, low, high = ("azimuth", -180.0, 360.0) if key == "ANGLE_1" else ("elevation", -90.0, 90.0)
+    if not low <= value <= high:
+        raise InputError(
+            f"{place}: {key}: {what} must be from {low:g}° to {high:g}°, got {value:.10g}°"
+        )
+
+
+def _correction(key: str, meta: TdmMeta, place: str) -> float:
+    """Return what is still to be added to a value, in the message's unit."""
+    name = f"CORRECTION_{'DOPPLER' if key.startswith('DOPPLER') else key}"
+    if name not in meta.fields:
+        return 0.0
+    applied = meta.fields.get("CORRECTIONS_APPLIED", "").upper()
+    if applied not in ("YES", "NO"):
+        raise InputError(f"{place}: {name} needs CORRECTIONS_APPLIED = YES or NO in the metadata")
+    return 0.0 if applied == "YES" else _number(meta.fields[name], name, place)
+
+
+def _number(text: str, what: str, place: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise InputError(f"{place}: {what}: expected a finite number, got {text[:40]!r}")
+    return value
+
+
+def _epoch(text: str, scale: str, place: str) -> Epoch:
+    plain = text.removesuffix("Z")
+    if match := _DAY_OF_YEAR.fullmatch(plain):
+        year, day = int(match.group(1)), int(match.group(2))
+        if not (1 <= year <= 9998 and 1 <= day <= 366):
+            raise InputError(f"{place}: {text!r} is no date")
+        plain = f"{datetime(year, 1, 1) + timedelta(days=day - 1):%Y-%m-%d}{match.group(3)}"
+    try:
+        return Epoch.parse(plain, scale)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from error

@@ -1,0 +1,161 @@
+"""A tracking antenna on the ground: azimuth and elevation, with the errors of real ones.
+
+References
+----------
+.. [1] H. K. Kuga, V. Carrara (1990), the assisted tracking of satellites by a ground station's
+   antenna, equations (22) to (25). Equation (23) as printed lacks a division: the elevation's
+   noise has the form of equation (25).
+"""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere_sensors.specs import AntennaSpec
+
+__all__ = ["Antenna"]
+
+_LEAST = 1e-3
+"""Of sin h and cos h in the error model, which else grows beyond bounds at horizon and zenith."""
+
+
+class Antenna:
+    """Azimuth from north eastwards and elevation, both geometric (no refraction).
+
+    With elevation h and range ρ the standard deviations of the noise are [1]_
+
+    - azimuth: c1 + c2/cos h + c3 ρ/cos h,
+    - elevation: c1 + c2/sin h + c3 cot h,
+
+    and biases of the same form, with coefficients of their own, are added. From the scene it takes
+    ``"earth_fixed"``, shape (3, 3, N): what turns positions of the states' frame to Earth-fixed
+    ones (`hillsphere.earth.rotation.earth_fixed`).
+
+    Parameters
+    ----------
+    spec : AntennaSpec
+        Its parameters.
+    """
+
+    channels = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angle"))
+    draws = (5, 6)
+
+    def __init__(self, spec: AntennaSpec) -> None:
+        self.spec = spec
+        self.station = Station(spec.station, spec.latitude_rad, spec.longitude_rad, spec.height_m)
+        self._dropout = _threshold(spec.dropout_probability)
+        self._outlier = _threshold(spec.outlier_probability)
+
+    def believed_stations(self, constant: Array) -> tuple[Station, ...]:
+        """Return where trackers are told that the station is, for each case.
+
+        Parameters
+        ----------
+        constant : ndarray, shape (5, N)
+            The constant normal numbers of the cases, as for `measure`.
+
+        Returns
+        -------
+        tuple of Station
+            N of them; one and the same if the Spec disperses nothing.
+        """
+        spec = self.spec
+        told = Station(
+            spec.station,
+            _or(spec.believed_latitude_rad, spec.latitude_rad),
+            _or(spec.believed_longitude_rad, spec.longitude_rad),
+            _or(spec.believed_height_m, spec.height_m),
+        )
+        sigma = np.array(spec.station_sigma_m)
+        if not sigma.any():
+            return (told,) * int(constant.shape[1])
+        places = told.ecef_m[:, None] + told.axes.T @ (sigma[:, None] * constant[2:5])
+        return tuple([Station.at(spec.station, place) for place in places.T])
+
+    def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return true azimuth in [0, 2π) and elevation; see `hillsphere.interfaces.Sensor`."""
+        return self._seen(x, t_s, scene)[0]
+
+    def visible(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
+        """Say where the satellite is above the mask."""
+        return np.asarray(self.observe(x, t_s, scene)[1] >= self.spec.mask_elevation_rad)
+
+    def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return the standard deviations of the noise (2, N), outliers left out."""
+        spec = self.spec
+        return _grown(*self._seen(x, t_s, scene), spec.azimuth_noise_rad, spec.elevation_noise_rad)
+
+    def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
+        """Return measured azimuth and elevation; NaN below the mask and where one is missing.
+
+        The rows of `constant` are two biases and three coordinates of the station; those of `noise`
+        both angles' noise, dropout, outlier, and both angles' outlying error. An elevation that
+        errors carry beyond the zenith is shown as the same direction, on the other side of it.
+        """
+        spec = self.spec
+        true, distance = self._seen(x, t_s, scene)
+        sigma = _grown(true, distance, spec.azimuth_noise_rad, spec.elevation_noise_rad)
+        shown = true + sigma * noise[:2]
+        shown += _grown(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
+        shown += np.array(spec.bias_sigma_rad)[:, None] * constant[:2]
+        shown += np.where(noise[3] < self._outlier, spec.outlier_sigma_rad * noise[4:6], 0.0)
+        # what errors do to a direction stays a direction: −π/2 ≤ elevation ≤ π/2
+        folded = np.arcsin(np.sin(shown[1]))
+        over = np.cos(shown[1]) < 0.0
+        azimuth = np.remainder(shown[0] + np.where(over, np.pi, 0.0), 2.0 * np.pi)
+        missing = (true[1] < spec.mask_elevation_rad) | (noise[2] < self._dropout)
+        return np.where(missing, np.nan, np.array([azimuth, folded]))
+
+    def _seen(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
+        """Return true angles (2, N) and ranges (N,), m."""
+        if "earth_fixed" not in scene:
+            raise InputError(
+                f"antenna {self.spec.station!r}: the scene lacks 'earth_fixed', the matrices "
+                f"(3, 3, N) that turn positions to Earth-fixed ones; it has: "
+                f"{', '.join(sorted(scene)) or 'nothing'}"
+            )
+        r, turn, times = np.asarray(x)[:3], scene["earth_fixed"], np.shape(t_s)
+        if r.shape[1:] != times or turn.shape[:2] != (3, 3) or turn.shape[2:] not in ((1,), times):
+            raise InputError(
+                f"antenna {self.spec.station!r}: states (n, N), times (N,) and matrices (3, 3, N) "
+                f"must fit together, got {np.shape(x)}, {times} and {turn.shape}"
+            )
+        fixed = np.einsum("ijn,jn->in", turn, r)
+        east, north, up = self.station.axes @ (fixed - self.station.ecef_m[:, None])
+        level = np.hypot(east, north)
+        azimuth = np.remainder(np.arctan2(east, north), 2.0 * np.pi)
+        return np.array([azimuth, np.arctan2(up, level)]), np.hypot(level, up)
+
+
+def _grown(
+    true: Array,
+    distance: Array,
+    azimuth: tuple[float, float, float],
+    elevation: tuple[float, float, float],
+) -> Array:
+    """Return the errors that both sets of coefficients make of elevations and ranges, (2, N)."""
+    sine, cosine = np.sin(true[1]), np.cos(true[1])
+    low, high = np.maximum(sine, _LEAST), np.maximum(cosine, _LEAST)
+    return np.array(
+        [
+            azimuth[0] + (azimuth[1] + azimuth[2] * distance / 1e6) / high,
+            elevation[0] + (elevation[1] + elevation[2] * cosine) / low,
+        ]
+    )
+
+
+def _threshold(probability: float) -> float:
+    """Return below which number a normal one falls with this probability."""
+    if probability in (0.0, 1.0):
+        return np.inf if probability else -np.inf
+    return NormalDist().inv_cdf(probability)
+
+
+def _or(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value

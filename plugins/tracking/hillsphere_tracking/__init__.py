@@ -1,0 +1,54 @@
+"""Passes over ground stations, assisted antenna tracking and pointing."""
+
+from __future__ import annotations
+
+from hillsphere.plugins import Component, hookimpl
+
+
+@hookimpl
+def hillsphere_components() -> list[Component]:
+    """Return the components of this package."""
+    return [
+        Component(
+            "stage",
+            "passes",
+            "hillsphere_tracking.pass_stage:PassesStage",
+            "hillsphere_tracking.pass_specs:PassesSpec",
+            "passes of satellites over ground stations, eclipses, ground tracks",
+        ),
+        Component(
+            "tracker",
+            "table",
+            "hillsphere_tracking.trackers.table:Table",
+            "hillsphere_tracking.trackers.specs:TableSpec",
+            "the nominal orbit as a stored table, never updated",
+        ),
+        Component(
+            "tracker",
+            "circular",
+            "hillsphere_tracking.trackers.average:Circular",
+            "hillsphere_tracking.trackers.specs:AverageSpec",
+            "running means of the node and the true anomaly of a circular orbit",
+        ),
+        Component(
+            "tracker",
+            "average",
+            "hillsphere_tracking.trackers.average:Average",
+            "hillsphere_tracking.trackers.specs:AverageSpec",
+            "running means of the node and the mean anomaly, assisted tracking of 1990",
+        ),
+        Component(
+            "tracker",
+            "least_squares",
+            "hillsphere_tracking.trackers.least_squares:LeastSquares",
+            "hillsphere_tracking.trackers.specs:LeastSquaresSpec",
+            "recursive least squares on mean elements, with angle and time biases",
+        ),
+        Component(
+            "command",
+            "track",
+            "hillsphere_tracking.live.command:app",
+            "",
+            "point an antenna at a satellite, helped by what the antenna measures",
+        ),
+    ]

@@ -1,0 +1,186 @@
+"""A satellite over the rotating Earth: its states there, and the ground below it."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from hillsphere.earth.geodetic import WGS84, Ellipsoid, geodetic
+from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.time import Epoch
+from hillsphere_tracking.satellites import LimitedOrbit, Orbit, earth_fixed_states, last_instant
+
+__all__ = ["EarthTrack", "ground_points", "split_at_wrap"]
+
+_GM = 3.986004418e14
+_STEPS_PER_RADIAN = 16.0
+_STEP_RANGE_S = (5.0, 1800.0)
+_MOST_TIMES = 4_000_000
+
+
+class EarthTrack:
+    """A satellite over the rotating Earth for some time from an instant on.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Of the satellite.
+    start : Epoch
+        From which times count.
+    duration_s : float
+        For how long.
+    orientation : EarthOrientation
+        Gives UT1 and polar motion; left out: UT1 := UTC and none.
+
+    Attributes
+    ----------
+    times_s : ndarray, shape (K,)
+        Times from 0 to the end, sixteen while the satellite turns by a radian about the Earth's
+        centre at perigee.
+    end_s : float
+        ``duration_s``, or when the orbit ends if that is earlier.
+    end_reason : str
+        Why it ends earlier; ``""`` if it does not.
+
+    Raises
+    ------
+    InputError
+        If the duration is not positive and finite, or asks for too many times.
+    PropagationError
+        If there is no orbit at the start.
+    """
+
+    def __init__(
+        self,
+        orbit: Orbit,
+        start: Epoch,
+        duration_s: float,
+        orientation: EarthOrientation = UT1_IS_UTC,
+    ) -> None:
+        if not (np.isfinite(duration_s) and duration_s > 0.0):
+            raise InputError(f"the duration must be positive and finite, got {duration_s} s")
+        self.orbit, self.start, self.orientation = orbit, start, orientation
+        last_instant(orbit, start, np.zeros(1))
+        offset = start.seconds_since(orbit.epoch)
+        step = _step_s(orbit.states(np.array([offset]))[:, 0])
+        count = int(np.ceil(duration_s / step))
+        if count > _MOST_TIMES:
+            raise InputError(
+                f"satellite {orbit.name!r}: {duration_s / 86400.0:g} days need {count} states, at "
+                f"most {_MOST_TIMES}; look for passes over a shorter time"
+            )
+        times = np.linspace(0.0, duration_s, count + 1)
+        end = last_instant(orbit, start, times)
+        self.end_reason = ""
+        if end is not None and isinstance(orbit, LimitedOrbit):
+            after = float(times[times > end][0])
+            self.end_reason = orbit.end_reason(after + offset)
+            times = np.append(times[times < end], end)
+            if times.size < 2:
+                times = np.array([0.0, end])
+        self.times_s, self.end_s = times, float(times[-1])
+        self._remembered: dict[bytes, Array] = {}
+
+    def states(self, t_s: Array) -> Array:
+        """Return Earth-fixed states at times after the start.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (N,)
+            SI seconds.
+
+        Returns
+        -------
+        ndarray, shape (6, N)
+            Positions, m, and velocities relative to the rotating Earth, m/s; read-only.
+
+        Notes
+        -----
+        What was asked for at many times at once is remembered: every station begins its search
+        with the same ones.
+        """
+        key = t_s.tobytes() if 2 * t_s.size >= self.times_s.size else None
+        if key is not None and key in self._remembered:
+            return self._remembered[key]
+        x = earth_fixed_states(self.orbit, self.start, t_s, self.orientation)
+        x.setflags(write=False)
+        if key is not None and len(self._remembered) < 2:
+            self._remembered[key] = x
+        return x
+
+    def node_times(self) -> Array:
+        """Return when the satellite rises through the equator, to about a second, s."""
+        z = self.states(self.times_s)[2]
+        at = np.flatnonzero((z[:-1] < 0.0) & (z[1:] >= 0.0))
+        t = self.times_s
+        return np.asarray(t[at] - z[at] * (t[at + 1] - t[at]) / (z[at + 1] - z[at]))
+
+
+def ground_points(r_ecef_m: Array, ellipsoid: Ellipsoid = WGS84) -> tuple[Array, Array, Array]:
+    """Return the points of the ellipsoid below positions.
+
+    Parameters
+    ----------
+    r_ecef_m : ndarray, shape (3, N)
+        Earth-fixed positions, m.
+    ellipsoid : Ellipsoid
+        Of the Earth.
+
+    Returns
+    -------
+    latitude_rad, longitude_rad : ndarray, shape (N,)
+        Geodetic latitude, and longitude in (−π, π].
+    height_m : ndarray, shape (N,)
+        Of the satellite above it.
+    """
+    return geodetic(r_ecef_m, ellipsoid)
+
+
+def split_at_wrap(
+    longitude: Array, latitude: Array, turn: float = 2.0 * np.pi
+) -> tuple[Array, Array]:
+    """Return a track for drawing: broken where it leaves a map on one side for the other.
+
+    Parameters
+    ----------
+    longitude, latitude : ndarray, shape (N,)
+        A track of points less than half a turn apart, longitudes from −turn/2 to turn/2.
+    turn : float
+        A whole turn in the unit of the longitudes.
+
+    Returns
+    -------
+    longitude, latitude : ndarray, shape (M,)
+        With the two points on the map's edges and a NaN between them put in at every such place.
+    """
+    step = np.diff(longitude)
+    jumps = np.flatnonzero(np.abs(step) > 0.5 * turn)
+    if jumps.size == 0:
+        return longitude, latitude
+    side = -np.sign(step[jumps]) * 0.5 * turn
+    going = step[jumps] + 2.0 * side
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.where(going != 0.0, (side - longitude[jumps]) / going, 0.5)
+    edge = latitude[jumps] + np.clip(part, 0.0, 1.0) * (latitude[jumps + 1] - latitude[jumps])
+    nothing = np.full(jumps.size, np.nan)
+    at = np.repeat(jumps + 1, 3)
+    return (
+        np.insert(longitude, at, np.column_stack([side, nothing, -side]).ravel()),
+        np.insert(latitude, at, np.column_stack([edge, nothing, edge]).ravel()),
+    )
+
+
+def _step_s(x: Array) -> float:
+    """Return the time in which a satellite in this state turns by 1/16 rad at its perigee."""
+    r, v = x[:3], x[3:]
+    distance = float(np.linalg.norm(r))
+    momentum = float(np.linalg.norm(np.cross(r, v)))
+    eccentric = np.cross(v, np.cross(r, v)) / _GM - r / distance
+    perigee = momentum**2 / _GM / (1.0 + float(np.linalg.norm(eccentric)))
+    slowest = max(perigee, 1e-3 * distance)
+    energy = 0.5 * float(v @ v) - _GM / distance
+    speed = sqrt(max(2.0 * (energy + _GM / slowest), 1e-12))
+    return float(np.clip(slowest / speed / _STEPS_PER_RADIAN, *_STEP_RANGE_S))

@@ -1,0 +1,74 @@
+"""What time it is for a tracker: now, or a time that runs through what was measured earlier."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from time import monotonic, sleep
+from typing import Protocol
+
+from hillsphere.time import Epoch
+
+__all__ = ["Clock", "RealTime", "Replay"]
+
+
+class Clock(Protocol):
+    """Time after the beginning of a session."""
+
+    @property
+    def start(self) -> Epoch:
+        """When the session began, UTC."""
+        ...
+
+    def now_s(self) -> float:
+        """Return the seconds since then."""
+        ...
+
+    def wait_until(self, t_s: float) -> None:
+        """Return at that time, at once if it has passed."""
+        ...
+
+
+class RealTime:
+    """The computer's clock, which should be set by NTP or better."""
+
+    def __init__(self) -> None:
+        # Steps of the clock while a pass is tracked would be steps of the antenna.
+        self._begun = monotonic()
+        self.start = Epoch.parse(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S.%f}", "UTC")
+
+    def now_s(self) -> float:
+        """Return the seconds since the start."""
+        return monotonic() - self._begun
+
+    def wait_until(self, t_s: float) -> None:
+        """Sleep until a time."""
+        if (left := t_s - self.now_s()) > 0.0:
+            sleep(left)
+
+
+class Replay:
+    """A time that begins at a given date and runs at a given speed.
+
+    Parameters
+    ----------
+    start : Epoch
+        When it begins.
+    speed : float
+        Seconds of it for each real second; 0: it does not wait at all.
+    """
+
+    def __init__(self, start: Epoch, speed: float) -> None:
+        self.start, self._speed = start, speed
+        self._begun, self._reached = monotonic(), 0.0
+
+    def now_s(self) -> float:
+        """Return the seconds since the start."""
+        if self._speed:
+            return (monotonic() - self._begun) * self._speed
+        return self._reached
+
+    def wait_until(self, t_s: float) -> None:
+        """Sleep until a time, unless the speed is 0."""
+        self._reached = max(self._reached, t_s)
+        if self._speed and (left := t_s / self._speed - (monotonic() - self._begun)) > 0.0:
+            sleep(left)

@@ -1,0 +1,194 @@
+"""Readers of measured angles, line by line: CSV tables and CCSDS tracking data messages.
+
+A table has the columns time, azimuth, elevation and, if it likes, standard deviation, in degrees,
+or a first line that names them (``utc``, ``azimuth_deg``, ``elevation_deg``, ``sigma_deg``, among
+others; a pass log is such a table). Times are dates in UTC or seconds after a given epoch. Lines
+that begin with ``#`` are comments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from math import isfinite, nan, radians
+from typing import NamedTuple
+
+from hillsphere.errors import InputError
+from hillsphere.formats.tdm_records import PairedAngles, tdm_records
+from hillsphere.time import Epoch
+
+__all__ = ["Measurement", "measurements"]
+
+_POSITIONS = {"time": 0, "azimuth_deg": 1, "elevation_deg": 2, "sigma_deg": 3}
+_TIMES = ("utc", "time", "time_s")
+_WIDEST = 1000
+
+
+class Measurement(NamedTuple):
+    """Azimuth from north eastwards and elevation at one time; `place` is ``"file:line"``."""
+
+    place: str
+    epoch: Epoch
+    azimuth_rad: float
+    elevation_rad: float
+    sigma_rad: float | None
+
+
+def measurements(
+    lines: Iterable[str], where: str, epoch: Epoch | None = None
+) -> Iterator[Measurement]:
+    """Read measurements as their lines come.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        A table, or a tracking data message in either form.
+    where : str
+        Name of the file, for errors.
+    epoch : Epoch, optional
+        From which times in seconds count.
+
+    Returns
+    -------
+    iterator of Measurement
+        Of a table it can be asked on after an error: the bad line is passed over then.
+
+    Raises
+    ------
+    InputError
+        With file and line, from the iterator: a line that is no measurement, angles out of range
+        or not finite, times that do not rise.
+    """
+    rest = iter(lines)
+    held: list[str] = []
+    for line in rest:
+        held.append(line)
+        text = line.lstrip("\ufeff \t\r\n")
+        if text and not text.startswith("#"):
+            break
+    else:
+        text = ""
+    whole = chain(held, rest)
+    if text.startswith(("CCSDS_", "<", "COMMENT")):
+        return _of_message(whole, where)
+    return _Table(whole, where, epoch)
+
+
+def _of_message(lines: Iterable[str], where: str) -> Iterator[Measurement]:
+    pairing = PairedAngles()
+    latest: Measurement | None = None
+    for record in tdm_records(lines, where):
+        pair = pairing.add(record)
+        if pair is None:
+            continue
+        found = Measurement(pair.place, pair.epoch, pair.azimuth_rad, pair.elevation_rad, None)
+        _check_order(found, latest)
+        latest = found
+        yield found
+    pairing.finish()
+
+
+class _Table(Iterator[Measurement]):
+    """Measurements of a table."""
+
+    def __init__(self, lines: Iterable[str], where: str, epoch: Epoch | None) -> None:
+        self._lines = enumerate(lines, start=1)
+        self._where, self._epoch = where, epoch
+        self._columns: dict[str, int] | None = None
+        self._width = 0
+        self._latest: Measurement | None = None
+
+    def __next__(self) -> Measurement:
+        for number, raw in self._lines:
+            line = raw.lstrip("\ufeff").strip()
+            if not line or line.startswith("#"):
+                continue
+            place = f"{self._where}:{number}"
+            cells = [cell.strip() for cell in line[:_WIDEST].split(",")]
+            if self._columns is None and self._named(cells, place):
+                continue
+            found = self._measurement(cells, place)
+            if found is not None:
+                _check_order(found, self._latest)
+                self._latest = found
+                return found
+        raise StopIteration
+
+    def _named(self, cells: list[str], place: str) -> bool:
+        """Take the first line's names of columns, or their usual order if it has none."""
+        names = [cell.lower() for cell in cells]
+        self._width = len(cells)
+        if not any(name in (*_TIMES, *_POSITIONS) for name in names):
+            if len(cells) not in (3, 4):
+                raise InputError(
+                    f"{place}: expected time, azimuth, elevation and, if there is one, standard "
+                    f"deviation, separated by commas; got {','.join(cells)[:60]!r}"
+                )
+            self._columns = {k: i for k, i in _POSITIONS.items() if i < len(cells)}
+            return False
+        columns = {name: i for i, name in enumerate(names) if name in _POSITIONS}
+        times = [i for i, name in enumerate(names) if name in _TIMES]
+        missing = [name for name in ("azimuth_deg", "elevation_deg") if name not in columns]
+        if missing or len(times) != 1 or len(set(names)) != len(names):
+            raise InputError(
+                f"{place}: the names of columns must be there once each: utc, azimuth_deg, "
+                f"elevation_deg and, if there is one, sigma_deg; got {','.join(cells)[:80]!r}"
+            )
+        self._columns = columns | {"time": times[0]}
+        return True
+
+    def _measurement(self, cells: list[str], place: str) -> Measurement | None:
+        assert self._columns is not None
+        if len(cells) != self._width:
+            raise InputError(f"{place}: expected {self._width} values, got {len(cells)}")
+        given = {name: cells[i] for name, i in self._columns.items()}
+        if not given["azimuth_deg"] and not given["elevation_deg"]:
+            return None  # a line of a pass log without lock
+        azimuth, elevation = (_number(given[k], k, place) for k in ("azimuth_deg", "elevation_deg"))
+        if not -180.0 <= azimuth <= 540.0:
+            raise InputError(f"{place}: azimuth must be from -180° to 540°, got {azimuth:.10g}°")
+        if not -90.0 <= elevation <= 90.0:
+            raise InputError(f"{place}: elevation must be from -90° to 90°, got {elevation:.10g}°")
+        sigma = None
+        if text := given.get("sigma_deg", ""):
+            sigma = radians(_number(text, "sigma_deg", place))
+            if sigma <= 0.0:
+                raise InputError(f"{place}: sigma_deg must be > 0, got {text}")
+        epoch = self._time(given["time"], place)
+        return Measurement(place, epoch, radians(azimuth), radians(elevation), sigma)
+
+    def _time(self, text: str, place: str) -> Epoch:
+        try:
+            seconds = float(text)
+        except ValueError:
+            try:
+                return Epoch.parse(text.removesuffix("Z"), "UTC")
+            except InputError as error:
+                raise InputError(f"{place}: {error}") from error
+        if not isfinite(seconds):
+            raise InputError(f"{place}: expected a finite time, got {text!r}")
+        if self._epoch is None:
+            raise InputError(
+                f"{place}: a time in seconds, {text}, needs to be told from when they count: "
+                "--epoch"
+            )
+        tai = self._epoch.to("TAI")
+        return Epoch(tai.day, tai.fraction + seconds / 86400.0, "TAI").to("UTC")
+
+
+def _number(text: str, what: str, place: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise InputError(f"{place}: {what}: expected a finite number, got {text[:40]!r}")
+    return value
+
+
+def _check_order(found: Measurement, before: Measurement | None) -> None:
+    if before is not None and (step := found.epoch.seconds_since(before.epoch)) <= 0.0:
+        how = "at the same time as" if step == 0.0 else f"{-step:.6g} s before"
+        raise InputError(
+            f"{found.place}: this measurement is {how} that of {before.place}; times must rise"
+        )

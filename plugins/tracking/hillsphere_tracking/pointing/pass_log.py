@@ -1,0 +1,194 @@
+"""A pass as it was tracked, kept as a table: what was measured, when, and what was commanded.
+
+One line per measurement or command, in order of time::
+
+    utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_azimuth_deg,commanded_elevation_deg
+    2027-06-01T12:30:00.000000,284.031369,5.048786,0.05,1,284.03,5.05
+    2027-06-01T12:30:01.000000,,,,0,284.05,5.07
+
+What does not exist is left empty: angles without lock, commands of a station that only listens.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from math import inf, isfinite, nan
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.atomic import write_text
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.time import Epoch
+
+__all__ = ["PassLog", "read_pass_log", "write_pass_log"]
+
+_COLUMNS = (
+    "utc", "azimuth_deg", "elevation_deg", "sigma_deg", "locked", "commanded_azimuth_deg",
+    "commanded_elevation_deg",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PassLog:
+    """A pass as it was tracked.
+
+    Parameters
+    ----------
+    epoch : Epoch
+        UTC, from which times count.
+    times_s : ndarray, shape (K,)
+        Rising.
+    azimuth_rad, elevation_rad, sigma_rad : ndarray, shape (K,)
+        Measured angles and their standard deviation; NaN where there is none, but never with lock.
+    locked : ndarray of bool, shape (K,)
+        Whether the signal was tracked.
+    commanded_azimuth_rad, commanded_elevation_rad : ndarray, shape (K,)
+        What the antenna was sent to; NaN where unknown.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, times do not rise, or a measurement with lock is not finite.
+    """
+
+    epoch: Epoch
+    times_s: Array
+    azimuth_rad: Array
+    elevation_rad: Array
+    sigma_rad: Array
+    locked: NDArray[np.bool_]
+    commanded_azimuth_rad: Array
+    commanded_elevation_rad: Array
+
+    def __post_init__(self) -> None:
+        columns = (
+            self.times_s, self.azimuth_rad, self.elevation_rad, self.sigma_rad, self.locked,
+            self.commanded_azimuth_rad, self.commanded_elevation_rad,
+        )  # fmt: skip
+        shapes = {np.shape(column) for column in columns}
+        if len(shapes) != 1 or np.ndim(self.times_s) != 1:
+            raise InputError(f"the columns of a pass log must be alike, got {sorted(shapes)}")
+        if not (np.isfinite(self.times_s).all() and np.all(np.diff(self.times_s) > 0.0)):
+            raise InputError("the times of a pass log must be finite and rise")
+        tracked = np.array([self.azimuth_rad, self.elevation_rad, self.sigma_rad])[:, self.locked]
+        if not (np.isfinite(tracked).all() and np.all(tracked[2] > 0.0)):
+            raise InputError(
+                "a pass log needs finite angles and a standard deviation > 0 wherever it was locked"
+            )
+
+
+def write_pass_log(path: Path, log: PassLog) -> None:
+    """Write a pass log; the file is whole or not there.
+
+    Parameters
+    ----------
+    path : Path
+        Its directory exists.
+    log : PassLog
+        Times are kept to 1 µs, angles to 1e-9°.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for i, utc in enumerate(log.epoch.to("UTC").isot(log.times_s, 6)):
+        writer.writerow(
+            [
+                utc,
+                _cell(log.azimuth_rad[i]),
+                _cell(log.elevation_rad[i]),
+                _cell(log.sigma_rad[i]),
+                int(log.locked[i]),
+                _cell(log.commanded_azimuth_rad[i]),
+                _cell(log.commanded_elevation_rad[i]),
+            ]
+        )
+    write_text(path, text.getvalue())
+
+
+def read_pass_log(path: Path) -> PassLog:
+    """Read a pass log.
+
+    Parameters
+    ----------
+    path : Path
+        File as `write_pass_log` makes it.
+
+    Returns
+    -------
+    PassLog
+        Its epoch is the first line's time.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or a line is not as it should be: with file and line.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"the pass log {path} cannot be read: {error}") from None
+    lines = list(csv.reader(text.splitlines()))
+    if not lines or tuple(lines[0]) != _COLUMNS:
+        raise InputError(f"{path}:1: a pass log begins with the line {','.join(_COLUMNS)}")
+    if len(lines) < 2:
+        raise InputError(f"{path}: the pass log has no measurements")
+    epochs: list[Epoch] = []
+    rows: list[list[float]] = []
+    for number, cells in enumerate(lines[1:], start=2):
+        where = f"{path}:{number}"
+        if len(cells) != len(_COLUMNS):
+            raise InputError(f"{where}: expected {len(_COLUMNS)} values, got {len(cells)}")
+        try:
+            epochs.append(Epoch.parse(cells[0], "UTC"))
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        time = epochs[-1].seconds_since(epochs[0])
+        if rows and time <= rows[-1][0]:
+            raise InputError(f"{where}: {cells[0]} is not after the line before; sort the log")
+        rows.append([time, *_numbers(cells, where)])
+    columns = np.array(rows).T
+    angles = np.radians(columns[[1, 2, 3, 5, 6]])
+    return PassLog(
+        epochs[0],
+        columns[0],
+        angles[0],
+        angles[1],
+        angles[2],
+        columns[4] == 1.0,
+        angles[3],
+        angles[4],
+    )
+
+
+def _numbers(cells: list[str], where: str) -> list[float]:
+    if cells[4] not in ("0", "1"):
+        raise InputError(f"{where}: locked must be 0 or 1, got {cells[4]!r}")
+    values = []
+    for name, cell in zip(_COLUMNS[1:], cells[1:], strict=True):
+        try:
+            value = float(cell) if cell.strip() else nan
+        except ValueError:
+            raise InputError(f"{where}: {name} must be a number, got {cell!r}") from None
+        if value in (inf, -inf) or (cell.strip() and not isfinite(value)):
+            raise InputError(f"{where}: {name} must be finite, got {cell!r}")
+        values.append(value)
+    if cells[4] == "1":
+        if not all(isfinite(value) for value in values[:3]):
+            raise InputError(f"{where}: locked, but an angle or its standard deviation is missing")
+        if not values[2] > 0.0:
+            raise InputError(f"{where}: sigma_deg must be > 0, got {cells[3]!r}")
+    return values
+
+
+def _cell(angle_rad: float) -> str:
+    return f"{np.degrees(angle_rad):.9f}" if np.isfinite(angle_rad) else ""

@@ -1,0 +1,191 @@
+r"""Where to look after a loss: a spiral on the sky about the prediction, sized by its covariance.
+
+The error of a prediction lies within an ellipse on the sky, mostly long and thin along the track.
+It is searched along the curve that winds around the segment between the ellipse's inner centres:
+out along the major axis, then around at a distance that grows evenly by one pitch per circuit. All
+neighbouring tracks are one pitch apart, so nothing is searched twice and nothing left out; for a
+round covariance it is Archimedes' spiral, and for one narrower than the beam just a line.
+
+References
+----------
+.. [1] B. O. Koopman (1957), The Theory of Search III: The Optimum Distribution of Searching Effort,
+   Operations Research 5(5), 613-626 (where to search first when the target is Gaussian).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, isfinite, pi, sqrt
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+
+__all__ = ["Search", "plan_search"]
+
+_FINENESS = 40.0
+"""Points of the path per beam radius."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """A search path about the prediction.
+
+    Parameters
+    ----------
+    begin_s : float
+        When it begins.
+    path_rad : ndarray, shape (2, M)
+        Arcs towards growing azimuth and towards the zenith, from the prediction, M ≥ 1; it begins
+        at the prediction itself.
+    along_rad : ndarray, shape (M,)
+        Length of the path so far.
+    speed_rad_s : float
+        Along the path.
+    beam_rad, dwell_s : float
+        Radius within which the signal is found, and how long it must be there.
+    """
+
+    begin_s: float
+    path_rad: Array
+    along_rad: Array
+    speed_rad_s: float
+    beam_rad: float
+    dwell_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """How long one search takes; 0 if the beam covers all from the prediction."""
+        return float(self.along_rad[-1]) / self.speed_rad_s
+
+    def at(self, times_s: Array) -> tuple[Array, Array]:
+        """Return where to look, beside the prediction.
+
+        At its end the search runs back the same way, and so on; before its beginning it is at the
+        prediction.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (N,)
+            When.
+
+        Returns
+        -------
+        right_rad, up_rad : ndarray, shape (N,)
+            Arcs towards growing azimuth and towards the zenith.
+        """
+        gone = np.maximum(np.asarray(times_s, dtype=float) - self.begin_s, 0.0) * self.speed_rad_s
+        length = float(self.along_rad[-1])
+        if length == 0.0:
+            return np.zeros_like(gone), np.zeros_like(gone)
+        place = length - np.abs(np.remainder(gone, 2.0 * length) - length)
+        return (
+            np.interp(place, self.along_rad, self.path_rad[0]),
+            np.interp(place, self.along_rad, self.path_rad[1]),
+        )
+
+
+def plan_search(
+    covariance_rad2: Array,
+    beam_rad: float,
+    speed_rad_s: float,
+    *,
+    begin_s: float = 0.0,
+    dwell_s: float = 0.0,
+    sigmas: float = 3.0,
+    overlap: float = 1.0 - sqrt(0.5),
+) -> Search:
+    """Return a search that passes within the beam of every point of an error ellipse.
+
+    Tracks are 2b(1 − overlap) apart. A point half-way between two of them stays in the beam along a
+    chord; the speed is held down until that takes `dwell_s`. (On the outside of a bend the chord is
+    a little shorter: some 0.2 % of the errors may slip through.) The default overlap makes area per
+    time largest when it is the dwell that limits the speed.
+
+    Parameters
+    ----------
+    covariance_rad2 : ndarray, shape (2, 2)
+        Of the prediction's error on the sky, rad²: cross-elevation and elevation, as a tracker's
+        ``predict`` gives it.
+    beam_rad : float
+        b, radius within which the signal is found: half of the lock angle.
+    speed_rad_s : float
+        Largest speed on the sky that the mount allows; in the bends of the path, of about half a
+        beam's width, it should not ask more than its acceleration.
+    begin_s : float
+        When the search begins.
+    dwell_s : float
+        How long the receiver needs to find the signal.
+    sigmas : float
+        Size of the ellipse.
+    overlap : float
+        Fraction of the beam's width that neighbouring tracks share, in (0, 1).
+
+    Returns
+    -------
+    Search
+        The path.
+
+    Raises
+    ------
+    InputError
+        If a number is out of its range, or the covariance is not one.
+    """
+    for what, number in (("beam", beam_rad), ("speed", speed_rad_s), ("sigmas", sigmas)):
+        if not (isfinite(number) and number > 0.0):
+            raise InputError(f"a search needs a {what} that is > 0 and finite, got {number}")
+    if not (0.0 < overlap < 1.0 and isfinite(dwell_s) and dwell_s >= 0.0):
+        raise InputError(
+            f"a search needs an overlap in (0, 1) and a dwell ≥ 0 s, got {overlap} and {dwell_s}"
+        )
+    minor, major, along = _ellipse(covariance_rad2)
+    pitch = 2.0 * beam_rad * (1.0 - overlap)
+    path = _spiral(sigmas * (major - minor), sigmas * minor, pitch, beam_rad / _FINENESS)
+    # major axis along the first coordinate, so far
+    turned = np.array([[along[0], -along[1]], [along[1], along[0]]]) @ path
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(turned, axis=1)))])
+    chord = 2.0 * sqrt(beam_rad**2 - 0.25 * pitch**2)
+    speed = min(speed_rad_s, chord / dwell_s) if dwell_s > 0.0 else speed_rad_s
+    return Search(begin_s, turned, lengths, speed, beam_rad, dwell_s)
+
+
+def _ellipse(covariance: Array) -> tuple[float, float, Array]:
+    """Return both standard deviations and the major axis's direction."""
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.shape != (2, 2) or not np.isfinite(matrix).all():
+        raise InputError(f"a search needs a finite covariance (2, 2), got {matrix.tolist()}")
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    if values[0] < -1e-9 * max(values[1], 0.0) or not np.allclose(matrix, matrix.T, rtol=1e-6):
+        raise InputError(f"a search needs a symmetric, positive covariance, got {matrix.tolist()}")
+    minor, major = np.sqrt(np.maximum(values, 0.0))
+    return float(minor), float(major), vectors[:, 1]
+
+
+def _spiral(half: float, radius: float, pitch: float, fine: float) -> Array:
+    """Return the path (2, M) around a segment ±half that leaves nothing within radius of it."""
+    # A point is found from half a pitch away: so much of the outermost distance can be left out.
+    outermost = max(radius - 0.5 * pitch, 0.0)
+    if half + radius <= 0.5 * pitch:
+        return np.zeros((2, 1))
+    if outermost == 0.0:
+        # A line is enough. Its end covers all that lies beyond it, up to ±radius aside.
+        reach = half + radius - sqrt(0.25 * pitch**2 - radius**2)
+        count = max(ceil(reach / fine), 1)
+        out = np.linspace(0.0, reach, count + 1)
+        across = np.linspace(reach, -reach, 2 * count + 1)[1:]
+        return np.vstack([np.concatenate([out, across]), np.zeros(3 * count + 1)])
+    circuits = outermost / pitch
+    # One circuit: along the upper side, round the left end, along the lower, round the right end.
+    straight, bend = 2.0 * half, pi * max(0.5 * outermost, 0.5 * pitch)
+    shares = np.cumsum([0.0, straight, bend, straight, bend])
+    shares /= shares[-1]
+    per_circuit = ceil((2.0 * straight + 2.0 * pi * (outermost + pitch)) / fine)
+    turn = np.linspace(0.0, circuits + 1.0, ceil(per_circuit * (circuits + 1.0)) + 1)
+    phase = np.remainder(turn, 1.0)
+    foot = np.interp(phase, shares, [half, -half, -half, half, half])
+    normal = np.interp(phase, shares, [0.5 * pi, 0.5 * pi, 1.5 * pi, 1.5 * pi, 2.5 * pi])
+    distance = np.minimum(pitch * turn, outermost)  # the last circuit closes at the outermost
+    winding = np.array([foot + distance * np.cos(normal), distance * np.sin(normal)])
+    out = np.linspace(0.0, half, ceil(half / fine) + 1)[:-1] if half > 0.0 else np.zeros(0)
+    return np.concatenate([np.vstack([out, np.zeros(out.size)]), winding], axis=1)

@@ -1,0 +1,142 @@
+"""Two-line element sets: reading them strictly, so that a torn line is never flown.
+
+References
+----------
+.. [1] F. R. Hoots, R. L. Roehrich (1980), Models for Propagation of NORAD Element Sets, Spacetrack
+   Report No. 3 (the format in its appendix).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from hillsphere.errors import InputError
+
+__all__ = ["Tle", "read_tles"]
+
+_LENGTH = 69
+_REMEDY = "copy the whole line, blanks included"
+# columns (from 0) of what must be a plain number, by line
+_NUMBERS = {
+    "1": {"epoch year": (18, 20), "epoch day": (20, 32), "first derivative": (33, 43)},
+    "2": {
+        "inclination": (8, 16),
+        "node": (17, 25),
+        "eccentricity": (26, 33),
+        "argument of perigee": (34, 42),
+        "mean anomaly": (43, 51),
+        "mean motion": (52, 63),
+    },
+}
+_POWERS = {"second derivative": (44, 52), "drag term": (53, 61)}
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)\s*")
+_POWER = re.compile(r"\s*[+-]?\d{1,5}[+-]\d\s*")
+
+
+@dataclass(frozen=True)
+class Tle:
+    """A two-line element set.
+
+    Parameters
+    ----------
+    name : str
+        Name of the satellite; its catalogue number if the set has no title line.
+    line1, line2 : str
+        The lines, 69 characters each, of good checksum.
+    """
+
+    name: str
+    line1: str
+    line2: str
+
+
+def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
+    """Read two-line element sets, each with or without a title line above it.
+
+    Parameters
+    ----------
+    text : str
+        One set or more; blank lines are passed over.
+    where : str
+        Name of the file, for errors.
+
+    Returns
+    -------
+    tuple of Tle
+        In the order of the text.
+
+    Raises
+    ------
+    InputError
+        If a line is missing, torn, of bad checksum or holds no number where one belongs, or if two
+        lines do not belong together; the message names the line.
+    """
+    lines = [
+        (number, line.rstrip())
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip()
+    ]
+    found: list[Tle] = []
+    title = ""
+    at = 0
+    while at < len(lines):
+        number, line = lines[at]
+        if not line.startswith("1 ") or len(line) < _LENGTH - 1:
+            if title:
+                raise InputError(
+                    f"{where}:{number}: expected line 1 of the element set {title!r}, which begins "
+                    f"with '1 ' and is {_LENGTH} characters long, got {line[:40]!r}; {_REMEDY}"
+                )
+            # "0 NAME" is a title too, in the three-line form
+            title = line.removeprefix("0 ").strip()
+            at += 1
+            continue
+        if at + 1 == len(lines):
+            raise InputError(f"{where}:{number}: line 2 is missing after this line; {_REMEDY}")
+        _check("1", line, f"{where}:{number}")
+        second, line2 = lines[at + 1]
+        _check("2", line2, f"{where}:{second}")
+        if line[2:7] != line2[2:7]:
+            raise InputError(
+                f"{where}:{second}: line 2 is of satellite {line2[2:7]!r}, line 1 above it of "
+                f"{line[2:7]!r}; keep the two lines of one set together"
+            )
+        found.append(Tle(title or line[2:7].strip(), line, line2))
+        title = ""
+        at += 2
+    if title:
+        raise InputError(
+            f"{where}:{lines[-1][0]}: no element set after {title[:40]!r}; a line 1 begins with "
+            f"'1 ' and is {_LENGTH} characters long; {_REMEDY}"
+        )
+    if not found:
+        raise InputError(f"{where}: no two-line element set in it")
+    return tuple(found)
+
+
+def _check(kind: str, line: str, where: str) -> None:
+    if not line.startswith(kind + " "):
+        raise InputError(
+            f"{where}: expected line {kind}, which begins with {kind + ' '!r}, got {line[:40]!r}; "
+            f"{_REMEDY}"
+        )
+    if len(line) != _LENGTH or not line.isascii():
+        raise InputError(
+            f"{where}: line {kind} must be {_LENGTH} plain characters, got {len(line)}; {_REMEDY}"
+        )
+    fields = {name: (place, _NUMBER) for name, place in _NUMBERS[kind].items()}
+    if kind == "1":
+        fields |= {name: (place, _POWER) for name, place in _POWERS.items()}
+    for name, ((begin, end), form) in fields.items():
+        if not form.fullmatch(line[begin:end]):
+            raise InputError(
+                f"{where}: columns {begin + 1} to {end}, {name}: no number, {line[begin:end]!r}; "
+                f"{_REMEDY}"
+            )
+    total = sum(int(c) if c.isdigit() else c == "-" for c in line[:-1]) % 10
+    if line[-1] != str(total):
+        raise InputError(
+            f"{where}: the checksum in column {_LENGTH} is {line[-1]!r}, the line tallies to "
+            f"{total}: a character was lost or changed; fetch the set again"
+        )

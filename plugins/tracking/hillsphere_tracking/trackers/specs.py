@@ -1,0 +1,121 @@
+"""Specs of the trackers: what a mission may write in ``[tracker.NAME]``."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from hillsphere.spec import Spec, option, quantity
+
+__all__ = ["AverageSpec", "LeastSquaresSpec", "TableSpec", "TrackerSpec"]
+
+_DEGREE = 0.017453292519943295
+
+
+class TrackerSpec(Spec):
+    """What all trackers need: the planet's field and how well the nominal elements are known."""
+
+    gm_m3_s2: float = quantity(
+        "gravitational_parameter", "of the planet", default=398600.4418e9, gt=0
+    )
+    equatorial_radius_m: float = quantity(
+        "length", "equatorial radius to which J2 and J4 belong", default=6378137.0, gt=0
+    )
+    j2: float = option("zonal coefficient J2 = −C20, not normalised", default=1.08262668e-3)
+    j4: float = option("zonal coefficient J4 = −C40, not normalised", default=-1.61962159e-6)
+    node_sigma_rad: float = quantity(
+        "angle", "standard deviation of the nominal node", default=0.5 * _DEGREE, gt=0
+    )
+    mean_anomaly_sigma_rad: float = quantity(
+        "angle",
+        "standard deviation of the nominal mean anomaly: the error along the track; 1° is 16 s of "
+        "an orbit of 98 minutes",
+        default=2.0 * _DEGREE,
+        gt=0,
+    )
+
+
+class TableSpec(TrackerSpec):
+    """The nominal orbit as a stored table, never updated."""
+
+    examples = ({}, {"short_period": False, "node_sigma_deg": 0.1, "mean_anomaly_sigma_deg": 0.5})
+
+    short_period: bool = option(
+        "whether the nominal elements are mean ones to which the short-period terms of J2 are "
+        "added for each prediction",
+        default=True,
+    )
+
+
+class AverageSpec(TrackerSpec):
+    """Running means of the node and the anomaly that each pair of angles yields."""
+
+    examples = ({}, {"tolerance": 1e-9})
+
+    tolerance: float = option(
+        "relative change of the orbit's radius at which the iteration of one measurement ends",
+        default=1e-12,
+        gt=0,
+        le=1e-3,
+    )
+
+
+class LeastSquaresSpec(TrackerSpec):
+    """Recursive least squares on some mean elements, angle biases and a time bias."""
+
+    examples = (
+        {},
+        {"parameters": "node_anomaly", "angle_biases": False, "short_period": False},
+        {"parameters": "all", "time_bias": True, "gate": 4.0, "drift_m": 50.0},
+    )
+
+    parameters: Literal["node_anomaly", "size_node_anomaly", "all"] = option(
+        "which mean elements are estimated: Ω and M; a, Ω and M; or all six",
+        default="size_node_anomaly",
+    )
+    angle_biases: bool = option(
+        "whether constant biases of azimuth and elevation are estimated", default=True
+    )
+    time_bias: bool = option(
+        "whether a constant offset of the measurements' times is estimated; only the Earth's "
+        "rotation tells it from an error along the track",
+        default=False,
+    )
+    short_period: bool = option(
+        "whether the short-period terms of J2 are part of measurement and prediction", default=True
+    )
+    gate: float = option(
+        "a measurement farther off than this many standard deviations counts as an outlier and "
+        "loses weight with the square of its distance",
+        default=5.0,
+        gt=0,
+    )
+    drift_m: float = quantity(
+        "length",
+        "standard deviation of the random walk that each estimated element takes in one hour, as a "
+        "displacement of the satellite",
+        default=30.0,
+        ge=0,
+    )
+    relinearisations: int = option(
+        "how often at most a measurement is linearised again where its correction is large",
+        default=4,
+        ge=0,
+        le=20,
+    )
+    semi_major_axis_sigma_m: float = quantity(
+        "length", "standard deviation of the nominal semi-major axis", default=5e3, gt=0
+    )
+    eccentricity_sigma: float = option(
+        "standard deviation of both components of the nominal eccentricity vector",
+        default=1e-3,
+        gt=0,
+    )
+    inclination_sigma_rad: float = quantity(
+        "angle", "standard deviation of the nominal inclination", default=0.05 * _DEGREE, gt=0
+    )
+    bias_sigma_rad: float = quantity(
+        "angle", "standard deviation of each angle's bias", default=0.2 * _DEGREE, gt=0
+    )
+    time_bias_sigma_s: float = quantity(
+        "time", "standard deviation of the time bias", default=0.1, gt=0
+    )

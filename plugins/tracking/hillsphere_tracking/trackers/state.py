@@ -1,0 +1,209 @@
+"""What trackers have in common: the orbit as known now, and what an antenna will see of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.earth.orientation import EarthOrientation
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.time import Epoch
+from hillsphere_tracking.dynamics_brouwer import ZonalField
+from hillsphere_tracking.kepler import checked
+from hillsphere_tracking.trackers.observation import (
+    Site,
+    angles,
+    derivatives,
+    directions,
+    site_of,
+    tangents,
+)
+from hillsphere_tracking.trackers.specs import TrackerSpec
+
+__all__ = ["OrbitState", "field_of", "measured", "seen", "seen_covariance", "start"]
+
+
+@dataclass(frozen=True)
+class OrbitState:
+    """An orbit as a tracker knows it, N cases.
+
+    Parameters
+    ----------
+    site : Site
+        The antennas.
+    t_s : ndarray, shape (N,)
+        Times to which the elements belong, after the epoch given at the start.
+    elements : ndarray, shape (6, N)
+        Mean elements a, e, i, Ω, ω, M (m, rad), TEME.
+    biases_rad : ndarray, shape (2, N)
+        Azimuth and elevation as measured minus true; predictions contain them.
+    count : ndarray, shape (N,)
+        Number of measurements taken.
+    """
+
+    site: Site
+    t_s: Array
+    elements: Array
+    biases_rad: Array
+    count: Array
+
+
+def field_of(spec: TrackerSpec) -> ZonalField:
+    """Return the planet's field as a Spec gives it."""
+    return ZonalField(spec.gm_m3_s2, spec.equatorial_radius_m, spec.j2, spec.j4)
+
+
+def start(
+    elements: Array,
+    t_s: Array,
+    stations: Sequence[Station],
+    epoch: Epoch,
+    orientation: EarthOrientation,
+) -> OrbitState:
+    """Return the state before the first measurement; raises `InputError` for what does not fit."""
+    found = checked(elements)
+    cases = found.shape[1]
+    times = np.atleast_1d(np.asarray(t_s, dtype=float))
+    if times.size not in (1, cases) or not np.isfinite(times).all():
+        raise InputError(f"times of the elements must be finite, one or {cases}, got {times.shape}")
+    if len(stations) not in (1, cases):
+        raise InputError(f"stations must be one or {cases}, one a case; got {len(stations)}")
+    site = site_of(stations, epoch, orientation)
+    count = np.zeros(cases)
+    return OrbitState(
+        site, np.broadcast_to(times, (cases,)).copy(), found.copy(), np.zeros((2, cases)), count
+    )
+
+
+def measured(
+    state: OrbitState, t_s: Array, azimuth_rad: Array, elevation_rad: Array
+) -> tuple[Array, Array, Array]:
+    """Return a measurement's times and angles (N,), as floats.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit or a time is not finite. Angles that are not finite mean that the
+        case has no measurement.
+    """
+    cases = state.t_s.shape
+    made = []
+    for name, given in (("t_s", t_s), ("az_rad", azimuth_rad), ("el_rad", elevation_rad)):
+        value = np.array(given, dtype=float)  # a state keeps the times: not the caller's array
+        if value.shape != cases:
+            if value.size not in (1, cases[0]) or value.ndim > 1:
+                raise InputError(f"{name} must be one number or ({cases[0]},), got {value.shape}")
+            value = np.broadcast_to(value, cases)
+        made.append(value)
+    if not np.isfinite(made[0]).all():
+        raise InputError("times of measurements must be finite, got nan or inf")
+    return made[0], made[1], made[2]
+
+
+def seen(
+    state: OrbitState, times_s: Array, field: ZonalField, *, short_period: bool
+) -> tuple[Array, Array]:
+    """Return the angles that the antenna will show.
+
+    Parameters
+    ----------
+    state : OrbitState
+        N cases.
+    times_s : ndarray, shape (K,) or (K, N)
+        When.
+    field : ZonalField
+        Of the planet.
+    short_period : bool
+        Whether the short-period terms are added.
+
+    Returns
+    -------
+    azimuth, elevation : ndarray, shape (K, N)
+        With the biases; azimuth in [0, 2π).
+    """
+    u = directions(*_spread(state, times_s), field, short_period=short_period)
+    return _angles(u.reshape(3, -1, state.t_s.size), state.biases_rad)
+
+
+def seen_covariance(
+    state: OrbitState,
+    times_s: Array,
+    field: ZonalField,
+    columns: Array,
+    covariance: Array,
+    walk: Array,
+    *,
+    short_period: bool,
+) -> tuple[Array, Array, Array]:
+    """Return the angles that the antenna will show and their covariance on the sky.
+
+    Parameters
+    ----------
+    state, times_s, field, short_period
+        As for `seen`.
+    columns : ndarray, shape (N, 6, n)
+        What the n estimated quantities change in the elements.
+    covariance : ndarray, shape (N, m, m)
+        Of the n quantities and, if m = n + 2, of the two biases that follow them.
+    walk : ndarray, shape (N, n)
+        Growth of the variances of the n quantities with time, 1/s.
+
+    Returns
+    -------
+    azimuth, elevation : ndarray, shape (K, N)
+        With the biases; azimuth in [0, 2π).
+    covariance : ndarray, shape (2, 2, K, N)
+        Of cross-elevation (azimuth times cos h) and elevation, rad².
+    """
+    cases = state.t_s.size
+    u, slopes = derivatives(*_spread(state, times_s), field, short_period=short_period)
+    u, slopes = u.reshape(3, -1, cases), slopes[:, :6].reshape(3, 6, -1, cases)
+    axes = tangents(*angles(u))
+    by_elements = np.einsum("dckn,cekn->knde", axes, slopes)
+    by_estimated = by_elements @ columns
+    n = columns.shape[2]
+    total = by_estimated @ covariance[:, :n, :n] @ by_estimated.swapaxes(-1, -2)
+    elapsed = np.abs(_grid(state, times_s) - state.t_s)
+    total += (by_estimated * (walk * elapsed[..., None])[..., None, :]) @ by_estimated.swapaxes(
+        -1, -2
+    )
+    if covariance.shape[1] > n:
+        to_sky = np.zeros((*u.shape[1:], 2, 2))
+        to_sky[..., 0, 0] = np.hypot(u[0], u[1])
+        to_sky[..., 1, 1] = 1.0
+        crossed = by_estimated @ covariance[:, :n, n:] @ to_sky
+        total += crossed + crossed.swapaxes(-1, -2)
+        total += to_sky @ covariance[:, n:, n:] @ to_sky
+    azimuth, elevation = _angles(u, state.biases_rad)
+    return azimuth, elevation, total.transpose(2, 3, 0, 1)
+
+
+def _angles(u: Array, biases: Array) -> tuple[Array, Array]:
+    azimuth, elevation = angles(u)
+    return np.remainder(azimuth + biases[0], 2.0 * pi), elevation + biases[1]
+
+
+def _grid(state: OrbitState, times_s: Array) -> Array:
+    times = np.atleast_1d(np.asarray(times_s, dtype=float))
+    cases = state.t_s.size
+    if times.ndim == 1:
+        times = times[:, None]
+    if times.ndim != 2 or times.shape[1] not in (1, cases) or not np.isfinite(times).all():
+        raise InputError(f"times must be finite, (K,) or (K, {cases}), got {np.shape(times_s)}")
+    return np.broadcast_to(times, (times.shape[0], cases))
+
+
+def _spread(state: OrbitState, times_s: Array) -> tuple[Array, Array, Array, Site]:
+    """Return K·N columns of elements, times since them, times, and sites."""
+    grid = _grid(state, times_s)
+    elements = np.tile(state.elements, grid.shape[0])
+    since = (grid - state.t_s).ravel()
+    place = state.site.place
+    if place.shape[1] > 1:
+        place = np.tile(place, grid.shape[0])
+    return elements, since, grid.ravel(), Site(place, state.site.angle_rad)

@@ -1,0 +1,127 @@
+"""One antenna, measurement by measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Tracker
+from hillsphere.time import Epoch
+
+__all__ = ["StreamingTracker"]
+
+
+class StreamingTracker:
+    """A tracker of one satellite by one antenna, over the same functions as for many cases.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        How measurements are used.
+    elements : ndarray, shape (6,)
+        Nominal mean elements a, e, i, Ω, ω, M (m, rad), TEME.
+    t_s : float
+        Time to which they belong, after the epoch.
+    station : Station
+        Of the antenna.
+    epoch : Epoch
+        From which times count.
+    orientation : EarthOrientation
+        Gives UT1 and polar motion.
+    sigma_rad : float
+        Standard deviation of both angles, where a measurement brings none.
+
+    Attributes
+    ----------
+    state : object
+        The tracker's, one case.
+    is_locked : bool
+        Whether measurements are those of the satellite.
+    """
+
+    def __init__(
+        self,
+        tracker: Tracker[Any],
+        elements: Array,
+        t_s: float,
+        station: Station,
+        epoch: Epoch,
+        orientation: EarthOrientation = UT1_IS_UTC,
+        sigma_rad: float = 1.7e-3,
+    ) -> None:
+        if not sigma_rad > 0.0:
+            raise InputError(f"sigma_rad must be > 0, got {sigma_rad}")
+        self.tracker = tracker
+        self.state = tracker.initial(
+            np.asarray(elements, dtype=float).reshape(6, 1),
+            np.array([t_s], dtype=float),
+            (station,),
+            epoch,
+            orientation,
+        )
+        self.is_locked = True
+        self._sigma = np.array([sigma_rad])
+
+    def update(
+        self,
+        t_s: float,
+        az_rad: float,
+        el_rad: float,
+        sigma_rad: float | Sequence[float] | None = None,
+    ) -> bool:
+        """Take a measurement.
+
+        Parameters
+        ----------
+        t_s, az_rad, el_rad : float
+            Time, azimuth and elevation.
+        sigma_rad : float or two floats, optional
+            Standard deviation of both angles, or of azimuth and of elevation.
+
+        Returns
+        -------
+        bool
+            Whether it was taken: while the signal is lost the antenna's angles say nothing of the
+            satellite, and are passed over.
+        """
+        if not self.is_locked:
+            return False
+        sigma = self._sigma
+        if sigma_rad is not None:
+            sigma = np.asarray(sigma_rad, dtype=float)
+            sigma = sigma.reshape(2, 1) if sigma.ndim else sigma.reshape(1)
+        self.state = self.tracker.update(
+            self.state, np.array([t_s]), np.array([az_rad]), np.array([el_rad]), sigma
+        )
+        return True
+
+    def lost(self) -> None:
+        """Say that the signal is lost."""
+        self.is_locked = False
+
+    def locked(self) -> None:
+        """Say that the signal is there again."""
+        self.is_locked = True
+
+    def predict(self, times_s: Array) -> tuple[Array, Array, Array]:
+        """Return what the antenna will show.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (K,)
+            When.
+
+        Returns
+        -------
+        azimuth_rad, elevation_rad : ndarray, shape (K,)
+            With the biases; azimuth in [0, 2π).
+        covariance : ndarray, shape (2, 2, K)
+            Of cross-elevation (azimuth times cos h) and elevation, rad².
+        """
+        azimuth, elevation, covariance = self.tracker.predict(self.state, times_s)
+        return azimuth[:, 0], elevation[:, 0], covariance[..., 0]

@@ -1,0 +1,67 @@
+"""A stored table of pointing angles, never updated: the baseline of every comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.interfaces import Array
+from hillsphere.time import Epoch
+from hillsphere_tracking.trackers.specs import TableSpec
+from hillsphere_tracking.trackers.state import (
+    OrbitState,
+    field_of,
+    measured,
+    seen_covariance,
+    start,
+)
+
+__all__ = ["Table"]
+
+
+class Table:
+    """The nominal orbit by its secular rates, whatever is measured.
+
+    Parameters
+    ----------
+    spec : TableSpec
+        Its parameters.
+    """
+
+    def __init__(self, spec: TableSpec) -> None:
+        self.spec = spec
+        self._field = field_of(spec)
+
+    def initial(
+        self,
+        elements: Array,
+        t_s: Array,
+        stations: Sequence[Station],
+        epoch: Epoch,
+        orientation: EarthOrientation = UT1_IS_UTC,
+    ) -> OrbitState:
+        """Return the nominal orbit; see `hillsphere.interfaces.Tracker`."""
+        return start(elements, t_s, stations, epoch, orientation)
+
+    def update(
+        self, state: OrbitState, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array
+    ) -> OrbitState:
+        """Count the measurement, and learn nothing from it."""
+        _, azimuth, elevation = measured(state, t_s, az_rad, el_rad)
+        return replace(state, count=state.count + np.isfinite(azimuth + elevation))
+
+    def predict(self, state: OrbitState, times_s: Array) -> tuple[Array, Array, Array]:
+        """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N)."""
+        cases = state.t_s.size
+        columns = np.zeros((cases, 6, 2))
+        columns[:, 3, 0] = columns[:, 5, 1] = 1.0
+        variances = [self.spec.node_sigma_rad**2, self.spec.mean_anomaly_sigma_rad**2]
+        covariance = np.broadcast_to(np.diag(variances), (cases, 2, 2))
+        return seen_covariance(
+            state, times_s, self._field, columns, covariance, np.zeros((cases, 2)),
+            short_period=self.spec.short_period,
+        )  # fmt: skip

@@ -1,0 +1,196 @@
+"""Search after a loss: what it covers, how long it takes; probabilities against Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import erf
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere_tracking.pointing.reacquisition import (
+    expected_time_outside,
+    lock_probability,
+    reacquisition,
+    time_outside,
+)
+from hillsphere_tracking.pointing.search import plan_search
+
+DEGREE = np.pi / 180.0
+BEAM = 0.5 * DEGREE  # a lock angle of 1°
+SPEED = 1.0 * DEGREE
+
+
+def _covariance(major_deg: float, minor_deg: float, turn: float) -> Array:
+    c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, -s], [s, c]])
+    return np.asarray(axes @ np.diag([major_deg**2, minor_deg**2]) @ axes.T * DEGREE**2)
+
+
+@given(
+    major=st.floats(0.01, 1.5),
+    ratio=st.floats(0.0, 1.0),
+    turn=st.floats(0.0, 3.2),
+    overlap=st.sampled_from([0.15, 0.293, 0.6]),
+)
+@settings(max_examples=20, deadline=None)
+def test_the_search_covers_three_sigmas(
+    major: float, ratio: float, turn: float, overlap: float
+) -> None:
+    covariance = _covariance(major, ratio * major, turn)
+    search = plan_search(covariance, BEAM, SPEED, overlap=overlap)
+    radius = np.sqrt(np.linspace(0.0, 9.0, 20))
+    angle = np.linspace(0.0, 2.0 * np.pi, 40)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    ring = np.array([np.cos(angle), np.sin(angle)])
+    points = (root @ ring)[:, None, :] * radius[None, :, None]
+    away = np.linalg.norm(points[..., None] - search.path_rad[:, None, None, ::6], axis=0)
+    # within half a pitch, which is less than the beam; five points of the path left out are 0.125
+    assert away.min(axis=-1).max() <= BEAM * (1.0 - overlap + 0.13)
+    # path and speed
+    step = np.hypot(*np.diff(search.path_rad, axis=1))
+    np.testing.assert_allclose(np.diff(search.along_rad), step, rtol=0, atol=1e-12)
+    assert np.all(search.path_rad[:, 0] == 0.0)
+    assert np.all(step <= 0.1 * BEAM)
+
+
+def test_the_search_wastes_little() -> None:
+    """Length against the area of the ellipse over the pitch: what any search must at least do."""
+    for major, minor in ((1.0, 1.0), (2.0, 0.5), (3.0, 1.0)):
+        search = plan_search(_covariance(major, minor, 0.3), BEAM, SPEED)
+        area = np.pi * 9.0 * major * minor * DEGREE**2
+        length = search.along_rad[-1]
+        assert 0.8 * area / (np.sqrt(2.0) * BEAM) < length < 2.0 * area / (np.sqrt(2.0) * BEAM)
+
+
+def test_no_search_where_the_beam_holds_all() -> None:
+    search = plan_search(_covariance(0.1, 0.1, 0.0), BEAM, SPEED)
+    assert search.duration_s == 0.0
+    assert np.array(search.at(np.array([0.0, 5.0]))).tolist() == [[0.0, 0.0], [0.0, 0.0]]
+
+
+def test_the_search_goes_along_the_major_axis() -> None:
+    search = plan_search(_covariance(2.0, 0.05, 0.5 * np.pi), BEAM, SPEED, begin_s=10.0)
+    right, up = search.at(np.array([5.0, 10.0, 12.0, 10.0 + search.duration_s]))
+    np.testing.assert_allclose(right, 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(up[:3]), np.array([0.0, 0.0, 2.0]) * DEGREE, rtol=1e-6, atol=0
+    )
+    # to the other end, and back the same way
+    assert np.sign(up[3]) == -np.sign(up[2])
+    later = search.at(np.array([10.0 + 2.0 * search.duration_s - 2.0]))[1]
+    np.testing.assert_allclose(later, up[2], rtol=1e-6)
+
+
+def test_speed_is_held_down_for_the_dwell() -> None:
+    covariance = _covariance(1.0, 0.5, 0.0)
+    fast = plan_search(covariance, BEAM, SPEED)
+    slow = plan_search(covariance, BEAM, SPEED, dwell_s=2.0)
+    assert fast.speed_rad_s == SPEED
+    # half-way between tracks, √2 b apart, the chord is √2 b
+    assert slow.speed_rad_s == pytest.approx(np.sqrt(2.0) * BEAM / 2.0, rel=1e-12)
+    times = np.linspace(0.0, slow.duration_s, 4000)
+    speed = np.hypot(*np.diff(slow.at(times), axis=1)) / np.diff(times)
+    assert speed.max() <= slow.speed_rad_s * (1.0 + 1e-9)
+    found = reacquisition(slow, covariance).found
+    # what lies within 3σ, and what beyond is in the beam for less than the dwell
+    within = -np.expm1(-4.5)
+    assert found == pytest.approx(within, abs=0.003)
+    assert reacquisition(fast, covariance).found > within
+
+
+@pytest.mark.parametrize(
+    ("major", "minor", "dwell"), [(0.5, 0.5, 0.0), (1.0, 0.2, 0.0), (0.8, 0.3, 0.3)]
+)
+def test_time_to_reacquire_against_monte_carlo(major: float, minor: float, dwell: float) -> None:
+    """Errors drawn at random, and the search flown in time steps past each of them."""
+    covariance = _covariance(major, minor, 0.7)
+    search = plan_search(covariance, BEAM, SPEED, dwell_s=dwell)
+    found = reacquisition(search, covariance)
+    random = np.random.default_rng(11)
+    errors = random.multivariate_normal([0.0, 0.0], covariance, 3000).T
+    step = 0.02
+    times = np.arange(0.0, search.duration_s + dwell + step, step)
+    right, up = search.at(np.minimum(times, search.duration_s))
+    inside = np.hypot(errors[0] - right[:, None], errors[1] - up[:, None]) <= BEAM
+    held = np.zeros(3000)
+    when = np.full(3000, np.inf)
+    for k, time in enumerate(times):
+        held = np.where(inside[k], held + step, 0.0)
+        when = np.where((held > dwell) & np.isinf(when), time, when)
+    for within in np.linspace(0.0, search.duration_s, 9):
+        expected = np.mean(when <= within + 0.5 * step)
+        assert float(found.probability(within)) == pytest.approx(expected, abs=0.03)
+    for probability in (0.5, 0.8, 0.95):
+        by_then = np.mean(when <= found.quantile(probability) + 0.5 * step)
+        assert by_then == pytest.approx(probability, abs=0.03)
+    assert found.mean_s == pytest.approx(when[np.isfinite(when)].mean(), rel=0.07)
+
+
+def test_what_is_found_at_once_is_the_probability_of_lock() -> None:
+    covariance = _covariance(0.8, 0.3, 0.7)
+    search = plan_search(covariance, BEAM, SPEED)
+    mean = np.array([0.2, -0.1]) * DEGREE
+    at_once = reacquisition(search, covariance, mean).probability(0.0)
+    expected = lock_probability(covariance, BEAM, mean)
+    np.testing.assert_allclose(at_once, expected, rtol=0, atol=0.003)
+
+
+def test_lock_probability_of_exact_cases() -> None:
+    # round: Rayleigh; a line: the error function
+    sigma = np.array([0.05, 0.3, 1.0, 20.0])
+    rounds = np.eye(2)[:, :, None] * (sigma * DEGREE) ** 2
+    np.testing.assert_allclose(
+        lock_probability(rounds, BEAM), -np.expm1(-0.5 * (0.5 / sigma) ** 2), rtol=1e-9, atol=1e-12
+    )
+    lines = np.diag([1.0, 0.0])[:, :, None] * (sigma * DEGREE) ** 2
+    np.testing.assert_allclose(
+        lock_probability(lines, BEAM), erf(0.5 / sigma / np.sqrt(2.0)), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("major", "minor", "mean_deg"),
+    [(1.0, 0.3, (0.0, 0.0)), (0.4, 0.1, (0.3, 0.2)), (0.05, 0.04, (0.35, 0.33))],
+)
+def test_lock_probability_against_monte_carlo(
+    major: float, minor: float, mean_deg: tuple[float, float]
+) -> None:
+    covariance, mean = _covariance(major, minor, 2.0), np.array(mean_deg) * DEGREE
+    errors = np.random.default_rng(2).multivariate_normal(mean, covariance, 200_000)
+    inside = np.mean(np.hypot(*errors.T) < BEAM)
+    # four standard deviations of the sample
+    np.testing.assert_allclose(
+        lock_probability(covariance, BEAM, mean), inside, rtol=0, atol=4.0 * 0.5 / np.sqrt(200_000)
+    )
+
+
+def test_time_outside() -> None:
+    times = np.array([0.0, 1.0, 2.0, 4.0])
+    errors = np.array([[0.0, 2.0, 2.0, 0.0], [1.0, 1.0, 1.0, 1.0], [3.0, 3.0, 3.0, 3.0]]).T
+    found = time_outside(times, errors, 1.0)
+    # the last interval, 2 s long, is outside for the half of it
+    np.testing.assert_allclose(found, [0.5 + 1.0 + 1.0, 0.0, 4.0], rtol=1e-12)
+    probability = np.array([1.0, 0.5, 0.5, 0.0])
+    assert float(expected_time_outside(times, probability)) == pytest.approx(0.25 + 0.5 + 1.5)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"beam_rad": 0.0}, "beam"),
+        ({"speed_rad_s": np.inf}, "speed"),
+        ({"covariance_rad2": np.array([[1.0, 2.0], [2.0, 1.0]])}, "positive"),
+        ({"covariance_rad2": np.full((2, 2), np.nan)}, "finite"),
+        ({"overlap": 1.0}, "overlap"),
+    ],
+)
+def test_searches_that_cannot_be(keys: dict[str, object], message: str) -> None:
+    good: dict[str, object] = {
+        "covariance_rad2": np.eye(2) * BEAM**2, "beam_rad": BEAM, "speed_rad_s": SPEED,
+    }  # fmt: skip
+    with pytest.raises(InputError, match=message):
+        plan_search(**{**good, **keys})  # type: ignore[arg-type]

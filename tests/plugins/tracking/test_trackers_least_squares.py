@@ -1,0 +1,366 @@
+"""Recursive least squares: consistency, convergence, outliers, biases, and the edges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.earth.rotation import earth_fixed
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.time import Epoch
+from hillsphere_tracking.kepler import wrapped
+from hillsphere_tracking.mean_elements import EARTH_FIELD, equinoctial, propagated, states
+from hillsphere_tracking.trackers.charts import Chart, Equinoctials, Selected
+from hillsphere_tracking.trackers.least_squares import LeastSquares, LeastSquaresState
+from hillsphere_tracking.trackers.observation import Site, angles, directions
+from hillsphere_tracking.trackers.specs import LeastSquaresSpec, TableSpec
+from hillsphere_tracking.trackers.table import Table
+
+DEGREE = np.pi / 180.0
+EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")
+ALCANTARA = Station("Alcântara", -2.18 * DEGREE, -44.26 * DEGREE, 39.0)
+PAPER = np.array([7180e3, 0.0436, *(np.array([23.82, 240.14, 15.47, 350.56]) * DEGREE)])
+RISE = 6036.0
+"""Pass 2 of Kuga and Carrara (1990) begins."""
+SIGMA = 0.1 * DEGREE
+Parameters = Literal["node_anomaly", "size_node_anomaly", "all"]
+PARAMETERS: tuple[Parameters, ...] = ("node_anomaly", "size_node_anomaly", "all")
+
+
+def at_rise(cases: int) -> Array:
+    return np.repeat(propagated(PAPER[:, None], np.array([RISE])), cases, axis=1)
+
+
+def true_angles(elements: Array, since: float, t_s: float, site: Site) -> tuple[Array, Array]:
+    """Angles of mean elements (6, N), a time before, with short-period terms."""
+    cases = elements.shape[1]
+    now = propagated(elements, np.full(cases, since))
+    zero = np.zeros(cases)
+    return angles(directions(now, zero, np.full(cases, t_s), site, EARTH_FIELD, short_period=True))
+
+
+def chart_of(parameters: Parameters) -> Chart:
+    rows = {"node_anomaly": (3, 5), "size_node_anomaly": (0, 3, 5)}
+    return Equinoctials() if parameters == "all" else Selected(rows[parameters])
+
+
+@pytest.mark.parametrize("parameters", PARAMETERS)
+def test_errors_are_those_that_the_covariance_says(parameters: Parameters) -> None:
+    # Truth drawn from the prior: the normalised estimation error squared is χ² with m degrees of
+    # freedom, its mean over 300 cases m ± √(2m/300).
+    cases = 300
+    spec = LeastSquaresSpec(parameters=parameters, drift_m=0.0, mean_anomaly_sigma_rad=0.5 * DEGREE)
+    tracker, chart = LeastSquares(spec), chart_of(parameters)
+    random = np.random.default_rng(11)
+    state = tracker.initial(at_rise(cases), np.array([RISE]), (ALCANTARA,), EPOCH)
+    root = np.linalg.cholesky(state.covariance.transpose(2, 0, 1))
+    drawn = (root @ random.standard_normal((cases, tracker.size, 1)))[:, :, 0]
+    truth = chart.moved(at_rise(cases), drawn[:, : chart.count].T, state.sense)
+    bias = drawn[:, chart.count :].T
+    for k in range(60):
+        azimuth, elevation = true_angles(truth, 3.0 * k, RISE + 3.0 * k, state.site)
+        noise = SIGMA * random.standard_normal((2, cases))
+        state = tracker.update(
+            state, np.array([RISE + 3.0 * k]), azimuth + bias[0] + noise[0],
+            elevation + bias[1] + noise[1], np.array(SIGMA),
+        )  # fmt: skip
+        if k not in (0, 9, 59):
+            continue
+        now = propagated(truth, np.full(cases, 3.0 * k))
+        if parameters == "all":
+            off = equinoctial(now, state.sense) - equinoctial(state.elements, state.sense)
+            off[5] = wrapped(off[5])
+        else:
+            off = now - state.elements
+            off[3:] = wrapped(off[3:])
+            off = off[list(getattr(chart, "rows"))]  # noqa: B009 - of one kind of chart only
+        off = np.concatenate([off, bias - state.biases_rad]).T[:, :, None]
+        covariance = state.covariance.transpose(2, 0, 1)
+        nees = (off * np.linalg.solve(covariance, off)).sum(axis=(1, 2))
+        size = tracker.size
+        assert abs(nees.mean() - size) < 3.5 * np.sqrt(2.0 * size / cases), (k, nees.mean())
+        assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+
+    # what is predicted is as sure as it says: two degrees of freedom on the sky
+    later = RISE + 177.0 + np.array([30.0, 120.0])
+    azimuth, elevation, covariance = tracker.predict(state, later)
+    for k in range(2):
+        true_az, true_el = true_angles(truth, later[k] - RISE, later[k], state.site)
+        off = np.array(
+            [wrapped(azimuth[k] - true_az - bias[0]) * np.cos(true_el),
+             elevation[k] - true_el - bias[1]]
+        )  # fmt: skip
+        spread = covariance[:, :, k].transpose(2, 0, 1)
+        nees = (off.T * np.linalg.solve(spread, off.T[:, :, None])[:, :, 0]).sum(axis=1)
+        assert abs(nees.mean() - 2.0) < 3.5 * np.sqrt(4.0 / cases)
+
+
+@pytest.mark.parametrize("age", [1.0, 3.0, 10.0, 30.0, 120.0])
+def test_beats_the_table_from_one_second_of_age(age: float) -> None:
+    # A satellite early by `age` on its track; biases of 0.06° and 0.17°, noise of 0.08°, as in
+    # Kuga and Carrara (1990). A minute of measurements, then five minutes of prediction.
+    cases = 40
+    random = np.random.default_rng(int(age))
+    nominal = at_rise(cases)
+    truth = propagated(nominal, np.full(cases, age))
+    truth[3] = nominal[3]
+    best, table = LeastSquares(LeastSquaresSpec()), Table(TableSpec())
+    state = best.initial(nominal, np.array([RISE]), (ALCANTARA,), EPOCH)
+    stored = table.initial(nominal, np.array([RISE]), (ALCANTARA,), EPOCH)
+    bias = np.array([0.06, 0.17])[:, None] * DEGREE * random.choice([-1.0, 1.0], (2, cases))
+    for k in range(60):
+        azimuth, elevation = true_angles(truth, float(k), RISE + k, state.site)
+        noise = 0.08 * DEGREE * random.standard_normal((2, cases))
+        state = best.update(
+            state, np.array([RISE + k]), azimuth + bias[0] + noise[0],
+            elevation + bias[1] + noise[1], np.array(0.08 * DEGREE),
+        )  # fmt: skip
+    later = RISE + np.arange(60.0, 380.0, 20.0)
+
+    def worst(found: tuple[Array, Array, Array], shown: Array) -> float:
+        errors = []
+        for k, t in enumerate(later):
+            az, el = true_angles(truth, t - RISE, t, state.site)
+            off_az = wrapped(found[0][k] - az - shown[0])
+            errors.append(np.hypot(off_az * np.cos(el), found[1][k] - el - shown[1]))
+        return float(np.median(np.max(errors, axis=0))) / DEGREE
+
+    # the encoder's frame, which reacquisition needs; the table knows of no bias
+    best_error = worst(best.predict(state, later), bias)
+    table_error = worst(table.predict(stored, later), bias)
+    assert best_error < 0.7 * table_error
+    assert best_error < 0.25
+
+
+def test_error_free_measurements_lead_to_the_truth() -> None:
+    for parameters in PARAMETERS:
+        spec = LeastSquaresSpec(parameters=parameters, angle_biases=False, drift_m=0.0)
+        tracker = LeastSquares(spec)
+        truth = at_rise(1)
+        nominal = truth.copy()
+        nominal[[3, 5]] += np.array([[0.3], [-1.5]]) * DEGREE  # 25 s along the track
+        state = tracker.initial(nominal, np.array([RISE]), (ALCANTARA,), EPOCH)
+        for k in range(120):
+            azimuth, elevation = true_angles(truth, 2.0 * k, RISE + 2.0 * k, state.site)
+            state = tracker.update(
+                state, np.array([RISE + 2.0 * k]), azimuth, elevation, np.array(1e-5)
+            )
+        azimuth, elevation, _ = tracker.predict(state, np.array([RISE + 300.0]))
+        true_az, true_el = true_angles(truth, 300.0, RISE + 300.0, state.site)
+        assert_allclose(wrapped(azimuth[0] - true_az), 0.0, rtol=0, atol=2e-5)
+        assert_allclose(elevation[0], true_el, rtol=0, atol=2e-5)
+
+
+def run(
+    tracker: LeastSquares,
+    nominal: Array,
+    truth: Array,
+    station: Station,
+    times: Array,
+    spoil: Array | None = None,
+) -> LeastSquaresState:
+    """Track truth by mean elements (6, N) of t = 0; `spoil` (2, K) is added to the angles."""
+    state = tracker.initial(nominal, times[:1], (station,), EPOCH)
+    for k, t in enumerate(times):
+        azimuth, elevation = true_angles(truth, t, t, state.site)
+        if spoil is not None:
+            azimuth, elevation = azimuth + spoil[0, k], elevation + spoil[1, k]
+        state = tracker.update(state, np.array([t]), azimuth, elevation, np.array(SIGMA))
+    return state
+
+
+def test_outliers_cost_little() -> None:
+    random = np.random.default_rng(8)
+    times = RISE + np.arange(0.0, 200.0, 2.0)
+    noise = SIGMA * random.standard_normal((2, 100))
+    spoilt = noise.copy()
+    wrong = random.random(100) < 0.15
+    spoilt[:, wrong] += random.uniform(-10.0, 10.0, (2, wrong.sum())) * DEGREE
+    truth = PAPER[:, None]
+    nominal = propagated(truth, np.array([RISE + 3.0]))
+    later = RISE + np.array([300.0])
+
+    def error(spec: LeastSquaresSpec, spoil: Array) -> tuple[float, float]:
+        tracker = LeastSquares(spec)
+        state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
+        azimuth, elevation, _ = tracker.predict(state, later)
+        az, el = true_angles(truth, later[0], later[0], state.site)
+        found = np.hypot(wrapped(azimuth[0] - az) * np.cos(el), elevation[0] - el) / DEGREE
+        return float(found[0]), float(state.outliers[0])
+
+    clean, none = error(LeastSquaresSpec(), noise)
+    robust, many = error(LeastSquaresSpec(), spoilt)
+    naive, _ = error(LeastSquaresSpec(gate=1e6), spoilt)
+    assert none <= 1.0
+    assert many >= 0.8 * wrong.sum()
+    assert robust < clean + 0.15
+    assert naive > 3.0 * robust
+
+
+def below(elements: Array, offset_rad: float = 0.0) -> Station:
+    """Return the station below the satellite at t = 0, moved in latitude."""
+    x = states(elements[:, None], np.zeros(1))
+    fixed = earth_fixed("teme", EPOCH, np.zeros(1))[:, :, 0] @ x[:3, 0]
+    found = Station.at("below", fixed)
+    return Station("below", found.latitude_rad + offset_rad, found.longitude_rad)
+
+
+@pytest.mark.parametrize("parameters", PARAMETERS)
+@pytest.mark.parametrize("i", [0.0, 1e-9, 0.4, 1.75, np.pi - 1e-9, np.pi])
+@pytest.mark.parametrize("e", [0.0, 1e-12, 0.05])
+def test_tracks_at_the_extremes_and_through_the_zenith(
+    parameters: Parameters, i: float, e: float
+) -> None:
+    # through the zenith, a quarter of a revolution from the node: circular, equatorial,
+    # retrograde, at the extreme of latitude
+    truth = np.array([7.4e6, e, i, 1.0, 0.2, 1.3])
+    station = below(truth)
+    times = np.arange(-150.0, 151.0, 5.0)
+    tracker = LeastSquares(LeastSquaresSpec(parameters=parameters, drift_m=0.0))
+    nominal = propagated(truth[:, None], np.array([times[0] + 2.0]))
+    state = run(tracker, nominal, truth[:, None], station, times)
+    assert np.isfinite(state.covariance).all()
+    assert np.linalg.eigvalsh(state.covariance[:, :, 0]).min() > 0.0
+    later = np.array([0.0, 180.0, 250.0])
+    azimuth, elevation, covariance = tracker.predict(state, later)
+    for k, t in enumerate(later):
+        az, el = true_angles(truth[:, None], t, t, state.site)
+        off = np.hypot(wrapped(azimuth[k] - az) * np.cos(el), elevation[k] - el)
+        assert off[0] < 0.1 * DEGREE
+        # a nominal orbit that is 2 s wrong is far within the prior; no noise was added
+        assert off[0] < 3.0 * np.sqrt(np.trace(covariance[:, :, k, 0])) + 1e-4
+
+
+def test_biases_are_found_and_kept_for_the_next_pass() -> None:
+    truth, times = PAPER[:, None], RISE + np.arange(0.0, 440.0, 2.0)
+    bias = np.array([0.15, -0.2]) * DEGREE
+    tracker = LeastSquares(LeastSquaresSpec(drift_m=0.0))
+    nominal = propagated(truth, np.array([RISE]))
+    spoil = bias[:, None] * np.ones((2, times.size))
+    state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
+    sigma = np.sqrt(state.covariance[[3, 4], [3, 4], 0])
+    assert (np.abs(state.biases_rad[:, 0] - bias) < 2.0 * sigma).all()
+    assert (sigma < 0.1 * DEGREE).all()
+
+    fresh = tracker.initial(nominal, np.array([RISE]), (ALCANTARA,), EPOCH)
+    again = tracker.with_biases(fresh, state.biases_rad, state.covariance[3:, 3:, 0])
+    assert_allclose(again.biases_rad, state.biases_rad, rtol=0)
+    assert_allclose(again.covariance[3:, 3:], state.covariance[3:, 3:], rtol=1e-14)
+    assert_allclose(again.covariance[:3, 3:], 0.0, atol=0)
+    assert_allclose(again.covariance[:3, :3], fresh.covariance[:3, :3], rtol=0)
+    without = LeastSquares(LeastSquaresSpec(angle_biases=False))
+    with pytest.raises(InputError, match="angle_biases = true"):
+        without.with_biases(fresh, bias, np.eye(2))
+
+
+def test_a_time_bias_is_found_where_the_orbit_is_known() -> None:
+    truth, times = PAPER[:, None], RISE + np.arange(0.0, 440.0, 2.0)
+    spec = LeastSquaresSpec(
+        angle_biases=False, time_bias=True, time_bias_sigma_s=1.0, drift_m=0.0,
+        semi_major_axis_sigma_m=1.0, node_sigma_rad=1e-6, mean_anomaly_sigma_rad=1e-6,
+    )  # fmt: skip
+    tracker = LeastSquares(spec)
+    state = tracker.initial(propagated(truth, np.array([RISE])), np.array([RISE]),
+                            (ALCANTARA,), EPOCH)  # fmt: skip
+    for t in times:  # tags are early by 0.4 s
+        azimuth, elevation = true_angles(truth, t + 0.4, t + 0.4, state.site)
+        state = tracker.update(state, np.array([t]), azimuth, elevation, np.array(SIGMA))
+    assert_allclose(state.time_bias_s, 0.4, rtol=0, atol=2e-3)
+    assert np.sqrt(state.covariance[3, 3, 0]) < 0.05
+
+
+def test_cases_do_not_touch_each_other() -> None:
+    tracker = LeastSquares(LeastSquaresSpec())
+    random = np.random.default_rng(1)
+    nominal = at_rise(6)
+    nominal[5] += random.normal(0.0, 0.02, 6)
+    truth = at_rise(6)
+
+    # the third case has a measurement only now and then, the fifth an outlier
+    def spoilt(k: int, az: Array) -> Array:
+        made = az.copy()
+        made[2] = np.nan if k % 3 else made[2]
+        made[4] += 0.3 if k == 7 else 0.0
+        return made
+
+    def played(chosen: slice) -> LeastSquaresState:
+        state = tracker.initial(nominal[:, chosen], np.array([RISE]), (ALCANTARA,), EPOCH)
+        for k in range(20):
+            azimuth, elevation = true_angles(truth, float(k), RISE + k, state.site)
+            state = tracker.update(
+                state, np.array([RISE + k]), spoilt(k, azimuth)[chosen], elevation[chosen],
+                np.array(SIGMA),
+            )  # fmt: skip
+        return state
+
+    together = played(slice(None))
+    assert_allclose(together.count, [20, 20, 7, 20, 20, 20], atol=0)
+    for case in range(6):
+        alone = played(slice(case, case + 1))
+        assert_allclose(together.elements[:, case], alone.elements[:, 0], rtol=1e-12)
+        assert_allclose(
+            together.covariance[:, :, case], alone.covariance[:, :, 0], rtol=1e-6, atol=1e-16
+        )
+
+
+def test_a_missing_measurement_moves_only_the_time() -> None:
+    tracker = LeastSquares(LeastSquaresSpec(drift_m=0.0))
+    state = tracker.initial(at_rise(1), np.array([RISE]), (ALCANTARA,), EPOCH)
+    later = tracker.update(
+        state, np.array([RISE + 50.0]), np.array([np.nan]), np.array([0.1]), np.array(SIGMA)
+    )
+    assert_allclose(later.elements, propagated(state.elements, np.array([50.0])), rtol=1e-15)
+    assert later.count[0] == 0.0
+    here = tracker.predict(state, np.array([RISE + 100.0]))
+    there = tracker.predict(later, np.array([RISE + 100.0]))
+    assert_allclose(here[:2], there[:2], rtol=1e-12)
+    # what the size changes in the rate of the perigee, which is held, is not carried on
+    assert_allclose(here[2], there[2], rtol=1e-5)
+
+
+def test_prediction_grows_unsure_with_time_where_the_orbit_drifts() -> None:
+    quiet = LeastSquares(LeastSquaresSpec(drift_m=0.0))
+    drifting = LeastSquares(LeastSquaresSpec(drift_m=1e4))
+    state = quiet.initial(at_rise(1), np.array([RISE]), (ALCANTARA,), EPOCH)
+    later = RISE + np.array([0.0, 300.0])
+    calm = quiet.predict(state, later)[2]
+    wild = drifting.predict(state, later)[2]
+    assert_allclose(wild[:, :, 0], calm[:, :, 0], rtol=1e-12)
+    grown = np.trace(wild[:, :, 1, 0] - calm[:, :, 1, 0])
+    assert 1e-6 < grown < 1e-3
+
+
+def test_sigmas_of_each_angle_and_case() -> None:
+    tracker = LeastSquares(LeastSquaresSpec())
+    state = tracker.initial(at_rise(3), np.array([RISE]), (ALCANTARA,), EPOCH)
+    azimuth, elevation = true_angles(at_rise(3), 0.0, RISE, state.site)
+    t = np.array([RISE])
+    one = tracker.update(state, t, azimuth, elevation, np.array(SIGMA))
+    for sigma in (np.full(3, SIGMA), np.full((2, 1), SIGMA), np.full((2, 3), SIGMA)):
+        other = tracker.update(state, t, azimuth, elevation, sigma)
+        assert_allclose(other.covariance, one.covariance, rtol=1e-14)
+    blunt = tracker.update(state, t, azimuth, elevation, np.array([[SIGMA], [100.0]]))
+    assert np.trace(blunt.covariance[:, :, 0]) > np.trace(one.covariance[:, :, 0])
+    for bad in (np.array(0.0), np.full(2, SIGMA), np.array(np.nan)):
+        with pytest.raises(InputError, match="sigma_rad must be > 0"):
+            tracker.update(state, t, azimuth, elevation, bad)
+
+
+def test_states_are_not_changed() -> None:
+    tracker = LeastSquares(LeastSquaresSpec(parameters="all"))
+    state = tracker.initial(at_rise(2), np.array([RISE]), (ALCANTARA,), EPOCH)
+    kept = replace(state, elements=state.elements.copy(), covariance=state.covariance.copy())
+    azimuth, elevation = true_angles(at_rise(2), 0.0, RISE, state.site)
+    t = np.full(2, RISE)
+    after = tracker.update(state, t, azimuth + 0.01, elevation, np.array(SIGMA))
+    t += 1.0  # a caller may use its arrays again
+    assert_allclose(after.t_s, RISE, atol=0)
+    tracker.predict(state, np.array([RISE]))
+    assert_allclose(state.elements, kept.elements, atol=0, rtol=0)
+    assert_allclose(state.covariance, kept.covariance, atol=0, rtol=0)
