@@ -12,6 +12,7 @@ import pytest
 
 from hillsphere.gravity import GravityField
 from hillsphere.mission import load_mission
+from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registry, validate
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
@@ -34,11 +35,22 @@ def test_library_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_mission_example_is_short_and_valid(tmp_path: Path) -> None:
-    (example,) = blocks("toml")
+    example, _ = blocks("toml")
     assert len(example.splitlines()) <= 30
     path = tmp_path / "deimos.toml"
     path.write_text(example, encoding="utf-8")
     assert load_mission(str(path)).order() == ["family"]
+
+
+def test_campaign_example_repeats_the_stage_of_the_packaged_mission(tmp_path: Path) -> None:
+    _, campaign = blocks("toml")
+    text = (missions_directory() / "phobos-hover.toml").read_text(encoding="utf-8")
+    head, *tables = re.split(r"^(?=\[)", text, flags=re.MULTILINE)
+    begins = ("[body", "[gravity", "[plant", "[compensator.integral]", "[stage.hover]")
+    kept = [table for table in tables if table.startswith(begins)]
+    path = tmp_path / "hover.toml"
+    path.write_text(head + "".join(kept) + campaign, encoding="utf-8")
+    assert load_mission(str(path), allow_path=True).order() == ["hover", "verify"]
 
 
 def test_plugin_example_is_a_plugin(monkeypatch: pytest.MonkeyPatch) -> None:

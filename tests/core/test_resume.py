@@ -430,8 +430,8 @@ def test_other_versions_and_processors_are_refused(
         r"version of small: \"hillsphere-small 1\.0\" -> \"hillsphere-small 1\.1\"",
         r"machine: \w+ -> abacus",
         r"c_library: .* -> glibc 1\.9",
-        f"CPU features that only one has: {re.escape(features[0])} -> BEADS",
         r"variable OPENBLAS_CORETYPE: .* -> \"Prescott\"",
+        f"CPU features that only one has: {re.escape(features[0])} -> BEADS",
     )
 
 

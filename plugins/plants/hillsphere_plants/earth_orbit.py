@@ -76,6 +76,9 @@ class EarthOrbit:
 
     Without drag, third bodies and control `energy` is conserved.
 
+    With drag the Taylor propagator compiles in one to two seconds, the step map in about twelve
+    (once: the result is kept on disk); a day of low orbit takes 4 ms without drag, 20 ms with it.
+
     Parameters
     ----------
     spec : EarthOrbitSpec

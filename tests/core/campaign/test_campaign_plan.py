@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from numpy.testing import assert_allclose, assert_array_equal
+from pydantic import ValidationError
 from tests.core.uncertainty.toy_mission import Ball, Hover, toy_repeated
 
 from hillsphere.campaign.cases import LANES

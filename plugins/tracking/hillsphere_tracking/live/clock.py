@@ -59,16 +59,19 @@ class Replay:
 
     def __init__(self, start: Epoch, speed: float) -> None:
         self.start, self._speed = start, speed
-        self._begun, self._reached = monotonic(), 0.0
+        self._begun: float | None = None
+        self._reached = 0.0
 
     def now_s(self) -> float:
-        """Return the seconds since the start."""
-        if self._speed:
-            return (monotonic() - self._begun) * self._speed
-        return self._reached
+        """Return the seconds since the start; the first call starts it."""
+        if not self._speed:
+            return self._reached
+        if self._begun is None:
+            self._begun = monotonic()
+        return (monotonic() - self._begun) * self._speed
 
     def wait_until(self, t_s: float) -> None:
         """Sleep until a time, unless the speed is 0."""
         self._reached = max(self._reached, t_s)
-        if self._speed and (left := t_s / self._speed - (monotonic() - self._begun)) > 0.0:
-            sleep(left)
+        if self._speed and (left := t_s - self.now_s()) > 0.0:
+            sleep(left / self._speed)
