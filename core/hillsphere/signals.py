@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -50,7 +51,15 @@ def stop_signals(stopped: threading.Event) -> Iterator[None]:
 
         return stop
 
+    told = sys.unraisablehook
+
+    def tell(fault: sys.UnraisableHookArgs) -> None:
+        # A signal met a destructor, which cannot raise: the event is set, and stops the run.
+        if not issubclass(fault.exc_type, KeyboardInterrupt):
+            told(fault)
+
     taken: dict[int, Any] = {}
+    sys.unraisablehook = tell
     try:
         for number in STOPPING:
             handler = signal.getsignal(number)
@@ -62,5 +71,6 @@ def stop_signals(stopped: threading.Event) -> Iterator[None]:
                 signal.signal(number, stopping(usual))
         yield
     finally:
+        sys.unraisablehook = told
         for number, handler in taken.items():
             signal.signal(number, handler)

@@ -63,3 +63,17 @@ def test_another_thread_takes_no_signals() -> None:
     thread.start()
     thread.join()
     assert found == [[signal.getsignal(number) for number in STOPPING]]
+
+
+def test_a_signal_that_meets_a_destructor_stops_the_run_without_noise(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Closing:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGTERM)
+
+    stopped = threading.Event()
+    with stop_signals(stopped):
+        Closing()
+    assert stopped.is_set()
+    assert capsys.readouterr().err == ""
