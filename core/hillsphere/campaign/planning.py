@@ -95,6 +95,7 @@ def plan_of(
         if groups not in samples:
             samples[groups] = Design(design, cases, groups, root, stream)
         set_there = _set_there(swept, there, offered)
+        _require_untouched(quantities, set_there, swept)
         _check_overlap(set_there, dispersed, swept)
         variants.append(Variant(stage, last - first, dispersed, samples[groups], active, set_there))
     totals = {variant.sample.total for variant in variants}
@@ -179,6 +180,18 @@ def _require_apart(names: Sequence[str], repeated: Repeated) -> None:
     for name, other in combinations(names, 2):
         if plain[name].startswith(plain[other]) or plain[other].startswith(plain[name]):
             raise InputError(f"{name} and {other} set the same key; keep one")
+
+
+def _require_untouched(
+    before: Mapping[int, Quantity], after: Mapping[int, Quantity], swept: Swept
+) -> None:
+    """Raise if a swept key means a quantity that is set case by case: its value would not count."""
+    for i, quantity in after.items():
+        pair = [before[i].nominal, quantity.nominal]
+        if not np.array_equal(pair[:1], pair[1:], equal_nan=True):
+            raise InputError(
+                f"{swept.names[i]} is swept, and a key that sets the same quantity too; keep one"
+            )
 
 
 def _by_variant(swept: Swept, keys: Sequence[int]) -> tuple[Swept, list[tuple[int, int]]]:

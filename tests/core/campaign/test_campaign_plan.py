@@ -331,6 +331,7 @@ def test_labels_of_a_list_follow_its_points(repeated: Repeated) -> None:
         ({"gravity.phobos.gm": (1.0, True)}, "gravity.phobos.gm: expected a finite number (m3/s2"),
         ({"state.x": (1.0,), "stage.hover.state.x": (2.0,)}, "set the same quantity; keep one"),
         ({"stage.hover.gravity.gm": (1.0,), "gravity.phobos.gm": (2.0,)}, "set the same quantity"),
+        ({"gravity.phobos.gm": (1.0,), "gravity.phobos.gm_km3_s2": (8e-4,)}, "too; keep one"),
         ({"stage.hover.gravity.C2,0": (1.0,)}, "swept, but dispersions.field sets it for every"),
         (
             {"stage.hover.period_s": (60,), "stage.hover.period_min": (1,)},
