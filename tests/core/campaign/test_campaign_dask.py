@@ -319,7 +319,7 @@ def test_a_limit_needs_a_nanny(
 
 def test_work_that_cannot_be_sent_is_an_error(scheduler: str) -> None:
     with (
-        pytest.raises(StageError, match="the work cannot be sent to dask's workers"),
+        pytest.raises(StageError, match="the work cannot be sent to other processes"),
         Dask(DaskSpec(scheduler=scheduler)).crew(StageWork((lambda: Toy(),))),
     ):
         pass

@@ -21,10 +21,10 @@ from importlib import metadata
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
+from hillsphere.campaign.executors.sending import pickled
 from hillsphere.campaign.executors.worker import MOST_FAULTS, is_passing, told
 from hillsphere.campaign.tasks import Failed, Finished, Task, Work, unready
 from hillsphere.environment import environment, package_versions
-from hillsphere.errors import StageError
 from hillsphere.plugins import ENTRY_POINT_GROUP
 from hillsphere.stage_cache import source_digest
 
@@ -144,7 +144,7 @@ class Registry:
     ) -> None:
         self._client = client
         self._scheduler: Any = client.scheduler
-        self._work = _pickled(work)
+        self._work = pickled(work)
         self._at_most = at_most
         self._news = news
         self._members: dict[str, Member] = {}
@@ -321,16 +321,6 @@ class Registry:
         return self._client.submit(
             function, *arguments, key=key, workers=[member.address], pure=False, retries=0
         )
-
-
-def _pickled(work: Work) -> bytes:
-    try:
-        return pickle.dumps(work)
-    except Exception as error:  # what pickle raises depends on what it met
-        raise StageError(
-            f"the work cannot be sent to dask's workers ({type(error).__name__}: {error}); define "
-            "its classes at the top level of modules, or run it in this process"
-        ) from error
 
 
 async def _result(future: Future[Any]) -> Any:

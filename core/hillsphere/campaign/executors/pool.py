@@ -17,13 +17,12 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from fcntl import F_DUPFD_CLOEXEC, fcntl
-from io import BytesIO
 from multiprocessing.connection import wait
 from time import monotonic
-from types import FunctionType
 from typing import Any
 
 from hillsphere.campaign.executors.channel import Channel
+from hillsphere.campaign.executors.sending import pickled
 from hillsphere.campaign.executors.specs import PoolSpec
 from hillsphere.campaign.executors.worker import MOST_FAULTS
 from hillsphere.campaign.tasks import Failed, Finished, Lost, Outcome, Task, Work, unready
@@ -111,7 +110,7 @@ class PoolCrew:
 
     def __init__(self, work: Work, workers: int) -> None:
         self.slots = workers
-        self._work = _pickled(work)
+        self._work = pickled(work)
         self._workers: list[_Worker] = []
         self._waiting: deque[Task] = deque()
         self._ended: deque[Outcome] = deque()
@@ -267,29 +266,6 @@ class PoolCrew:
         worker.process.wait()
         worker.channel.close()
         self._workers.remove(worker)
-
-
-def _pickled(work: Work) -> bytes:
-    stream = BytesIO()
-    try:
-        _Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL).dump(work)
-    except Exception as error:  # what pickle raises depends on what it met
-        raise StageError(
-            f"the work cannot be sent to other processes ({error}); define its classes at the top "
-            "level of modules that can be imported, or compute in this process alone"
-        ) from error
-    return stream.getvalue()
-
-
-class _Pickler(pickle.Pickler):
-    """Refuses here what no other process could find."""
-
-    def reducer_override(self, obj: Any) -> Any:
-        if isinstance(obj, type | FunctionType) and obj.__module__ == "__main__":
-            raise pickle.PicklingError(
-                f"{obj.__qualname__} is defined in the program that was started, not in a module"
-            )
-        return NotImplemented
 
 
 def _started() -> _Worker:
