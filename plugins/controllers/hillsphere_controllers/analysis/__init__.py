@@ -1,0 +1,1 @@
+"""Analysis of linear systems: norms, frequency responses, margins."""

@@ -1,0 +1,204 @@
+r"""The H∞ norm: the largest singular value of a stable system over all frequencies.
+
+γ exceeds the norm just if the Hamiltonian matrix, with :math:`R = γ^2 I - D^\mathsf{T} D`,
+
+.. math::
+
+    H(γ) = \begin{bmatrix} A + B R^{-1} D^\mathsf{T} C & B R^{-1} B^\mathsf{T} \\
+           -C^\mathsf{T} (I + D R^{-1} D^\mathsf{T}) C & -(A + B R^{-1} D^\mathsf{T} C)^\mathsf{T}
+           \end{bmatrix}
+
+has no imaginary eigenvalue [1]_; where it has some, they are the frequencies at which a singular
+value is γ, and the gain between them is higher [2]_. In floating point an eigenvalue is never quite
+imaginary: all those that are nearly so are looked at through the frequency response, which also has
+the first and the last word. What is returned is a gain that the system has, at a frequency that is
+named, and a bound from above.
+
+References
+----------
+.. [1] S. Boyd, V. Balakrishnan, P. Kabamba (1989), A bisection method for computing the H∞ norm of
+   a transfer matrix and related problems, Mathematics of Control, Signals and Systems 2, 207-219.
+.. [2] N. A. Bruinsma, M. Steinbuch (1990), A fast algorithm to compute the H∞-norm of a transfer
+   function matrix, Systems & Control Letters 14, 287-293.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.frequency import Response, largest_gains
+from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.bilinear import continuous
+
+__all__ = ["HinfNorm", "hinf_norm"]
+
+_MOST_LEVELS = 40
+_GRID = 40
+"""Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
+_NEAR = 1e-2
+"""An eigenvalue this near the imaginary axis, relative to its size, is looked at."""
+_CLOSE, _MOST_CLOSE = 1e-3, 20
+"""Gains as near the largest as that are computed once more from the system as given: where its
+matrices are badly conditioned, rounding may change the order."""
+
+
+@dataclass(frozen=True)
+class HinfNorm:
+    """A norm and where it is reached.
+
+    Parameters
+    ----------
+    value : float
+        The largest gain found: a lower bound that the response at the frequency proves; infinite
+        for a system that is not stable.
+    frequency_rad_s : float
+        Where; may be 0 or, in continuous time, infinite. NaN for a system that is not stable.
+    upper : float
+        A level that the gain exceeds nowhere, as far as the eigenvalues tell; infinite if none was
+        found.
+    """
+
+    value: float
+    frequency_rad_s: float
+    upper: float
+
+
+def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
+    """Return the H∞ norm of a system.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous time, or in discrete time, whose bilinear image has the same norm.
+    tolerance : float
+        Relative distance between the bounds.
+
+    Returns
+    -------
+    HinfNorm
+        The norm; infinite if the system is not stable.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is out of range.
+    """
+    if not 1e-14 <= tolerance < 1.0:
+        raise InputError(f"tolerance must be from 1e-14 to 1, got {tolerance}")
+    if not system.is_stable:
+        return HinfNorm(np.inf, np.nan, np.inf)
+    if system.dt_s is not None:
+        found = hinf_norm(continuous(system), tolerance)
+        frequency = 2.0 / system.dt_s * np.arctan(0.5 * system.dt_s * found.frequency_rad_s)
+        return HinfNorm(found.value, float(frequency), found.upper)
+    direct = float(largest_gains(system.d[None].astype(complex))[0])
+    if system.order == 0 or 0 in system.shape:
+        return HinfNorm(direct, 0.0, direct)
+    search = _Search(system)
+    if search.value > direct:
+        return search.climbed(tolerance)
+    # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
+    scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
+    found = _Search(_inverted(system, scale)).climbed(tolerance)
+    frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
+    return HinfNorm(found.value, float(frequency), found.upper)
+
+
+class _Search:
+    """The largest gain of a stable system of order ≥ 1 found so far, and where."""
+
+    def __init__(self, system: LtiSystem) -> None:
+        self.given = system
+        self.system, _ = balanced(system)
+        a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
+        self.response = Response(a, b, c, d)
+        self.value, self.frequency = -1.0, 0.0
+        size = np.abs(self.response.poles)
+        given = system.poles  # rounding may have moved slow poles of badly scaled systems
+        low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
+        first = np.concatenate(
+            [
+                [0.0],
+                size,
+                np.abs(self.response.poles.imag),
+                np.abs(given),
+                np.abs(given.imag),
+                np.sqrt(np.maximum(size**2 - 2.0 * self.response.poles.real**2, 0.0)),
+                np.logspace(low, high, _GRID),
+            ]
+        )
+        self.look(first)
+
+    def look(self, omega: Array) -> None:
+        """Take the gains at frequencies into account, and refine the best."""
+        points = np.unique(np.concatenate([omega, [self.frequency]]))
+        gains = largest_gains(self.response(1j * points))
+        inner = np.flatnonzero(
+            (gains >= np.append(gains[1:], -1.0)) & (gains >= np.insert(gains[:-1], 0, -1.0))
+        )
+        inner = inner[np.argsort(gains[inner])[-4:]]
+        inner = inner[gains[inner] >= 0.7 * gains.max()]
+        at = points[inner]
+        left = points[np.maximum(inner - 1, 0)]
+        right = np.append(points, 2.0 * points[-1] + 1e-300)[inner + 1]
+        share = np.linspace(0.0, 1.0, 7)[1:-1, None]
+        for _ in range(5):
+            near = np.concatenate([at[None], left + share * (at - left), at + share * (right - at)])
+            near.sort(axis=0)
+            high = largest_gains(self.response(1j * near.ravel())).reshape(near.shape)
+            best = np.argmax(high, axis=0)
+            column = np.arange(at.size)
+            left = near[np.maximum(best - 1, 0), column]
+            right = near[np.minimum(best + 1, len(near) - 1), column]
+            at = near[best, column]
+        # the last word has the system as it was given, not its scaled Schur form
+        close = points[gains >= (1.0 - _CLOSE) * gains.max()][:_MOST_CLOSE]
+        tried = np.unique(np.concatenate([at, points[inner], close]))
+        exact = largest_gains(self.given.response(tried))
+        best_one = int(np.argmax(exact))
+        if exact[best_one] > self.value:
+            self.value, self.frequency = float(exact[best_one]), float(tried[best_one])
+
+    def climbed(self, tolerance: float) -> HinfNorm:
+        """Raise the level until the gain reaches it at no nearly imaginary eigenvalue."""
+        if self.value == 0.0:  # at so many frequencies: everywhere
+            return HinfNorm(0.0, self.frequency, 0.0)
+        for _ in range(_MOST_LEVELS):
+            level = self.value * (1.0 + tolerance)
+            found = self._eigenvalues(level)
+            near = np.abs(found.real) <= _NEAR * np.abs(found)
+            omega = np.unique(np.abs(found[near].imag))
+            if omega.size:
+                self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
+            if self.value <= level:
+                return HinfNorm(self.value, self.frequency, level)
+        return HinfNorm(self.value, self.frequency, np.inf)
+
+    def _eigenvalues(self, level: float) -> Array:
+        a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
+        # of the system divided by the level: R = I − DᵀD stays of order one
+        b, d = b / np.sqrt(level), d / level
+        c = c / np.sqrt(level)
+        factor = cho_factor(np.eye(d.shape[1]) - d.T @ d, check_finite=False)
+        feed = b @ cho_solve(factor, d.T @ c, check_finite=False)
+        up = a + feed
+        right = b @ cho_solve(factor, b.T, check_finite=False)
+        down = c.T @ c + c.T @ d @ cho_solve(factor, d.T @ c, check_finite=False)
+        return np.asarray(np.linalg.eigvals(np.block([[up, right], [-down, -up.T]])))
+
+
+def _inverted(system: LtiSystem, scale: float) -> LtiSystem:
+    """Return the system at ω²/s: zero frequency and infinity change places."""
+    inverse: Array = np.linalg.inv(system.a / scale).astype(float)
+    return LtiSystem(
+        scale * inverse,
+        inverse @ system.b,
+        -system.c @ inverse,
+        system.d - system.c @ inverse @ system.b / scale,
+    )

@@ -1,0 +1,1 @@
+"""Linear systems: algebra, interconnection, scaling, conversion."""

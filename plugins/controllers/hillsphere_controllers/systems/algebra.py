@@ -1,0 +1,257 @@
+r"""Connections of linear systems: series, sum, feedback, star product.
+
+All are special cases of one: some outputs of an appended system are fed into some of its inputs,
+
+.. math::
+
+    u = F y + v \quad\Rightarrow\quad u = (I - F D)^{-1} (F C x + v),
+
+which is well posed if I − F D is invertible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+
+__all__ = [
+    "append", "fed_back", "feedback", "gain", "lower_lft", "parallel", "series", "star",
+    "upper_lft",
+]  # fmt: skip
+
+_SINGULAR = 1e-12
+
+
+def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
+    """Return a constant matrix (p, m) as a system without states."""
+    d = np.atleast_2d(np.asarray(matrix, dtype=float))
+    p, m = d.shape
+    return LtiSystem(np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)), d, dt_s)
+
+
+def append(*systems: LtiSystem) -> LtiSystem:
+    """Return systems beside each other, inputs and outputs one after the other.
+
+    Names are kept if every system has them and none stands twice.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the sampling periods differ.
+    """
+    if not systems:
+        raise InputError("nothing to append")
+    dt_s = _common_period(systems)
+    return LtiSystem(
+        _diagonal([s.a for s in systems]),
+        _diagonal([s.b for s in systems]),
+        _diagonal([s.c for s in systems]),
+        _diagonal([s.d for s in systems]),
+        dt_s,
+        _joined([s.inputs for s in systems], [s.shape[1] for s in systems]),
+        _joined([s.outputs for s in systems], [s.shape[0] for s in systems]),
+        _joined([s.states for s in systems], [s.order for s in systems]),
+    )
+
+
+def fed_back(system: LtiSystem, matrix: Array) -> LtiSystem:
+    """Return a system whose inputs are u = F y + v.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        From u, shape (m,), to y, shape (p,).
+    matrix : ndarray, shape (m, p)
+        F.
+
+    Returns
+    -------
+    LtiSystem
+        From v to y, names kept.
+
+    Raises
+    ------
+    InputError
+        If F does not fit, or the loop is not well posed.
+    """
+    p, m = system.shape
+    f = np.asarray(matrix, dtype=float)
+    if f.shape != (m, p):
+        raise InputError(f"a feedback matrix must be {m} × {p}, got {f.shape}")
+    loop = np.eye(m) - f @ system.d
+    if m and np.linalg.svd(loop, compute_uv=False)[-1] < _SINGULAR * max(1.0, np.abs(loop).max()):
+        raise InputError(
+            "the loop is not well posed: its direct terms alone close it (I − F D is singular)"
+        )
+    inside = np.linalg.solve(loop, np.hstack([f @ system.c, np.eye(m)]))
+    into, through = inside[:, : system.order], inside[:, system.order :]
+    return replace(
+        system,
+        a=system.a + system.b @ into,
+        b=system.b @ through,
+        c=system.c + system.d @ into,
+        d=system.d @ through,
+    )
+
+
+def series(*systems: LtiSystem) -> LtiSystem:
+    """Return systems one after the other, the first one first: Gₖ … G₂ G₁.
+
+    Raises
+    ------
+    InputError
+        If the numbers of outputs and inputs or the sampling periods do not fit.
+    """
+    made = systems[0]
+    for after in systems[1:]:
+        if after.shape[1] != made.shape[0]:
+            raise InputError(
+                f"in series: {made.shape[0]} outputs into {after.shape[1]} inputs do not fit"
+            )
+        _common_period((made, after))
+        made = LtiSystem(
+            np.block([[made.a, np.zeros((made.order, after.order))], [after.b @ made.c, after.a]]),
+            np.vstack([made.b, after.b @ made.d]),
+            np.hstack([after.d @ made.c, after.c]),
+            after.d @ made.d,
+            made.dt_s,
+            made.inputs,
+            after.outputs,
+        )
+    return made
+
+
+def parallel(*systems: LtiSystem) -> LtiSystem:
+    """Return the sum of systems of the same inputs and outputs.
+
+    Raises
+    ------
+    InputError
+        If shapes or sampling periods differ.
+    """
+    shapes = {s.shape for s in systems}
+    if len(shapes) != 1:
+        raise InputError(f"a sum needs systems of one shape, got {sorted(shapes)}")
+    return LtiSystem(
+        _diagonal([s.a for s in systems]),
+        np.vstack([s.b for s in systems]),
+        np.hstack([s.c for s in systems]),
+        np.sum([s.d for s in systems], axis=0),
+        _common_period(systems),
+        systems[0].inputs,
+        systems[0].outputs,
+    )
+
+
+def feedback(forward: LtiSystem, back: LtiSystem, sign: int = -1) -> LtiSystem:
+    """Return the loop (I − sign G H)⁻¹ G of a system G with H in its feedback.
+
+    Parameters
+    ----------
+    forward, back : LtiSystem
+        G and H; H takes the outputs of G and gives what is added to its inputs.
+    sign : {-1, 1}
+        Negative or positive feedback.
+
+    Raises
+    ------
+    InputError
+        If the two do not fit, or the loop is not well posed.
+    """
+    p, m = forward.shape
+    if back.shape != (m, p):
+        raise InputError(f"the feedback must be {m} × {p} to fit, got {back.shape}")
+    if sign not in (-1, 1):
+        raise InputError(f"sign must be -1 or 1, got {sign}")
+    both = append(_unnamed(forward), _unnamed(back))
+    f = np.zeros((m + p, p + m))
+    f[:m, p:] = sign * np.eye(m)
+    f[m:, :p] = np.eye(p)
+    closed = fed_back(both, f)
+    return LtiSystem(
+        closed.a, closed.b[:, :m], closed.c[:p], closed.d[:p, :m], closed.dt_s,
+        forward.inputs, forward.outputs,
+    )  # fmt: skip
+
+
+def star(upper: LtiSystem, lower: LtiSystem, controls: int, measurements: int) -> LtiSystem:
+    """Return Redheffer's star product.
+
+    The last `measurements` outputs of `upper` go into the first inputs of `lower`, whose first
+    `controls` outputs go into the last inputs of `upper`. What is left are the other inputs and
+    outputs, those of `upper` first.
+
+    Raises
+    ------
+    InputError
+        If the sizes do not fit, or the loop is not well posed.
+    """
+    (p1, m1), (p2, m2) = upper.shape, lower.shape
+    if not (0 <= controls <= min(m1, p2) and 0 <= measurements <= min(p1, m2)):
+        raise InputError(
+            f"star product of {p1} × {m1} and {p2} × {m2}: {controls} controls and {measurements} "
+            "measurements do not fit"
+        )
+    both = append(_unnamed(upper), _unnamed(lower))
+    f = np.zeros((m1 + m2, p1 + p2))
+    f[m1 - controls : m1, p1 : p1 + controls] = np.eye(controls)
+    f[m1 : m1 + measurements, p1 - measurements : p1] = np.eye(measurements)
+    closed = fed_back(both, f)
+    rows = [*range(p1 - measurements), *range(p1 + controls, p1 + p2)]
+    columns = [*range(m1 - controls), *range(m1 + measurements, m1 + m2)]
+    closes = lower.shape == (controls, measurements)
+    inputs = upper.inputs[: m1 - controls] if closes else ()
+    outputs = upper.outputs[: p1 - measurements] if closes else ()
+    return LtiSystem(
+        closed.a, closed.b[:, columns], closed.c[rows], closed.d[np.ix_(rows, columns)],
+        closed.dt_s, inputs, outputs,
+    )  # fmt: skip
+
+
+def lower_lft(plant: LtiSystem, controller: LtiSystem) -> LtiSystem:
+    """Return F_l(P, K): the controller closes the last outputs and inputs of the plant."""
+    controls, measurements = controller.shape
+    return star(plant, controller, controls, measurements)
+
+
+def upper_lft(plant: LtiSystem, block: LtiSystem) -> LtiSystem:
+    """Return F_u(M, Δ): the block closes the first outputs and inputs of the plant."""
+    p, m = plant.shape
+    controls, measurements = block.shape
+    rows = [*range(measurements, p), *range(measurements)]
+    columns = [*range(controls, m), *range(controls)]
+    turned = LtiSystem(
+        plant.a, plant.b[:, columns], plant.c[rows], plant.d[np.ix_(rows, columns)], plant.dt_s,
+        tuple(plant.inputs[j] for j in columns) if plant.inputs else (),
+        tuple(plant.outputs[i] for i in rows) if plant.outputs else (),
+    )  # fmt: skip
+    return star(turned, block, controls, measurements)
+
+
+def _unnamed(system: LtiSystem) -> LtiSystem:
+    return replace(system, inputs=(), outputs=(), states=())
+
+
+def _common_period(systems: tuple[LtiSystem, ...]) -> float | None:
+    periods = {s.dt_s for s in systems if s.order or s.dt_s is not None}
+    if len(periods) > 1:
+        raise InputError(f"systems of different sampling periods do not connect: {periods}")
+    return next(iter(periods), None)
+
+
+def _diagonal(blocks: list[Array]) -> Array:
+    # block_diag keeps the columns of blocks without rows
+    return np.asarray(block_diag(*blocks), dtype=float)
+
+
+def _joined(names: list[tuple[str, ...]], counts: list[int]) -> tuple[str, ...]:
+    if any(len(one) != count for one, count in zip(names, counts, strict=True)):
+        return ()
+    found = tuple(name for one in names for name in one)
+    return found if len(set(found)) == len(found) else ()

@@ -1,0 +1,73 @@
+"""Scaling of a system's states, so that no number in it is larger than it need be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+
+__all__ = ["balanced"]
+
+_SWEEPS = 20
+_GAIN = 0.95
+
+
+def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
+    """Scale the states by powers of two.
+
+    Row and column of each state in [[A, B], [C, 0]], the diagonal left out, come to have about the
+    same norm [1]_. The transfer function keeps all its digits, since powers of two round nothing.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        Of order n.
+
+    Returns
+    -------
+    system : LtiSystem
+        The same with states x/scale.
+    scale : ndarray, shape (n,)
+        Powers of two.
+
+    References
+    ----------
+    .. [1] B. N. Parlett, C. Reinsch (1969), Balancing a matrix for calculation of eigenvalues and
+       eigenvectors, Numerische Mathematik 13, 293-304.
+    """
+    n = system.order
+    a = np.abs(system.a)
+    np.fill_diagonal(a, 0.0)
+    # squares of the norms that B and C add to rows and columns
+    b2, c2 = np.sum(system.b**2, axis=1), np.sum(system.c**2, axis=0)
+    a2, scale = a * a, np.ones(n)
+    for _ in range(_SWEEPS):
+        settled = True
+        for i in range(n):
+            row, column = float(a2[i].sum() + b2[i]), float(a2[:, i].sum() + c2[i])
+            if row == 0.0 or column == 0.0:
+                continue
+            # the power of two nearest to what makes both norms the same
+            power = 2.0 ** round(0.25 * np.log2(row / column))
+            if power == 1.0:
+                continue
+            square = power * power
+            if row / square + column * square < _GAIN * (row + column):
+                settled = False
+                scale[i] *= power
+                a2[i] /= square
+                a2[:, i] *= square
+                b2[i] /= square
+                c2[i] *= square
+        if settled:
+            break
+    return (
+        replace(
+            system, a=system.a / scale[:, None] * scale, b=system.b / scale[:, None],
+            c=system.c * scale,
+        ),
+        scale,
+    )  # fmt: skip

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from hillsphere.errors import InputError
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.frequency import largest_gains
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.systems.bilinear import discrete
+
+
+def siso(a: list[list[float]], b: list[float], c: list[float], d: float = 0.0) -> LtiSystem:
+    return LtiSystem(np.array(a), np.array([b]).T, np.array([c]), np.array([[d]]))
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 0.5])
+def test_resonance_in_closed_form(damping: float) -> None:
+    """1/(s² + 2ζs + 1) peaks at √(1 − 2ζ²) with 1/(2ζ√(1 − ζ²))."""
+    found = hinf_norm(siso([[0.0, 1.0], [-1.0, -2.0 * damping]], [0.0, 1.0], [1.0, 0.0]))
+    assert_allclose(found.value, 1.0 / (2 * damping * np.sqrt(1 - damping**2)), rtol=1e-9)
+    assert_allclose(found.frequency_rad_s, np.sqrt(1 - 2 * damping**2), rtol=1e-5)
+    assert found.value <= found.upper <= found.value * (1 + 1e-7)
+
+
+def test_peaks_at_zero_and_at_infinity() -> None:
+    lag = hinf_norm(siso([[-2.0]], [2.0], [3.0]))
+    assert_allclose(lag.value, 3.0, rtol=1e-14)
+    assert lag.frequency_rad_s == 0.0
+    lead = hinf_norm(siso([[-2.0]], [2.0], [-0.5], 1.0))  # (s + 1)/(s + 2)
+    assert_allclose(lead.value, 1.0, rtol=1e-14)
+    assert lead.frequency_rad_s == np.inf
+    assert lead.upper <= 1.0 + 1e-7
+
+
+def test_all_pass_has_its_norm_everywhere() -> None:
+    found = hinf_norm(siso([[-3.0]], [1.0], [-6.0], 1.0))  # (s − 3)/(s + 3)
+    assert_allclose(found.value, 1.0, rtol=1e-12)
+
+
+def test_constant_and_empty_systems() -> None:
+    none = np.zeros((0, 0))
+    constant = LtiSystem(none, np.zeros((0, 2)), np.zeros((2, 0)), np.diag([3.0, -4.0]))
+    assert_allclose(hinf_norm(constant).value, 4.0, rtol=1e-15)
+    silent = siso([[-1.0]], [0.0], [0.0])
+    assert hinf_norm(silent).value == 0.0
+
+
+def test_an_unstable_system_has_no_finite_norm() -> None:
+    assert hinf_norm(siso([[1.0]], [1.0], [1.0])).value == np.inf
+    with pytest.raises(InputError, match="tolerance"):
+        hinf_norm(siso([[-1.0]], [1.0], [1.0]), tolerance=0.0)
+
+
+def random_system(seed: int, order: int, decades: float) -> LtiSystem:
+    """Stable modes whose frequencies spread over so many decades, mixed by a triangular map."""
+    random = np.random.default_rng(seed)
+    a = np.zeros((2 * order, 2 * order))
+    for k in range(order):
+        frequency = 10.0 ** random.uniform(-0.5 * decades, 0.5 * decades)
+        damping = 10.0 ** random.uniform(-4, 0)
+        block = [[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]]
+        a[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
+    mix = np.triu(0.3 * random.normal(size=a.shape), 1) + np.eye(len(a))
+    b, c = random.normal(size=(len(a), 2)), random.normal(size=(3, len(a)))
+    d = random.normal(size=(3, 2)) * random.integers(0, 2)
+    return LtiSystem(mix @ a @ np.linalg.inv(mix), mix @ b, c @ np.linalg.inv(mix), d)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6), st.integers(1, 8), st.sampled_from([2.0, 9.0]))
+def test_never_below_what_the_response_reaches(seed: int, order: int, decades: float) -> None:
+    """Poles from 1e-5 to 3e4 rad/s among them."""
+    system = random_system(seed, order, decades)
+    if not system.is_stable:  # rounding may move a slow pole of a badly scaled system
+        return
+    found = hinf_norm(system)
+    poles = np.abs(system.poles)
+    ends = np.log10(poles.min()) - 2.0, np.log10(poles.max()) + 2.0
+    omega = np.concatenate([[0.0], poles, np.abs(system.poles.imag), np.logspace(*ends, 20_000)])
+    sampled = largest_gains(system.response(omega)).max()
+    assert found.value >= sampled * (1.0 - 1e-9)
+    at_peak = largest_gains(system.response(np.array([found.frequency_rad_s])))[0]
+    assert_allclose(found.value, at_peak, rtol=1e-12)
+
+
+def test_discrete_time_through_the_bilinear_map() -> None:
+    system = random_system(3, 3, 2.0)
+    image = discrete(system, 0.05)
+    found, expected = hinf_norm(image), hinf_norm(system)
+    assert_allclose(found.value, expected.value, rtol=1e-9)
+    at_peak = largest_gains(image.response(np.array([found.frequency_rad_s])))[0]
+    assert_allclose(at_peak, found.value, rtol=1e-8)
+
+
+def test_against_slicot() -> None:
+    """AB13DD (P. Benner, V. Sima, M. Voigt) on well-scaled systems of order 1 to 60."""
+    slycot = pytest.importorskip("slycot", reason="the extra 'slicot' is not installed")
+    random = np.random.default_rng(0)
+    for _ in range(60):
+        n, m, p = (int(k) for k in random.integers([1, 1, 1], [61, 5, 5]))
+        a = random.normal(size=(n, n))
+        a -= (np.linalg.eigvals(a).real.max() + random.uniform(0.01, 1.0)) * np.eye(n)
+        b, c = random.normal(size=(n, m)), random.normal(size=(p, n))
+        d = random.normal(size=(p, m)) * random.integers(0, 2)
+        oracle = slycot.ab13dd("C", "I", "S", "D", n, m, p, a, np.eye(n), b, c, d, tol=1e-11)[0]
+        assert_allclose(hinf_norm(LtiSystem(a, b, c, d)).value, oracle, rtol=1e-8)
