@@ -1,0 +1,19 @@
+"""What can go wrong in synthesis and analysis, by name."""
+
+from __future__ import annotations
+
+from hillsphere.errors import HillsphereError
+
+__all__ = ["NotStabilisableError", "SingularProblemError", "SynthesisFailedError"]
+
+
+class NotStabilisableError(HillsphereError):
+    """No controller of this kind can make the closed loop stable."""
+
+
+class SingularProblemError(HillsphereError):
+    """The problem violates an assumption of the method, such as a weight on every control."""
+
+
+class SynthesisFailedError(HillsphereError):
+    """The method did not find a controller, or what it found did not pass its own check."""

@@ -1,0 +1,1 @@
+"""Controllers of full order: H∞ and H2 by Riccati equations."""

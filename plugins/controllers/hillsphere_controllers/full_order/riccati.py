@@ -1,0 +1,83 @@
+r"""Stabilising solutions of Riccati equations with an indefinite quadratic term.
+
+.. math::
+
+    A^\mathsf{T} X + X A + X S X + Q = 0, \qquad A + S X \text{ stable},
+
+from the stable invariant subspace [X₁; X₂] of the Hamiltonian matrix
+:math:`\begin{bmatrix} A & S \\ -Q & -A^\mathsf{T} \end{bmatrix}`, X = X₂ X₁⁻¹ [1]_.
+
+References
+----------
+.. [1] A. J. Laub (1979), A Schur method for solving algebraic Riccati equations, IEEE Transactions
+   on Automatic Control 24(6), 913-921.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import schur, solve_continuous_lyapunov
+
+from hillsphere.interfaces import Array
+
+__all__ = ["stabilising_solution"]
+
+_ON_AXIS = 1e-11
+_RESIDUAL = 1e-6
+_SINGULAR = 1e-13
+
+
+def stabilising_solution(a: Array, s: Array, q: Array) -> Array | None:
+    """Return the stabilising solution X (n, n), symmetric, or None if there is none.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n, n)
+        A.
+    s, q : ndarray, shape (n, n)
+        S and Q, symmetric, of any sign.
+
+    Returns
+    -------
+    ndarray or None
+        Refined by one step of Newton's method; None where the Hamiltonian matrix has imaginary
+        eigenvalues, X₁ is singular, or the equation is not met.
+    """
+    n = len(a)
+    if n == 0:
+        return np.zeros((0, 0))
+    # x → t x brings S and Q to the same size: the subspace is then well conditioned
+    size_s, size_q = np.abs(s).max(), np.abs(q).max()
+    t = float(np.sqrt(size_q / size_s)) if size_s > 0.0 and size_q > 0.0 else 1.0
+    hamiltonian = np.block([[a, t * s], [-q / t, -a.T]])
+    try:
+        found, vectors, stable = schur(hamiltonian, sort="lhp")
+    except np.linalg.LinAlgError:  # eigenvalues too near the axis to be put in order
+        return None
+    values = np.linalg.eigvals(found)
+    if stable != n or np.abs(values.real).min() <= _ON_AXIS * np.abs(values).max():
+        return None
+    upper, lower = vectors[:n, :n], vectors[n:, :n]
+    if np.linalg.svd(upper, compute_uv=False)[-1] <= _SINGULAR:
+        return None
+    x = t * np.linalg.solve(upper.T, lower.T).T
+    x = _refined(a, s, q, 0.5 * (x + x.T))
+    rest = _residual(a, s, q, x)
+    size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
+    if np.abs(rest).max() > _RESIDUAL * size or np.linalg.eigvals(a + s @ x).real.max() >= 0.0:
+        return None
+    return x
+
+
+def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:
+    """Return X after one step of Newton's method, if that is nearer."""
+    closed, rest = a + s @ x, _residual(a, s, q, x)
+    step = solve_continuous_lyapunov(closed.T, -rest)
+    better = x + 0.5 * (step + step.T)
+    if np.abs(_residual(a, s, q, better)).max() < np.abs(rest).max():
+        return np.asarray(better)
+    return x
+
+
+def _residual(a: Array, s: Array, q: Array, x: Array) -> Array:
+    return a.T @ x + x @ a + x @ s @ x + q
