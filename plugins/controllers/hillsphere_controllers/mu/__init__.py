@@ -1,0 +1,1 @@
+"""The structured singular value µ: bounds, certified over frequency, worst cases, sensitivities."""

@@ -1,0 +1,148 @@
+"""Structure of an uncertainty: repeated real and complex scalars, full complex blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers
+
+__all__ = ["Block", "BlockStructure", "full", "repeated_complex", "repeated_real"]
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of Δ = diag(Δ₁, Δ₂ …).
+
+    Parameters
+    ----------
+    kind : {"real", "complex", "full"}
+        δ I with δ real, δ I with δ complex, or any complex matrix.
+    rows, columns : int
+        Its size; rows enter M, columns come from it. A repeated scalar is square.
+    name : str
+        Of the uncertainty.
+
+    Raises
+    ------
+    InputError
+        If a size is not positive, or a repeated scalar not square.
+    """
+
+    kind: Literal["real", "complex", "full"]
+    rows: int
+    columns: int
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if self.rows < 1 or self.columns < 1:
+            raise InputError(f"a block needs at least one row and column, got {self}")
+        if self.kind != "full" and self.rows != self.columns:
+            raise InputError(f"a repeated scalar is square, got {self.rows} × {self.columns}")
+
+
+def repeated_real(times: int = 1, name: str = "") -> Block:
+    """Return δ I with a real δ, so many times."""
+    return Block("real", times, times, name)
+
+
+def repeated_complex(times: int = 1, name: str = "") -> Block:
+    """Return δ I with a complex δ, so many times."""
+    return Block("complex", times, times, name)
+
+
+def full(rows: int, columns: int | None = None, name: str = "") -> Block:
+    """Return a full complex block, square if no columns are given."""
+    return Block("full", rows, rows if columns is None else columns, name)
+
+
+class BlockStructure:
+    """Blocks one after the other along the diagonal of Δ.
+
+    Bounds of µ work on a matrix whose blocks are all square: rows and columns of zeros, which
+    change no µ, fill up those that are not (`squared`). A one by one full block is a complex scalar.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        At least one.
+
+    Attributes
+    ----------
+    blocks : tuple of Block
+        As given.
+    shape : tuple of int
+        Of the matrix M that Δ closes: all columns of Δ by all its rows.
+    sizes : ndarray of int, shape (k,)
+        Of the squared blocks.
+    starts : ndarray of int, shape (k,)
+        First index of each squared block.
+    size : int
+        Of the squared matrix.
+    """
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        if not blocks:
+            raise InputError("a block structure needs at least one block")
+        self.blocks = tuple(blocks)
+        self.shape = (sum(b.columns for b in blocks), sum(b.rows for b in blocks))
+        self.sizes: Integers = np.array([max(b.rows, b.columns) for b in blocks])
+        self.starts: Integers = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(np.int64)
+        self.size = int(self.sizes.sum())
+        self._rows = self._places([b.columns for b in self.blocks])
+        self._columns = self._places([b.rows for b in self.blocks])
+
+    def _places(self, counts: list[int]) -> Integers:
+        return np.concatenate(
+            [start + np.arange(count) for start, count in zip(self.starts, counts, strict=True)]
+        )
+
+    def spans(self) -> list[slice]:
+        """Return the place of each squared block."""
+        return [slice(int(a), int(a + b)) for a, b in zip(self.starts, self.sizes, strict=True)]
+
+    def squared(self, matrix: Complex) -> Complex:
+        """Return a matrix (..., p, m) with zeros where a block lacks rows or columns.
+
+        Raises
+        ------
+        InputError
+            If the matrix does not fit the blocks.
+        """
+        given = np.asarray(matrix)
+        if given.shape[-2:] != self.shape:
+            raise InputError(
+                f"these blocks close a matrix of {self.shape[0]} × {self.shape[1]}, got "
+                f"{given.shape[-2]} × {given.shape[-1]}"
+            )
+        made = np.zeros((*given.shape[:-2], self.size, self.size), dtype=complex)
+        made[..., self._rows[:, None], self._columns] = given
+        return made
+
+    def unsquared(self, delta: Complex) -> Complex:
+        """Return the part of a squared Δ (size, size) that is there, all rows by all columns."""
+        return np.asarray(delta[self._columns[:, None], self._rows])
+
+    def scalar(self, block: int) -> bool:
+        """Say whether a block is δ I, or one by one."""
+        return self.blocks[block].kind != "full" or int(self.sizes[block]) == 1
+
+    def real(self) -> NDArray[np.bool_]:
+        """Say which indices of the squared matrix belong to real blocks, (size,)."""
+        kinds = np.array([b.kind == "real" for b in self.blocks])
+        return np.repeat(kinds, self.sizes)
+
+    def perturbation(self, values: Sequence[complex | Array | Complex]) -> Complex:
+        """Return the squared Δ of scalars and matrices, one per block."""
+        delta = np.zeros((self.size, self.size), dtype=complex)
+        for span, block, value in zip(self.spans(), self.blocks, values, strict=True):
+            size = span.stop - span.start
+            delta[span, span] = value * np.eye(size) if block.kind != "full" else value
+        return delta
