@@ -38,8 +38,8 @@ def _keep_compiled_code(directory: Path) -> None:
 
 
 # A call on four lanes or more would share them among threads of heyoka's own, which wait busily for
-# work too small to share. The parallelism here is that of whole pieces of work, in threads
-# (`hillsphere.threads`) or processes of the caller's.
+# work too small to share. The parallelism here is that of whole pieces of work, in processes
+# (`hillsphere.workers`) or threads of the caller's.
 heyoka.set_nthreads(1)
 
 # heyoka's logger writes to stdout, which belongs to the results; its errors are raised anyway.

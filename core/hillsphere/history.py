@@ -17,10 +17,15 @@ if TYPE_CHECKING:
 
     from hillsphere.campaign.cases import Histories
 
-__all__ = ["history_csv", "history_figure"]
+__all__ = ["history_csv", "history_figure", "time_unit"]
 
 _COLUMNS = 3
 _TIMES = (("d", 86400.0), ("h", 3600.0), ("min", 60.0))
+
+
+def time_unit(span_s: float) -> tuple[str, float]:
+    """Return the unit in which a figure over such a time is read best, and its size in s."""
+    return next(((u, s) for u, s in _TIMES if span_s >= 3 * s), ("s", 1.0))
 
 
 def history_csv(histories: Histories) -> str:
@@ -58,7 +63,7 @@ def history_figure(title: str, histories: Histories) -> Figure:
     """
     time_s = histories.time_s[:, 0]
     span = float(np.ptp(time_s)) if len(time_s) else 0.0
-    unit_of_time, scale = next(((u, s) for u, s in _TIMES if span >= 3 * s), ("s", 1.0))
+    unit_of_time, scale = time_unit(span)
     panels: dict[tuple[str, str], dict[str, Array]] = {}
     for name, unit, values in zip(
         histories.names, histories.units, histories.values[:, :, 0], strict=True

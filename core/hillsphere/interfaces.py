@@ -429,6 +429,31 @@ class Sensor(Protocol):
         ...
 
 
+@runtime_checkable
+class StationSensor(Sensor, Protocol):
+    """A `Sensor` at a ground station that measures azimuth and elevation, in this order.
+
+    From the scene it takes ``"earth_fixed"``, shape (3, 3, N): what turns positions of the states'
+    frame to Earth-fixed ones (`hillsphere.earth.rotation.earth_fixed`).
+    """
+
+    @property
+    def station(self) -> Station:
+        """Where it truly stands."""
+        ...
+
+    def believed_stations(self, constant: Array) -> tuple[Station, ...]:
+        """Return where trackers are told that it stands, for each of N cases.
+
+        constant (k, N) are the normal numbers behind the constant errors, as for `measure`.
+        """
+        ...
+
+    def bias(self, x: Array, t_s: Array, scene: Scene, constant: Array) -> Array:
+        """Return the systematic errors, measured minus true, rad, (2, N)."""
+        ...
+
+
 class Context(Protocol):
     """What the pipeline gives a running stage."""
 
@@ -452,7 +477,7 @@ class Context(Protocol):
 
     @property
     def executor(self) -> Executor:
-        """Where the tasks of campaigns are done."""
+        """Where campaigns, and stages by `hillsphere.workers`, do what they divide."""
         ...
 
     def workspace(self) -> Path:
@@ -570,6 +595,11 @@ class Tracker(Protocol[State]):
     seconds after the epoch given to `initial`; angles are radians, azimuth from north over east.
     """
 
+    @property
+    def short_period(self) -> bool:
+        """Whether its elements are mean ones to which it adds the short-period terms of J2."""
+        ...
+
     def initial(
         self,
         elements: Array,
@@ -595,11 +625,14 @@ class Tracker(Protocol[State]):
         """
         ...
 
-    def predict(self, state: State, times_s: Array) -> tuple[Array, Array, Array]:
+    def predict(
+        self, state: State, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array, Array]:
         """Return what the antenna will show at times (K,) or (K, N), and how surely.
 
-        Azimuth in [0, 2π) and elevation, (K, N), contain the biases that the state knows of.
-        The covariance (2, 2, K, N), rad², is that on the sky, finite at the zenith: of
+        Azimuth in [0, 2π) and elevation, (K, N), contain the angle biases that the state knows of;
+        without `biased` they are taken off, and it is where the satellite is. The covariance
+        (2, 2, K, N), rad², is that of the answer on the sky, finite at the zenith: of
         cross-elevation (azimuth times cos h) and elevation.
         """
         ...

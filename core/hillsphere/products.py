@@ -156,6 +156,35 @@ class Bifurcations:
 
 
 @dataclass(frozen=True)
+class Bands:
+    """Quantiles over the cases of a campaign at each sample of their histories.
+
+    Over the cases that came to their end (as for metrics), with the values that they have there: a
+    case that ended sooner than others leaves the bands at its end.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Of the q quantities.
+    levels : tuple of float
+        Of the l quantiles, ascending.
+    time_s : ndarray, shape (K,)
+        Times after the first sample of each case.
+    values : ndarray, shape (l, q, K)
+        The quantiles; NaN where no case has a value.
+    count : ndarray of int, shape (q, K)
+        Cases that have a finite value there.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    levels: tuple[float, ...]
+    time_s: Array
+    values: Array
+    count: Integers
+
+
+@dataclass(frozen=True)
 class CaseTable:
     """What came of a campaign, one row per case, stored by columns.
 
@@ -200,6 +229,8 @@ class CaseTable:
         Their values at the P points; of what is no number its place in the list.
     point_labels : tuple of str
         One name per point.
+    bands : Bands or None
+        Quantiles over time, if they were asked for and any case has a history.
     """
 
     stage: str
@@ -224,6 +255,7 @@ class CaseTable:
     swept_units: tuple[str, ...] = ()
     points: Array | None = None
     point_labels: tuple[str, ...] = ()
+    bands: Bands | None = None
 
     @property
     def reproducible(self) -> bool:

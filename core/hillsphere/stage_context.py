@@ -39,7 +39,7 @@ class StageContext:
     fingerprint : str
         Key of the stage.
     executor : Executor
-        Where the tasks of campaigns are done.
+        Where campaigns and other stages do what they divide.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class StageContext:
 
     @property
     def executor(self) -> Executor:
-        """Where the tasks of campaigns are done."""
+        """Where campaigns, and stages by `hillsphere.workers`, do what they divide."""
         return self._executor
 
     def workspace(self) -> Path:

@@ -18,6 +18,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         "deg_h": 4.84813681109536e-06,
         "deg_d": 2.0200570046230665e-07,
     },
+    "angular_acceleration": {"rad_s2": 1.0, "deg_s2": 0.017453292519943295},
     "gravitational_parameter": {"m3_s2": 1.0, "km3_s2": 1e9},
     "density": {"kg_m3": 1.0, "g_cm3": 1e3},
     "mass": {"kg": 1.0, "t": 1e3},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from hillsphere.atomic import PART_SUFFIX
 from hillsphere.campaign.block_outcome import BlockOutcome, divided, joined
+from hillsphere.campaign.cases import Histories
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.product_codec import load_product, save_product
@@ -69,7 +70,7 @@ class Checkpoints:
         self._kept = 0
 
     def load(self) -> dict[int, BlockOutcome]:
-        """Return what was kept, by number of the block.
+        """Return what was kept, by number of the block, but for `histories`.
 
         What a crash left half written is removed. A file that is damaged, or belongs to another
         campaign, is set aside under another name, with a note: its blocks are to be computed again.
@@ -109,7 +110,7 @@ class Checkpoints:
         first : int
             Number of the first.
         outcomes : sequence of BlockOutcome
-            What came of them; histories are not kept.
+            What came of them.
 
         Raises
         ------
@@ -134,11 +135,36 @@ class Checkpoints:
             ) from error
         self._kept += len(outcomes)
 
+    def histories(self) -> Iterator[tuple[Integers, Histories]]:
+        """Yield the histories that were kept: numbers of cases (n,), and what they were like.
+
+        One file is in memory at a time. Files may overlap.
+
+        Raises
+        ------
+        StageError
+            If a file that was written or read before cannot be read.
+        """
+        for path in sorted(self.directory.glob("blocks-*.npz")):
+            try:
+                cases = self._checkpoint(path).cases
+            except InputError as error:
+                raise StageError(
+                    f"{error}; it was whole before: resume the run, which computes what it held "
+                    "once more"
+                ) from error
+            if cases.histories is not None:
+                yield cases.numbers, cases.histories
+
     def _read(self, path: Path) -> dict[int, BlockOutcome]:
+        checkpoint = self._checkpoint(path)
+        parts = divided(checkpoint.cases, checkpoint.counts.tolist(), checkpoint.seconds.tolist())
+        return dict(enumerate(parts, checkpoint.first))
+
+    def _checkpoint(self, path: Path) -> Checkpoint:
         checkpoint = load_product(path)
         if not isinstance(checkpoint, Checkpoint):
             raise InputError(f"{path.name}: holds a {type(checkpoint).__name__}")
         if checkpoint.fingerprint != self.fingerprint:
             raise InputError(f"{path.name}: belongs to a campaign of other inputs")
-        parts = divided(checkpoint.cases, checkpoint.counts.tolist(), checkpoint.seconds.tolist())
-        return dict(enumerate(parts, checkpoint.first))
+        return checkpoint

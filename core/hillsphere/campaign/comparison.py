@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtri
 from scipy.stats import binomtest, wilcoxon
 
-from hillsphere.campaign.comparison_presentation import present_comparison
+from hillsphere.campaign.comparison_presentation import chosen, present_comparison
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
 from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
 from hillsphere.campaign.statistics import LEVEL, ended, mean_interval, ratio_interval
@@ -58,16 +58,18 @@ class CampaignComparisonStage:
         Raises
         ------
         InputError
-            If they did not see the same draws.
+            If they did not see the same draws, or have no metric that `show` names.
         """
         names = tuple(ref.name for ref in self.spec.needs.campaigns)
-        return compare(campaigns, names, self.spec.confidence)
+        found = compare(campaigns, names, self.spec.confidence)
+        chosen(found.metrics, self.spec.show)
+        return found
 
     def present(
         self, product: CampaignComparison, campaigns: tuple[CaseTable, ...] = ()
     ) -> Presentation:
         """Show the differences."""
-        return present_comparison(product)
+        return present_comparison(product, self.spec.show)
 
 
 def compare(

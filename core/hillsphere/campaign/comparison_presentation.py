@@ -9,13 +9,14 @@ import numpy as np
 
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
 from hillsphere.campaign.figures import grid_of, grid_size, labelled
-from hillsphere.campaign.tables import MOST_ROWS, number
+from hillsphere.campaign.tables import MOST_ROWS, first_rows, number
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.uncertainty.matching import matched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-__all__ = ["present_comparison"]
+__all__ = ["chosen", "present_comparison"]
 
 _PANELS = 6
 _SENTENCES = 6
@@ -54,19 +55,27 @@ _METRICS = (
 )
 
 
-def present_comparison(product: CampaignComparison) -> Presentation:
+def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) -> Presentation:
     """Show how campaigns differ from the first one.
 
     Parameters
     ----------
     product : CampaignComparison
         What is shown.
+    show : sequence of str
+        Names or patterns of the metrics that are shown; none for all.
 
     Returns
     -------
     Presentation
         Tables ``comparison_failures`` and ``comparison_metrics``, figures of the same names.
+
+    Raises
+    ------
+    InputError
+        If a pattern finds no metric, though there are some.
     """
+    metrics = chosen(product.metrics, show)
     level = f"{100 * product.level:g} %"
     note = (
         f"Differences are those of a campaign less {product.baseline!r}, on the same draws; ends "
@@ -82,14 +91,15 @@ def present_comparison(product: CampaignComparison) -> Presentation:
         "comparison_metrics": Table(
             f"Metrics compared with {product.baseline}",
             _METRICS,
-            [_metric_row(one) for one in product.metrics[:MOST_ROWS]],
+            [_metric_row(one) for one in metrics[:MOST_ROWS]],
             [
                 note,
-                "Over pairs that both came to their end; each number in the unit of its row.",
+                "Over pairs that both came to their end; each number in the unit of its row."
+                + first_rows(len(metrics), "rows"),
             ],
         ),
     }
-    shown = [one for one in product.metrics if one.pairs > 1 and np.ptp(one.differences) > 0.0]
+    shown = [one for one in metrics if one.pairs > 1 and np.ptp(one.differences) > 0.0]
     some, rows = shown[:_PANELS], min(len(product.campaign), _BARS)
     left = f" The first {_PANELS} of {len(shown)}." if len(shown) > _PANELS else ""
     figures = {
@@ -114,8 +124,17 @@ def present_comparison(product: CampaignComparison) -> Presentation:
         metrics={"comparison_pairs": Metric(int(product.pairs.sum()))},
         tables=tables,
         figures=figures,
-        verdict=_verdict(product),
+        verdict=_verdict(product, metrics),
     )
+
+
+def chosen(metrics: Sequence[PairedMetrics], show: Sequence[str]) -> Sequence[PairedMetrics]:
+    """Return the metrics that are shown, see `present_comparison`."""
+    if not show or not metrics:
+        return metrics
+    names = matched(show, list(dict.fromkeys(one.metric for one in metrics)), "show: what is "
+                    "compared", "metric")  # fmt: skip
+    return [one for one in metrics if one.metric in names]
 
 
 def _failure_rows(product: CampaignComparison) -> list[dict[str, Cell]]:
@@ -160,7 +179,7 @@ def _metric_row(one: PairedMetrics) -> dict[str, Cell]:
     }
 
 
-def _verdict(product: CampaignComparison) -> list[str]:
+def _verdict(product: CampaignComparison, metrics: Sequence[PairedMetrics]) -> list[str]:
     sentences: list[str] = []
     failures = _failure_rows(product)[:_SENTENCES]
     ends = 100.0 * np.array([product.difference, *product.difference_interval]).T
@@ -173,7 +192,7 @@ def _verdict(product: CampaignComparison) -> list[str]:
             f"p = {row['p']:.2g}, exact)."
         )
     room = _SENTENCES if len(product.campaign) == 1 else 0
-    for one in product.metrics[:room]:
+    for one in metrics[:room]:
         if one.pairs > 1 and not one.less and not one.more:
             sentences.append(f"{one.metric}: the same in all {one.pairs} pairs.")
         elif one.pairs > 1:

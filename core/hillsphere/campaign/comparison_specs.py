@@ -29,3 +29,8 @@ class CampaignComparisonSpec(StageSpec):
 
     needs: CampaignsNeeds = option("products of earlier stages")
     confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
+    show: tuple[str, ...] = option(
+        "metrics that tables and figures show, by name or pattern ('*' is any characters); left "
+        "out: all; what is stored has all metrics in any case",
+        default=(),
+    )

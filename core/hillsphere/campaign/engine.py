@@ -25,6 +25,9 @@ GROUP_S = 1.0
 MOST_BLOCKS = 64
 """Blocks of a task at most."""
 
+MOST_BYTES = 1 << 26
+"""Size of a task's histories at most; a single block may have more."""
+
 READY_LIMITS = 10.0
 """Limits of a block that preparing the stage may take: it compiles, once for many blocks …"""
 
@@ -70,6 +73,7 @@ def run_campaign(
     stop: StopRule | None = None,
     advance: Callable[[int], None] | None = None,
     on_failures: Callable[[int], None] | None = None,
+    on_metrics: Callable[[Sequence[str]], None] | None = None,
 ) -> tuple[list[BlockOutcome], str]:
     """Compute the blocks of a plan.
 
@@ -96,12 +100,17 @@ def run_campaign(
         Told the number of cases done, now and then with 0; what it raises ends the campaign.
     on_failures : callable, optional
         Told how many cases have failed, whenever that changes.
+    on_metrics : callable, optional
+        Told the names of the metrics, once, as soon as a block has any; what it raises ends the
+        campaign.
 
     Returns
     -------
     outcomes : list of BlockOutcome
         One per block, from the first, in their order, all with the same metrics. Executor,
-        grouping and interruptions change no bit of them but `BlockOutcome.seconds`.
+        grouping and interruptions change no bit of them but `BlockOutcome.seconds`. With
+        checkpoints their histories are left there (`Checkpoints.histories`), as they would fill
+        the memory.
     stopped : str
         Why `stop` ended it; ``""`` if all blocks were computed.
 
@@ -112,6 +121,7 @@ def run_campaign(
     """
     campaign = _Campaign(plan, checkpoints, limit_s, tries, group_blocks, stop)
     campaign.tell, campaign.tell_failures = advance, on_failures
+    campaign.tell_metrics = on_metrics
     campaign.resume()
     if not campaign.over:
         with executor.crew(work) as crew:
@@ -145,6 +155,7 @@ class _Campaign:
     stop: StopRule | None
     tell: Callable[[int], None] | None = None
     tell_failures: Callable[[int], None] | None = None
+    tell_metrics: Callable[[Sequence[str]], None] | None = None
     stopped: str = ""
     _done: dict[int, BlockOutcome] = field(default_factory=dict)
     _prefix: list[BlockOutcome] = field(default_factory=list)
@@ -153,6 +164,7 @@ class _Campaign:
     _under_way: dict[int, _Piece] = field(default_factory=dict)
     _known: BlockOutcome | None = None
     _seconds: deque[float] = field(default_factory=lambda: deque(maxlen=32))
+    _block_bytes: int = 1
     _tasks: int = 0
     _failures: int = 0
     _left: int = 0
@@ -184,6 +196,7 @@ class _Campaign:
             for first, outcomes in finished:
                 if self.checkpoints:
                     self.checkpoints.save(first, outcomes)
+                    outcomes = [replace(one, histories=None) for one in outcomes]
                 for number, one in enumerate(outcomes, first):
                     self._book(number, one)
             self._go_on()
@@ -243,6 +256,7 @@ class _Campaign:
         if not self._seconds:
             return 1
         worth = GROUP_S / max(median(self._seconds), GROUP_S / MOST_BLOCKS)
+        worth = min(worth, MOST_BYTES / self._block_bytes)
         # Towards the end smaller ones, so that no worker is left alone with a large one.
         return max(1, min(int(worth), self._left // (2 * slots)))
 
@@ -252,6 +266,9 @@ class _Campaign:
         match outcome:
             case Finished():
                 self._seconds.extend(o.seconds for o in outcome.value)
+                for one in outcome.value:
+                    if one.histories is not None:
+                        self._block_bytes = max(self._block_bytes, one.histories.values.nbytes)
                 if not piece.part_of:
                     return [(piece.first, outcome.value)]
                 return self._with_part(piece, piece.part_of, outcome.value[0])
@@ -300,6 +317,8 @@ class _Campaign:
         """Take a finished block into the list."""
         if self._known is None:
             self._known = outcome if outcome.metrics else None
+            if self._known and self.tell_metrics:
+                self.tell_metrics(outcome.metrics)
         else:
             named_alike([self._known, outcome])
         self._done[number] = outcome

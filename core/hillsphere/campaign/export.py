@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.atomic import replacing
+from hillsphere.campaign.tables import percentile
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.products import CaseTable
+from hillsphere.products import Bands, CaseTable
 
-__all__ = ["export_csv", "export_netcdf"]
+__all__ = ["export_bands_csv", "export_csv", "export_netcdf"]
 
 _ROWS = 4096
 """Rows that are made into text at a time."""
@@ -54,6 +55,41 @@ def export_csv(table: CaseTable, path: str | Path) -> None:
         writer.writerow(_header(table))
         for begin in range(0, table.case.size, _ROWS):
             writer.writerows(_rows(table, slice(begin, begin + _ROWS), said))
+        # Not closed: `replacing` syncs and renames the file.
+        text.detach()
+
+
+def export_bands_csv(bands: Bands, path: str | Path) -> None:
+    """Write the quantiles over time of a campaign as CSV (RFC 4180, UTF-8), one row per sample.
+
+    Parameters
+    ----------
+    bands : Bands
+        The quantiles.
+    path : str or Path
+        Where; the file appears complete or not at all.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+
+    Notes
+    -----
+    Columns ``time [s]`` (after the first sample of each case), and for each quantity its quantiles
+    (``"x p5 [m]"``, ``"x p50 [m]"``) and ``"x cases"``, of how many cases they are. Numbers have
+    every digit; where there is none stands ``nan``.
+    """
+    header, columns = ["time [s]"], [bands.time_s.tolist()]
+    for i, (name, unit) in enumerate(zip(bands.names, bands.units, strict=True)):
+        end = f" [{unit}]" if unit not in ("", "-") else ""
+        header += [f"{name} {percentile(q)}{end}" for q in bands.levels] + [f"{name} cases"]
+        columns += [*bands.values[:, i].tolist(), bands.count[i].tolist()]
+    with replacing(Path(path)) as stream:
+        text = TextIOWrapper(stream, "utf-8", errors="backslashreplace", newline="")
+        writer = csv.writer(text)
+        writer.writerow(header)
+        writer.writerows(zip(*columns, strict=True))
         # Not closed: `replacing` syncs and renames the file.
         text.detach()
 
@@ -121,6 +157,9 @@ def export_netcdf(table: CaseTable, path: str | Path) -> None:
     and unit as they are. Doubles are written bit by bit, NaN where a case has no value. Texts
     (``status``, ``cause``, ``message`` with ``message_case``, ``point_label``) are characters,
     UTF-8, one row each. The format has no 64-bit integers: numbers are of 32 bits.
+
+    Quantiles over time have dimensions ``level`` and ``time``, with variables of these names, and
+    for each quantity ``band_NAME`` and ``band_NAME_cases``, of how many cases they are.
     """
     from scipy.io import netcdf_file
 
@@ -163,6 +202,26 @@ class _Writer:
         if table.points is not None and table.points.size:
             self._texts("point_label", table.point_labels, "name of the point", "point")
             self._doubles("swept", table.swept, table.swept_units, table.points, "point")
+        if table.bands is not None:
+            self._bands(table.bands)
+
+    def _bands(self, bands: Bands) -> None:
+        self.file.createDimension("level", len(bands.levels))
+        self.file.createDimension("time", bands.time_s.size)
+        for name, values, unit, about in (
+            ("level", np.array(bands.levels), "1", "levels of the quantiles"),
+            ("time", bands.time_s, "s", "time after the first sample of each case"),
+        ):
+            variable = self.file.createVariable(name, "d", (name,))
+            variable[:] = values
+            self._attributes(variable, long_name=about, units=unit)
+        for i, (name, unit) in enumerate(zip(bands.names, bands.units, strict=True)):
+            plain = self._plain("band", name)
+            variable = self.file.createVariable(plain, "d", ("level", "time"))
+            variable[:] = bands.values[:, i]
+            self._attributes(variable, long_name=name, units="1" if unit == "-" else unit)
+            about = f"cases with a value of {name}"
+            self._integers(self._plain(plain, "cases"), bands.count[i], "time", about)
 
     def _cases(self, table: CaseTable) -> None:
         self._integers("case", table.case, "case", "number of the case")
@@ -192,17 +251,21 @@ class _Writer:
         variable[:] = values
         self._attributes(variable, long_name=about)
 
+    def _plain(self, kind: str, name: str) -> str:
+        """Return a new name of letters, digits and underscores."""
+        stem = f"{kind}_" + re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+        plain, count = stem, 1
+        while plain in self.used:
+            count += 1
+            plain = f"{stem}_{count}"
+        self.used.add(plain)
+        return plain
+
     def _doubles(
         self, kind: str, names: Sequence[str], units: Sequence[str], values: Array, over: str
     ) -> None:
         for name, unit, row in zip(names, units, values, strict=True):
-            stem = f"{kind}_" + re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
-            plain, count = stem, 1
-            while plain in self.used:
-                count += 1
-                plain = f"{stem}_{count}"
-            self.used.add(plain)
-            variable = self.file.createVariable(plain, "d", (over,))
+            variable = self.file.createVariable(self._plain(kind, name), "d", (over,))
             variable[:] = row
             self._attributes(variable, long_name=name, units="1" if unit == "-" else unit)
 

@@ -31,6 +31,8 @@ __all__ = [
     "grid_of",
     "grid_size",
     "labelled",
+    "legend_below",
+    "remark",
 ]
 
 _MOST_DOTS = 2000
@@ -82,7 +84,8 @@ def _within(values: Array) -> tuple[Array, str]:
     return kept, f"{away} farther out" if away else ""
 
 
-def _told(axes: Axes, text: str) -> None:
+def remark(axes: Axes, text: str) -> None:
+    """Write a short text into the upper right corner of a panel."""
     if text:
         axes.text(
             0.98, 0.96, text, transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
@@ -109,8 +112,8 @@ def draw_histograms(figure: Figure, shown: Sequence[Shown]) -> None:
                          label="quantiles" if i == 0 else None)  # fmt: skip
         axes.set_xlabel(one.label)
         axes.set_ylabel("cases")
-        _told(axes, away)
-    _legend(figure)
+        remark(axes, away)
+    legend_below(figure)
 
 
 def draw_cumulative(figure: Figure, shown: Sequence[Shown], level: float) -> None:
@@ -139,8 +142,8 @@ def draw_cumulative(figure: Figure, shown: Sequence[Shown], level: float) -> Non
         axes.set_ylim(-0.02, 1.02)
         axes.set_xlabel(one.label)
         axes.set_ylabel("share of cases below")
-        _told(axes, away)
-    _legend(figure)
+        remark(axes, away)
+    legend_below(figure)
 
 
 def draw_convergence(
@@ -163,7 +166,7 @@ def draw_convergence(
             axes.set_ylim(ends.min() - margin, ends.max() + margin)
         axes.set_xlabel("cases")
         axes.set_ylabel(label)
-    _legend(figure)
+    legend_below(figure)
 
 
 def draw_scatter(
@@ -241,10 +244,10 @@ def draw_sobol(figure: Figure, found: SobolIndices, metrics: Sequence[int], most
         axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
         axes.grid(axis="y", visible=False)
         axes.set_xlabel(f"share of the variance of {labelled(found.metrics[j], '')}", fontsize=8)
-    _legend(figure)
+    legend_below(figure)
 
 
-def _legend(figure: Figure) -> None:
+def legend_below(figure: Figure) -> None:
     """Put one legend below all panels: they show the same things."""
     handles: dict[str, Artist] = {}
     for axes in figure.axes:

@@ -8,7 +8,7 @@ is alone at last when it raises becomes a row of its own, classified and with a 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -19,6 +19,7 @@ from hillsphere.campaign.block_outcome import BlockOutcome, failed_rows, joined
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import CaseStage, Integers
+from hillsphere.uncertainty.matching import matched
 
 __all__ = ["BlockOutcome", "compute", "only"]
 
@@ -27,7 +28,11 @@ LONGEST_MESSAGE = 400
 
 
 def compute(
-    stage: CaseStage, batch: CaseBatch, inputs: Mapping[str, Any], history: bool = False
+    stage: CaseStage,
+    batch: CaseBatch,
+    inputs: Mapping[str, Any],
+    history: bool = False,
+    bands: Sequence[str] = (),
 ) -> BlockOutcome:
     """Compute a block.
 
@@ -41,6 +46,9 @@ def compute(
         Products of the stage's needs.
     history : bool
         Whether histories are wanted; messages then come with tracebacks.
+    bands : sequence of str
+        Names or patterns of quantities whose histories are wanted if `history` does not ask for
+        all.
 
     Returns
     -------
@@ -52,7 +60,7 @@ def compute(
     ------
     StageError
         If what the stage returns is not what `CaseStage` promises: an error in its code, not in
-        one case.
+        one case. If it keeps no history of what `bands` names.
     """
     begin = perf_counter()
     cases = np.flatnonzero(~batch.filler)
@@ -63,7 +71,7 @@ def compute(
         part = batch if len(lanes) == len(cases) else only(batch, lanes)
         try:
             _check_inputs(stage, part)
-            results = stage.run_cases(part, history, **inputs)
+            results = stage.run_cases(part, history or bool(bands), **inputs)
         except Exception as error:
             if len(lanes) > 1:
                 middle = (len(lanes) + 1) // 2
@@ -72,7 +80,8 @@ def compute(
                 rows.append(_raised(batch.numbers[lanes], error, history))
             continue
         _check(stage, results, len(batch.numbers))
-        rows.append(_rows(results, lanes, batch.numbers[lanes], history))
+        kept = results.histories if history else _of_bands(stage, results.histories, bands)
+        rows.append(_rows(results, lanes, batch.numbers[lanes], kept, history))
     return replace(joined(rows), seconds=perf_counter() - begin)
 
 
@@ -121,7 +130,35 @@ def _raised(number: Integers, error: Exception, history: bool) -> BlockOutcome:
     )
 
 
-def _rows(results: CaseResults, lanes: Integers, numbers: Integers, history: bool) -> BlockOutcome:
+def _of_bands(
+    stage: CaseStage, histories: Histories | None, bands: Sequence[str]
+) -> Histories | None:
+    """Return the histories of the quantities of bands alone."""
+    if not bands:
+        return None
+    what = f"{type(stage).__name__}.run_cases"
+    if histories is None:
+        raise StageError(f"{what} keeps no histories, which bands need; leave bands out")
+    try:
+        names = matched(bands, histories.names, "bands: the history of a case")
+    except InputError as error:
+        raise StageError(str(error)) from error
+    rows = [histories.names.index(name) for name in names]
+    return replace(
+        histories,
+        names=names,
+        units=tuple(histories.units[i] for i in rows),
+        values=histories.values[rows],
+    )
+
+
+def _rows(
+    results: CaseResults,
+    lanes: Integers,
+    numbers: Integers,
+    kept: Histories | None,
+    tracebacks: bool,
+) -> BlockOutcome:
     """Return the rows of these lanes; a sound case whose metrics are not finite is none."""
     values = np.array(results.values, dtype=np.float64)[:, lanes]
     status = [results.status[i] for i in lanes]
@@ -136,7 +173,6 @@ def _rows(results: CaseResults, lanes: Integers, numbers: Integers, history: boo
         status[j], cause[j] = "not_finite", results.metrics[wrong[0]]
     failed[bad] = True
     values[:, bad] = np.nan
-    kept = results.histories if history else None
     return BlockOutcome(
         numbers=numbers,
         metrics=tuple(results.metrics),
@@ -148,8 +184,12 @@ def _rows(results: CaseResults, lanes: Integers, numbers: Integers, history: boo
         message_case=numbers[bad],
         messages=tuple(messages),
         histories=kept
-        and replace(kept, time_s=kept.time_s[:, lanes], values=kept.values[:, :, lanes]),
-        tracebacks=("",) * len(bad) if history else (),
+        and replace(
+            kept,
+            time_s=np.asarray(kept.time_s, dtype=np.float64)[:, lanes],
+            values=np.asarray(kept.values, dtype=np.float64)[:, :, lanes],
+        ),
+        tracebacks=("",) * len(bad) if tracebacks else (),
     )
 
 

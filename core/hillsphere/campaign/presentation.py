@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from hillsphere.campaign.band_figures import band_figure
 from hillsphere.campaign.convergence import convergence_of_failures, convergence_of_mean
 from hillsphere.campaign.figures import (
     Shown,
@@ -20,6 +22,7 @@ from hillsphere.campaign.figures import (
     grid_size,
     labelled,
 )
+from hillsphere.campaign.headlines import NOT_COMPUTED, clearest, outcome, worst_points
 from hillsphere.campaign.sensitivity import (
     RankCorrelations,
     SobolIndices,
@@ -31,7 +34,6 @@ from hillsphere.campaign.sensitivity import (
 from hillsphere.campaign.statistics import (
     LEVEL,
     MetricStatistics,
-    classes,
     ended,
     metric_statistics,
     ratio_interval,
@@ -50,6 +52,7 @@ from hillsphere.campaign.tables import (
 )
 from hillsphere.presentation import Figure, Metric, Presentation, Table
 from hillsphere.products import CaseTable
+from hillsphere.uncertainty.matching import matched
 
 __all__ = ["present_campaign"]
 
@@ -58,11 +61,6 @@ _PANELS = 6
 
 _BARS = 20
 _METRICS = 20
-_WORTH_SAYING = 0.1
-"""A smaller rank correlation is no headline, however many cases make it sure."""
-
-_NOT_COMPUTED = ("error", "memory", "not_finite", "killed", "time_limit")
-"""Statuses of cases that could not be computed, see `BlockOutcome`."""
 
 _CAVEATS = {
     "latin_hypercube": "The cases of a Latin hypercube are more even than random ones: the "
@@ -81,6 +79,7 @@ def present_campaign(
     *,
     level: float = LEVEL,
     levels: Sequence[float] = (0.05, 0.5, 0.95),
+    show: Sequence[str] = (),
 ) -> Presentation:
     """Show a campaign.
 
@@ -92,6 +91,8 @@ def present_campaign(
         Confidence level of all intervals.
     levels : sequence of float
         Levels of the quantiles.
+    show : sequence of str
+        Names or patterns of the metrics that are shown, in this order; none for all.
 
     Returns
     -------
@@ -99,9 +100,15 @@ def present_campaign(
         Tables ``campaign_classes``, ``campaign_failed`` (if any did), ``campaign_extremes``,
         ``campaign_correlations`` and ``campaign_sobol`` (if the design allows it); for random cases
         ``campaign_statistics`` with figures of distributions and convergence; for the points of a
-        sweep ``sweep_failures`` and ``sweep_statistics`` with figures over what was swept.
+        sweep ``sweep_failures`` and ``sweep_statistics`` with figures over what was swept; figure
+        ``campaign_bands`` of the quantiles over time.
+
+    Raises
+    ------
+    InputError
+        If a pattern finds no metric, though the campaign has some.
     """
-    levels = tuple(levels)
+    levels, table = tuple(levels), _with_metrics(table, show)
     sets = table.points is not None and table.points.shape[1] > 1
     repeated = sets and table.case.size > np.unique(table.point).size
     figures: dict[str, Figure] = {}
@@ -109,7 +116,7 @@ def present_campaign(
     drawn = not repeated and table.design in ("random", "latin_hypercube", "sobol")
     tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
     metrics = _counts(table, level, drawn)
-    verdict = _verdict(table, level, drawn)
+    verdict = outcome(table, level, drawn)
     if table.failed.any():
         tables["campaign_failed"] = failed_table(table)
     if not repeated:
@@ -123,13 +130,15 @@ def present_campaign(
         tables["sweep_failures"] = point_table(table, level)
         tables["sweep_statistics"] = point_statistics_table(table, levels, level)
         figures |= _over_points(table, level, repeated)
-        verdict += _worst_points(table, level) if repeated else []
+        verdict += worst_points(table, level) if repeated else []
+    if table.bands is not None:
+        figures["campaign_bands"] = band_figure(table.bands)
     tables["campaign_extremes"] = extreme_table(table)
     correlations = rank_correlations(table, level)
     if correlations.strongest():
         tables["campaign_correlations"] = correlation_table(correlations, level)
         figures |= _sensitivities(table, correlations, level)
-        verdict += _strongest(correlations, level)
+        verdict += clearest(correlations, level)
     if table.design == "sobol_indices":
         indices = sobol_of(table, level=level)
         if isinstance(indices, str):
@@ -140,10 +149,21 @@ def present_campaign(
     return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
 
 
+def _with_metrics(table: CaseTable, show: Sequence[str]) -> CaseTable:
+    """Return the campaign with the metrics that are shown."""
+    if not show or not table.metrics:
+        return table
+    names = matched(show, table.metrics, f"show: stage {table.stage!r}", "metric")
+    rows = [table.metrics.index(name) for name in names]
+    return replace(
+        table, metrics=names, units=tuple(table.units[i] for i in rows), values=table.values[rows]
+    )
+
+
 def _counts(table: CaseTable, level: float, drawn: bool) -> dict[str, Metric]:
     total, failures = table.case.size, int(np.count_nonzero(table.failed))
     low, high = ratio_interval(failures, total, level)
-    lost = int(np.count_nonzero(np.isin(table.status, _NOT_COMPUTED) & table.failed))
+    lost = int(np.count_nonzero(np.isin(table.status, NOT_COMPUTED) & table.failed))
     made = {
         "campaign_cases": Metric(total),
         "campaign_failures": Metric(failures),
@@ -170,80 +190,6 @@ def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
                 float(one.quantiles[one.levels.index(q)]), unit
             )
     return made
-
-
-def _percent(value: float) -> str:
-    return f"{100.0 * value:.3g} %"
-
-
-def _verdict(table: CaseTable, level: float, drawn: bool) -> list[str]:
-    total, failures = table.case.size, int(np.count_nonzero(table.failed))
-    if total == 0:
-        return [f"No case of stage {table.stage!r} was computed."]
-    count = table.points.shape[1] if table.points is not None else 1
-    cases = f"{total} case{'' if total == 1 else 's'} of stage {table.stage!r}"
-    cases += f" at {count} points" if count > 1 else ""
-    said = f"{cases} ({table.design.replace('_', ' ')}): {failures} failed, "
-    said += _percent(failures / total)
-    if drawn:
-        low, high = ratio_interval(failures, total, level)
-        said += f" ({100 * level:g} % interval {100 * low:.3g} to {_percent(high)})"
-    sentences = [said + "."]
-    bad = [one for one in classes(table, level=level) if one.failed]
-    if bad:
-        words = [
-            f"{one.count} {one.status}{f' ({one.cause})' if one.cause else ''}, first case "
-            f"{one.first_case}"
-            for one in bad[:4]
-        ]
-        more = sum(one.count for one in bad[4:])
-        words += [f"{more} in {len(bad) - 4} further classes"] if more else []
-        sentences.append(f"How they failed: {'; '.join(words)}.")
-    lost = sum(one.count for one in bad if one.status in _NOT_COMPUTED)
-    if lost:
-        sentences.append(
-            f"{lost} of them could not be computed, which says nothing of the flight itself: see "
-            "the messages in table campaign_failed."
-        )
-    if table.stopped:
-        sentences.append(f"It ended after {total} of {table.planned} cases: {table.stopped}.")
-    elif total < table.planned:
-        sentences.append(f"{table.planned - total} of {table.planned} planned cases are missing.")
-    return sentences
-
-
-def _worst_points(table: CaseTable, level: float) -> list[str]:
-    assert table.points is not None
-    count = table.points.shape[1]
-    cases = np.bincount(table.point, minlength=count)
-    failures = np.bincount(table.point, weights=table.failed, minlength=count)
-    if not failures.any():
-        return []
-    ratio = failures / np.maximum(cases, 1)
-    # A point that was never reached is neither the best nor the worst.
-    ends = (
-        int(np.argmax(np.where(cases > 0, ratio, -1.0))),
-        int(np.argmin(np.where(cases > 0, ratio, 2.0))),
-    )
-    words = []
-    for word, p in zip(("most", "fewest"), ends, strict=True):
-        low, high = ratio_interval(failures[p], cases[p], level)
-        words.append(
-            f"{word} at {table.point_labels[p]}: {_percent(ratio[p])} of {cases[p]} "
-            f"({100 * low:.3g} to {_percent(high)})"
-        )
-    return [f"Failures are {'; '.join(words)}."]
-
-
-def _strongest(found: RankCorrelations, level: float) -> list[str]:
-    """Name the input that goes most with failure and with each of the first metrics."""
-    said: dict[int, str] = {}
-    for i, j in found.strongest():
-        sure = found.p_holm[i, j] < 1.0 - level
-        if j not in said and sure and abs(found.rho[i, j]) >= _WORTH_SAYING:
-            said[j] = f"{found.metrics[j]} with {found.inputs[i]} ({found.rho[i, j]:+.2f})"
-    words = [said[j] for j in sorted(said)[:4]]
-    return [f"Clearest rank correlations: {', '.join(words)}."] if words else []
 
 
 def _distributions(

@@ -177,13 +177,16 @@ class RepeatedWork:
     ----------
     variants : tuple of Repeated
         What `Task.variant` counts; built when first needed, in each worker.
+    bands : tuple of str
+        Names or patterns of quantities whose histories are kept.
     """
 
     variants: tuple[Repeated, ...]
+    bands: tuple[str, ...] = ()
 
     def prepare(self) -> Callable[[Task], tuple[BlockOutcome, ...]]:
         """Return the function that computes a task."""
-        return _Computing(self.variants)
+        return _Computing(self.variants, self.bands)
 
 
 class _Computing:
@@ -193,8 +196,8 @@ class _Computing:
     memory.
     """
 
-    def __init__(self, variants: Sequence[Repeated]) -> None:
-        self._variants = variants
+    def __init__(self, variants: Sequence[Repeated], bands: Sequence[str]) -> None:
+        self._variants, self._bands = variants, bands
         self._built: tuple[int, CaseStage] | None = None
 
     def ready(self, task: Task) -> None:
@@ -207,7 +210,9 @@ class _Computing:
 
     def __call__(self, task: Task) -> tuple[BlockOutcome, ...]:
         stage, inputs = self._stage(task.variant), self._variants[task.variant].inputs
-        return tuple(compute(stage, block, inputs, history=task.history) for block in task.blocks)
+        return tuple(
+            compute(stage, block, inputs, task.history, self._bands) for block in task.blocks
+        )
 
     def _stage(self, variant: int) -> CaseStage:
         if self._built is None or self._built[0] != variant:

@@ -73,7 +73,15 @@ class CampaignSpec(StageSpec):
     )
     confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
     quantiles: tuple[float, ...] = option(
-        "quantiles of the metrics that are shown", default=(0.05, 0.5, 0.95), gt=0, lt=1
+        "quantiles of the metrics that are shown, and those of bands",
+        default=(0.05, 0.5, 0.95),
+        gt=0,
+        lt=1,
+    )
+    show: tuple[str, ...] = option(
+        "metrics that tables and figures show, by name or pattern ('*' is any characters); left "
+        "out: all; what is stored and exported has all metrics in any case",
+        default=(),
     )
     block_limit_s: float | None = quantity(
         "time",
@@ -97,6 +105,7 @@ class MonteCarloSpec(CampaignSpec):
     examples = (
         {"repeat": "hover", "dispersions": ["field"], "cases": 128},
         {"repeat": "hover", "dispersions": ["field"], "cases": 64, "design": "latin_hypercube"},
+        {"repeat": "hover", "cases": 64, "bands": ["x", "u.*"], "show": ["dv*"]},
     )
 
     cases: int = option(
@@ -112,6 +121,11 @@ class MonteCarloSpec(CampaignSpec):
         default="random",
     )
     stop: StopSpec | None = option("when it ends early; left out: never", default=None)
+    bands: tuple[str, ...] = option(
+        "quantities whose histories are kept and made into quantiles over time, by name or "
+        "pattern ('*' is any characters); left out: none",
+        default=(),
+    )
 
     @model_validator(mode="after")
     def _something_differs(self) -> Self:
@@ -119,6 +133,8 @@ class MonteCarloSpec(CampaignSpec):
             raise _rule("dispersions", f"nothing differs: {self.design!r} needs dispersions")
         if self.design != "random" and self.stop is not None:
             raise _rule("stop", f"part of a {self.design!r} design is none; use 'random'")
+        if self.bands and not self.quantiles:
+            raise _rule("quantiles", "bands are quantiles; give at least one")
         return self
 
 

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
+from hillsphere.campaign.bands import bands_of
+from hillsphere.campaign.cases import Histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
 from hillsphere.campaign.plan import Plan
 from hillsphere.campaign.planning import plan_of
 from hillsphere.campaign.presentation import present_campaign
 from hillsphere.campaign.repeated import Repeated, RepeatedWork
+from hillsphere.campaign.sensitivity import independent_cases
 from hillsphere.campaign.specs import CampaignSpec, MonteCarloSpec, RangeSpec, SweepSpec
+from hillsphere.campaign.statistics import ended
 from hillsphere.campaign.stopping import StopCriteria
 from hillsphere.campaign.swept import Swept, case_list, grid, listed, sampled
 from hillsphere.campaign.table import table_of
-from hillsphere.interfaces import Context
+from hillsphere.interfaces import Context, Integers
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseList, CaseTable
+from hillsphere.uncertainty.matching import matched
 
 __all__ = ["Campaign", "MonteCarlo", "Sweep"]
 
@@ -67,6 +73,14 @@ class Campaign(ABC):
         -------
         CaseTable
             Every case, whatever became of it.
+
+        Raises
+        ------
+        InputError
+            If the stage has no metric that `show` names.
+        StageError
+            If the stage keeps no history that bands name, the cases were not sampled at the same
+            times, or the campaign cannot go on, see `hillsphere.campaign.engine`.
         """
         plan = self.plan(repeat, **needs)
         failed = 0
@@ -75,25 +89,44 @@ class Campaign(ABC):
             nonlocal failed
             failed = failures
 
+        def check(metrics: Sequence[str]) -> None:
+            matched(self.spec.show, metrics, f"show: stage {repeat.stage!r}", "metric")
+
+        advance = ctx.track("cases", plan.cases, note=lambda: f"{failed} failed" if failed else "")
+        checkpoints = Checkpoints(ctx.workspace(), ctx.fingerprint, ctx.info)
         outcomes, stopped = run_campaign(
             plan,
-            RepeatedWork(plan.variants),
+            RepeatedWork(plan.variants, self.bands()),
             executor=ctx.executor,
-            checkpoints=Checkpoints(ctx.workspace(), ctx.fingerprint, ctx.info),
+            checkpoints=checkpoints,
             limit_s=self.spec.block_limit_s,
             stop=self.stop(),
-            advance=ctx.track(
-                "cases", plan.cases, note=lambda: f"{failed} failed" if failed else ""
-            ),
+            advance=advance,
             on_failures=count,
+            on_metrics=check,
         )
         for note in plan.notes:
             ctx.info(note)
-        return table_of(plan, outcomes, repeat.stage, stopped)
+        table = table_of(plan, outcomes, repeat.stage, stopped)
+        if not self.bands():
+            return table
+
+        def parts() -> Iterator[tuple[Integers, Histories]]:
+            for part in checkpoints.histories():
+                advance(0)
+                yield part
+
+        kept = table.case[ended(table) & independent_cases(table)]
+        return replace(table, bands=bands_of(parts, kept, self.spec.quantiles))
 
     def present(self, product: CaseTable, **needs: Any) -> Presentation:
         """Return statistics, failures, sensitivities and figures."""
-        return present_campaign(product, levels=self.spec.quantiles, level=self.spec.confidence)
+        return present_campaign(
+            product,
+            levels=self.spec.quantiles,
+            level=self.spec.confidence,
+            show=self.spec.show,
+        )
 
     def _names(self) -> tuple[str, ...]:
         return tuple(ref.name for ref in self.spec.dispersions)
@@ -101,6 +134,10 @@ class Campaign(ABC):
     def stop(self) -> Callable[..., str] | None:
         """Return the rule by which it ends early, if there is one; see `engine.StopRule`."""
         return None
+
+    def bands(self) -> tuple[str, ...]:
+        """Return the quantities whose quantiles over time are wanted, by name or pattern."""
+        return ()
 
 
 class MonteCarlo(Campaign):
@@ -136,6 +173,10 @@ class MonteCarlo(Campaign):
             least_cases=given.least_cases,
             level=self.spec.confidence,
         ).rule()
+
+    def bands(self) -> tuple[str, ...]:
+        """Return the quantities whose quantiles over time are wanted; see `Campaign.bands`."""
+        return self.spec.bands
 
 
 class Sweep(Campaign):

@@ -23,6 +23,7 @@ __all__ = [
     "correlation_table",
     "extreme_table",
     "failed_table",
+    "first_rows",
     "number",
     "percentile",
     "point_statistics_table",
@@ -40,6 +41,13 @@ _INTERVALS = "Ends _low and _high are those of {level:g} % confidence intervals,
 def number(value: float) -> float | None:
     """Return a table's cell: nothing for what is not finite."""
     return float(value) if np.isfinite(value) else None
+
+
+def first_rows(total: int, what: str) -> str:
+    """Say that a table has the first of so many rows only; ``""`` if it has all."""
+    if total <= MOST_ROWS:
+        return ""
+    return f" The first {MOST_ROWS} of {total} {what}; the key show chooses metrics."
 
 
 def percentile(q: float) -> str:
@@ -100,11 +108,12 @@ def statistics_table(
     notes = [
         "Over the cases that came to their end; each number in the unit of its row. "
         + _INTERVALS.format(level=100 * level)
-        + " An end that is missing would need more cases.",
+        + " An end that is missing would need more cases."
+        + first_rows(len(found), "metrics"),
         "Intervals: Student's for the mean, Bonett's (2006) for the standard deviation, two of the "
         "values themselves for a quantile.",
     ]
-    rows = [_statistics_row(one) for one in found]
+    rows = [_statistics_row(one) for one in found[:MOST_ROWS]]
     return Table(
         "Statistics", _statistics_columns(levels), rows, [*notes, *([caveat] if caveat else [])]
     )
@@ -206,7 +215,7 @@ def extreme_table(table: CaseTable, each: int = 3) -> Table:
     )
     notes = [
         "Of the cases that came to their end. `hillsphere rerun RUN --case NUMBER` repeats one "
-        "with its history."
+        "with its history." + first_rows(len(rows), "rows")
     ]
     return Table("Extreme cases", columns, rows[:MOST_ROWS], notes)
 
@@ -328,11 +337,14 @@ def point_table(table: CaseTable, level: float) -> Table:
 def point_statistics_table(table: CaseTable, levels: Sequence[float], level: float) -> Table:
     """Return the statistics of every metric at each point of a sweep."""
     assert table.points is not None
-    count, room = table.points.shape[1], MOST_ROWS // max(1, len(table.metrics))
+    count = table.points.shape[1]
+    room = max(1, MOST_ROWS // max(1, len(table.metrics)))
     rows: list[dict[str, Cell]] = [
         {"point": table.point_labels[p], **_statistics_row(one)}
         for p in range(min(count, room))
-        for one in metric_statistics(table, table.point == p, level=level, levels=levels)
+        for one in metric_statistics(table, table.point == p, level=level, levels=levels)[
+            :MOST_ROWS
+        ]
     ]
     more = f"The first {room} of {count} points. " if count > room else ""
     return Table(
@@ -341,6 +353,6 @@ def point_statistics_table(table: CaseTable, levels: Sequence[float], level: flo
         rows,
         [
             more + "Over the cases that came to their end; each number in the unit of its row. "
-            + _INTERVALS.format(level=100 * level)
+            + _INTERVALS.format(level=100 * level) + first_rows(len(table.metrics), "metrics")
         ],
     )  # fmt: skip

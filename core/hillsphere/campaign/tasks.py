@@ -1,42 +1,48 @@
-"""What an executor is given and gives back: tasks of blocks, and how each ended."""
+"""What an executor is given and gives back: jobs, such as tasks of blocks, and how each ended."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from hillsphere.campaign.cases import CaseBatch
 
-__all__ = ["Crew", "Executor", "Failed", "Finished", "Lost", "Outcome", "Task", "Work", "unready"]
+__all__ = [
+    "Crew",
+    "Executor",
+    "Failed",
+    "Finished",
+    "Job",
+    "Lost",
+    "Outcome",
+    "Task",
+    "Work",
+    "unready",
+]
 
 
 class Work(Protocol):
-    """What is done with a task; picklable, so that it can be sent to a worker once."""
+    """What is done with a job; picklable, so that it can be sent to a worker once."""
 
-    def prepare(self) -> Callable[[Task], Any]:
-        """Make the function that does a task; called once in each worker, it may take long.
+    def prepare(self) -> Callable[[Any], Any]:
+        """Make the function that does a job; called once in each worker, it may take long.
 
-        The function may have a method ``ready(task)``, which is called before each task: what it
-        makes ready, such as compiled code, counts against `Task.ready_limit_s`, not `limit_s`.
+        The function takes jobs of the class that the crew is given. It may have a method
+        ``ready(job)``, which is called before each job: what it makes ready, such as compiled
+        code, counts against `Job.ready_limit_s`, not `limit_s`.
         """
         ...
 
 
 @dataclass(frozen=True)
-class Task:
-    """Blocks that a worker computes one after the other.
+class Job:
+    """What a worker is given at a time; subclasses say what it is to do.
 
     Parameters
     ----------
     number : int
-        Unique among the tasks of a campaign.
-    blocks : tuple of CaseBatch
-        The blocks.
-    variant : int
-        Which variant of the mission they belong to.
-    history : bool
-        Whether histories are wanted.
+        Unique among the jobs of a crew.
     limit_s : float or None
         Wall-clock time after which its worker is stopped.
     ready_limit_s : float or None
@@ -44,26 +50,42 @@ class Task:
     """
 
     number: int
+    limit_s: float | None = field(default=None, kw_only=True)
+    ready_limit_s: float | None = field(default=None, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Task(Job):
+    """Blocks that a worker computes one after the other; see also `Job`.
+
+    Parameters
+    ----------
+    blocks : tuple of CaseBatch
+        The blocks.
+    variant : int
+        Which variant of the mission they belong to.
+    history : bool
+        Whether histories are wanted.
+    """
+
     blocks: tuple[CaseBatch, ...]
     variant: int = 0
     history: bool = False
-    limit_s: float | None = None
-    ready_limit_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A task was done; `value` is what the work's function returned."""
+    """A job was done; `value` is what the work's function returned."""
 
-    task: Task
+    task: Job
     value: Any
 
 
 @dataclass(frozen=True)
 class Lost:
-    """The worker of a task died (``"killed"``) or was stopped at its limit (``"time_limit"``)."""
+    """The worker of a job died (``"killed"``) or was stopped at its limit (``"time_limit"``)."""
 
-    task: Task
+    task: Job
     how: str
     detail: str
 
@@ -72,7 +94,7 @@ class Lost:
 class Failed:
     """The work could not be prepared, or its function raised, which it must not."""
 
-    task: Task
+    task: Job
     error: str
     detail: str
 
@@ -80,8 +102,8 @@ class Failed:
 Outcome = Finished | Lost | Failed
 
 
-def unready(task: Task) -> str:
-    """Say that a worker was stopped while it made ready for a task."""
+def unready(task: Job) -> str:
+    """Say that a worker was stopped while it made ready for a job."""
     return (
         f"preparing the stage did not end within {task.ready_limit_s:g} s (ten times the limit of "
         "a block, at least 300 s), and its worker was stopped; give a longer block_limit or none"
@@ -93,15 +115,15 @@ class Crew(Protocol):
 
     @property
     def slots(self) -> int:
-        """How many tasks can be under way."""
+        """How many jobs can be under way."""
         ...
 
-    def submit(self, task: Task) -> None:
-        """Give a task to a free worker; no more than `slots` may be under way."""
+    def submit(self, task: Job) -> None:
+        """Give a job to a free worker; no more than `slots` may be under way."""
         ...
 
     def outcome(self) -> Outcome:
-        """Wait for a task to end. A worker that was lost is replaced before this returns."""
+        """Wait for a job to end. A worker that was lost is replaced before this returns."""
         ...
 
     def __enter__(self) -> Crew: ...
@@ -110,7 +132,7 @@ class Crew(Protocol):
 
 
 class Executor(Protocol):
-    """Where tasks are done: in this process, in others, on other machines."""
+    """Where jobs are done: in this process, in others, on other machines."""
 
     def crew(self, work: Work) -> Crew:
         """Return workers for this work."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hillsphere.campaign.export import export_csv, export_netcdf
+from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
 from hillsphere.earlier_run import EarlierRun
 from hillsphere.errors import InputError
 from hillsphere.plugins import Registry
@@ -20,7 +20,7 @@ _SUFFIXES = {"csv": ".csv", "netcdf": ".nc"}
 
 def export_cases(
     run: Path, *, stage: str | None, format_: str, out: Path | None, registry: Registry
-) -> Path:
+) -> tuple[Path, ...]:
     """Write the cases of a campaign to a file.
 
     Parameters
@@ -38,8 +38,8 @@ def export_cases(
 
     Returns
     -------
-    Path
-        The file.
+    tuple of Path
+        The file; as CSV a second one, ``<stage>-bands.csv``, if there are quantiles over time.
 
     Raises
     ------
@@ -60,11 +60,18 @@ def export_cases(
             f"campaign {name!r} is not finished in run {str(run)!r}; hillsphere resume continues it"
         )
     path = run / f"{name}{_SUFFIXES[format_]}" if out is None else out
-    export = export_csv if format_ == "csv" else export_netcdf
+    table = earlier.product(name, CaseTable)
+    paths = [path]
     try:
-        export(earlier.product(name, CaseTable), path)
+        if format_ == "netcdf":
+            export_netcdf(table, path)
+        else:
+            export_csv(table, path)
+            if table.bands is not None:
+                paths.append(path.with_name(f"{path.stem}-bands.csv"))
+                export_bands_csv(table.bands, paths[-1])
     except OSError as error:
         raise InputError(
-            f"{path} cannot be written: {error.strerror or error}; choose another with --out"
+            f"{paths[-1]} cannot be written: {error.strerror or error}; choose another with --out"
         ) from error
-    return path
+    return tuple(paths)

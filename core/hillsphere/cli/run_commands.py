@@ -155,5 +155,6 @@ def export(
     from hillsphere.cli.exporting import export_cases
 
     registry = registry_of(strict=False)
-    path = export_cases(run, stage=stage, format_=format_.value, out=out, registry=registry)
-    write(str(path))
+    paths = export_cases(run, stage=stage, format_=format_.value, out=out, registry=registry)
+    for path in paths:
+        write(str(path))

@@ -33,6 +33,7 @@ __all__ = [
     "EarthOrientationWarning",
     "OrientationAngles",
     "OrientationTable",
+    "doubts",
 ]
 
 _DAY = 86400.0
@@ -259,6 +260,31 @@ class OrientationTable:
     def _mjd(self, epoch: Epoch, t_s: Array) -> Array:
         day, fraction = tai_of(epoch)
         return np.asarray((day - _MJD) + (fraction + np.asarray(t_s, dtype=float) / _DAY))
+
+
+def doubts(orientation: EarthOrientation, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
+    """Return what a verdict must say of the Earth's rotation at some times.
+
+    Parameters
+    ----------
+    orientation : EarthOrientation
+        That was used.
+    epoch : Epoch
+        From which times count.
+    t_s : ndarray, shape (N,)
+        The first and last times are enough, SI seconds.
+
+    Returns
+    -------
+    tuple of str
+        Sentences: that the table ends before, that UT1 is taken as UTC; none if all is well.
+    """
+    found = []
+    if (lapse := orientation.lapse(epoch, t_s)) is not None:
+        found.append(lapse + ".")
+    if orientation == UT1_IS_UTC:
+        found.append("UT1 is taken as UTC: the Earth may be turned by up to 4e-3°.")
+    return tuple(found)
 
 
 def tai_of(epoch: Epoch) -> tuple[float, float]:

@@ -11,7 +11,9 @@ from hillsphere.problems import did_you_mean
 __all__ = ["matched"]
 
 
-def matched(patterns: Sequence[str], names: Sequence[str], where: str) -> tuple[str, ...]:
+def matched(
+    patterns: Sequence[str], names: Sequence[str], where: str, what: str = "quantity"
+) -> tuple[str, ...]:
     """Return the names that patterns stand for, pattern by pattern, each in the order of `names`.
 
     Parameters
@@ -22,6 +24,8 @@ def matched(patterns: Sequence[str], names: Sequence[str], where: str) -> tuple[
         What there is.
     where : str
         Whose names they are, for the message.
+    what : str
+        What they name, for the message.
 
     Returns
     -------
@@ -39,6 +43,6 @@ def matched(patterns: Sequence[str], names: Sequence[str], where: str) -> tuple[
         hits = [name for name in names if form.fullmatch(name)]
         if not hits:
             hint = did_you_mean(pattern, names, otherwise="there are") or "; it offers none"
-            raise InputError(f"{where} has no quantity {pattern[:60]!r}{hint}")
+            raise InputError(f"{where} has no {what} {pattern[:60]!r}{hint}")
         found.update(dict.fromkeys(hits))
     return tuple(found)

@@ -30,9 +30,9 @@ from hillsphere.campaign.executors.dask_workers import (
     Registry,
 )
 from hillsphere.campaign.executors.pool import ONE_THREAD
-from hillsphere.campaign.tasks import Lost, Outcome, Task, Work
+from hillsphere.campaign.tasks import Job, Lost, Outcome, Work
 from hillsphere.errors import InputError, StageError
-from hillsphere.threads import processors
+from hillsphere.processors import processors
 
 if TYPE_CHECKING:
     from hillsphere.campaign.executors.specs import DaskSpec
@@ -110,7 +110,7 @@ class DaskCrew:
         self._workers = workers
         self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._free: list[Member] = []
-        self._busy: dict[Member, Task] = {}
+        self._busy: dict[Member, Job] = {}
         self._outcomes: deque[Outcome] = deque()
         self._refused: dict[str, str] = {}
         self._stillborn = 0
@@ -126,7 +126,7 @@ class DaskCrew:
             self._hear(0.0)
         return max(1, len(self._free) + len(self._busy))
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: Job) -> None:
         """Give a task to a free worker, waiting for one if its last one died.
 
         Raises

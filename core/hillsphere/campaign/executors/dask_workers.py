@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from hillsphere.campaign.executors.sending import pickled
 from hillsphere.campaign.executors.worker import MOST_FAULTS, is_passing, told
-from hillsphere.campaign.tasks import Failed, Finished, Task, Work, unready
+from hillsphere.campaign.tasks import Failed, Finished, Job, Work, unready
 from hillsphere.environment import environment, package_versions
 from hillsphere.plugins import ENTRY_POINT_GROUP
 from hillsphere.stage_cache import source_digest
@@ -71,7 +71,7 @@ class Member:
     address: str
     home: str
     nanny: str | None
-    todo: asyncio.Queue[Task] = field(default_factory=asyncio.Queue)
+    todo: asyncio.Queue[Job] = field(default_factory=asyncio.Queue)
     job: asyncio.Task[None] | None = None
     overran: bool = False
 
@@ -265,7 +265,7 @@ class Registry:
             )
         return "; ".join(differences(self._here, there))
 
-    async def _do(self, member: Member, do: Future[Any], task: Task) -> Finished | Failed | None:
+    async def _do(self, member: Member, do: Future[Any], task: Job) -> Finished | Failed | None:
         """Return what comes of a task; ``None`` if the worker is being stopped for it."""
         from distributed import CancelledError, KilledWorker
 
@@ -403,7 +403,7 @@ def differences(here: Mapping[str, str], there: Mapping[str, str]) -> list[str]:
     return told
 
 
-def make_ready(do: Any, task: Task) -> None:
+def make_ready(do: Any, task: Job) -> None:
     """Have work make ready what it can before a task, if it knows such."""
     if hasattr(do, "ready"):
         do.ready(task)

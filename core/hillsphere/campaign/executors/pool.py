@@ -25,9 +25,9 @@ from hillsphere.campaign.executors.channel import Channel
 from hillsphere.campaign.executors.sending import pickled
 from hillsphere.campaign.executors.specs import PoolSpec
 from hillsphere.campaign.executors.worker import MOST_FAULTS
-from hillsphere.campaign.tasks import Failed, Finished, Lost, Outcome, Task, Work, unready
+from hillsphere.campaign.tasks import Failed, Finished, Job, Lost, Outcome, Work, unready
 from hillsphere.errors import StageError
-from hillsphere.threads import processors
+from hillsphere.processors import processors
 
 __all__ = ["Pool", "PoolCrew"]
 
@@ -87,7 +87,7 @@ class _Worker:
     process: subprocess.Popen[bytes]
     channel: Channel
     ready: bool = False
-    task: Task | None = None
+    task: Job | None = None
     begun: bool = False
     deadline: float | None = None
 
@@ -112,7 +112,7 @@ class PoolCrew:
         self.slots = workers
         self._work = pickled(work)
         self._workers: list[_Worker] = []
-        self._waiting: deque[Task] = deque()
+        self._waiting: deque[Job] = deque()
         self._ended: deque[Outcome] = deque()
         self._failed_starts = 0
         self._faults = 0
@@ -137,7 +137,7 @@ class PoolCrew:
             while self._workers:
                 self._remove(self._workers[-1])
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: Job) -> None:
         """Give a task to a worker that is free, or to the first that will be."""
         under_way = len(self._waiting) + sum(w.task is not None for w in self._workers)
         if under_way + len(self._ended) >= self.slots:

@@ -10,16 +10,20 @@ from typing import Any
 from hillsphere.campaign.tasks import Work
 from hillsphere.errors import StageError
 
-__all__ = ["pickled"]
+__all__ = ["Unsendable", "pickled"]
+
+
+class Unsendable(StageError):  # noqa: N818 - a state of the work, not a fault
+    """Work that no other process can be given."""
 
 
 def pickled(work: Work) -> bytes:
-    """Return work as bytes; `StageError` if it cannot be sent, or not be found again elsewhere."""
+    """Return work as bytes; `Unsendable` if it cannot be sent, or not be found again elsewhere."""
     stream = BytesIO()
     try:
         _Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL).dump(work)
     except Exception as error:  # what pickle raises depends on what it met
-        raise StageError(
+        raise Unsendable(
             f"the work cannot be sent to other processes ({error}); define its classes at the top "
             "level of modules that can be imported, or compute in this process alone"
         ) from error

@@ -7,7 +7,7 @@ from typing import Any
 
 from hillsphere.campaign.executors.specs import SerialSpec
 from hillsphere.campaign.executors.worker import MOST_FAULTS, is_passing, told
-from hillsphere.campaign.tasks import Failed, Finished, Outcome, Task, Work
+from hillsphere.campaign.tasks import Failed, Finished, Job, Outcome, Work
 
 __all__ = ["Serial", "SerialCrew"]
 
@@ -16,7 +16,7 @@ class Serial:
     """Executor that needs no other process.
 
     Nothing protects the run here: a case that kills its process ends the run, and no task is
-    stopped at its limit (`Task.limit_s` is ignored). Results have the bits of every other executor
+    stopped at its limit (`Job.limit_s` is ignored). Results have the bits of every other executor
     as long as the linear algebra of this process works in one thread, as that of workers does
     (``OMP_NUM_THREADS=1``), or on arrays too small to be shared among several.
 
@@ -41,8 +41,8 @@ class SerialCrew:
 
     def __init__(self, work: Work) -> None:
         self._work = work
-        self._do: Callable[[Task], Any] | None = None
-        self._task: Task | None = None
+        self._do: Callable[[Any], Any] | None = None
+        self._task: Job | None = None
 
     def __enter__(self) -> SerialCrew:
         return self
@@ -50,7 +50,7 @@ class SerialCrew:
     def __exit__(self, *exc: object) -> None:
         self._do = self._task = None
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: Job) -> None:
         """Keep the task until its outcome is asked for."""
         if self._task is not None:
             raise RuntimeError(f"task {self._task.number} is still under way")
@@ -67,7 +67,7 @@ class SerialCrew:
         except Exception as error:
             return Failed(task, *told(error))
 
-    def _prepared(self, task: Task) -> Callable[[Task], Any]:
+    def _prepared(self, task: Job) -> Callable[[Any], Any]:
         """Make ready for a task, again if a fault may be a passing one."""
         left = MOST_FAULTS
         while True:

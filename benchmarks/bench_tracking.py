@@ -1,0 +1,359 @@
+"""Assisted tracking, measurement by measurement and in batches; finding passes.
+
+Trackers follow pass 7 over Alcântara of the assisted-tracking paper of 1990. Beside ours stands
+what a user would otherwise write:
+
+- the averager in plain Python, its iteration carried to the same tolerance;
+- an extended Kalman filter of a, Ω, M and two angle biases in numpy, with a Jacobian by
+  differences, as one is written around a filter package; beside it `least_squares` without
+  short-period terms and repeated linearisation, which must agree but for what is of second order in
+  the noise (a fifteenth of a standard deviation);
+- skyfield's search for events, satellite by satellite and station by station.
+
+Times are CPU times, the shortest of some runs; "streamed" is one call for each measurement of one
+antenna, "batch" a call for a thousand antennas, divided by them.
+"""
+
+from __future__ import annotations
+
+from math import acos, asin, atan2, cos, fmod, pi, radians, sin, sqrt
+from time import process_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skyfield.api import EarthSatellite, load, wgs84
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.earth.orientation import OrientationTable
+from hillsphere.earth.rotation import earth_angle, to_earth_fixed
+from hillsphere.time import Epoch
+from hillsphere_tracking.ground_track import EarthTrack
+from hillsphere_tracking.mean_elements import propagated, secular_rates, states
+from hillsphere_tracking.pass_masks import HorizonMask
+from hillsphere_tracking.passes import find_passes
+from hillsphere_tracking.satellites import orbits_of
+from hillsphere_tracking.topocentric import angles
+from hillsphere_tracking.trackers.average import Average
+from hillsphere_tracking.trackers.least_squares import LeastSquares
+from hillsphere_tracking.trackers.specs import AverageSpec, LeastSquaresSpec
+from hillsphere_tracking.trackers.streaming import StreamingTracker
+
+Array = NDArray[np.float64]
+GM, RADIUS, J2, RATE = 3.986004418e14, 6378137.0, 1.08262668e-3, 7.292115855306589e-5
+EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")
+ELEMENTS = np.array([7180e3, 0.0436, *np.radians([23.82, 240.14, 15.47, 350.56])])
+ALCANTARA = Station("Alcântara", radians(-2.18), radians(-44.26), 39.0)
+CUIABA = Station("Cuiabá", radians(-15.53), radians(-56.07), 277.0)
+ACQUIRED, COUNT, CASES = 38370.0, 300, 1000
+TIMES = ACQUIRED + np.arange(COUNT)
+SIGMA = 1e-3
+ANGLE = float(earth_angle("teme", EPOCH, np.zeros(1))[0])
+LATER = ACQUIRED + 500.0
+DAYS, MASK = 3.0, 5.0
+
+
+def measured(*, short_period: bool) -> tuple[Array, Array]:
+    """Return noisy azimuths and elevations (COUNT,) of the pass, the node 0.2° from the nominal."""
+    true = ELEMENTS + radians(0.2) * np.eye(6)[3]
+    x = states(true[:, None], TIMES, short_period=short_period)
+    azimuth, elevation, _ = angles(ALCANTARA, to_earth_fixed("teme", x, EPOCH, TIMES)[:3])
+    noise = np.random.default_rng(1).normal(size=(2, COUNT)) * SIGMA
+    return azimuth + noise[0], elevation + noise[1]
+
+
+def streamed_us(tracker: Any, azimuth: Array, elevation: Array) -> float:
+    """Time per measurement of one antenna, µs."""
+    best = np.inf
+    for _ in range(8):
+        stream = StreamingTracker(tracker, ELEMENTS, 0.0, ALCANTARA, EPOCH, sigma_rad=SIGMA)
+        samples = list(zip(TIMES.tolist(), azimuth.tolist(), elevation.tolist(), strict=True))
+        begin = process_time()
+        for sample in samples:
+            stream.update(*sample)
+        best = min(best, (process_time() - begin) / COUNT)
+    return best * 1e6
+
+
+def batch_us(tracker: Any, azimuth: Array, elevation: Array) -> float:
+    """Time per measurement and antenna of a thousand antennas, µs."""
+    elements = np.repeat(ELEMENTS[:, None], CASES, axis=1)
+    sigma, one = np.array(SIGMA), np.ones(CASES)
+    best = np.inf
+    for _ in range(3):
+        state = tracker.initial(elements, np.zeros(1), (ALCANTARA,), EPOCH)
+        begin = process_time()
+        for k in range(0, COUNT, 5):
+            state = tracker.update(state, TIMES[k] * one, azimuth[k] * one, elevation[k] * one,
+                                   sigma)  # fmt: skip
+        best = min(best, (process_time() - begin) / (COUNT // 5) / CASES)
+    return best * 1e6
+
+
+# -- what a user would otherwise write -------------------------------------------------------------
+
+
+def wrapped(angle: float) -> float:
+    """Return an angle in [−π, π)."""
+    return fmod(fmod(angle + pi, 2.0 * pi) + 2.0 * pi, 2.0 * pi) - pi
+
+
+def kepler(mean: float, e: float) -> float:
+    """Return the eccentric anomaly."""
+    anomaly = mean
+    for _ in range(20):
+        step = (anomaly - e * sin(anomaly) - mean) / (1.0 - e * cos(anomaly))
+        anomaly -= step
+        if abs(step) < 1e-13:
+            break
+    return anomaly
+
+
+class PlainAverager:
+    """Running means of node and mean anomaly, in floats."""
+
+    def __init__(self, elements: Array) -> None:
+        self.a, self.e, self.i, self.node, self.perigee, self.mean = elements.tolist()
+        shape = (1.0 - 1.5 * sin(self.i) ** 2) / (1.0 - self.e**2) ** 1.5
+        self.rate = sqrt(GM / self.a**3) * (1.0 + 1.5 * J2 * (RADIUS / self.a) ** 2 * shape)
+        self.place, self.axes = ALCANTARA.ecef_m.tolist(), ALCANTARA.axes.tolist()
+        self.t, self.count = TIMES[0], 0
+
+    def update(self, t: float, azimuth: float, elevation: float) -> None:
+        """Take a measurement."""
+        a, e, inclination, perigee = self.a, self.e, self.i, self.perigee
+        mean = self.mean + self.rate * (t - self.t)
+        level = cos(elevation)
+        local = (level * sin(azimuth), level * cos(azimuth), sin(elevation))
+        c = [sum(local[k] * self.axes[k][j] for k in range(3)) for j in range(3)]
+        b = sum(p * q for p, q in zip(self.place, c, strict=True))
+        size2 = sum(p * p for p in self.place)
+        anomaly = kepler(mean, e)
+        r = a * (1.0 - e * cos(anomaly))
+        f = 2.0 * atan2(sqrt(1.0 + e) * sin(0.5 * anomaly), sqrt(1.0 - e) * cos(0.5 * anomaly))
+        falling = cos(perigee + f) < 0.0
+        for _ in range(60):
+            distance = sqrt(r * r - size2 + b * b) - b
+            x, y, z = (p + distance * q for p, q in zip(self.place, c, strict=True))
+            u = asin(max(-1.0, min(1.0, z / (r * sin(inclination)))))
+            if falling:
+                u = pi - u
+            f = u - perigee
+            anomaly = 2.0 * atan2(sqrt(1.0 - e) * sin(0.5 * f), sqrt(1.0 + e) * cos(0.5 * f))
+            better = a * (1.0 - e * cos(anomaly))
+            done = abs(better - r) < 1e-12 * a
+            r = better
+            if done:
+                break
+        node = ANGLE + RATE * t + atan2(y, x) - atan2(cos(inclination) * sin(u), cos(u))
+        self.count += 1
+        self.node += wrapped(node - self.node) / self.count
+        self.mean = mean + wrapped(anomaly - e * sin(anomaly) - mean) / self.count
+        self.t = t
+
+
+class PlainFilter:
+    """Extended Kalman filter of a, Ω, M and the biases of azimuth and elevation, in numpy."""
+
+    def __init__(self, spec: LeastSquaresSpec) -> None:
+        self.held = propagated(ELEMENTS[:, None], TIMES[:1])[:, 0]
+        self.x = np.array([*self.held[[0, 3, 5]], 0.0, 0.0])
+        sigmas = [spec.semi_major_axis_sigma_m, spec.node_sigma_rad, spec.mean_anomaly_sigma_rad]
+        self.p = np.diag(np.square([*sigmas, spec.bias_sigma_rad, spec.bias_sigma_rad]))
+        # what an error of a has done by the acquisition
+        change = np.eye(5)
+        change[1:3, 0] = self.slopes(TIMES[0])[1:]
+        self.p = change @ self.p @ change.T
+        self.t = TIMES[0]
+        self.steps = np.array([10.0, 1e-6, 1e-6, 1e-6, 1e-6])
+
+    def rates(self, a: float) -> Array:
+        """Return the rates of Ω, ω and M."""
+        elements = self.held.copy()
+        elements[0] = a
+        return np.asarray(secular_rates(elements[:, None])[:, 0])
+
+    def slopes(self, dt: float) -> Array:
+        """Return what a unit of a changes in a, Ω and M after a time."""
+        later = (self.rates(self.x[0] + 10.0) - self.rates(self.x[0] - 10.0)) / 20.0 * dt
+        return np.array([1.0, later[0], later[2]])
+
+    def look(self, x: Array, t: float) -> Array:
+        """Return the angles that the antenna shows."""
+        a, node, mean = x[:3].tolist()
+        _, e, i, _, perigee, _ = self.held.tolist()
+        anomaly = kepler(mean, e)
+        along, across = a * (cos(anomaly) - e), a * sqrt(1.0 - e * e) * sin(anomaly)
+        c, s = cos(perigee), sin(perigee)
+        p, q = c * along - s * across, s * along + c * across
+        turned = node - (ANGLE + RATE * t)
+        c, s = cos(turned), sin(turned)
+        place = np.array([c * p - s * cos(i) * q, s * p + c * cos(i) * q, sin(i) * q])
+        east, north, up = ALCANTARA.axes @ (place - ALCANTARA.ecef_m)
+        return np.array([atan2(east, north) + x[3], atan2(up, sqrt(east**2 + north**2)) + x[4]])
+
+    def update(self, t: float, azimuth: float, elevation: float) -> None:
+        """Take a measurement."""
+        dt = t - self.t
+        change = np.eye(5)
+        change[:3, 0] = self.slopes(dt)
+        rates = self.rates(self.x[0])
+        self.x[1] += rates[0] * dt
+        self.held[4] += rates[1] * dt
+        self.x[2] += rates[2] * dt
+        self.p = change @ self.p @ change.T
+        slopes = np.empty((2, 5))
+        for k in range(5):
+            shift = self.steps * (np.arange(5) == k)
+            slopes[:, k] = self.look(self.x + shift, t) - self.look(self.x - shift, t)
+            slopes[0, k] = wrapped(slopes[0, k])
+        slopes /= 2.0 * self.steps
+        off = np.array([azimuth, elevation]) - self.look(self.x, t)
+        off[0] = wrapped(off[0])
+        gain = self.p @ slopes.T @ np.linalg.inv(slopes @ self.p @ slopes.T + SIGMA**2 * np.eye(2))
+        self.x = self.x + gain @ off
+        rest = np.eye(5) - gain @ slopes
+        self.p = rest @ self.p @ rest.T + SIGMA**2 * gain @ gain.T
+        self.t = t
+
+    def predicted(self, t: float) -> Array:
+        """Return the angles at a later time."""
+        x = self.x.copy()
+        rates = self.rates(x[0]) * (t - self.t)
+        x[1:3] += rates[[0, 2]]
+        self.held[4] += rates[1]
+        found = self.look(x, t)
+        self.held[4] -= rates[1]
+        return found
+
+
+def plain_us(filter_: Any, azimuth: Array, elevation: Array) -> float:
+    """Feed a filter the pass and return its time per measurement, µs."""
+    samples = list(zip(TIMES.tolist(), azimuth.tolist(), elevation.tolist(), strict=True))
+    begin = process_time()
+    for sample in samples:
+        filter_.update(*sample)
+    return (process_time() - begin) / COUNT * 1e6
+
+
+def element_sets() -> list[str]:
+    """Return ten two-line element sets of low orbits, of all inclinations and phases."""
+    found = []
+    for k in range(10):
+        first = f"1 {10000 + k}U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  999"
+        second = (
+            f"2 {10000 + k} {15.0 + 9.0 * k:8.4f} {36.0 * k:8.4f} {7417 + 5000 * k:07d}  17.6667 "
+            f"{33.0 * k:8.4f} {15.5 - 0.25 * k:11.8f}20247"
+        )
+        found.append("\n".join(line + str(_checksum(line)) for line in (first, second)))
+    return found
+
+
+def _checksum(line: str) -> int:
+    return (sum(int(q) for q in line if q.isdigit()) + line.count("-")) % 10
+
+
+def passes_figures() -> dict[str, float]:
+    """Find passes by both, and compare."""
+    sets = element_sets()
+    start = Epoch.parse("2019-12-10", "UTC")
+    mask = HorizonMask((radians(MASK),))
+    table = OrientationTable.installed()
+    orbits = [orbits_of(text, "tle")[0] for text in sets]
+
+    def ours() -> list[Array]:
+        found = []
+        for orbit in orbits:
+            track = EarthTrack(orbit, start, DAYS * 86400.0, table)
+            for station in (ALCANTARA, CUIABA):
+                passes = find_passes(station, track, mask)
+                found.append(np.concatenate([
+                    passes.rise_s[~passes.begun], passes.set_s[~passes.unfinished]]))  # fmt: skip
+        return found
+
+    ours()
+    best = np.inf
+    for _ in range(3):
+        begin = process_time()
+        mine = ours()
+        best = min(best, process_time() - begin)
+
+    scale = load.timescale(builtin=True)
+    first, last = scale.utc(2019, 12, 10), scale.utc(2019, 12, 10 + DAYS)
+    begin = process_time()
+    theirs = []
+    for text in sets:
+        satellite = EarthSatellite(*text.splitlines(), "", scale)
+        for station in (ALCANTARA, CUIABA):
+            place = wgs84.latlon(np.degrees(station.latitude_rad),
+                                 np.degrees(station.longitude_rad), station.height_m)  # fmt: skip
+            times, events = satellite.find_events(place, first, last, altitude_degrees=MASK)
+            since = (times.tai - first.tai) * 86400.0
+            theirs.append(np.concatenate([since[events == 0], since[events == 2]]))
+    other = process_time() - begin
+    same = [a.size == b.size for a, b in zip(mine, theirs, strict=True)]
+    off = [
+        float(np.max(np.abs(a - b), initial=0.0))
+        for a, b, equal in zip(mine, theirs, same, strict=True)
+        if equal
+    ]
+    return {
+        "passes_10_satellites_2_stations_3_days_cpu_s": best,
+        "passes_skyfield_cpu_s": other,
+        "passes_faster_than_skyfield": other / best,
+        "passes_searches_with_other_counts_than_skyfield": float(same.count(False)),
+        "passes_rise_and_set_difference_s": max(off),
+    }
+
+
+def figures() -> dict[str, float]:
+    """Return the figures, for benchmarks/run.py."""
+    seen = measured(short_period=True)
+    average, best = Average(AverageSpec()), LeastSquares(LeastSquaresSpec())
+    found = {
+        "average_streamed_us": streamed_us(average, *seen),
+        "average_batch_us": batch_us(average, *seen),
+        "least_squares_streamed_us": streamed_us(best, *seen),
+        "least_squares_batch_us": batch_us(best, *seen),
+    }
+    at_acquisition = propagated(ELEMENTS[:, None], TIMES[:1])[:, 0]
+    plain = np.inf
+    for _ in range(8):
+        averager = PlainAverager(at_acquisition)
+        plain = min(plain, plain_us(averager, *seen))
+    stream = StreamingTracker(average, ELEMENTS, 0.0, ALCANTARA, EPOCH)
+    for sample in zip(TIMES.tolist(), *(q.tolist() for q in seen), strict=True):
+        stream.update(*sample)
+    off = [averager.node - stream.state.elements[3, 0], averager.mean - stream.state.elements[5, 0]]
+    found |= {
+        "plain_averager_us": plain,
+        "average_streamed_faster_than_plain": plain / found["average_streamed_us"],
+        "average_batch_faster_than_plain": plain / found["average_batch_us"],
+        "average_difference_from_plain_rad": max(abs(wrapped(q)) for q in off),
+    }
+    seen = measured(short_period=False)
+    spec = LeastSquaresSpec(short_period=False, drift_m=0.0, gate=100.0, relinearisations=0)
+    plain = np.inf
+    for _ in range(3):
+        filter_ = PlainFilter(spec)
+        plain = min(plain, plain_us(filter_, *seen))
+    stream = StreamingTracker(LeastSquares(spec), ELEMENTS, 0.0, ALCANTARA, EPOCH, sigma_rad=SIGMA)
+    for sample in zip(TIMES.tolist(), *(q.tolist() for q in seen), strict=True):
+        stream.update(*sample)
+    azimuth, elevation, _ = stream.predict(np.array([LATER]))
+    one, two = (
+        np.array([cos(h) * sin(a), cos(h) * cos(a), sin(h)])
+        for a, h in ((azimuth[0], elevation[0]), filter_.predicted(LATER).tolist())
+    )
+    found |= {
+        "plain_filter_us": plain,
+        "least_squares_streamed_faster_than_plain": plain / found["least_squares_streamed_us"],
+        "least_squares_batch_faster_than_plain": plain / found["least_squares_batch_us"],
+        "least_squares_difference_from_plain_deg": float(np.degrees(acos(min(one @ two, 1.0)))),
+    }
+    return found | passes_figures()
+
+
+if __name__ == "__main__":
+    for figure, number in figures().items():
+        print(f"{figure:<50} {number:12.4g}")
