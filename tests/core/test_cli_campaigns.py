@@ -232,6 +232,66 @@ def test_a_changed_mission_is_refused(hillsphere: Runner) -> None:
     assert hillsphere.kept("out") >= 1
 
 
+# --- quantiles over time
+
+
+BANDS = (*SLOW, "--set", 'stage.many.bands=["*height"]')
+
+
+def test_bands_are_the_same_bits_killed_or_not_by_one_worker_or_two(hillsphere: Runner) -> None:
+    process = hillsphere.start("run", "waves.toml", *BANDS, "--out", "out", "--workers", "2")
+    hillsphere.until(process, lambda: hillsphere.kept("out") >= 3)
+    process.kill()
+    process.communicate()
+    assert hillsphere("resume", "out", "--workers", "0").returncode == 0
+    assert not (hillsphere.directory / "out" / "work").exists()
+    for name, workers in (("one", 1), ("two", 2)):
+        done = hillsphere("run", "waves.toml", *BANDS, "--out", name, "--workers", workers)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert hillsphere.digest(name) == hillsphere.digest("out")
+    table = load_product_of(hillsphere, "many")
+    bands = table.bands
+    assert (bands.names, bands.units) == (("height", "seen.height"), ("m", "m"))
+    assert bands.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert (bands.count == 2000).all()
+    # Histories begin at what was drawn and end at the metric.
+    begins, ends = (np.quantile(x[0], bands.levels) for x in (table.input_values, table.values))
+    np.testing.assert_array_equal(bands.values[:, 0, 0], begins)
+    np.testing.assert_array_equal(bands.values[:, 1, -1], ends)
+    done = hillsphere("export", "out")
+    assert (done.returncode, done.stdout) == (0, "out/many.csv\nout/many-bands.csv\n")
+    with (hillsphere.directory / "out/many-bands.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    medians = [float(row["seen.height p50 [m]"]) for row in rows]
+    assert medians == bands.values[1, 1].tolist()
+    done = hillsphere("rerun", "out", "--case", "1017")
+    assert "  the same as in the run, to the last bit\n" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        (
+            'stage.many.bands=["heigth"]',
+            "bands: the history of a case has no quantity 'heigth'; did you mean 'height'?",
+        ),
+        (
+            'stage.many.show=["fold"]',
+            "show: stage 'wave' has no metric 'fold'; did you mean 'folded'?",
+        ),
+    ],
+)
+def test_a_name_that_finds_nothing_is_told_after_the_first_block(
+    hillsphere: Runner, setting: str, message: str
+) -> None:
+    done = hillsphere(
+        "run", "waves.toml", *SLOW, "--set", setting, "--out", "out", "--workers", "0"
+    )
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [f"stage 'many' failed: {message}"]
+    assert hillsphere.kept("out") <= 1
+
+
 # --- executors
 
 

@@ -7,6 +7,7 @@ from importlib import import_module, metadata
 import numpy as np
 import pytest
 
+from hillsphere.earth.rotation import earth_fixed
 from hillsphere.interfaces import Array
 from hillsphere.plugins import Registered, default_registry
 from hillsphere.testing import (
@@ -16,10 +17,13 @@ from hillsphere.testing import (
     check_orbit_family,
     check_plant,
     check_plugin,
+    check_sensor,
     check_spec,
     check_stage,
+    check_tracker,
     example,
 )
+from hillsphere.time import Epoch
 
 PLUGINS = ["hillsphere.components", *(p.value for p in metadata.entry_points(group="hillsphere"))]
 COMPONENTS = [r for r in default_registry() if r.component.kind != "command"]
@@ -100,8 +104,31 @@ def test_compensator(type_: str, number: int) -> None:
     check_compensator(example("compensator", type_, number), 6, 3)
 
 
+@pytest.mark.parametrize(("type_", "number"), of_kind("sensor"))
+def test_sensor(type_: str, number: int) -> None:
+    # Satellites of low orbits all around the Earth, of which every station sees some.
+    t_s = np.linspace(0.0, 1e5, 300)
+    x = np.concatenate([directions(300) * 7.5e6, directions(300) * 7e3])
+    turned = earth_fixed("teme", Epoch.parse("2020-01-01", "UTC"), t_s)
+    check_sensor(example("sensor", type_, number), x, t_s, {"earth_fixed": turned})
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("tracker"))
+def test_tracker(type_: str, number: int) -> None:
+    check_tracker(example("tracker", type_, number), learns=type_ != "table")
+
+
+# What it needs must belong together, which products of examples do not: its own tests check it.
+FITTED = {"tracking_comparison"}
+
+
 @pytest.mark.parametrize(
-    "type_", [record.component.type for record in default_registry().of_kind("stage")]
+    "type_",
+    [
+        r.component.type
+        for r in default_registry().of_kind("stage")
+        if r.component.type not in FITTED
+    ],
 )
 def test_stage(type_: str) -> None:
     check_stage(type_)

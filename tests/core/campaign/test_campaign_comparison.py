@@ -225,3 +225,25 @@ def test_the_stage_names_its_campaigns() -> None:
     product = stage.run(RecordingContext(), (campaign(0.0, 1.6), campaign(-0.2, 1.9)))
     assert (product.baseline, product.campaign, product.level) == ("pid", ("lqr",), 0.9)
     assert stage.present(product).tables["comparison_metrics"].rows[0]["campaign"] == "lqr"
+
+
+def test_a_choice_of_metrics() -> None:
+    tables = campaign(0.0, 1.6), campaign(-0.2, 1.9)
+    product = compare(tables, ("pid", "lqr"))
+    found = present_comparison(product, show=("d*",))
+    check_presentation(found)
+    assert [row["metric"] for row in found.tables["comparison_metrics"].rows] == ["dv"]
+    assert len(found.verdict) == 2
+    needs = {"campaigns": ["pid", "lqr"]}
+    spec = CampaignComparisonSpec.model_validate({"needs": needs, "show": ["vd"]})
+    stage = CampaignComparisonStage(spec)
+    with pytest.raises(
+        InputError, match="show: what is compared has no metric 'vd'; there are: dv"
+    ):
+        stage.run(RecordingContext(), campaigns=tables)
+    spec = CampaignComparisonSpec.model_validate({"needs": needs, "show": ["const*"]})
+    stage = CampaignComparisonStage(spec)
+    whole = stage.run(RecordingContext(), campaigns=tables)
+    assert [one.metric for one in whole.metrics] == ["dv", "constant"]
+    (row,) = stage.present(whole).tables["comparison_metrics"].rows
+    assert row["metric"] == "constant"

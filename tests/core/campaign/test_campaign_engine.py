@@ -21,7 +21,7 @@ from hillsphere.campaign.engine import run_campaign
 from hillsphere.campaign.executors.serial import Serial
 from hillsphere.campaign.executors.specs import SerialSpec
 from hillsphere.campaign.repeated import RepeatedWork
-from hillsphere.campaign.tasks import Finished, Lost, Outcome, Task, Work
+from hillsphere.campaign.tasks import Finished, Job, Lost, Outcome, Task, Work
 from hillsphere.errors import Interrupted, StageError
 
 PLAN = ToyPlan(1000)
@@ -53,7 +53,8 @@ class Scripted:
     def __exit__(self, *exc: object) -> None:
         self._under_way = []
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: Job) -> None:
+        assert isinstance(task, Task)
         assert len(self._under_way) < self.slots
         self._under_way.append(task)
         self.tasks.append(task)

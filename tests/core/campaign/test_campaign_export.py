@@ -14,10 +14,10 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.io import netcdf_file
 
-from hillsphere.campaign.export import export_csv, export_netcdf
+from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.products import CaseTable
+from hillsphere.products import Bands, CaseTable
 
 
 def campaign(n: int, inputs: int = 3, metrics: int = 2) -> CaseTable:
@@ -59,6 +59,17 @@ def sweep() -> CaseTable:
         points=np.array([[0.1, 0.2, 0.3], [0.0, 1.0, 0.0]]),
         point_labels=("0.1, pid", "0.2, lqr", "0.3, pid"),
     )
+
+
+def bands() -> Bands:
+    rng = np.random.default_rng(2)
+    values: Array = rng.normal(size=(3, 2, 7))
+    values *= 10.0 ** rng.integers(-300, 300, size=(3, 2, 7))
+    values[:, 1, -1] = np.nan
+    count = rng.integers(1, 2000, size=(2, 7))
+    levels = (0.05, 0.5, 0.9973)
+    time_s = 60.1 * np.arange(7.0)
+    return Bands(("x", "u.x, höher"), ("m", "-"), levels, time_s, values, count)
 
 
 def rows_of(path: Path) -> tuple[list[str], list[list[str]]]:
@@ -147,6 +158,38 @@ def test_netcdf_of_a_sweep(tmp_path: Path) -> None:
         assert_array_equal(period[:], table.points[0])
         assert period.units == b"s"
         assert_array_equal(file.variables["point_of_case"][:], table.point)
+
+
+def test_csv_of_bands_gives_back_every_bit(tmp_path: Path) -> None:
+    made = bands()
+    export_bands_csv(made, tmp_path / "bands.csv")
+    header, rows = rows_of(tmp_path / "bands.csv")
+    assert header == [
+        "time [s]", "x p5 [m]", "x p50 [m]", "x p99_73 [m]", "x cases", "u.x, höher p5",
+        "u.x, höher p50", "u.x, höher p99_73", "u.x, höher cases",
+    ]  # fmt: skip
+    assert_array_equal(column(rows, 0), made.time_s)
+    for i, first in enumerate((1, 5)):
+        for level in range(3):
+            assert_array_equal(column(rows, first + level), made.values[level, i])
+        assert [row[first + 3] for row in rows] == [str(n) for n in made.count[i]]
+
+
+def test_netcdf_of_bands(tmp_path: Path) -> None:
+    made = bands()
+    export_netcdf(replace(campaign(10), bands=made), tmp_path / "cases.nc")
+    with netcdf_file(tmp_path / "cases.nc", mmap=False) as file:
+        assert_array_equal(file.variables["time"][:], made.time_s)
+        assert_array_equal(file.variables["level"][:], made.levels)
+        for i, name in enumerate(("band_x", "band_u_x_h_her")):
+            variable = file.variables[name]
+            assert variable.dimensions == ("level", "time")
+            assert_array_equal(variable[:], made.values[:, i])
+            assert (variable.long_name.decode(), variable.units) == (
+                made.names[i],
+                b"m1"[i : i + 1],
+            )
+            assert_array_equal(file.variables[f"{name}_cases"][:], made.count[i])
 
 
 def test_netcdf_names_that_look_alike(tmp_path: Path) -> None:

@@ -11,9 +11,10 @@ from numpy.testing import assert_allclose
 from hillsphere.campaign.presentation import present_campaign
 from hillsphere.campaign.statistics import ratio_interval
 from hillsphere.campaign.sweep_figures import points_of
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Presentation
-from hillsphere.products import CaseTable
+from hillsphere.products import Bands, CaseTable
 from hillsphere.testing import check_presentation, check_product
 
 METRICS = ("dv", "rms_error", "time")
@@ -262,6 +263,58 @@ def test_sobol_design() -> None:
         "1 of 640 did not come to their end" in s
         for s in present_campaign(replace(table, failed=failed)).verdict
     )
+
+
+def seven_hundred(table: CaseTable) -> CaseTable:
+    """Return a campaign with 700 metrics, of 100 passes."""
+    names = tuple(f"{what}_{i:02d}" for i in range(100) for what in (*"abcdef", "error"))
+    values = np.random.default_rng(8).normal(size=(700, table.case.size))
+    return replace(table, metrics=names, units=("m",) * 700, values=values)
+
+
+def metrics_in(found: Presentation, table: str) -> list[object]:
+    return list(dict.fromkeys(row["metric"] for row in found.tables[table].rows))
+
+
+def test_a_choice_of_many_metrics() -> None:
+    table = seven_hundred(campaign(200))
+    found = present_campaign(table, show=("error_07", "a_1*"))
+    check_presentation(found)
+    names = ["error_07", *(f"a_1{i}" for i in range(10))]
+    assert metrics_in(found, "campaign_statistics") == names
+    assert metrics_in(found, "campaign_extremes") == names
+    assert set(metrics_in(found, "campaign_correlations")) == {*names, "failed"}
+    assert "campaign_error_07_mean" in found.metrics
+    assert not any("b_" in name for name in found.metrics)
+    row = found.tables["campaign_statistics"].rows[1]
+    kept = table.values[table.metrics.index("a_10"), ~table.failed]
+    assert row["mean"] == pytest.approx(kept.mean(), rel=1e-12)
+    with pytest.raises(InputError, match="stage 'hover' has no metric 'erorr_07'; did you mean"):
+        present_campaign(table, show=("erorr_07",))
+    # Where every case raised there is nothing to choose from.
+    unknown = replace(table, metrics=(), units=(), values=np.empty((0, 200)))
+    assert present_campaign(unknown, show=("error_07",)).tables["campaign_statistics"].rows == []
+
+
+def test_tables_of_very_many_metrics_end_somewhere() -> None:
+    found = shown(seven_hundred(campaign(60)))
+    assert len(found.tables["campaign_statistics"].rows) == 500
+    assert "first 500 of 700 metrics" in found.tables["campaign_statistics"].notes[0]
+    assert "first 500 of 4200 rows" in found.tables["campaign_extremes"].notes[0]
+    assert len(found.figures) == 5
+    table = seven_hundred(sweep({PERIOD: np.array([30.0, 60.0])}, 20))
+    found = shown(table)
+    assert len(found.tables["sweep_statistics"].rows) == 500
+    found = present_campaign(table, show=("error_9*",))
+    rows = found.tables["sweep_statistics"].rows
+    assert [row["metric"] for row in rows] == [f"error_9{i}" for i in range(10)] * 2
+
+
+def test_bands_are_a_figure() -> None:
+    values = np.zeros((3, 1, 4))
+    bands = Bands(("x",), ("m",), (0.05, 0.5, 0.95), np.arange(4.0), values, np.full((1, 4), 9))
+    assert "campaign_bands" not in shown(campaign()).figures
+    assert "campaign_bands" in shown(replace(campaign(), bands=bands)).figures
 
 
 def test_many_metrics_and_inputs_make_no_more_figures() -> None:

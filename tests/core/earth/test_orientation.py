@@ -15,6 +15,7 @@ from hillsphere.earth.orientation import (
     ConstantOrientation,
     EarthOrientationWarning,
     OrientationTable,
+    doubts,
 )
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -92,6 +93,8 @@ def test_beyond_its_end_a_table_warns_and_holds(tmp_path: Path) -> None:
     sentence = table.lapse(epoch, beyond)
     assert sentence is not None
     assert sentence.startswith("Earth orientation (finals.data) ends on 2017-01-02: UT1 and")
+    assert doubts(table, epoch, beyond) == (sentence + ".",)
+    assert doubts(table, epoch, np.array([0.0, DAY])) == ()
     with pytest.warns(EarthOrientationWarning, match="ends on 2017-01-02"):
         found = table.at(epoch, beyond)
     assert np.allclose(found.ut1_minus_tai_s, [-36.409, -36.41], rtol=0, atol=1e-9)
@@ -137,6 +140,12 @@ def test_constants_follow_utc_at_the_epoch() -> None:
     # the second day has the leap second: UT1 runs through
     assert np.allclose(_ut1_minus_utc(_utc("2016-12-31T23:59:00"), t), -36.0, rtol=0, atol=1e-9)
     assert UT1_IS_UTC.lapse(_utc("2500-01-01"), t) is None
+
+
+def test_a_verdict_says_that_ut1_is_taken_as_utc() -> None:
+    (sentence,) = doubts(UT1_IS_UTC, _utc("2020-01-01"), NOW)
+    assert sentence.startswith("UT1 is taken as UTC")
+    assert doubts(ConstantOrientation(0.1), _utc("2020-01-01"), NOW) == ()
 
 
 @pytest.mark.parametrize(

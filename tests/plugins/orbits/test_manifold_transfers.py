@@ -20,9 +20,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from hillsphere import create
+from hillsphere import create, workers
+from hillsphere.campaign.executors.pool import Pool
+from hillsphere.campaign.executors.specs import PoolSpec
 from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
+from hillsphere.product_codec import save_product
 from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
@@ -249,6 +252,24 @@ def test_too_short_legs(plant: Any, family: QsoFamily, orbits: OrbitSet) -> None
     assert found.transfer_legs.shape == (2, 0)
     check_product(found)
     check_presentation(made.present(found, planar=family, orbits=(orbits,)))
+
+
+def test_other_processes_find_the_same_bits(
+    plant: Any,
+    family: QsoFamily,
+    orbits: OrbitSet,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setattr(workers, "HERE_S", 0.0)
+    made = stage(plant, leg_limit_d=2.8, samples=8)
+    here, there = RecordingContext(), RecordingContext(executor=Pool(PoolSpec(workers=2)))
+    for name, ctx in (("here", here), ("there", there)):
+        found = made.run(ctx, planar=family, orbits=(orbits,))
+        save_product(tmp_path / name, found)
+    assert found.leg_p.size > 0
+    assert (tmp_path / "here").read_bytes() == (tmp_path / "there").read_bytes()
+    assert there.messages == here.messages
 
 
 def test_stable_orbits_are_listed(plant: Any, family: QsoFamily) -> None:

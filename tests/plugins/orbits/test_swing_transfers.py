@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere import create
+from hillsphere import create, workers
+from hillsphere.campaign.executors.pool import Pool
+from hillsphere.campaign.executors.specs import PoolSpec
 from hillsphere.dynamics import Taylor, system
 from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
+from hillsphere.product_codec import save_product
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.correction import correct, fixed
 from hillsphere_orbits.qso.products import QsoFamily
@@ -43,7 +46,13 @@ def family(plant: Any) -> QsoFamily:
     return found
 
 
-def swing_of(plant: Any, family: QsoFamily, resonances: Sequence[str], **keys: Any) -> Any:
+def swing_of(
+    plant: Any,
+    family: QsoFamily,
+    resonances: Sequence[str],
+    ctx: RecordingContext | None = None,
+    **keys: Any,
+) -> Any:
     bifurcations = create(
         "stage", "bifurcations", plant=plant, needs={"family": "family"}, planar=list(resonances)
     ).run(RecordingContext(), family=family)
@@ -51,7 +60,7 @@ def swing_of(plant: Any, family: QsoFamily, resonances: Sequence[str], **keys: A
         "stage", "swing_qso_families", plant=plant, needs={"bifurcations": "bifurcations"},
         symmetries=["x", "y"], secondary=False, **keys,
     )  # fmt: skip
-    return stage.run(RecordingContext(), bifurcations=bifurcations)
+    return stage.run(ctx or RecordingContext(), bifurcations=bifurcations)
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +89,25 @@ def least(transfers: SwingTransfers, leg: str, family: str) -> int:
         if (transfers.legs[table.leg[k]], transfers.families[table.family[k]]) == (leg, family):
             return k
     raise AssertionError(f"no transfer {leg} by way of {family}")
+
+
+def test_other_processes_find_the_same_bits(
+    plant: Any,
+    family: QsoFamily,
+    swing: SwingFamilies,
+    transfers: SwingTransfers,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setattr(workers, "HERE_S", 0.0)
+    ctx = RecordingContext(executor=Pool(PoolSpec(workers=2)))
+    families = swing_of(plant, family, ["1:3", "1:4"], ctx, x_max_km=60)
+    made = stage(plant, [ROUTE, ["x = 30 km", "x = 22 km"]])
+    found = made.run(ctx, family=family, swing=families)
+    for here, there in ((swing, families), (transfers, found)):
+        save_product(tmp_path / "here", here)
+        save_product(tmp_path / "there", there)
+        assert (tmp_path / "here").read_bytes() == (tmp_path / "there").read_bytes()
 
 
 def test_legs_of_the_routes(transfers: SwingTransfers) -> None:

@@ -9,7 +9,9 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import correct
+from hillsphere_orbits.flow import Flow
 from hillsphere_orbits.members import Quantity
 from hillsphere_orbits.roots import brackets
 from hillsphere_orbits.shooting import Shooting
@@ -47,6 +49,7 @@ class Asked:
 
 
 def orbits_asked(
+    flow: Flow,
     chains: Sequence[Chain],
     jacobi_constants: Sequence[float],
     periods_s: Sequence[float],
@@ -56,6 +59,8 @@ def orbits_asked(
 
     Parameters
     ----------
+    flow : Flow
+        Equations of motion, normalised.
     chains : sequence of Chain
         The families.
     jacobi_constants : sequence of float
@@ -86,14 +91,15 @@ def orbits_asked(
         met: set[int] = set()
         spans = []
         for number, chain in enumerate(chains):
-            quantity = quantity_of(chain.problem)
+            problem = chain.problem(flow)
+            quantity = quantity_of(problem)
             along = quantity(chain.branch.z)[0]
             for k, value in enumerate(values):
                 label = f"{chain.start.name}, {symbol} = {value * size:.9g}{unit}"
                 for i in brackets(along, float(value)):
                     met.add(k)
                     u = i + (value - along[i]) / (along[i + 1] - along[i])
-                    z = _held(chain, quantity, float(value), float(u))
+                    z = _held(problem, chain.branch, quantity, float(value), float(u))
                     if z is None:
                         lost.append(f"{label}: Newton's iteration did not converge")
                     else:
@@ -117,17 +123,19 @@ def orbits_asked(
     )
 
 
-def _held(chain: Chain, quantity: Quantity, value: float, u: float) -> Array | None:
+def _held(
+    problem: Shooting, branch: Branch, quantity: Quantity, value: float, u: float
+) -> Array | None:
     """Return the orbit (m, 1) at which a quantity has a value, near a position, if there is one."""
-    guess, _ = chain.branch.guess(np.array([u]))
+    guess, _ = branch.guess(np.array([u]))
 
     def hold(z: Array) -> tuple[Array, Array]:
         values, gradient = quantity(z)
         return (values - value)[None], gradient[None]
 
-    found = correct(chain.problem, guess, hold, tolerance=_TOLERANCE)
-    i = int(np.clip(np.floor(u), 0, chain.branch.size - 2))
-    ends = chain.branch.z[:, i : i + 2]
+    found = correct(problem, guess, hold, tolerance=_TOLERANCE)
+    i = int(np.clip(np.floor(u), 0, branch.size - 2))
+    ends = branch.z[:, i : i + 2]
     chord = float(np.linalg.norm(ends[:, 1] - ends[:, 0]))
     near = float(np.min(np.linalg.norm(found.z - ends, axis=0))) <= chord
     return found.z if bool(found.converged[0]) and near else None

@@ -48,7 +48,7 @@ def starts_of_breaking(flow: Flow, chain: Chain, number: int, u: float) -> list[
         At most one: a branch and its mirror image are the same family. None if nothing is found,
         as where the pair only seems to pass 1.
     """
-    start, problem = chain.start, chain.problem
+    start, problem = chain.start, chain.problem(flow)
     # at the branching itself Newton's equations are singular: its neighbours tell where it is
     last = chain.branch.size - 1.0
     z = at_positions(

@@ -16,7 +16,7 @@ from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.shooting import Shooting, SymmetricShooting
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import Surveyor
-from hillsphere_orbits.swing.families import Chain, flown
+from hillsphere_orbits.swing.families import flown
 
 __all__ = [
     "distances",
@@ -139,9 +139,8 @@ def stable(monodromy: Array) -> NDArray[np.bool_]:
     return np.asarray(np.all(np.abs(indices) <= 2.0 + _CIRCLE, axis=0))
 
 
-def distances(chain: Chain) -> tuple[Array, Array]:
+def distances(problem: Shooting, z: Array) -> tuple[Array, Array]:
     """Return least and largest distance from the centre (N,) along each orbit, normalised."""
-    problem, z = chain.problem, chain.branch.z
     way = problem.flow.trajectory(problem.state(z), flown(problem, z), problem.steps)
     radius = np.sqrt(np.sum(way[:3] ** 2, axis=0))
     return np.min(radius, axis=0), np.max(radius, axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import StepMap, bracketed_roots
 from hillsphere.errors import ConvergenceError, PropagationError
 from hillsphere.interfaces import Array
-from hillsphere.threads import in_threads
 from hillsphere_orbits.continuation import Branch, StepControl
 from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.flow import Flow
@@ -21,7 +20,7 @@ from hillsphere_orbits.shooting import Shooting, SymmetricShooting
 from hillsphere_orbits.swing.curves import at_positions, swing_problem
 from hillsphere_orbits.swing.starts import Start
 
-__all__ = ["Chain", "Limits", "flown", "follow_starts"]
+__all__ = ["Chain", "Limits", "flown", "follow", "groups_of"]
 
 _CONTROL = StepControl(first=0.03, largest=0.4, turn=0.3, members=200)
 _FOLLOWED = 1e-6  # error of the flow while following; what is returned is better
@@ -81,15 +80,20 @@ class Chain:
     ----------
     start : Start
         Where it begins.
-    problem : Shooting
-        The equations of its orbits, with sub-steps to rounding.
+    steps : int
+        Sub-steps to rounding, of the time that is solved for.
     branch : Branch
         Its orbits, the first one next to the bifurcation.
     """
 
     start: Start
-    problem: Shooting
+    steps: int
     branch: Branch
+
+    def problem(self, flow: Flow) -> Shooting:
+        """Return the equations of its orbits."""
+        mirror = self.start.symmetry != "none"
+        return swing_problem(flow, self.start.axis, mirror=mirror).with_steps(self.steps)
 
 
 def flown(problem: Shooting, z: Array) -> Array:
@@ -98,21 +102,17 @@ def flown(problem: Shooting, z: Array) -> Array:
     return 0.5 * period if isinstance(problem, SymmetricShooting) else period
 
 
-def follow_starts(
-    flow: Flow, starts: Sequence[Start], limits: Limits, advance: Callable[[int], None]
-) -> tuple[list[Chain], list[str]]:
-    """Follow families to their ends, those with similar numbers of revolutions in lockstep.
+def follow(flow: Flow, starts: Sequence[Start], limits: Limits) -> tuple[list[Chain], list[str]]:
+    """Follow families to their ends in lockstep.
 
     Parameters
     ----------
     flow : Flow
         Equations of motion, normalised.
     starts : sequence of Start
-        First members.
+        First members, as `groups_of` puts them together.
     limits : Limits
         Where to stop at the latest.
-    advance : callable
-        Told of every family that is finished.
 
     Returns
     -------
@@ -121,39 +121,27 @@ def follow_starts(
     notes : list of str
         Which were left out, and why.
     """
-    _map_of(flow)  # compiled once, before threads ask for it
-
-    def followed(group: list[int]) -> tuple[dict[int, Chain], list[str]]:
-        chains: dict[int, Chain] = {}
-        notes: list[str] = []
-        todo = [group]
-        while todo:
-            some = todo.pop()
-            try:
-                found = _Follower(flow, [starts[k] for k in some], limits).chains()
-            except (ConvergenceError, PropagationError) as error:
-                if len(some) > 1:
-                    # one that fails must not take the others along
-                    todo += [[k] for k in some]
-                    continue
-                start = starts[some[0]]
-                notes.append(f"{start.d}:{start.n} from the {start.axis} axis: {error}")
-            else:
-                chains.update(zip(some, found, strict=True))
-        return chains, notes
-
-    groups = _groups(starts)
-    every: dict[int, Chain] = {}
-    faults: list[str] = []
-    for group, (chains, notes) in zip(groups, in_threads(followed, groups), strict=True):
-        every |= chains
-        faults += notes
-        advance(len(group))
-    return [every[k] for k in sorted(every)], faults
+    chains: dict[int, Chain] = {}
+    notes: list[str] = []
+    todo = [list(range(len(starts)))]
+    while todo:
+        some = todo.pop()
+        try:
+            found = _Follower(flow, [starts[k] for k in some], limits).chains()
+        except (ConvergenceError, PropagationError) as error:
+            if len(some) > 1:
+                # one that fails must not take the others along
+                todo += [[k] for k in some]
+                continue
+            start = starts[some[0]]
+            notes.append(f"{start.d}:{start.n} from the {start.axis} axis: {error}")
+        else:
+            chains.update(zip(some, found, strict=True))
+    return [chains[k] for k in sorted(chains)], notes
 
 
-def _groups(starts: Sequence[Start]) -> list[list[int]]:
-    """Return numbers of starts with the same equations and similar revolutions."""
+def groups_of(starts: Sequence[Start]) -> list[list[int]]:
+    """Return numbers of starts with the same equations and similar revolutions, in groups."""
     groups: list[list[int]] = []
 
     def equations(k: int) -> tuple[bool, str]:
@@ -222,7 +210,7 @@ class _Follower:
                 break
             self.problem = self.problem.with_steps(needed)
         return [
-            Chain(start, exact, self._ended(k, exact, branch))
+            Chain(start, exact.steps, self._ended(k, exact, branch))
             for k, (start, branch) in enumerate(zip(self.starts, branches, strict=True))
         ]
 

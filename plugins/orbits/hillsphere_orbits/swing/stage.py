@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,28 +10,26 @@ from hillsphere.errors import ConvergenceError, InputError, PropagationError, St
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import Bifurcations
-from hillsphere_orbits.continuation import Branch
+from hillsphere.workers import Workers
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.specs import read_resonance
-from hillsphere_orbits.secondary import Secondary, secondary
-from hillsphere_orbits.shooting import Shooting, SymmetricShooting
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor
 from hillsphere_orbits.swing.asked import orbits_asked
 from hillsphere_orbits.swing.breaking import starts_of_breaking
-from hillsphere_orbits.swing.curves import at_positions, swing_problem
+from hillsphere_orbits.swing.curves import at_positions
 from hillsphere_orbits.swing.description import (
     distances,
     errors,
     joined,
-    largest_multiplier,
     orbits_of,
     spectrum_of,
     stable,
     tracks_of,
 )
-from hillsphere_orbits.swing.families import Chain, Limits, follow_starts
+from hillsphere_orbits.swing.families import Limits, groups_of
+from hillsphere_orbits.swing.following import Followed, Following, Surveyed, surveyor_of
 from hillsphere_orbits.swing.presentation import present_swing
 from hillsphere_orbits.swing.products import SwingFamilies
 from hillsphere_orbits.swing.specs import SwingFamiliesSpec
@@ -43,20 +40,6 @@ __all__ = ["SwingFamiliesStage"]
 _SAME_EQUATIONS = 1e-8
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _NEAR = 0.1  # natural units: where the families of a body without surface end by default
-
-
-@dataclass(frozen=True)
-class _Surveyed:
-    """A family that keeps the accuracy, with what was found along it."""
-
-    chain: Chain
-    end: str
-    half: Array
-    closure: Array
-    monodromy: Array
-    events: Secondary
-    unsearched: str = ""
-    """Why secondary bifurcations could not be looked for; empty if they were."""
 
 
 class SwingFamiliesStage:
@@ -128,15 +111,18 @@ class SwingFamiliesStage:
             )
         x, period = self._planar(flow, bifurcations, chosen)
         starts, notes = self._starts(ctx, flow, symmetries, bifurcations, chosen, x, period)
-        surveyor = Surveyor(self.plant, _any_problem(flow))
-        families, more = self._families(ctx, flow, surveyor, starts)
-        notes += more
-        if "asymmetric" in self.spec.symmetries:
+        asymmetric = "asymmetric" in self.spec.symmetries
+        work = Following(
+            self.plant, self._limits(), self.spec.accuracy, self.spec.secondary or asymmetric
+        )
+        with Workers(ctx, work) as workers:
+            families, more = _followed(ctx, workers, starts, "followed")
+            notes += more
             examined = 0
-            while examined < len(families):
+            while asymmetric and examined < len(families):
                 children = self._children(ctx, flow, families, examined)
                 examined = len(families)
-                found, more = self._families(ctx, flow, surveyor, children, "without a mirror")
+                found, more = _followed(ctx, workers, children, "without a mirror")
                 families += found
                 notes += more
         if not families:
@@ -147,7 +133,7 @@ class SwingFamiliesStage:
             )
         for note in notes:
             ctx.info(note)
-        return self._product(surveyor, families, notes)
+        return self._product(surveyor_of(self.plant, flow), families, notes)
 
     def present(
         self,
@@ -234,75 +220,8 @@ class SwingFamiliesStage:
         farthest = None if spec.x_max_m is None else spec.x_max_m / unit
         return Limits(nearest, farthest, spec.curve_length)
 
-    def _families(
-        self,
-        ctx: Context,
-        flow: Flow,
-        surveyor: Surveyor,
-        starts: Sequence[Start],
-        what: str = "followed",
-    ) -> tuple[list[_Surveyed], list[str]]:
-        """Follow families and cut each where it does not keep the accuracy any more."""
-        if not starts:
-            return [], []
-        advance = ctx.track(f"orbits of several revolutions: {what}", 2 * len(starts))
-        chains, notes = follow_starts(flow, starts, self._limits(), advance)
-        families = []
-        for chain in chains:
-            found = self._surveyed(surveyor, chain)
-            if found is None:
-                notes.append(
-                    f"{chain.start.d}:{chain.start.n} from the {chain.start.axis} axis: its orbits "
-                    f"do not keep the accuracy {self.spec.accuracy:g} when propagated anew"
-                )
-            else:
-                families.append(found)
-                if found.unsearched:
-                    notes.append(
-                        f"{chain.start.name}: secondary bifurcations could not be looked for "
-                        f"({found.unsearched})"
-                    )
-            advance(1)
-        advance(len(starts) - len(chains))
-        return families, notes
-
-    def _surveyed(self, surveyor: Surveyor, chain: Chain) -> _Surveyed | None:
-        problem, z = chain.problem, chain.branch.z
-        half, closure = errors(surveyor, problem, z)
-        monodromy = problem.monodromy(z)
-        growth = np.maximum(1.0, 1e-3 * largest_multiplier(monodromy))
-        accuracy = self.spec.accuracy
-        beyond = closure > 10.0 * accuracy * growth
-        if isinstance(problem, SymmetricShooting):
-            beyond |= half > accuracy
-        lost = np.flatnonzero(beyond)
-        kept, end = z.shape[1], chain.branch.ends[1]
-        if lost.size:
-            kept = int(lost[0])
-            end = f"the orbits do not keep the accuracy {accuracy:g} beyond; then {end}"
-        if kept < 2:
-            return None
-        branch = Branch(z[:, :kept], chain.branch.tangent[:, :kept], ("it branches off", end))
-        chain = replace(chain, branch=branch)
-        none = Secondary((), (), np.empty(0), np.empty((2, 0), dtype=complex))
-        events, unsearched = none, ""
-        if self.spec.secondary or "asymmetric" in self.spec.symmetries:
-            try:
-                events = secondary(
-                    lambda u: problem.monodromy(at_positions(problem, branch, u)),
-                    monodromy[:, :, :kept],
-                    integral=lambda u: surveyor.integral(
-                        problem.state(at_positions(problem, branch, u))
-                    ),
-                )
-            except (ConvergenceError, PropagationError) as error:
-                unsearched = str(error)
-        return _Surveyed(
-            chain, end, half[:kept], closure[:kept], monodromy[:, :, :kept], events, unsearched
-        )  # fmt: skip
-
     def _children(
-        self, ctx: Context, flow: Flow, families: Sequence[_Surveyed], first: int
+        self, ctx: Context, flow: Flow, families: Sequence[Surveyed], first: int
     ) -> list[Start]:
         """Return first members of families that begin where a mirror of a newer one breaks."""
         starts: list[Start] = []
@@ -324,10 +243,11 @@ class SwingFamiliesStage:
         return starts
 
     def _product(
-        self, surveyor: Surveyor, families: Sequence[_Surveyed], notes: list[str]
+        self, surveyor: Surveyor, families: Sequence[Surveyed], notes: list[str]
     ) -> SwingFamilies:
-        unit = self.plant.scales.length_m
+        unit, flow = self.plant.scales.length_m, flow_of(self.plant)
         asked = orbits_asked(
+            flow,
             [family.chain for family in families],
             self.spec.jacobi_constants,
             self.spec.periods_s,
@@ -335,10 +255,10 @@ class SwingFamiliesStage:
         )
         number, labels, z, position = asked.family, asked.labels, asked.z, asked.position
         notes = [*notes, *asked.lost]
-        problems = [families[f].chain.problem for f in number]
+        all_problems = [family.chain.problem(flow) for family in families]
+        problems = [all_problems[f] for f in number]
         members = orbits_of(surveyor, problems, z, labels)
         sizes = [family.chain.branch.size for family in families]
-        all_problems = [family.chain.problem for family in families]
         curve = orbits_of(
             surveyor,
             all_problems,
@@ -354,13 +274,16 @@ class SwingFamiliesStage:
             [family.chain.start.name for family in families],
         )
         event_z = [
-            at_positions(family.chain.problem, family.chain.branch, family.events.position)
-            for family in families
+            at_positions(problem, family.chain.branch, family.events.position)
+            for problem, family in zip(all_problems, families, strict=True)
         ]
         count = [len(family.events.kind) for family in families]
         events = orbits_of(surveyor, all_problems, event_z, [""] * sum(count))
         middle = [f.chain.branch.z[:, [f.chain.branch.size // 2]] for f in families]
-        ranges = [distances(family.chain) for family in families]
+        ranges = [
+            distances(problem, family.chain.branch.z)
+            for problem, family in zip(all_problems, families, strict=True)
+        ]
         half = [errors(surveyor, p, each)[0] for p, each in zip(problems, z, strict=True)]
         starts = [family.chain.start for family in families]
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
@@ -409,8 +332,30 @@ class SwingFamiliesStage:
         )
 
 
-def _any_problem(flow: Flow) -> Shooting:
-    return swing_problem(flow, "x", mirror=False)
+def _followed(
+    ctx: Context, workers: Workers[Sequence[Start], Followed], starts: Sequence[Start], what: str
+) -> tuple[list[Surveyed], list[str]]:
+    """Follow families, in the order of their starts; what is to be said of them comes second."""
+    if not starts:
+        return [], []
+    advance = ctx.track(f"orbits of several revolutions: {what}", len(starts))
+    groups = groups_of(starts)
+    # what takes longest goes first, so that no worker is left alone with it
+    order = sorted(range(len(groups)), key=lambda g: -sum(starts[k].n for k in groups[g]))
+    done: dict[int, Followed] = {}
+    for g, one in zip(
+        order, workers.map([[starts[k] for k in groups[g]] for g in order]), strict=True
+    ):
+        done[g] = one
+        advance(len(groups[g]))
+    families: dict[int, Surveyed] = {}
+    remarks: dict[int, str] = {}
+    for g, group in enumerate(groups):
+        families |= {group[place]: family for place, family in done[g].families.items()}
+        remarks |= {group[place]: remark for place, remark in done[g].remarks.items()}
+    notes = [fault for g in range(len(groups)) for fault in done[g].faults]
+    notes += [remarks[k] for k in sorted(remarks)]
+    return [families[k] for k in sorted(families)], notes
 
 
 def _samples() -> Array:

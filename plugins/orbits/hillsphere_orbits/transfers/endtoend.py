@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from threading import Lock
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -28,7 +27,6 @@ __all__ = ["EndToEnd", "Leg", "heights_m", "verify"]
 _SURFACE, _APSIS = "surface", "apsis"
 _NEWTON = 60
 _PROPAGATORS: WeakKeyDictionary[Plant, Taylor] = WeakKeyDictionary()
-_FLYING = Lock()  # a propagator holds the lanes that it carries: one thread at a time
 
 
 @dataclass(frozen=True)
@@ -121,8 +119,7 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
     PropagationError
         If a flight turns non-finite.
     """
-    with _FLYING:
-        taylor = _propagator(plant)
+    taylor = _propagator(plant)
     unit, clock = taylor.system.unit[:, None], taylor.system.time_unit_s
     flown = np.array(start, dtype=float)
     if flown.ndim != 2 or len(flown) != len(unit):
@@ -138,8 +135,7 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
         if leg.end.shape != flown.shape or leg.impulse_m_s.shape != (3, cases):
             raise InputError(f"leg {leg.name!r}: {cases} transfers, but {leg.end.shape} ends")
         go = np.flatnonzero(~impact)
-        with _FLYING:
-            flight = taylor.fly(flown[:, go] / unit, leg.duration_s[go] / clock)
+        flight = taylor.fly(flown[:, go] / unit, leg.duration_s[go] / clock)
         impact[go] = [why is not None for why in flight.ended_by]
         flown[:, go] = flight.x * unit
         near.append(flown[:3, go])

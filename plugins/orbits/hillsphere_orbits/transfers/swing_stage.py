@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,62 +13,27 @@ from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
-from hillsphere.threads import in_threads
+from hillsphere.workers import Workers
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.survey import LockedMoon
-from hillsphere_orbits.swing.curves import Swing
 from hillsphere_orbits.swing.products import SwingFamilies
 from hillsphere_orbits.transfers.curves import PolarOrbit, step_map_of
 from hillsphere_orbits.transfers.energy import least_dv
-from hillsphere_orbits.transfers.pareto import front
 from hillsphere_orbits.transfers.ranks import rank_correlations
 from hillsphere_orbits.transfers.specs import SwingTransfersSpec
-from hillsphere_orbits.transfers.swing_assembly import (
-    Choice,
-    Pair,
-    assembled,
-    joined,
-    none,
-    selected,
-)
-from hillsphere_orbits.transfers.swing_chains import Scan, scan
+from hillsphere_orbits.transfers.swing_assembly import joined, none
+from hillsphere_orbits.transfers.swing_chains import Scan
 from hillsphere_orbits.transfers.swing_flights import flights_of
-from hillsphere_orbits.transfers.swing_passages import Passages, passages
+from hillsphere_orbits.transfers.swing_legs import Leg, LegSearch, SearchedLeg
 from hillsphere_orbits.transfers.swing_presentation import present_transfers
 from hillsphere_orbits.transfers.swing_products import SwingTransfers, Transfers
 from hillsphere_orbits.transfers.swing_routes import flown_routes
-from hillsphere_orbits.transfers.swing_search import END, INTERIOR, Minimum
-from hillsphere_orbits.transfers.swing_zoom import Pieces, least_along, search
 
 __all__ = ["SwingTransfersStage", "energy_bound"]
 
 _SAME_EQUATIONS = 1e-8
 _TRACK_STEPS = 720
-_ASIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # on a piece
-_AGREES = 1e-5  # of the cost, normalised: what a touching orbit may cost more than its estimate
-_COARSE = 2  # times fewer sub-steps than for rounding: errors of 3e-10
-
-
-@dataclass(frozen=True)
-class _Members:
-    """The members of all families that connect the orbits of one leg."""
-
-    family: NDArray[np.int64]
-    position: Array
-    dv: Array
-    angle: Array
-    integral: Array
-
-
-@dataclass(frozen=True)
-class _Leg:
-    """What was found for a leg: a transfer per family, the front, members, and what to log."""
-
-    least: Transfers
-    front: Transfers
-    members: _Members
-    notes: list[str]
 
 
 class SwingTransfersStage:
@@ -120,28 +85,27 @@ class SwingTransfersStage:
         legs = list(dict.fromkeys(pair for r in self.spec.routes for pair in pairwise(r)))
         orbits = self._curves(flow, family, names)
         integral = {name: float(family.members.integral[i]) for name, i in names.items()}
-        chains = Swing(swing, self.plant)
-        advance = ctx.track("swing transfers", len(chains.families) + len(legs) + 1)
-        step_map_of(flow)  # compiled here, before threads ask for it
+        families = range(len(swing.n))
+        work = LegSearch(
+            self.plant,
+            swing,
+            {name: (orbits[name].x0, orbits[name].period, integral[name]) for name in names},
+            self.spec.dearest,
+        )
+        advance = ctx.track("swing transfers", len(families) + len(legs) + 1)
         scans: list[Scan] = []
-        for scanned in in_threads(lambda f: scan(chains, f, orbits, _COARSE), chains.families):
-            scans.append(scanned)
-            advance(1)
-
-        def searched(k: int) -> _Leg:
-            a, b = legs[k]
-            pair = Pair(k, orbits[a], orbits[b], (integral[a], integral[b]))
-            least, notes = self._least(chains, scans, pair, orbits, (a, b))
-            ways = [passages(s.met[a], s.met[b], s.period) for s in scans]
-            front = self._front(chains, scans, pair, (a, b), ways, least)
-            return _Leg(least, front, _members(swing, scans, ways), notes)
-
-        found: list[_Leg] = []
-        for leg in in_threads(searched, range(len(legs))):
-            found.append(leg)
-            for note in leg.notes:
-                ctx.info(note)
-            advance(1)
+        found: list[SearchedLeg] = []
+        with Workers(ctx, work) as workers:
+            for scanned in workers.map(families):
+                assert isinstance(scanned, Scan)
+                scans.append(scanned)
+                advance(1)
+            for leg in workers.map([_leg(k, pair, scans) for k, pair in enumerate(legs)]):
+                assert isinstance(leg, SearchedLeg)
+                found.append(leg)
+                for note in leg.notes:
+                    ctx.info(note)
+                advance(1)
         least = [leg.least for leg in found]
         members = [leg.members for leg in found]
         every = joined(least) if least else none()
@@ -159,7 +123,7 @@ class SwingTransfersStage:
         speed = float(flow.system.unit[3])
         return SwingTransfers(
             flights=flights_of(
-                orbits, legs, [swing.name(f) for f in chains.families], front_of_legs, every,
+                orbits, legs, [swing.name(f) for f in families], front_of_legs, every,
                 routes,
             ),
             orbits=tuple(order),
@@ -175,7 +139,7 @@ class SwingTransfersStage:
             * speed,
             status=tuple("found" if t.size else _why_not(scans, p) for t, p in
                          zip(least, legs, strict=True)),
-            families=tuple(swing.name(f) for f in chains.families),
+            families=tuple(swing.name(f) for f in families),
             d=swing.d,
             n=swing.n,
             least=every,
@@ -235,102 +199,10 @@ class SwingTransfersStage:
             )
         return {name: PolarOrbit(flow, x[:, i], period[i], name) for name, i in names.items()}
 
-    def _least(
-        self,
-        chains: Swing,
-        scans: Sequence[Scan],
-        pair: Pair,
-        orbits: dict[str, PolarOrbit],
-        names: tuple[str, str],
-    ) -> tuple[Transfers, list[str]]:
-        """Return the transfer of least cost along every family that connects two orbits.
 
-        And sentences on what could not be found so.
-        """
-        coarse = search(chains, scans, names, orbits)
-        if not coarse:
-            return none(), []
-        pieces, found = least_along(chains, names, orbits, coarse)
-        made = self._assembled(pieces, pair, found)
-        own = made.family.tolist()
-        positions = [pieces.position(k, u) for k, u in zip(own, made.position, strict=True)]
-        made = replace(
-            made,
-            position=np.array(positions, dtype=float),
-            family=np.array([pieces.whole[k] for k in own], dtype=np.int64),
-        )
-        # a minimum that is lost when it is looked into leaves the best member of its family
-        lost = {m.family for m in coarse} - set(made.family.tolist())
-        spare = [_best_member(s, names) for s in scans if s.family in lost]
-        notes = [
-            f"{' to '.join(names)}: the minimum along {chains.product.name(choice.family)} is not "
-            "there on a finer look; the best of its members stands in its place"
-            for choice in spare
-        ]
-        return joined([made, assembled(chains, self.plant, pair, spare)]), notes
-
-    def _assembled(self, pieces: Pieces, pair: Pair, found: Sequence[Minimum]) -> Transfers:
-        """Return the transfers of minima.
-
-        An orbit that just touches another one misses it if rounding, magnified by the flow, has
-        it so. Then the nearest one beside it that does meet the other is taken.
-        """
-        speed = float(pair.start.flow.system.unit[3])
-
-        def choice(m: Minimum, aside: float) -> Choice:
-            last = pieces.branch(m.family).size - 1.0
-            kind = m.kind if m.kind in (INTERIOR, END) else f"touches {m.kind}"
-            return Choice(m.family, min(max(m.u + aside, 0.0), last), kind)
-
-        made = assembled(pieces, self.plant, pair, [choice(m, 0.0) for m in found])
-        for aside in _ASIDE:
-            dv = dict(zip(made.family.tolist(), made.total_m_s / speed, strict=True))
-            missed = [m for m in found if not dv.get(m.family, np.inf) < m.dv + _AGREES]
-            if not missed:
-                break
-            more = [choice(m, side) for m in missed for side in (-aside, aside)]
-            every = joined([made, assembled(pieces, self.plant, pair, more)])
-            order = np.lexsort((every.total_m_s, every.family))
-            first = np.unique(every.family[order], return_index=True)[1]
-            made = selected(every, order[first])
-        return made
-
-    def _front(
-        self,
-        chains: Swing,
-        scans: Sequence[Scan],
-        pair: Pair,
-        names: tuple[str, str],
-        ways: Sequence[Passages],
-        least: Transfers,
-    ) -> Transfers:
-        """Return the transfers of a leg that none betters in cost and time, up to a cost."""
-        total = np.concatenate([w.total for w in ways]) if ways else np.empty(0)
-        limit = self.spec.dearest * float(np.min(least.total_m_s, initial=np.inf))
-        limit /= chains.flow.system.unit[3]
-        tof = np.concatenate([w.tof for w in ways]) if ways else np.empty(0)
-        source = np.repeat(np.arange(len(ways)), [w.total.size for w in ways])
-        begin = np.concatenate([[0], np.cumsum([w.total.size for w in ways])])
-        choices = []
-        seen: set[tuple[float, float]] = set()
-        for k in np.flatnonzero(front(np.where(total <= limit, total, np.inf), tof)).tolist():
-            key = (round(float(total[k]), 7), round(float(tof[k]), 7))
-            if key in seen:  # a mirror image
-                continue
-            seen.add(key)
-            s, w = scans[int(source[k])], ways[int(source[k])]
-            i = k - int(begin[source[k]])
-            lane = int(w.lane[i])
-            phases = (
-                float(s.met[names[0]].time[w.departure[i]] / s.period[lane]),
-                float(s.met[names[1]].time[w.arrival[i]] / s.period[lane]),
-            )
-            choices.append(Choice(s.family, float(lane), "member", phases))
-        every = joined([least, assembled(chains, self.plant, pair, choices)])
-        dear = limit * chains.flow.system.unit[3] * (1.0 + 1e-9)
-        cost = np.where(every.total_m_s <= dear, every.total_m_s, np.inf)
-        on = np.flatnonzero(front(cost, every.tof_s))
-        return selected(every, on[np.argsort(every.tof_s[on])])
+def _leg(number: int, names: tuple[str, str], scans: Sequence[Scan]) -> Leg:
+    """Return a leg with what it needs of scans: what is met of its two orbits."""
+    return Leg(number, names, [replace(s, met={n: s.met[n] for n in names}) for s in scans])
 
 
 def energy_bound(start: PolarOrbit, end: PolarOrbit, first: float, last: float) -> float:
@@ -354,26 +226,6 @@ def energy_bound(start: PolarOrbit, end: PolarOrbit, first: float, last: float) 
     one = least_dv(start.largest_speed, first, last)
     two = least_dv(end.largest_speed, last, first)
     return float(np.minimum(one, two))
-
-
-def _best_member(scanned: Scan, names: tuple[str, str]) -> Choice:
-    total = scanned.least(names[0]) + scanned.least(names[1])
-    return Choice(scanned.family, float(np.argmin(total)), "member")
-
-
-def _members(swing: SwingFamilies, scans: Sequence[Scan], ways: Sequence[Passages]) -> _Members:
-    """Return cost, angle and integral of every member that connects the orbits of a leg."""
-    parts: list[tuple[Array, Array, Array, Array, Array]] = []
-    for s, w in zip(scans, ways, strict=True):
-        chosen = w.cheapest(s.period.size)
-        lanes = np.flatnonzero(chosen >= 0)
-        own = swing.curve.integral[swing.curve_family == s.family]
-        parts.append(
-            (np.full(lanes.size, float(s.family)), lanes.astype(float), w.total[chosen[lanes]],
-             w.angle[chosen[lanes]], own[lanes])
-        )  # fmt: skip
-    columns = [np.concatenate([p[k] for p in parts]) if parts else np.empty(0) for k in range(5)]
-    return _Members(columns[0].astype(np.int64), columns[1], columns[2], columns[3], columns[4])
 
 
 def _why_not(scans: Sequence[Scan], names: tuple[str, str]) -> str:

@@ -1,0 +1,348 @@
+"""Quantiles over time: those of numpy, whatever is divided, interrupted or read in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from numpy.typing import NDArray
+from tests.core.campaign.toy_cases import Toy, ToyPlan, same
+
+from hillsphere.campaign.band_figures import MOST_PANELS, band_figure
+from hillsphere.campaign.bands import Parts, bands_of
+from hillsphere.campaign.block_outcome import BlockOutcome
+from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
+from hillsphere.campaign.checkpoints import Checkpoints
+from hillsphere.campaign.engine import run_campaign
+from hillsphere.campaign.executors.serial import Serial
+from hillsphere.campaign.executors.specs import SerialSpec
+from hillsphere.campaign.isolation import compute
+from hillsphere.campaign.specs import MonteCarloSpec
+from hillsphere.campaign.tasks import Task
+from hillsphere.drawing import draw
+from hillsphere.errors import Interrupted, StageError
+from hillsphere.faults import faults_of
+from hillsphere.interfaces import Array
+from hillsphere.products import Bands, load_product, save_product
+from hillsphere.testing import check_product
+
+LEVELS = (0.05, 0.5, 0.95)
+SAMPLES, CASES = 40, 300
+
+
+def flights() -> Histories:
+    """Return cases that begin and end at their own times; the last sample has no command."""
+    rng = np.random.default_rng(3)
+    time = 0.1 * np.arange(SAMPLES)[:, None] + 1e4 * rng.random(CASES)
+    values = rng.normal(size=(2, SAMPLES, CASES)).cumsum(axis=1)
+    ends = rng.integers(SAMPLES // 2, SAMPLES, CASES)
+    ends[7] = SAMPLES - 1
+    time[np.arange(SAMPLES)[:, None] > ends] = np.nan
+    values[1, ends, np.arange(CASES)] = np.nan
+    return Histories(time, ("x", "u.x"), ("m", "-"), values)
+
+
+FLIGHTS = flights()
+COUNTED = np.flatnonzero(np.arange(CASES) % 7 != 2)
+
+
+def of_columns(histories: Histories, columns: NDArray[np.int64]) -> Histories:
+    """Return some cases, without samples that none of them has, as a block keeps them."""
+    time = histories.time_s[:, columns]
+    last = int(np.flatnonzero(np.isfinite(time).any(axis=1))[-1]) + 1
+    return replace(histories, time_s=time[:last], values=histories.values[:, :, columns][:, :last])
+
+
+def parts_of(*groups: Sequence[int], histories: Histories = FLIGHTS) -> Parts:
+    def parts() -> Iterator[tuple[NDArray[np.int64], Histories]]:
+        for group in groups:
+            columns = np.array(group, dtype=np.int64)
+            yield columns, of_columns(histories, columns)
+
+    return parts
+
+
+def found(parts: Parts, **options: Any) -> Bands:
+    bands = bands_of(parts, COUNTED, LEVELS, **options)
+    assert bands is not None
+    return bands
+
+
+def assert_same(one: Bands | None, other: Bands | None) -> None:
+    assert one is not None
+    assert other is not None
+    assert (one.names, one.units, one.levels) == (other.names, other.units, other.levels)
+    for a, b in ((one.time_s, other.time_s), (one.values, other.values), (one.count, other.count)):
+        assert (a.shape, a.tobytes()) == (b.shape, b.tobytes())
+
+
+WHOLE = found(parts_of(range(CASES)))
+
+
+def test_bands_are_the_quantiles_of_numpy() -> None:
+    time = FLIGHTS.time_s[:, COUNTED]
+    values = np.where(np.isfinite(time), FLIGHTS.values[:, :, COUNTED], np.nan)
+    assert_array_equal(WHOLE.time_s, FLIGHTS.time_s[:, 7] - FLIGHTS.time_s[0, 7])
+    assert (WHOLE.names, WHOLE.units, WHOLE.levels) == (("x", "u.x"), ("m", "-"), LEVELS)
+    assert_array_equal(WHOLE.count, np.isfinite(values).sum(axis=2))
+    assert_array_equal(WHOLE.values[:, 0], np.nanquantile(values[0], LEVELS, axis=1))
+    assert_array_equal(WHOLE.values[:, 1, :-1], np.nanquantile(values[1, :-1], LEVELS, axis=1))
+    # Nobody has a command at the very last sample; values after the end of a case do not count.
+    assert np.isnan(WHOLE.values[:, 1, -1]).all()
+    assert WHOLE.count[0, 0] == len(COUNTED) > WHOLE.count[0, -1] > WHOLE.count[1, -1] == 0
+    check_product(WHOLE)
+
+
+@pytest.mark.parametrize("room_bytes", [1, 2 * 8 * CASES * 7, 1 << 29])
+def test_parts_and_room_change_no_bit(room_bytes: int) -> None:
+    order = np.random.default_rng(1).permutation(CASES).tolist()
+    divided = [range(64), range(64, 71), range(71, CASES)]
+    overlapping = [range(200, CASES), range(50, 250), range(64)]
+    for groups in (divided, overlapping, divided[::-1], [order]):
+        assert_same(found(parts_of(*groups), room_bytes=room_bytes), WHOLE)
+
+
+def test_levels_are_put_in_order() -> None:
+    bands = bands_of(parts_of(range(CASES)), COUNTED, LEVELS[::-1] + LEVELS)
+    assert_same(bands, WHOLE)
+
+
+def test_no_case_no_bands() -> None:
+    assert bands_of(parts_of(range(CASES)), np.empty(0, dtype=np.int64), LEVELS) is None
+    assert bands_of(lambda: [], COUNTED, LEVELS) is None
+
+
+def test_cases_sampled_at_other_times() -> None:
+    late = FLIGHTS.time_s.copy()
+    late[5:, 101] += 1e-3
+    other = replace(FLIGHTS, time_s=late)
+    with pytest.raises(StageError, match="those of case 101 differ from those of case 7,"):
+        found(parts_of(range(100), range(100, 200), histories=other))
+    # A case that is not counted may be sampled as it likes, and rounding is no difference.
+    late[5:, 101] = FLIGHTS.time_s[5:, 101]
+    late[5:, 2] += 1e-3
+    late[1:-1, 101] = np.nextafter(late[1:-1, 101], np.inf)
+    assert_same(found(parts_of(range(CASES), histories=replace(other, time_s=late))), WHOLE)
+
+
+def test_a_case_with_a_gap() -> None:
+    gap = FLIGHTS.time_s.copy()
+    gap[4, 7] = np.nan
+    with pytest.raises(StageError, match="common times"):
+        found(parts_of(range(CASES), histories=replace(FLIGHTS, time_s=gap)))
+
+
+def test_parts_with_other_quantities() -> None:
+    def parts() -> Iterator[tuple[NDArray[np.int64], Histories]]:
+        yield from parts_of(range(64))()
+        yield from parts_of(range(64, 99), histories=replace(FLIGHTS, names=("x", "u.y")))()
+
+    with pytest.raises(StageError, match=r"histories of x, u\.y for some cases, but of x, u\.x"):
+        found(parts)
+
+
+# --- in a campaign
+
+PLAN = ToyPlan(1000)
+FAULTS = {9: "raise", 130: "nan", **dict.fromkeys(range(256, 320), "memory")}
+
+
+@dataclass(frozen=True)
+class Banded:
+    """Work that keeps histories for bands."""
+
+    stage: Any
+    bands: tuple[str, ...] = ("x",)
+
+    def prepare(self) -> Callable[[Task], tuple[BlockOutcome, ...]]:
+        return lambda task: tuple(
+            compute(self.stage, block, {}, task.history, self.bands) for block in task.blocks
+        )
+
+
+def campaign(
+    checkpoints: Checkpoints | None = None, bands: tuple[str, ...] = ("x",), **options: Any
+) -> list[BlockOutcome]:
+    return run_campaign(
+        PLAN, Banded(Toy(FAULTS), bands), executor=Serial(SerialSpec()), checkpoints=checkpoints,
+        **options,
+    )[0]  # fmt: skip
+
+
+def in_memory(outcomes: Sequence[BlockOutcome]) -> Bands | None:
+    parts = [(o.numbers, o.histories) for o in outcomes if o.histories is not None]
+    return bands_of(lambda: parts, sound(outcomes), LEVELS)
+
+
+def sound(outcomes: Sequence[BlockOutcome]) -> NDArray[np.int64]:
+    return np.concatenate([o.numbers[~o.failed] for o in outcomes])
+
+
+def test_bands_of_a_campaign(tmp_path: Path) -> None:
+    outcomes = campaign()
+    # Histories change nothing else.
+    assert same(outcomes, campaign(bands=()))
+    bands = in_memory(outcomes)
+    assert bands is not None
+    x = np.concatenate([o.values[0][~o.failed] for o in outcomes])
+    assert_array_equal(
+        bands.values[:, 0], np.quantile(x[None] * np.arange(3.0)[:, None], LEVELS, 1)
+    )
+    assert_array_equal(bands.count, [[x.size] * 3])
+    # With checkpoints, histories are in the files and not in memory.
+    for group_blocks in (1, 3):
+        kept = Checkpoints(tmp_path / str(group_blocks), "f")
+        stored = campaign(kept, group_blocks=group_blocks)
+        assert same(stored, outcomes)
+        assert all(o.histories is None for o in stored)
+        assert_same(bands_of(kept.histories, sound(outcomes), LEVELS), bands)
+
+
+def test_an_interrupted_campaign_comes_to_the_same_bands(tmp_path: Path) -> None:
+    outcomes = campaign()
+    done = 0
+
+    def interrupt(cases: int) -> None:
+        nonlocal done
+        done += cases
+        if done >= 400:
+            raise Interrupted("enough")
+
+    with pytest.raises(Interrupted):
+        campaign(Checkpoints(tmp_path, "f"), group_blocks=2, advance=interrupt)
+    assert 0 < len(list(tmp_path.iterdir())) < 8
+    kept = Checkpoints(tmp_path, "f")
+    assert same(campaign(kept, group_blocks=3), outcomes)
+    assert_same(bands_of(kept.histories, sound(outcomes), LEVELS), in_memory(outcomes))
+
+
+def test_a_file_that_was_damaged_since(tmp_path: Path) -> None:
+    kept = Checkpoints(tmp_path, "f")
+    campaign(kept, group_blocks=4)
+    path = sorted(tmp_path.iterdir())[1]
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(StageError, match="resume the run"):
+        list(kept.histories())
+
+
+def test_groups_are_not_larger_than_their_histories_allow(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+
+    class Counting(Banded):
+        def prepare(self) -> Callable[[Task], tuple[BlockOutcome, ...]]:
+            do = super().prepare()
+
+            def counted(task: Task) -> tuple[BlockOutcome, ...]:
+                sizes.append(len(task.blocks))
+                return do(task)
+
+            return counted
+
+    # Two blocks of one quantity at three samples of 64 cases.
+    monkeypatch.setattr("hillsphere.campaign.engine.MOST_BYTES", 2 * 3 * 64 * 8)
+    run_campaign(PLAN, Counting(Toy(), ("x",)), executor=Serial(SerialSpec()))
+    assert max(sizes) == 2
+
+
+def test_a_block_keeps_what_bands_name() -> None:
+    @dataclass(frozen=True)
+    class Two(Toy):
+        def run_cases(self, batch: CaseBatch, history: bool = False, **inputs: Any) -> CaseResults:
+            results = super().run_cases(batch, history)
+            kept = results.histories
+            both = kept and replace(
+                kept, names=("x", "seen.x"), units=("m", "km"),
+                values=np.concatenate([kept.values, 1e-3 * kept.values]),
+            )  # fmt: skip
+            return replace(results, histories=both)
+
+    batch = PLAN.block(0)[0]
+    whole = compute(Two({3: "raise"}), batch, {}, history=True)
+    part = compute(Two({3: "raise"}), batch, {}, bands=("seen.*",))
+    assert whole.histories is not None
+    assert part.histories is not None
+    assert (part.histories.names, part.histories.units) == (("seen.x",), ("km",))
+    assert part.histories.values.tobytes() == whole.histories.values[1:].tobytes()
+    assert (len(whole.tracebacks), part.tracebacks) == (1, ())
+    both = compute(Two(), batch, {}, bands=("seen.*", "*")).histories
+    assert both is not None
+    assert both.names == ("seen.x", "x")
+    with pytest.raises(StageError, match=r"no quantity 'sen\.x'; did you mean 'seen\.x'\?"):
+        compute(Two(), batch, {}, bands=("x", "sen.x"))
+
+
+def test_what_is_wrong_with_bands_is_told_after_the_first_block() -> None:
+    blocks: list[int] = []
+
+    @dataclass(frozen=True)
+    class Forgetful(Toy):
+        def run_cases(self, batch: CaseBatch, history: bool = False, **inputs: Any) -> CaseResults:
+            blocks.append(int(batch.numbers[0]))
+            return super().run_cases(batch)
+
+    with pytest.raises(StageError, match=r"Forgetful\.run_cases keeps no histories"):
+        run_campaign(PLAN, Banded(Forgetful()), executor=Serial(SerialSpec()))
+    with pytest.raises(StageError, match="no quantity 'z'; there are: x"):
+        campaign(bands=("z",))
+    assert blocks == [0]
+
+
+def test_metrics_are_told_once_and_early() -> None:
+    heard: list[tuple[Sequence[str], int]] = []
+    done = 0
+
+    def count(cases: int) -> None:
+        nonlocal done
+        done += cases
+
+    campaign(advance=count, on_metrics=lambda names: heard.append((names, done)))
+    assert heard == [(("x", "y"), 0)]
+
+
+def test_bands_need_quantiles() -> None:
+    keys = {"repeat": "hover", "cases": 64, "bands": ["x"], "quantiles": []}
+    made, faults = faults_of(MonteCarloSpec, keys)
+    assert made is None
+    assert [fault.message for fault in faults] == ["bands are quantiles; give at least one"]
+
+
+# --- what is shown
+
+
+def many(quantities: int, levels: tuple[float, ...] = LEVELS, samples: int = 50) -> Bands:
+    time = np.linspace(0.0, 5e4, samples)
+    spread = np.linspace(-1.0, 1.0, len(levels))[:, None, None]
+    values = np.sin(time / 1e4) + spread * np.ones((len(levels), quantities, samples))
+    count: NDArray[np.int64] = np.full((quantities, samples), 300)
+    count[:, samples // 2 :] = 250
+    names = tuple(f"state.x{i}" for i in range(quantities))
+    return Bands(names, ("m",) * quantities, levels, time, values, count)
+
+
+@pytest.mark.parametrize("levels", [LEVELS, (0.9,), (0.1, 0.9), (0.01, 0.05, 0.25, 0.75, 0.95)])
+def test_figure_of_bands(levels: tuple[float, ...]) -> None:
+    figure = band_figure(many(2, levels))
+    svg = draw(figure).svg
+    assert len(svg) > 10_000
+    assert "The first" not in figure.caption
+
+
+def test_a_page_of_many_quantities() -> None:
+    figure = band_figure(many(700, samples=3000))
+    assert f"The first {MOST_PANELS} of 700 quantities; the other 691" in figure.caption
+    assert "At most 1000 of 3000 samples" in figure.caption
+    assert figure.size_in[1] < 10.0
+    assert draw(figure).png
+
+
+def test_bands_of_a_single_sample(tmp_path: Path) -> None:
+    one = many(1, samples=1)
+    assert draw(band_figure(one)).png
+    save_product(tmp_path / "bands.npz", one)
+    read: Array = load_product(tmp_path / "bands.npz").values
+    assert_array_equal(read, one.values)
