@@ -27,7 +27,9 @@ from hillsphere.testing.gravity import check_gravity
 from hillsphere.testing.orbit_families import check_orbit_family
 from hillsphere.testing.plants import check_plant
 from hillsphere.testing.plugins import HEAVY_MODULES, check_plugin, check_spec
+from hillsphere.testing.sensors import check_sensor
 from hillsphere.testing.stages import check_presentation, check_product, check_stage
+from hillsphere.testing.trackers import check_tracker
 
 __all__ = [
     "HEAVY_MODULES",
@@ -41,8 +43,10 @@ __all__ = [
     "check_plugin",
     "check_presentation",
     "check_product",
+    "check_sensor",
     "check_spec",
     "check_stage",
+    "check_tracker",
     "example",
     "example_product",
 ]

@@ -44,7 +44,7 @@ class Antenna:
     """
 
     channels = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angle"))
-    draws = (5, 6)
+    draws = (6, 6)
 
     def __init__(self, spec: AntennaSpec) -> None:
         self.spec = spec
@@ -57,7 +57,7 @@ class Antenna:
 
         Parameters
         ----------
-        constant : ndarray, shape (5, N)
+        constant : ndarray, shape (6, N)
             The constant normal numbers of the cases, as for `measure`.
 
         Returns
@@ -94,16 +94,15 @@ class Antenna:
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
         """Return measured azimuth and elevation; NaN below the mask and where one is missing.
 
-        The rows of `constant` are two biases and three coordinates of the station; those of `noise`
-        both angles' noise, dropout, outlier, and both angles' outlying error. An elevation that
-        errors carry beyond the zenith is shown as the same direction, on the other side of it.
+        The rows of `constant` are two biases, three coordinates of the station and the bias that
+        goes with cot h; those of `noise` both angles' noise, dropout, outlier, and both angles'
+        outlying error. An elevation that errors carry beyond the zenith is shown as the same
+        direction, on the other side of it.
         """
         spec = self.spec
         true, distance = self._seen(x, t_s, scene)
         sigma = _grown(true, distance, spec.azimuth_noise_rad, spec.elevation_noise_rad)
-        shown = true + sigma * noise[:2]
-        shown += _grown(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
-        shown += np.array(spec.bias_sigma_rad)[:, None] * constant[:2]
+        shown = true + sigma * noise[:2] + self._biases(true, distance, constant)
         shown += np.where(noise[3] < self._outlier, spec.outlier_sigma_rad * noise[4:6], 0.0)
         # what errors do to a direction stays a direction: −π/2 ≤ elevation ≤ π/2
         folded = np.arcsin(np.sin(shown[1]))
@@ -111,6 +110,18 @@ class Antenna:
         azimuth = np.remainder(shown[0] + np.where(over, np.pi, 0.0), 2.0 * np.pi)
         missing = (true[1] < spec.mask_elevation_rad) | (noise[2] < self._dropout)
         return np.where(missing, np.nan, np.array([azimuth, folded]))
+
+    def bias(self, x: Array, t_s: Array, scene: Scene, constant: Array) -> Array:
+        """Return the systematic errors of both angles (2, N), measured minus true."""
+        return self._biases(*self._seen(x, t_s, scene), constant)
+
+    def _biases(self, true: Array, distance: Array, constant: Array) -> Array:
+        spec = self.spec
+        grown = _grown(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
+        grown += np.array(spec.bias_sigma_rad)[:, None] * constant[:2]
+        cotangent = np.cos(true[1]) / np.maximum(np.sin(true[1]), _LEAST)
+        grown[1] += spec.horizon_bias_sigma_rad * constant[5] * cotangent
+        return grown
 
     def _seen(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
         """Return true angles (2, N) and ranges (N,), m."""

@@ -82,6 +82,12 @@ class AntennaSpec(Spec):
         "standard deviation of further biases of azimuth and elevation, constant within a case",
         default=(0.0, 0.0), ge=0,
     )  # fmt: skip
+    horizon_bias_sigma_rad: float = quantity(
+        "angle",
+        "standard deviation, at 45° elevation, of a further bias of the elevation that goes with "
+        "its cotangent",
+        default=0.0, ge=0,
+    )  # fmt: skip
     dropout_probability: float = option(
         "probability that a measurement is missing, each for itself", default=0.0, ge=0, le=1
     )

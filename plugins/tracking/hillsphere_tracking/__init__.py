@@ -17,6 +17,27 @@ def hillsphere_components() -> list[Component]:
             "passes of satellites over ground stations, eclipses, ground tracks",
         ),
         Component(
+            "stage",
+            "pointing",
+            "hillsphere_tracking.pointing.stage:PointingStage",
+            "hillsphere_tracking.pointing.specs:PointingSpec",
+            "antenna mounts that follow passes: turns, flips, keyholes, rates, errors",
+        ),
+        Component(
+            "stage",
+            "assisted_tracking",
+            "hillsphere_tracking.assisted.stage:AssistedTrackingStage",
+            "hillsphere_tracking.assisted.specs:AssistedTrackingSpec",
+            "passes with a loss of signal, followed by several trackers, case by case",
+        ),
+        Component(
+            "stage",
+            "tracking_comparison",
+            "hillsphere_tracking.assisted.comparison_stage:TrackingComparisonStage",
+            "hillsphere_tracking.assisted.comparison_specs:TrackingComparisonSpec",
+            "trackers compared over many cases, against a baseline and published values",
+        ),
+        Component(
             "tracker",
             "table",
             "hillsphere_tracking.trackers.table:Table",

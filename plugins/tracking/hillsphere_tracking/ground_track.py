@@ -8,10 +8,11 @@ import numpy as np
 
 from hillsphere.earth.geodetic import WGS84, Ellipsoid, geodetic
 from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.earth.rotation import to_earth_fixed
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
-from hillsphere_tracking.satellites import LimitedOrbit, Orbit, earth_fixed_states, last_instant
+from hillsphere_tracking.orbits import LimitedOrbit, Orbit, last_instant
 
 __all__ = ["EarthTrack", "ground_points", "split_at_wrap"]
 
@@ -64,7 +65,7 @@ class EarthTrack:
             raise InputError(f"the duration must be positive and finite, got {duration_s} s")
         self.orbit, self.start, self.orientation = orbit, start, orientation
         last_instant(orbit, start, np.zeros(1))
-        offset = start.seconds_since(orbit.epoch)
+        self._offset_s = offset = start.seconds_since(orbit.epoch)
         step = _step_s(orbit.states(np.array([offset]))[:, 0])
         count = int(np.ceil(duration_s / step))
         if count > _MOST_TIMES:
@@ -102,12 +103,13 @@ class EarthTrack:
         What was asked for at many times at once is remembered: every station begins its search
         with the same ones.
         """
-        key = t_s.tobytes() if 2 * t_s.size >= self.times_s.size else None
+        key = t_s.tobytes() if 4 * t_s.size >= self.times_s.size else None
         if key is not None and key in self._remembered:
             return self._remembered[key]
-        x = earth_fixed_states(self.orbit, self.start, t_s, self.orientation)
+        x = self.orbit.states(t_s + self._offset_s)
+        x = to_earth_fixed(self.orbit.frame, x, self.start, t_s, self.orientation)
         x.setflags(write=False)
-        if key is not None and len(self._remembered) < 2:
+        if key is not None and len(self._remembered) < 3:
             self._remembered[key] = x
         return x
 

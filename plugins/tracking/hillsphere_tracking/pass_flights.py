@@ -1,202 +1,198 @@
-"""A flight as an orbit: states at given times, with polynomials between them."""
+"""Numerical flights of satellites from their elements, as orbits.
+
+Where the mean elements of a theory put the satellite at their epoch, a plant takes over. Its force
+model is the plant's own; what the flight keeps of the theory is the state at its beginning.
+"""
 
 from __future__ import annotations
 
-from typing import cast, get_args
+from typing import Protocol, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hillsphere.earth.rotation import InertialFrame
+from hillsphere.dynamics import Taylor, system
+from hillsphere.earth.rotation import InertialFrame, to_earth_fixed, to_inertial
 from hillsphere.errors import InputError, PropagationError
-from hillsphere.interfaces import Array
-from hillsphere.products import Trajectories
+from hillsphere.interfaces import Array, Plant
 from hillsphere.time import Epoch
+from hillsphere_tracking.flown_orbit import FlownOrbit, missed
+from hillsphere_tracking.orbits import Orbit
 
-__all__ = ["FlownOrbit"]
+__all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "flown"]
 
-_NODES = 4
-_LEAST = _NODES + 1
-_GAIN = 18.0
-"""Leaving out a node of five makes the error at least this much larger than it is between them: by
-Π(t − t_i)², 16 h⁸ instead of 0.88 h⁸ in the outermost step and 0.32 h⁸ in the others."""
+_DAY = 86400.0
+_ANGLE = "rotation_angle"
+_ENDS = {"impact": "has come down to the ground"}
+_LEAST_STATES = 9
+_MOST_STATES = 500_000
+_HALVINGS = 12
 
 
-class FlownOrbit:
-    """A numerical flight, interpolated through positions and velocities.
+class EarthPlant(Plant, Protocol):
+    """A plant of a satellite about the Earth: its times count from an epoch."""
 
-    Polynomials of degree seven run through the positions and velocities at the four nearest times
-    (Hermite interpolation), so that the error falls with the eighth power of the step.
+    @property
+    def epoch(self) -> Epoch:
+        """At which its time is zero."""
+        ...
+
+
+class PlantFlights:
+    """Flights of satellites by one plant, compiled once.
+
+    The Taylor propagator keeps state: one object for each thread.
 
     Parameters
     ----------
-    name : str
-        Of the satellite.
-    epoch : Epoch
-        From which times count.
-    frame : {"teme", "gcrs"}
-        Inertial frame of the states.
-    t_s : ndarray, shape (K,)
-        Times, rising, at least five.
-    x : ndarray, shape (6, K)
-        Positions, m, and velocities, m/s, without a manoeuvre.
-    tolerance : float
-        Largest error of the interpolated positions, relative to the distance from the centre.
-
-    Attributes
-    ----------
-    error_m : float
-        Estimated largest error of interpolated positions, from leaving out one state after the
-        other.
+    plant : EarthPlant
+        Positions and velocities in ``teme`` or ``gcrs``, times from its epoch. The satellites may
+        be flown at any other time, but what it takes as standing still (in ``gcrs`` the Earth's
+        axis) stands where it is at its epoch.
 
     Raises
     ------
     InputError
-        If shapes do not fit, times do not rise, anything is not finite, or the states are so far
-        apart (or have a jump among them) that the tolerance cannot be kept.
+        If the plant is no such one.
     """
 
-    def __init__(
+    def __init__(self, plant: Plant) -> None:
+        epoch = getattr(plant, "epoch", None)
+        names = [v.name for v in plant.states]
+        if not isinstance(epoch, Epoch) or plant.frame not in get_args(InertialFrame):
+            raise InputError(
+                "satellites are flown by a plant about the Earth (type 'earth_orbit') with an "
+                f"epoch, in the frame teme or gcrs; got {type(plant).__name__} in "
+                f"{plant.frame!r}"
+            )
+        if len(names) != 6:
+            raise InputError(
+                "satellites are flown by a plant with three positions and three velocities, "
+                f"{type(plant).__name__} has the states {', '.join(names)}"
+            )
+        self.epoch = epoch
+        self.frame = cast(InertialFrame, plant.frame)
+        angles = [q.value for q in plant.parameters() if q.name == _ANGLE]
+        self._angle_rad = angles[0] if angles else None
+        flow = system(plant, run_time=[_ANGLE] if angles else [], normalised=True)
+        self._unit, self._clock_s = flow.unit[:, None], flow.time_unit_s
+        self._sampled = Taylor(flow)
+        self._ended = Taylor(flow, events=tuple(flow.events))
+
+    def fly(
         self,
-        name: str,
-        epoch: Epoch,
-        frame: InertialFrame,
-        t_s: Array,
-        x: Array,
-        tolerance: float = 1e-9,
-    ) -> None:
-        t, x = np.asarray(t_s, dtype=float), np.asarray(x, dtype=float)
-        if t.ndim != 1 or x.shape != (6, t.size) or t.size < _LEAST:
+        orbit: Orbit,
+        start: Epoch,
+        duration_s: float,
+        *,
+        rotation_angle_rad: float | None = None,
+        step_s: float = 30.0,
+    ) -> FlownOrbit:
+        """Fly a satellite; parameters, result and errors as for `flown`."""
+        if not (np.isfinite(duration_s) and duration_s > 0.0 and step_s > 0.0):
             raise InputError(
-                f"flight {name!r}: needs at least {_LEAST} times (K,) and states (6, K), got "
-                f"{t.shape} and {x.shape}"
+                f"duration and step must be positive and finite, got {duration_s} s, {step_s} s"
             )
-        if not (np.isfinite(t).all() and np.isfinite(x).all()) or not (np.diff(t) > 0.0).all():
-            raise InputError(f"flight {name!r}: times must rise, and all must be finite")
-        self.name, self.epoch, self.frame = name, epoch, frame
-        self._t, self._x = t, x
-        first = np.arange(t.size - _NODES + 1)
-        self._nodes = t[first + np.arange(_NODES)[:, None]]
-        self._coefficients = _divided_differences(t, x, first + np.arange(_NODES)[:, None])
-        # each state but the outer two at both ends from its four neighbours
-        middle = np.arange(2, t.size - 2)
-        around = middle + np.array([-2, -1, 1, 2])[:, None]
-        guess = _evaluated(t[around], _divided_differences(t, x, around), t[middle])[:3]
-        missed = np.linalg.norm(guess - x[:3, middle], axis=0)
-        self.error_m = float(missed.max()) / _GAIN
-        allowed = tolerance * float(np.linalg.norm(x[:3], axis=0).min())
-        # what rounding of states and times leaves is no fault of the step
-        rounding = 1e-13 * float(np.abs(x[:3]).max())
-        if self.error_m > allowed + rounding:
-            worst = float(t[middle[np.argmax(missed)]])
+        begin = start.seconds_since(orbit.epoch)
+        first = min(begin, 0.0)
+        end, ending = begin + duration_s, ""
+        x = orbit.states(np.array([first]))
+        if orbit.frame != self.frame:
+            fixed = to_earth_fixed(orbit.frame, x, orbit.epoch, np.array([first]))
+            x = to_inertial(self.frame, fixed, orbit.epoch, np.array([first]))
+        shift = orbit.epoch.seconds_since(self.epoch)
+        x, t0 = x / self._unit, (first + shift) / self._clock_s
+        p = self._parameters(rotation_angle_rad)
+        flight = self._ended.fly(x, (end - first) / self._clock_s, p, t0)
+        if (event := flight.ended_by[0]) is not None:
+            end = float(flight.time[0]) * self._clock_s - shift
+            how = _ENDS.get(event, f"has met the event {event!r}")
+            ending = f"{how} {end / _DAY:+.4f} days from the epoch of its elements"
+            if end <= begin:
+                raise PropagationError(
+                    f"satellite {orbit.name!r} {ending}; ask for earlier times, or give newer "
+                    "elements"
+                )
+        count = max(_LEAST_STATES, int(np.ceil((end - begin) / step_s)) + 1)
+        if count > _MOST_STATES:
             raise InputError(
-                f"flight {name!r}: between its states positions would be wrong by "
-                f"{self.error_m:.3g} m near {worst:.6g} s, more than {allowed:.3g} m; give states "
-                "at shorter steps, and none across a manoeuvre"
+                f"satellite {orbit.name!r}: a flight of {(end - begin) / _DAY:.4g} days in steps "
+                f"of {step_s:g} s has {count} states, at most {_MOST_STATES}; fly it for a shorter "
+                "time or in longer steps"
             )
 
-    @classmethod
-    def of_coast(cls, flights: Trajectories, coast: int, epoch: Epoch) -> FlownOrbit:
-        """Return the orbit of one coast of a product.
+        def sampled(t: Array) -> Array:
+            found = self._sampled.sample(x, (t + shift) / self._clock_s, p, t0)[:, :, 0]
+            return np.asarray(found * self._unit)
 
-        Parameters
-        ----------
-        flights : Trajectories
-            Flights in the frame ``"teme"`` or ``"gcrs"``.
-        coast : int
-            Which of them.
-        epoch : Epoch
-            From which its times count.
+        t = np.linspace(begin, end, count)
+        states = sampled(t)
+        for _ in range(_HALVINGS):
+            middle, off, allowed = missed(t, states)
+            coarse = middle[off > allowed]
+            if coarse.size == 0:
+                break
+            # halve the steps between the four states that do not tell of the fifth
+            steps = np.unique(coarse + np.arange(-2, 2)[:, None])
+            t = np.insert(t, steps + 1, 0.5 * (t[steps] + t[steps + 1]))
+            states = sampled(t)
+        return FlownOrbit(orbit.name, orbit.epoch, self.frame, t, states, ending=ending)
 
-        Returns
-        -------
-        FlownOrbit
-            Named as the coast is.
-
-        Raises
-        ------
-        InputError
-            If the frame is another one or the states are too far apart.
-        """
-        if flights.frame not in get_args(InertialFrame):
-            raise InputError(
-                f"an orbit about the Earth needs states in {' or '.join(get_args(InertialFrame))}, "
-                f"got a flight in {flights.frame!r}"
-            )
-        there = np.isfinite(flights.t_s[:, coast])
-        return cls(
-            flights.labels[coast], epoch, cast(InertialFrame, flights.frame),
-            flights.t_s[there, coast], flights.x[:6, there, coast],
-        )  # fmt: skip
-
-    def states(self, t_s: Array) -> Array:
-        """Return states at times after the epoch.
-
-        Parameters
-        ----------
-        t_s : ndarray, shape (N,)
-            SI seconds after the epoch, within the flight, in any order.
-
-        Returns
-        -------
-        ndarray, shape (6, N)
-            Positions, m, and velocities, m/s.
-
-        Raises
-        ------
-        PropagationError
-            If a time lies outside of the flight.
-        """
-        t = np.atleast_1d(np.asarray(t_s, dtype=float))
-        there = self.exists(t)
-        if not there.all():
-            outside = float(t[np.argmin(there)])
-            raise PropagationError(
-                f"satellite {self.name!r} {self.end_reason(outside)}; ask for times within, or "
-                "fly it longer"
-            )
-        last = self._t.size - _NODES
-        at = np.clip(np.searchsorted(self._t, t, side="right") - 2, 0, last)
-        return _evaluated(self._nodes[:, at], self._coefficients[:, :, at], t)
-
-    def exists(self, t_s: Array) -> NDArray[np.bool_]:
-        """Say for times (N,) after the epoch whether they lie within the flight."""
-        t = np.asarray(t_s, dtype=float)
-        return np.asarray((t >= self._t[0]) & (t <= self._t[-1]))
-
-    def end_reason(self, t_s: float) -> str:
-        """Return why there is no state at a time, as the end of a sentence."""
-        return (
-            f"has no state at {t_s:.6g} s: its flight lasts from {self._t[0]:.6g} to "
-            f"{self._t[-1]:.6g} s after its epoch"
-        )
+    def _parameters(self, rotation_angle_rad: float | None) -> Array | None:
+        if self._angle_rad is None:
+            if rotation_angle_rad is not None:
+                raise InputError(f"the plant has no parameter {_ANGLE!r} to be set")
+            return None
+        angle = self._angle_rad if rotation_angle_rad is None else rotation_angle_rad
+        return np.array([angle])
 
 
-def _divided_differences(t: Array, x: Array, nodes: NDArray[np.int64]) -> Array:
-    """Return Newton's coefficients (8, 3, M) of polynomials through states at nodes (4, M)."""
-    z = np.repeat(t[nodes], 2, axis=0)
-    place = np.repeat(x[:3][:, nodes].swapaxes(0, 1), 2, axis=0)
-    speed = x[3:][:, nodes].swapaxes(0, 1)
-    table = place.copy()
-    steps = z[1:] - z[:-1]
-    first = np.empty_like(table[1:])
-    first[0::2] = speed
-    first[1::2] = (table[2::2] - table[1:-1:2]) / steps[1::2, None]
-    out = [table[0], first[0]]
-    level = first
-    for order in range(2, 2 * _NODES):
-        level = (level[1:] - level[:-1]) / (z[order:] - z[:-order])[:, None]
-        out.append(level[0])
-    return np.array(out)
+def flown(
+    orbit: Orbit,
+    plant: Plant,
+    start: Epoch,
+    duration_s: float,
+    *,
+    rotation_angle_rad: float | None = None,
+    step_s: float = 30.0,
+) -> FlownOrbit:
+    """Fly a satellite by a plant from where its elements put it.
 
+    The flight begins at the orbit's epoch, or at `start` if that is earlier, with the osculating
+    state that the theory of the elements gives there. The Taylor propagator flies it; steps are
+    halved where polynomials through the states would miss by more than 1e-9 of the distance.
 
-def _evaluated(nodes: Array, coefficients: Array, t: Array) -> Array:
-    """Return states (6, M) of polynomials, one per time (M,), by Horner's scheme."""
-    z = np.repeat(nodes, 2, axis=0)
-    place = coefficients[-1]
-    speed = np.zeros_like(place)
-    for k in range(2 * _NODES - 2, -1, -1):
-        off = t - z[k]
-        speed = speed * off + place
-        place = place * off + coefficients[k]
-    return np.concatenate([place, speed])
+    Parameters
+    ----------
+    orbit : Orbit
+        Of the satellite.
+    plant : EarthPlant
+        Positions and velocities in ``teme`` or ``gcrs``, and an epoch: ``earth_orbit``.
+    start : Epoch
+        From when the flight is asked for.
+    duration_s : float
+        For how long.
+    rotation_angle_rad : float, optional
+        By which the Earth has turned at the plant's epoch, instead of what the plant says.
+    step_s : float
+        Longest time between two states.
+
+    Returns
+    -------
+    FlownOrbit
+        In the plant's frame, named as the orbit, with its epoch. If the satellite comes down, the
+        flight ends there and says so.
+
+    Raises
+    ------
+    InputError
+        If the plant is no such one, durations are not positive, or there are too many states.
+    PropagationError
+        If there is no orbit where the flight begins, or it comes down before `start`.
+
+    Notes
+    -----
+    For several satellites or several angles use `PlantFlights`, which compiles once.
+    """
+    return PlantFlights(plant).fly(
+        orbit, start, duration_s, rotation_angle_rad=rotation_angle_rad, step_s=step_s
+    )

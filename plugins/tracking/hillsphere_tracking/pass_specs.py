@@ -20,6 +20,13 @@ class PassesSpec(StageSpec):
             "duration_h": 8,
         },
         {
+            "body": "planet",
+            "plant": "earth_orbit",
+            "satellites": [SatelliteSpec.examples[0]],
+            "stations": [StationSpec.examples[0]],
+            "duration_h": 3,
+        },
+        {
             "satellites": [SatelliteSpec.examples[1]],
             "stations": list(StationSpec.examples),
             "start": "2019-12-10",
@@ -32,6 +39,12 @@ class PassesSpec(StageSpec):
         "body",
         "the Earth, a planet: its ellipsoid and its rotation; left out: WGS 84 and the tables of "
         "the IERS",
+        default=None,
+    )
+    plant: Ref | None = reference(
+        "plant",
+        "plant by which the satellites are flown from their elements; left out: by the theory of "
+        "their elements",
         default=None,
     )
     satellites: tuple[SatelliteSpec, ...] = option("whose passes", min_length=1, max_length=400)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hillsphere.earth.geodetic import Ellipsoid, Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientationWarning
+from hillsphere.earth.orientation import EarthOrientationWarning, doubts
 from hillsphere.earth.planet import Planet
 from hillsphere.earth.specs import PlanetSpec
 from hillsphere.errors import InputError
@@ -16,6 +16,8 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack, ground_points
+from hillsphere_tracking.orbits import Orbit
+from hillsphere_tracking.pass_flights import PlantFlights
 from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
 from hillsphere_tracking.pass_presentation import presented
 from hillsphere_tracking.pass_products import SUN_IN_BEAM, PassList
@@ -31,7 +33,6 @@ from hillsphere_tracking.passes import (
     peak_azimuth_rates,
     sun_in_beam,
 )
-from hillsphere_tracking.satellites import Orbit
 from hillsphere_tracking.sun import sun_earth_fixed
 from hillsphere_tracking.topocentric import angles, rates, refracted
 
@@ -40,6 +41,7 @@ __all__ = ["PassesStage"]
 _SAMPLES = 121
 _FRESH_DAYS = 30.0
 _GROUND_S = 86400.0
+_THICK_AIR_M = 180e3
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class PassesStage:
                 "out for the Earth"
             )
         self.ellipsoid, self.orientation = body.ellipsoid, body.orientation
+        self.flights = None if spec.plant is None else PlantFlights(spec.plant.get())
         self.orbits: tuple[Orbit, ...] = orbits_from(spec.satellites)
         self.sites = tuple(
             _Site(station_of(s, self.ellipsoid), mask_of(s), blind_sectors_of(s),
@@ -125,7 +128,8 @@ class PassesStage:
         found: dict[tuple[int, int], Passes] = {}
         columns: list[dict[str, Array]] = []
         spans: list[tuple[int, int, float, str, float, float]] = []
-        for n, orbit in enumerate(self.orbits):
+        for n, elements in enumerate(self.orbits):
+            orbit = self._flown(elements)
             track = EarthTrack(orbit, self.start, self.spec.duration_s, self.orientation)
             shadow = eclipses(track, self.ellipsoid)
             for s, site in enumerate(self.sites):
@@ -171,8 +175,14 @@ class PassesStage:
             eclipse_s=np.concatenate(shadows, axis=1),
             ground_s=ground_s,
             ground=ground,
-            warnings=self._warnings(),
+            warnings=self._warnings(tracks),
         )
+
+    def _flown(self, orbit: Orbit) -> Orbit:
+        """Return the orbit by which a satellite moves."""
+        if self.flights is None:
+            return orbit
+        return self.flights.fly(orbit, self.start, self.spec.duration_s)
 
     def _columns(
         self, s: int, n: int, site: _Site, track: EarthTrack, passes: Passes, shadow: Array
@@ -243,7 +253,7 @@ class PassesStage:
             return elevation_rad
         return refracted(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
 
-    def _warnings(self) -> tuple[str, ...]:
+    def _warnings(self, tracks: list[EarthTrack]) -> tuple[str, ...]:
         found = []
         for orbit in self.orbits:
             age = self.start.seconds_since(orbit.epoch) / 86400.0
@@ -253,12 +263,40 @@ class PassesStage:
                     f"The elements of {orbit.name} are {farthest:.0f} days away from the end or "
                     "start of the search: its passes may be off by minutes."
                 )
-        lapse = self.orientation.lapse(self.start, np.array([0.0, self.spec.duration_s]))
-        if lapse is not None:
-            found.append(lapse + ".")
-        if self.orientation == UT1_IS_UTC:
-            found.append("UT1 is taken as UTC: the Earth may be turned by up to 4e-3°.")
+        span_s = [0.0, self.spec.duration_s]
+        if self.flights is not None:
+            since = self.flights.epoch.seconds_since(self.start)
+            span_s.append(since)
+            found += self._flight_warnings(since, tracks)
+        found += doubts(self.orientation, self.start, np.array(span_s))
         return tuple(found)
+
+    def _flight_warnings(self, plant_epoch_s: float, tracks: list[EarthTrack]) -> list[str]:
+        """Return where the plant, whose time is zero so long after the start, is not to be trusted.
+
+        The density of the upper atmosphere goes on below 180 km as it was above, too thin.
+        """
+        found = []
+        away = max(-plant_epoch_s, plant_epoch_s - self.spec.duration_s) / 86400.0
+        if away > _FRESH_DAYS:
+            found.append(
+                f"The epoch of the plant is {away:.0f} days away from the search: what it takes as "
+                "standing still, such as the Earth's axis, has moved; give it a nearer one."
+            )
+        heights = [max(_lowest(track, self.ellipsoid), 0.0) for track in tracks]
+        found += [
+            f"{track.orbit.name} was flown down to {height / 1e3:.0f} km; below "
+            f"{_THICK_AIR_M / 1e3:.0f} km drag is too weak in models of the upper atmosphere: the "
+            "time of its fall may be hours off."
+            for track, height in zip(tracks, heights, strict=True)
+            if height < _THICK_AIR_M
+        ]
+        return found
+
+
+def _lowest(track: EarthTrack, ellipsoid: Ellipsoid) -> float:
+    """Return the least height above the ellipsoid, m."""
+    return float(ground_points(track.states(track.times_s)[:3], ellipsoid)[2].min())
 
 
 def _ground(tracks: list[EarthTrack], ellipsoid: Ellipsoid) -> tuple[Array, Array]:

@@ -124,7 +124,9 @@ def find_passes(
         _, up, _, d_up = _direction(station, track, t_s)
         return up - threshold, d_up
 
-    whole = curve(height, track.times_s)
+    # every other time: the search looks at the middles of its steps anyway
+    coarse = np.append(track.times_s[:-1:2], track.end_s)
+    whole = curve(height, coarse)
     spans = above_zero(height, whole)
     if not mask.constant:
         parts = [_above_mask(station, track, mask, *span) for span in spans.T]
@@ -133,9 +135,7 @@ def find_passes(
     top = int(np.argmax(whole.value))
     return Passes(
         rise_s=rise,
-        culmination_s=np.array(
-            [_highest(height, whole.t_s, whole.value, *span) for span in spans.T]
-        ),
+        culmination_s=_highest(height, whole.t_s, whole.value, spans),
         set_s=set_,
         begun=rise == track.times_s[0],
         unfinished=set_ == track.end_s,
@@ -363,9 +363,12 @@ def _grid(begin_s: float, end_s: float) -> Array:
     return np.linspace(begin_s, end_s, max(5, int(np.ceil((end_s - begin_s) / step)) + 1))
 
 
-def _highest(height: Function, t_s: Array, value: Array, begin_s: float, end_s: float) -> float:
-    """Return when the satellite is highest: at an extremum within, or at an end."""
-    ends = np.array([begin_s, end_s])
-    inside = (t_s > begin_s) & (t_s < end_s)
-    times = np.concatenate([ends, t_s[inside]])
-    return float(times[np.argmax(np.concatenate([height(ends)[0], value[inside]]))])
+def _highest(height: Function, t_s: Array, value: Array, spans: Array) -> Array:
+    """Return when in each span the satellite is highest: at an extremum within, or at an end."""
+    at_ends = height(spans.ravel())[0].reshape(spans.shape)
+    found = []
+    for (begin, end), ends in zip(spans.T, at_ends.T, strict=True):
+        inside = slice(*np.searchsorted(t_s, [begin, end], side="right").tolist())
+        times = np.concatenate([[begin, end], t_s[inside]])
+        found.append(times[np.argmax(np.concatenate([ends, value[inside]]))])
+    return np.array(found)

@@ -12,8 +12,8 @@ from scipy.stats import kstest
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Sensor
 from hillsphere.plugins import validate
+from hillsphere.recording import constants, record
 from hillsphere_sensors.antenna import Antenna
-from hillsphere_sensors.recording import constants, record
 from hillsphere_sensors.specs import AntennaSpec
 
 ALCANTARA = {

@@ -34,6 +34,11 @@ def read(text: str, epoch: Epoch | None = None) -> list[Measurement]:
             ",2026-11-21T09:00:03,no lock,,\n",
             None,
         ),
+        (
+            "utc,azimuth_deg,elevation_deg,sigma_deg,locked\n2026-11-21T09:00:00,1,2,0.1,0\n"
+            "2026-11-21T09:00:01,350.5,5,0.1,1\n2026-11-21T09:00:02.5,-10.5,90,0.05,1\n",
+            None,
+        ),
     ],
 )
 def test_tables(text: str, epoch: Epoch | None) -> None:

@@ -200,6 +200,49 @@ def test_a_pass_through_hamlib(tmp_path: Path) -> None:
             assert client.position()[0] == azimuth  # it was stopped
 
 
+def test_hamlib_is_killed_during_a_pass(tmp_path: Path) -> None:
+    """The daemon dies with its connection and comes back on the same port; the pass goes on."""
+    (tmp_path / "iss.tle").write_text(
+        "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991\n"
+        "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482\n"
+    )
+    (tmp_path / "m.csv").write_text("2019-12-09T23:05:04,354.67,5.08\n")
+    port = free_port()
+    command = [sys.executable, "-m", "hillsphere", "track", "m.csv", "--elements", "iss.tle"]
+    command += ["--latitude", "-2.18", "--longitude", "-44.26", "--azimuth-limits", "-180", "450"]
+    command += ["--replay", "--speed", "150", "--period", "0.5", "--rotator", f"{HOST}:{port}"]
+    told: list[str] = []
+
+    def tells(process: subprocess.Popen[str], what: str) -> None:
+        assert process.stderr is not None
+        for line in process.stderr:
+            told.append(line)
+            if what in line:
+                return
+        pytest.fail(f"{what!r} was not told: {told}")
+
+    with (
+        rotctld(port) as daemon,
+        subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process,
+    ):
+        tells(process, "the signal is there")
+        daemon.kill()
+        daemon.wait()
+        tells(process, "trying again")
+        tells(process, "NO SIGNAL")  # the tracker goes on meanwhile
+        with rotctld(port):
+            tells(process, "the rotator is connected again")
+            with Rotctl(HOST, port) as client:
+                until(lambda: client.position() != (0.0, 0.0))
+                assert process.stderr is not None
+                told.append(process.stderr.read())
+                assert process.wait(30) == 0, told
+                azimuth, _ = client.position()
+                time.sleep(0.3)
+                assert client.position()[0] == azimuth  # it was stopped
+    assert "Traceback" not in "".join(told)
+
+
 def test_what_is_sent(fake: FakeRotctld) -> None:
     with Rotctl(HOST, fake.port) as client:
         client.set_position(120.0, 35.5)

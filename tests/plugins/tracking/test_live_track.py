@@ -24,9 +24,9 @@ from hillsphere.earth.orientation import ConstantOrientation
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.offsets import offsets_of
-from hillsphere_tracking.live.setup import nominal_elements
 from hillsphere_tracking.satellites import Sgp4Orbit, earth_fixed_states, orbits_of
 from hillsphere_tracking.topocentric import angles, direction_cosines
+from hillsphere_tracking.trackers.nominal import nominal_elements
 from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 from hillsphere_tracking.trackers.table import Table
@@ -73,13 +73,14 @@ def track(folder: Path, *arguments: str, source: str = "m.csv") -> int:
     return run(["track", str(folder / source), *elements, *USUAL, *arguments])
 
 
-def table(text: str) -> tuple[Array, Array]:
-    """Return times after the rise, and the other columns, of the commands written."""
+def table(text: str, axes: str = "azimuth_deg,elevation_deg") -> tuple[Array, Array, list[str]]:
+    """Return times after the rise, the angles, and the states, of the commands written."""
     header, *rows = text.splitlines()
-    assert header.startswith("utc,azimuth_deg,elevation_deg,predicted_azimuth_deg")
+    assert header == f"utc,{axes},predicted_azimuth_deg,predicted_elevation_deg,state"
     cells = [row.split(",") for row in rows]
     times = np.array([Epoch.parse(c[0], "UTC").seconds_since(RISE) for c in cells])
-    return times, np.array([[float(value) for value in c[1:]] for c in cells]).T
+    numbers = np.array([[float(value) for value in c[1:5]] for c in cells]).T
+    return times, numbers, [c[5] for c in cells]
 
 
 def miss_deg(a: Array, b: Array) -> Array:
@@ -90,7 +91,7 @@ def miss_deg(a: Array, b: Array) -> Array:
 def test_a_pass_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert track(folder, "--replay", "--speed", "0", "--period", "0.25") == ExitCode.SUCCESS
     out, err = capsys.readouterr()
-    t, columns = table(out)
+    t, columns, states = table(out)
     assert_allclose(np.diff(t), 0.25, rtol=0.0, atol=1.1e-3)
     pointed = t > 20.0
     up = pointed & (columns[3] > 0.0)
@@ -101,9 +102,11 @@ def test_a_pass_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert miss_deg(columns[:2], columns[2:4])[up].max() < 1e-3
     late = miss_deg(np.degrees(np.array(seen(t, 0.0))), true)
     assert late[up].max() > 0.5  # what the elements alone would miss by
-    assert columns[4][t < 202.0].all()
-    assert not columns[4][t > 204.0].any()
-    assert "no measurement for 3 s: the prediction goes on alone" in err
+    assert {state for state, when in zip(states, t, strict=True) if 1.0 < when < 202.0} == {
+        "locked"
+    }
+    assert {state for state, when in zip(states, t, strict=True) if when > 204.0} == {"predicting"}
+    assert "no measurement for 3 s: the prediction goes on" in err
     line = next(line for line in err.splitlines() if "T23:08:20 " in line)
     early = re.search(r"([\d.]+) s early +([\d.]+)° (left|right)", line)
     assert early is not None
@@ -123,7 +126,8 @@ def test_offsets_along_and_across() -> None:
 
 def test_mean_elements_of_a_tle_hold_for_the_pass() -> None:
     t = np.arange(0.0, 560.0, 10.0)
-    elements, at = nominal_elements(iss(), RISE, 220.0)
+    orbit, at = iss(), 220.0
+    elements = nominal_elements(orbit, np.array([at + RISE.seconds_since(orbit.epoch)]))[:, 0]
     stream = StreamingTracker(Table(TableSpec()), elements, at, STATION, RISE, UT1)
     azimuth, elevation, _ = stream.predict(t)
     off = miss_deg(np.degrees([azimuth, elevation]), np.degrees(np.array(seen(t, 0.0))))
@@ -293,7 +297,7 @@ def test_satellite_station_and_tracker_of_a_mission(
     assert run([*command, "--station", "A", "--tracker", "stored"]) == ExitCode.SUCCESS
     out, err = capsys.readouterr()
     assert "ISS (ZARYA) over A" in err
-    t, columns = table(out)
+    t, columns, _ = table(out)
     nominal = np.degrees(np.array(seen(t, 0.0)))
     assert miss_deg(columns[2:4], nominal).max() < 0.1
     assert run([*command, "--station", "C"]) == ExitCode.BAD_INPUT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import pytest
 
 from hillsphere import create
 from hillsphere.errors import InputError, PropagationError
+from hillsphere.interfaces import Plant
 from hillsphere.plugins import validate
 from hillsphere.presentation import Presentation
-from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere.testing import RecordingContext, check_presentation, check_product, example
 from hillsphere_tracking.pass_products import SUN_IN_BEAM, PassList
 from hillsphere_tracking.pass_specs import PassesSpec
 from hillsphere_tracking.pass_stage import PassesStage
@@ -50,6 +52,16 @@ NORTH = {"name": "Svalbard", "latitude_deg": 78.23, "longitude_deg": 15.39}
 
 
 EARTH = create("body", "planet", orientation="constant")
+FIELD = str(Path(__file__).parents[3] / "missions" / "data" / "earth-gravity-degree6.gfc")
+
+
+@cache
+def plant(epoch: str = "1989-01-31T09:58:00") -> Plant:
+    field = create("gravity", "harmonics", file=FIELD, max_degree=4)
+    drag = {"drag_coefficient": 2.2, "area_to_mass_m2_kg": 0.01, "f107": 150, "f107_average": 150,
+            "ap": 15}  # fmt: skip
+    made: Plant = create("plant", "earth_orbit", body=EARTH, gravity=field, epoch=epoch, drag=drag)
+    return made
 
 
 def stage(**keys: Any) -> PassesStage:
@@ -129,6 +141,28 @@ def test_dates_beyond_the_earths_known_rotation_are_said() -> None:
     assert any("Earth orientation" in sentence for sentence in shown.verdict)
 
 
+def test_satellites_flown_by_a_plant() -> None:
+    theory, _ = run(duration_h=12)
+    product, shown = run(plant=plant(), duration_h=12)
+    assert product.rise_s.size == theory.rise_s.size
+    off = np.abs(product.culmination_s - theory.culmination_s)
+    assert 0.01 < off.max() < 3.0
+    assert not any("plant" in sentence or "flown" in sentence for sentence in shown.verdict)
+
+
+def test_a_flown_satellite_that_falls_is_said_to() -> None:
+    elements = {**ELEMENTS, "semi_major_axis_km": 6548, "eccentricity": 0.001}
+    product, shown = run(
+        plant=plant("1989-04-01"), satellites=[{"name": "low", "elements": elements}, PAPER]
+    )
+    said = " ".join(shown.verdict)
+    assert "'low' has come down to the ground +0." in product.end_reasons[0] + said
+    assert "low was flown down to 0 km; below 180 km" in said
+    assert "SCD was flown" not in said
+    assert "The epoch of the plant is 59 days away" in said
+    assert product.searched_s[0] < product.searched_s[1] == 86400.0
+
+
 def test_refraction_is_a_switch() -> None:
     plain, _ = run(duration_h=2)
     seen, shown = run(duration_h=2, refraction=True)
@@ -163,6 +197,7 @@ def test_two_stages_do_not_share_names() -> None:
         ({"stations": []}, "stations"),
         ({"satellites": [{"tle": "nonsense"}]}, "no element set"),
         ({"duration_d": 1000}, "duration_d"),
+        ({"plant": example("plant", "hill")}, "type 'earth_orbit'"),
         ({"body": create("body", "moon", primary_gm_m3_s2=1e13, semi_major_axis_m=1e7)},
          "body of type 'planet', got Moon"),
     ],

@@ -15,6 +15,7 @@ from hillsphere_tracking.pointing.interpolation import (
     linear,
     linear_error_bound,
     smooth,
+    smooth_error_bound,
 )
 from hillsphere_tracking.pointing.sky import angles_of, offset, separation
 from hillsphere_tracking.topocentric import direction_cosines
@@ -56,12 +57,40 @@ def test_errors_stay_within_their_bounds(culmination_deg: float, shift_s: float)
         assert miss.max() > 0.8 * allowed.max()
 
 
-def test_great_circles_are_better_near_the_zenith() -> None:
-    # degrees, of the same flight; linear angles miss by 200 times as much at 89.93°
+@pytest.mark.parametrize("culmination_deg", [5.0, 60.0, 81.3, 89.93, 90.0])
+@pytest.mark.parametrize("shift_s", [0.0, 0.3])
+def test_cubics_stay_within_their_bound(culmination_deg: float, shift_s: float) -> None:
+    nodes = flyby(culmination_deg, COARSE - shift_s)
+    interval = np.clip(np.searchsorted(COARSE, FINE, side="right") - 1, 0, COARSE.size - 2)
+    miss = _miss(smooth, culmination_deg, shift_s)
+    allowed = smooth_error_bound(COARSE, *nodes)
+    assert np.all(miss <= allowed[interval] + 1e-12)
+    assert miss.max() > 0.25 * allowed.max()
+
+
+def test_unit_vectors_are_better_near_the_zenith() -> None:
+    # degrees, of the same flight: linear angles miss by 200 times as much as great circles
     assert _miss(great_circle, 89.93).max() / DEGREE < 2e-4
     assert _miss(linear, 89.93).max() / DEGREE > 0.05
-    assert _miss(smooth, 89.93).max() / DEGREE < 1.1e-3
-    assert _miss(smooth, 60.0).max() == _miss(linear, 60.0).max()
+    assert _miss(smooth, 89.93).max() / DEGREE < 2e-6
+    assert _miss(smooth, 60.0).max() < 0.02 * _miss(great_circle, 60.0).max()
+
+
+def test_cubics_do_not_jerk_the_axes() -> None:
+    """At a prediction the rate of linear angles jumps, that of the cubics does not."""
+    jumps = []
+    for kind in (linear, smooth):
+        azimuth, _ = kind(COARSE, *flyby(60.0, COARSE), FINE)
+        jumps.append(np.abs(np.diff(np.unwrap(azimuth), 2)).max() / 0.05)
+    assert jumps[1] < 0.06 * jumps[0]
+
+
+def test_two_predictions_are_joined_by_a_line() -> None:
+    nodes = flyby(60.0, COARSE[200:202])
+    found = [kind(COARSE[200:202], *nodes, np.array([0.3])) for kind in (smooth, great_circle)]
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-6)
+    with pytest.raises(InputError, match="at least 4 predictions"):
+        smooth_error_bound(COARSE[200:203], *flyby(60.0, COARSE[200:203]))
 
 
 @given(

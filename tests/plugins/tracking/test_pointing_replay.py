@@ -39,6 +39,8 @@ def _log(count: int = 20, lost: slice = slice(0, 0)) -> PassLog:
         locked,
         np.full(count, np.nan),
         (10.0 + times) * DEGREE,
+        np.full(count, 2.0),
+        (10.5 + times) * DEGREE,
     )
 
 
@@ -47,6 +49,7 @@ class _Line:
     """The last two measurements prolonged, with what the tracker makes of the rate."""
 
     stretch: float
+    short_period: bool = False
 
     def initial(self, *_: Any, **__: Any) -> tuple[tuple[float, float, float], ...]:
         return ()
@@ -55,7 +58,9 @@ class _Line:
         assert sigma_rad.shape == t_s.shape == (1,)
         return (*state, (float(t_s[0]), float(az_rad[0]), float(el_rad[0])))[-2:]
 
-    def predict(self, state: Any, times_s: Array) -> tuple[Array, Array, Array]:
+    def predict(
+        self, state: Any, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array, Array]:
         (t0, _, h0), (t1, a1, h1) = state
         ahead = times_s - t1
         elevation = h1 + self.stretch * (h1 - h0) / (t1 - t0) * ahead
@@ -106,15 +111,17 @@ def test_a_log_comes_back(tmp_path: Path) -> None:
     write_pass_log(tmp_path / "pass.csv", log)
     back = read_pass_log(tmp_path / "pass.csv")
     assert back.epoch.seconds_since(log.epoch) == pytest.approx(0.0, abs=1e-6)
-    for name in ("azimuth_rad", "elevation_rad", "sigma_rad", "commanded_azimuth_rad"):
+    angles = ("azimuth_rad", "elevation_rad", "sigma_rad", "commanded_azimuth_rad")
+    for name in (*angles, "predicted_azimuth_rad", "predicted_elevation_rad"):
         np.testing.assert_allclose(
             getattr(back, name), getattr(log, name), rtol=0, atol=1e-9 * DEGREE
         )
     np.testing.assert_allclose(back.times_s, log.times_s, rtol=0, atol=1e-6)
     assert back.locked.tolist() == log.locked.tolist()
     first = (tmp_path / "pass.csv").read_text().splitlines()[1]
-    assert (
-        first == "2027-06-01T12:30:00.000000,123.456789012,10.000000000,0.050000000,1,,10.000000000"
+    assert first == (
+        "2027-06-01T12:30:00.000000,123.456789012,10.000000000,0.050000000,1,,10.000000000,"
+        "114.591559026,10.500000000"
     )
 
 
@@ -142,6 +149,8 @@ def test_the_trackers_of_this_package_on_a_late_satellite() -> None:
         np.ones(times.size, dtype=bool),
         nothing,
         nothing,
+        nothing,
+        nothing,
     )
     trackers = {
         "table": begun(table, nominal),
@@ -156,9 +165,10 @@ def test_the_trackers_of_this_package_on_a_late_satellite() -> None:
 
 
 HEAD = (
-    "utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_azimuth_deg,commanded_elevation_deg\n"
+    "utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_azimuth_deg,commanded_elevation_deg,"
+    "predicted_azimuth_deg,predicted_elevation_deg\n"
 )
-GOOD = "2027-06-01T12:30:00.0,1.0,2.0,0.1,1,,\n"
+GOOD = "2027-06-01T12:30:00.0,1.0,2.0,0.1,1,,,,\n"
 
 
 @pytest.mark.parametrize(
@@ -173,7 +183,7 @@ GOOD = "2027-06-01T12:30:00.0,1.0,2.0,0.1,1,,\n"
         (HEAD + GOOD.replace("1.0,2", ",2"), ":2: locked, but"),
         (HEAD + GOOD.replace("0.1,1", "0,1"), ":2: sigma_deg must be > 0"),
         (HEAD + GOOD.replace("0.1,1", "0.1,yes"), ":2: locked must be 0 or 1"),
-        (HEAD + GOOD.replace(",,", ","), ":2: expected 7 values, got 6"),
+        (HEAD + GOOD.replace(",,,,", ",,,"), ":2: expected 9 values, got 8"),
         (HEAD + GOOD.replace("2027-06-01", "yesterday"), ":2: expected a time"),
     ],
 )

@@ -10,13 +10,14 @@ from scipy.special import erf
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere_tracking.pointing.mounts import AxisLimits, azimuth_elevation, x_y
 from hillsphere_tracking.pointing.reacquisition import (
     expected_time_outside,
     lock_probability,
     reacquisition,
     time_outside,
 )
-from hillsphere_tracking.pointing.search import plan_search
+from hillsphere_tracking.pointing.search import Search, plan_search, search_now, search_speed
 
 DEGREE = np.pi / 180.0
 BEAM = 0.5 * DEGREE  # a lock angle of 1°
@@ -83,6 +84,57 @@ def test_the_search_goes_along_the_major_axis() -> None:
     assert np.sign(up[3]) == -np.sign(up[2])
     later = search.at(np.array([10.0 + 2.0 * search.duration_s - 2.0]))[1]
     np.testing.assert_allclose(later, up[2], rtol=1e-6)
+
+
+def test_a_search_is_renewed_as_the_error_grows() -> None:
+    small = _covariance(0.1, 0.05, 0.3)
+    assert search_now(None, small, BEAM, SPEED, 5.0) is None  # 3σ within the beam
+    covariance = _covariance(1.0, 0.1, 0.3)
+    first = search_now(None, covariance, BEAM, SPEED, 5.0, dwell_s=1.0)
+    assert first is not None
+    assert (first.begin_s, first.dwell_s) == (5.0, 1.0)
+
+    def later(covariance_rad2: Array) -> Search | None:
+        return search_now(first, covariance_rad2, BEAM, SPEED, 60.0, dwell_s=1.0)
+
+    assert later(1.4**2 * covariance) is first
+    assert later(0.5 * covariance) is first
+    # what stays far within the beam does not count
+    assert later(_covariance(1.0, 0.15, 0.3)) is first
+    assert later(small) is None
+    for grown in (1.7**2 * covariance, _covariance(1.0, 0.1, 1.0), _covariance(1.0, 0.6, 0.3)):
+        new = later(grown)
+        assert new is not None
+        assert new is not first
+        assert new.begin_s == 60.0
+        assert reacquisition(new, grown).found > 0.98
+
+
+@pytest.mark.parametrize(("major", "minor"), [(30.0, 10.0), (10.0, 0.0), (3.0, 3.0), (1.0, 0.2)])
+def test_a_search_keeps_to_the_time_left(major: float, minor: float) -> None:
+    covariance = _covariance(major, minor, 0.3)
+    whole = plan_search(covariance, BEAM, SPEED, dwell_s=1.0)
+    short = search_now(None, covariance, BEAM, SPEED, 0.0, within_s=60.0, dwell_s=1.0)
+    assert short is not None
+    if whole.duration_s < 60.0:
+        assert short.duration_s == whole.duration_s
+        return
+    assert 30.0 < short.duration_s < 75.0
+    assert short.sigmas < 3.0
+
+
+def test_search_speed_leaves_half_of_the_axes() -> None:
+    fast = AxisLimits(-1.5, 1.5, 8.0 * DEGREE, 100.0)
+    level = search_speed(azimuth_elevation(fast, fast), 0.0, BEAM)
+    assert level == pytest.approx(4.0 * DEGREE)
+    # the azimuth axis moves the beam by the cosine of the elevation
+    high = search_speed(azimuth_elevation(fast, fast), 60.0 * DEGREE, BEAM)
+    assert high == pytest.approx(2.0 * DEGREE)
+    assert search_speed(x_y(fast, fast), 0.5 * np.pi, BEAM) > 0.0
+    # in a bend of half a beam's radius a quarter of the acceleration
+    weak = AxisLimits(-1.5, 1.5, 8.0 * DEGREE, 1.0 * DEGREE)
+    speed = search_speed(azimuth_elevation(weak, weak), 0.0, BEAM)
+    assert speed**2 / (0.5 * BEAM) == pytest.approx(0.25 * DEGREE)
 
 
 def test_speed_is_held_down_for_the_dwell() -> None:

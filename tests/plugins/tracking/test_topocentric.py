@@ -37,6 +37,10 @@ GEOSTATIONARY = (
     "1 28626U 05008A   06176.46683397 -.00000205  00000-0  10000-3 0  2190",
     "2 28626   0.0019 286.9433 0000335  13.7918  55.6504  1.00270176  4891",
 )
+SUN_SYNCHRONOUS = (
+    "1 28057U 03049A   06177.78615833  .00000060  00000-0  35940-4 0  1836",
+    "2 28057  98.4283 247.6961 0000884  88.1964 271.9322 14.35478080140550",
+)
 
 
 def test_space_station_over_alcantara() -> None:
@@ -50,7 +54,10 @@ def test_space_station_over_alcantara() -> None:
     assert distance[0] == pytest.approx(1020887.3, abs=0.5)
 
 
-@pytest.mark.parametrize("lines", [STATION, MOLNIYA, GEOSTATIONARY], ids=["low", "molniya", "geo"])
+@pytest.mark.parametrize(
+    "lines", [STATION, MOLNIYA, GEOSTATIONARY, SUN_SYNCHRONOUS],
+    ids=["low", "molniya", "geo", "sun-synchronous"],
+)  # fmt: skip
 @pytest.mark.parametrize("station", [ALCANTARA, NORTH], ids=["equator", "arctic"])
 def test_skyfield_over_a_day(lines: tuple[str, str], station: Station) -> None:
     clock = load.timescale(builtin=True)

@@ -274,3 +274,27 @@ def test_refusals() -> None:
         table.update(state, np.array([np.inf]), one, one, one)
     with pytest.raises(InputError, match=r"times must be finite, \(K,\) or \(K, 2\)"):
         table.predict(state, np.ones((3, 5)))
+
+
+def test_without_its_biases_a_prediction_is_where_the_satellite_is() -> None:
+    tracker = LeastSquares(LeastSquaresSpec())
+    state = tracker.initial(PAPER.reshape(6, 1), np.zeros(1), (ALCANTARA,), EPOCH)
+    biases = np.array([6e-3, -2e-3])
+    told = tracker.with_biases(state, biases, 1e-10 * np.eye(2))
+    t = RISE + np.array([0.0, 100.0, 300.0])
+    shown, true = (np.array(tracker.predict(told, t, biased=b)[:2])[:, :, 0] for b in (True, False))
+    assert_allclose(wrapped(shown - true), np.repeat(biases[:, None], 3, axis=1), rtol=1e-9)
+    nominal = np.array(tracker.predict(state, t)[:2])[:, :, 0]
+    assert_allclose(true, nominal, rtol=1e-14)
+    # the biases' spread, 0.2° at the start, is that of the angles shown only
+    with_them, without = (tracker.predict(state, t, biased=b)[2][1, 1, :, 0] for b in (True, False))
+    assert_allclose(with_them - without, (0.2 * DEGREE) ** 2, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("component", "number"), EXAMPLES, ids=[f"{c.type}-{n}" for c, n in EXAMPLES]
+)
+def test_trackers_say_whether_they_add_short_period_terms(component: Any, number: int) -> None:
+    given = load_object(component.spec).examples[number]
+    default = component.type in ("table", "least_squares")
+    assert made(component, number).short_period is given.get("short_period", default)

@@ -2,227 +2,357 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
-from math import degrees, radians
-from typing import Annotated
+from math import degrees, inf, radians
+from pathlib import Path
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from hillsphere.cli.streams import say
-from hillsphere.earth.orientation import (
-    ConstantOrientation,
-    EarthOrientation,
-    EarthOrientationWarning,
-    OrientationTable,
-)
 from hillsphere.errors import InputError
+from hillsphere.interfaces import Tracker
 from hillsphere.mission import load_mission
 from hillsphere.time import Epoch
-from hillsphere_tracking.live.clock import Clock, RealTime, Replay
-from hillsphere_tracking.live.feed import Arriving, Feed, Recorded
-from hillsphere_tracking.live.measurements import measurements
-from hillsphere_tracking.live.rotator import RotatorLink
-from hillsphere_tracking.live.rotctl import PORT, Rotctl
-from hillsphere_tracking.live.session import Command, run_session, status_line
-from hillsphere_tracking.live.setup import (
-    MountLimits,
-    next_pass,
-    orbit_of,
-    session_of,
-    site_of,
-    tracker_of,
-)
+from hillsphere_tracking.live.antenna import antenna_of
+from hillsphere_tracking.live.atmosphere import Air, ThroughAir
+from hillsphere_tracking.live.calibration import StationMemory
+from hillsphere_tracking.live.coming_pass import next_pass, plan_of, stream_of
+from hillsphere_tracking.live.help_groups import GroupedCommand
+from hillsphere_tracking.live.inputs import input_of, orientation_of
+from hillsphere_tracking.live.logbook import Logbook
+from hillsphere_tracking.live.scoring import score_lines
+from hillsphere_tracking.live.session import Outputs, SearchRules, Session, run_session
+from hillsphere_tracking.live.setup import orbit_of, place_of, tracker_of
+from hillsphere_tracking.live.status import status_line
+from hillsphere_tracking.live.targets import target_of
+from hillsphere_tracking.memory import Forgetting
+from hillsphere_tracking.trackers.specs import TableSpec
+from hillsphere_tracking.trackers.table import Table
 
 __all__ = ["app"]
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
-_HEADER = "utc,azimuth_deg,elevation_deg,predicted_azimuth_deg,predicted_elevation_deg,locked"
+_SATELLITE = "Satellite and station"
+_MEASURED = "Measurements"
+_TRACKER = "Prediction"
+_ANTENNA = "Antenna"
+_SEARCH = "Search after a loss"
+_KEPT = "What is kept"
 
 
-@app.command()
+@app.command(cls=GroupedCommand)
 def track(
     source: Annotated[
         str,
         typer.Argument(
             metavar="MEASUREMENTS",
-            help="Angles: a CSV table (time, azimuth, elevation[, sigma] in degrees) or a CCSDS "
-            "tracking data message; '-' for stdin.",
+            help="Angles: a CSV table (time, azimuth, elevation[, sigma] in degrees), a pass log "
+            "or a CCSDS tracking data message; '-' for stdin.",
         ),
     ] = "-",
     mission: Annotated[
-        str, typer.Option(help="Take satellite, station and [tracker.NAME] from a mission.")
+        str,
+        typer.Option(
+            help="Take satellite, station and [tracker.NAME] from a mission.",
+            rich_help_panel=_SATELLITE,
+        ),
     ] = "",
     elements: Annotated[
-        str, typer.Option(metavar="FILE", help="Elements of the satellite: TLE or OMM.")
+        str,
+        typer.Option(
+            metavar="FILE",
+            help="Elements of the satellite: TLE or OMM.",
+            rich_help_panel=_SATELLITE,
+        ),
     ] = "",
-    satellite: Annotated[str, typer.Option(metavar="NAME", help="Which satellite.")] = "",
-    station: Annotated[str, typer.Option(metavar="NAME", help="Which station.")] = "",
-    latitude: Annotated[float | None, typer.Option(help="Geodetic latitude, degrees.")] = None,
-    longitude: Annotated[float | None, typer.Option(help="East longitude, degrees.")] = None,
-    height: Annotated[float, typer.Option(help="Height above the ellipsoid, m.")] = 0.0,
-    tracker: Annotated[
-        str, typer.Option(help="Type of tracker, or name of the mission's table.")
-    ] = "least_squares",
-    sigma: Annotated[
-        float, typer.Option(help="Standard deviation of angles that come without, degrees.")
-    ] = 0.1,
-    epoch: Annotated[str, typer.Option(help="Date in UTC from which times in seconds count.")] = "",
-    ut1_minus_utc: Annotated[
-        float | None, typer.Option(help="UT1 - UTC, s; left out: the installed table.")
+    satellite: Annotated[
+        str, typer.Option(metavar="NAME", help="Which satellite.", rich_help_panel=_SATELLITE)
+    ] = "",
+    station: Annotated[
+        str, typer.Option(metavar="NAME", help="Which station.", rich_help_panel=_SATELLITE)
+    ] = "",
+    latitude: Annotated[
+        float | None, typer.Option(help="Geodetic latitude, degrees.", rich_help_panel=_SATELLITE)
     ] = None,
-    mask: Annotated[float, typer.Option(help="Elevation of rise and set, degrees.")] = 0.0,
-    within: Annotated[float, typer.Option(help="How far ahead to look for a rise, h.")] = 24.0,
+    longitude: Annotated[
+        float | None, typer.Option(help="East longitude, degrees.", rich_help_panel=_SATELLITE)
+    ] = None,
+    height: Annotated[
+        float, typer.Option(help="Height above the ellipsoid, m.", rich_help_panel=_SATELLITE)
+    ] = 0.0,
+    mask: Annotated[
+        float | None,
+        typer.Option(
+            help="Elevation of rise and set, degrees; left out: the mask of the mission's station, "
+            "else 0.",
+            rich_help_panel=_SATELLITE,
+        ),
+    ] = None,
+    within: Annotated[
+        float,
+        typer.Option(help="How far ahead to look for a rise, h.", rich_help_panel=_SATELLITE),
+    ] = 24.0,
+    ut1_minus_utc: Annotated[
+        float | None,
+        typer.Option(
+            help="UT1 - UTC, s; left out: the installed table.", rich_help_panel=_SATELLITE
+        ),
+    ] = None,
+    epoch: Annotated[
+        str,
+        typer.Option(
+            help="Date in UTC from which times in seconds count.", rich_help_panel=_MEASURED
+        ),
+    ] = "",
+    sigma: Annotated[
+        float,
+        typer.Option(
+            help="Standard deviation of angles that come without, degrees.",
+            rich_help_panel=_MEASURED,
+        ),
+    ] = 0.1,
+    replay: Annotated[
+        bool,
+        typer.Option(
+            "--replay", help="Let time run as in the measurements.", rich_help_panel=_MEASURED
+        ),
+    ] = False,
+    speed: Annotated[
+        float,
+        typer.Option(
+            help="Of a replay, in real seconds; 0: do not wait.", rich_help_panel=_MEASURED
+        ),
+    ] = 1.0,
+    tracker: Annotated[
+        str,
+        typer.Option(
+            help="Type of tracker, or name of the mission's table.", rich_help_panel=_TRACKER
+        ),
+    ] = "least_squares",
+    refraction: Annotated[
+        bool,
+        typer.Option(
+            "--refraction",
+            help="Elevations measured and commanded are apparent, lifted by the air.",
+            rich_help_panel=_TRACKER,
+        ),
+    ] = False,
+    pressure: Annotated[
+        float | None,
+        typer.Option(help="Of the air, hPa; left out: 1010.", rich_help_panel=_TRACKER),
+    ] = None,
+    temperature: Annotated[
+        float | None, typer.Option(help="Of the air, °C; left out: 10.", rich_help_panel=_TRACKER)
+    ] = None,
+    mount: Annotated[
+        str, typer.Option(metavar="az_el|x_y", help="Kind of mount.", rich_help_panel=_ANTENNA)
+    ] = "az_el",
+    axis_azimuth: Annotated[
+        float | None,
+        typer.Option(
+            help="Azimuth of an X/Y mount's X axis, degrees; left out: 0.",
+            rich_help_panel=_ANTENNA,
+        ),
+    ] = None,
     azimuth_limits: Annotated[
-        tuple[float, float], typer.Option(help="Stops of the azimuth axis, degrees.")
-    ] = (0.0, 450.0),
+        tuple[float, float] | None,
+        typer.Option(help="Stops, degrees; left out: 0 450.", rich_help_panel=_ANTENNA),
+    ] = None,
     elevation_limits: Annotated[
-        tuple[float, float], typer.Option(help="Stops of the elevation axis, degrees.")
-    ] = (0.0, 90.0),
-    rate: Annotated[float, typer.Option(help="Largest rate of both axes, degrees/s.")] = 10.0,
-    acceleration: Annotated[
-        float, typer.Option(help="Largest acceleration of both axes, degrees/s².")
+        tuple[float, float] | None,
+        typer.Option(help="Stops, degrees; left out: 0 90.", rich_help_panel=_ANTENNA),
+    ] = None,
+    x_limits: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Stops, degrees; left out: -90 90.", rich_help_panel=_ANTENNA),
+    ] = None,
+    y_limits: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Stops, degrees; left out: -90 90.", rich_help_panel=_ANTENNA),
+    ] = None,
+    rate: Annotated[
+        float,
+        typer.Option(help="Largest rate of both axes, degrees/s.", rich_help_panel=_ANTENNA),
     ] = 10.0,
-    period: Annotated[float, typer.Option(help="Between commands, s.")] = 0.1,
-    lost_after: Annotated[
-        float, typer.Option(help="Without a measurement for so long the signal is lost, s.")
-    ] = 3.0,
+    acceleration: Annotated[
+        float,
+        typer.Option(
+            help="Largest acceleration of both axes, degrees/s².", rich_help_panel=_ANTENNA
+        ),
+    ] = 10.0,
+    period: Annotated[
+        float, typer.Option(help="Between commands, s.", rich_help_panel=_ANTENNA)
+    ] = 0.1,
     rotator: Annotated[
         str,
         typer.Option(
-            metavar="HOST[:PORT]", help="Drive this rotctld (hamlib) instead of writing CSV."
+            metavar="HOST[:PORT]",
+            help="Drive this rotctld (hamlib) instead of writing CSV.",
+            rich_help_panel=_ANTENNA,
         ),
     ] = "",
-    replay: Annotated[
-        bool, typer.Option("--replay", help="Let time run as in the measurements.")
-    ] = False,
-    speed: Annotated[
-        float, typer.Option(help="Of a replay, in real seconds; 0: do not wait.")
+    lost_after: Annotated[
+        float,
+        typer.Option(
+            help="Without a measurement for so long the signal is lost, s.",
+            rich_help_panel=_SEARCH,
+        ),
+    ] = 3.0,
+    lock_angle: Annotated[
+        float,
+        typer.Option(
+            help="Width of the beam in which the signal is found, degrees.",
+            rich_help_panel=_SEARCH,
+        ),
     ] = 1.0,
+    dwell: Annotated[
+        float,
+        typer.Option(
+            help="For how long the signal must be in the beam to be found, s.",
+            rich_help_panel=_SEARCH,
+        ),
+    ] = 1.0,
+    search: Annotated[
+        bool,
+        typer.Option(
+            help="Whether the antenna leaves the prediction to search around it.",
+            rich_help_panel=_SEARCH,
+        ),
+    ] = True,
+    memory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Biases of stations: begin with those of earlier passes, remember them after it.",
+            rich_help_panel=_KEPT,
+        ),
+    ] = None,
+    forget: Annotated[
+        tuple[float, float],
+        typer.Option(
+            help="By how much biases, degrees, and time offset, s, wander in a day.",
+            rich_help_panel=_KEPT,
+        ),
+    ] = (0.01, 0.01),
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write measurements, commands and predictions to a pass log.",
+            rich_help_panel=_KEPT,
+        ),
+    ] = None,
+    score: Annotated[
+        bool,
+        typer.Option(
+            "--score",
+            help="Say at the end how well predictions held after losses.",
+            rich_help_panel=_KEPT,
+        ),
+    ] = False,
 ) -> None:
     """Point an antenna at a satellite, with the help of what the antenna measures.
 
     Commands go to stdout as CSV, or to a rotator; stderr shows time, angles and by how much the
-    satellite is early and beside its nominal track. Where measurements stop the prediction goes on.
+    satellite is early and beside its nominal track. Where measurements stop the prediction goes on,
+    and the antenna searches around it if its error may be larger than the beam.
     """
-    _check(sigma=sigma, period=period, lost_after=lost_after, within=within)
+    _check(sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration)
     if not 0.01 <= period <= 10.0:
         raise InputError(f"--period must be from 0.01 to 10 s, got {period:g}")
-    if speed < 0.0 or (speed != 1.0 and not replay):
+    if not 0.0 < lock_angle <= 90.0:
+        raise InputError(f"--lock-angle must be > 0 and at most 90°, got {lock_angle:g}")
+    if not 0.0 <= dwell < inf:
+        raise InputError(f"--dwell must be ≥ 0, got {dwell:g}")
+    if not 0.0 <= speed < inf or (speed != 1.0 and not replay):
         raise InputError("--speed must be ≥ 0, and is for --replay only")
+    for name, path in (("memory", memory), ("log", log)):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise InputError(f"--{name}: the directory {path.absolute().parent} does not exist")
+    if memory and latitude is not None and not station:
+        raise InputError("--memory keeps biases by the station's name: give --station NAME")
     loaded = load_mission(mission) if mission else None
     orbit = orbit_of(loaded, elements, satellite)
-    place = site_of(loaded, station, latitude, longitude, height)
-    method = tracker_of(loaded, tracker)
+    place = place_of(loaded, station, (latitude, longitude, height), mask)
+    air = _air(refraction, pressure, temperature)
+    inner = tracker_of(loaded, tracker)
+    stops = {"azimuth": azimuth_limits, "elevation": elevation_limits, "x": x_limits, "y": y_limits}
+    antenna = antenna_of(mount, stops, rate, acceleration, axis_azimuth)
+    forgetting = Forgetting(radians(forget[0]), forget[1])
+    kept = StationMemory(memory, place.station.name, forgetting, say) if memory else None
     counted_from = Epoch.parse(epoch, "UTC") if epoch else None
-    limits = MountLimits(azimuth_limits, elevation_limits, rate, acceleration)
-    with ExitStack() as stack:
-        feed, clock = _input(stack, source, counted_from, replay, speed)
+    beam = radians(0.5 * lock_angle)
+    # what is kept of the pass is seen to after the rotator was stopped
+    with ExitStack() as afterwards, ExitStack() as stack:
+        feed, clock = input_of(stack, source, counted_from, replay, speed)
         start = clock.start
-        orientation = _orientation(ut1_minus_utc, start)
-        seen = next_pass(
-            orbit, place, start, orientation, period,
-            mask_rad=radians(mask), within_s=3600.0 * within,
+        orientation = orientation_of(ut1_minus_utc, start)
+        seen = next_pass(orbit, place, start, orientation, period, 3600.0 * within, air)
+
+        def streamed(method: Tracker[Any]) -> Any:
+            through = method if air is None else ThroughAir(method, air)
+            return stream_of(through, orbit, place, seen, start, orientation, radians(sigma))
+
+        stream = streamed(inner)
+        if kept:
+            stream.state = kept.begin(inner, stream.state, start)
+        begun = stream.state
+        position, point = target_of(stack, rotator, start, antenna.axes)
+        session = Session(
+            stream, plan_of(seen, antenna.mount, position), place, period, lost_after,
+            SearchRules(beam, dwell) if search else None,
         )  # fmt: skip
-        position, point = _output(stack, rotator, start)
-        session = session_of(
-            orbit, place, method, seen, start, orientation, limits,
-            position_rad=position, sigma_rad=radians(sigma), period_s=period,
-            lost_after_s=lost_after,
-        )  # fmt: skip
-        say(f"{orbit.name} over {place.name}, until {start.isot(seen.times_s[-1:], 0)[0]} UTC")
+        name = place.station.name
+        say(f"{orbit.name} over {name}, until {start.isot(seen.times_s[-1:], 0)[0]} UTC")
         if (miss := degrees(float(session.plan.error_rad.max()))) > 0.1:
             say(f"the limits of the mount will cost up to {miss:.1f}° in this pass")
-        run_session(
-            session, clock, feed, position, point,
+        book = Logbook(start, antenna.mount, radians(sigma))
+        if score:
+            table = streamed(Table(TableSpec()))
+            rivals = {tracker: (stream.tracker, begun), "(table)": (table.tracker, table.state)}
+            afterwards.callback(
+                lambda: _tell(score_lines(rivals, book.pass_log(), lost_after, beam))
+            )
+        if kept:
+            afterwards.callback(
+                lambda: kept.end(inner, stream.state, start, float(stream.state.t_s[0]))
+            )
+        if log:
+            afterwards.callback(book.save, log)
+        outputs = Outputs(
+            _both(book.commanded, point), book.measured,
             lambda status: say(status_line(status, start)), say,
         )  # fmt: skip
+        run_session(session, clock, feed, position, outputs)
 
 
 def _check(**positive: float) -> None:
     for name, value in positive.items():
-        if not 0.0 < value < float("inf"):
+        if not 0.0 < value < inf:
             raise InputError(f"--{name.replace('_', '-')} must be > 0, got {value:g}")
 
 
-def _input(
-    stack: ExitStack, source: str, epoch: Epoch | None, replay: bool, speed: float
-) -> tuple[Feed, Clock]:
-    """Return what is measured and what time it is."""
-    if source == "-":
-        descriptor, where = sys.stdin.fileno(), "stdin"
-    else:
-        try:
-            descriptor, where = os.open(source, os.O_RDONLY), source
-        except OSError as error:
-            raise InputError(f"{source}: cannot be read: {error.strerror or error}") from error
-        stack.callback(os.close, descriptor)
-    if not replay:
-        arriving = Arriving(descriptor, where, epoch, say)
-        stack.callback(arriving.close)
-        return arriving, RealTime()
-    lines = stack.enter_context(
-        os.fdopen(descriptor, encoding="utf-8", errors="replace", closefd=False)
-    )
-    recorded = Recorded(measurements(_stripped(lines), where, epoch))
-    return recorded, Replay(recorded.first.epoch, speed)
+def _air(refraction: bool, pressure: float | None, temperature: float | None) -> Air | None:
+    if refraction:
+        return Air(
+            1010.0 if pressure is None else pressure, 10.0 if temperature is None else temperature
+        )
+    if pressure is not None or temperature is not None:
+        raise InputError("--pressure and --temperature are for --refraction")
+    return None
 
 
-def _stripped(lines: Iterator[str]) -> Iterator[str]:
-    try:
-        yield from lines
-    except OSError as error:
-        raise InputError(f"measurements cannot be read: {error.strerror or error}") from error
+def _both(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
+    def take(command: Any) -> None:
+        for taker in takers:
+            taker(command)
+
+    return take
 
 
-def _orientation(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientation:
-    if ut1_minus_utc_s is not None:
-        return ConstantOrientation(ut1_minus_utc_s)
-    table = OrientationTable.installed()
-    lapse = table.lapse(start, np.array([86400.0]))
-    if lapse is None:
-        return table
-    say(f"{lapse}, or --ut1-minus-utc")
-    with warnings.catch_warnings():
-        # said once, not at every command: the last values as constants
-        warnings.simplefilter("ignore", EarthOrientationWarning)
-        held = table.at(start, np.zeros(1))
-    tai = start.to("TAI")
-    tai_minus_utc = 86400.0 * ((tai.day - start.day) + (tai.fraction - start.fraction))
-    return ConstantOrientation(
-        float(held.ut1_minus_tai_s[0]) + tai_minus_utc,
-        float(held.x_pole_rad[0]),
-        float(held.y_pole_rad[0]),
-    )
-
-
-def _output(
-    stack: ExitStack, rotator: str, start: Epoch
-) -> tuple[tuple[float, float] | None, Callable[[Command], None]]:
-    """Return where the axes stand, rad, if that is known, and what takes commands."""
-    if not rotator:
-        sys.stdout.write(f"{_HEADER}\n")
-
-        def write(command: Command) -> None:
-            when = start.isot(np.array([command.t_s]), 3)[0]
-            cells = ",".join(f"{degrees(angle):.4f}" for angle in command[1:5])
-            sys.stdout.write(f"{when},{cells},{int(command.is_locked)}\n")
-            sys.stdout.flush()
-
-        return None, write
-    host, colon, port = rotator.rpartition(":")
-    if not colon:
-        host, port = rotator, str(PORT)
-    if not (host and port.isdigit() and 0 < int(port) < 65536):
-        raise InputError(f"--rotator must be HOST or HOST:PORT, got {rotator!r}")
-    link = RotatorLink(lambda: Rotctl(host, int(port)), say)
-    azimuth, elevation = link.start()
-    stack.callback(link.end)
-    return (radians(azimuth), radians(elevation)), lambda command: link.point(
-        degrees(command.primary_rad), degrees(command.secondary_rad)
-    )
+def _tell(lines: list[str]) -> None:
+    for line in lines:
+        say(line)

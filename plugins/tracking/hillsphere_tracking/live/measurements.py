@@ -2,8 +2,8 @@
 
 A table has the columns time, azimuth, elevation and, if it likes, standard deviation, in degrees,
 or a first line that names them (``utc``, ``azimuth_deg``, ``elevation_deg``, ``sigma_deg``, among
-others; a pass log is such a table). Times are dates in UTC or seconds after a given epoch. Lines
-that begin with ``#`` are comments.
+others; a pass log is such a table, of which lines with ``locked`` 0 are passed over). Times are
+dates in UTC or seconds after a given epoch. Lines that begin with ``#`` are comments.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ __all__ = ["Measurement", "measurements"]
 
 _POSITIONS = {"time": 0, "azimuth_deg": 1, "elevation_deg": 2, "sigma_deg": 3}
 _TIMES = ("utc", "time", "time_s")
+_LOCKED = "locked"
 _WIDEST = 1000
 
 
@@ -134,6 +135,8 @@ class _Table(Iterator[Measurement]):
                 f"{place}: the names of columns must be there once each: utc, azimuth_deg, "
                 f"elevation_deg and, if there is one, sigma_deg; got {','.join(cells)[:80]!r}"
             )
+        if _LOCKED in names:
+            columns[_LOCKED] = names.index(_LOCKED)
         self._columns = columns | {"time": times[0]}
         return True
 
@@ -142,8 +145,8 @@ class _Table(Iterator[Measurement]):
         if len(cells) != self._width:
             raise InputError(f"{place}: expected {self._width} values, got {len(cells)}")
         given = {name: cells[i] for name, i in self._columns.items()}
-        if not given["azimuth_deg"] and not given["elevation_deg"]:
-            return None  # a line of a pass log without lock
+        if given.get(_LOCKED) == "0" or not (given["azimuth_deg"] or given["elevation_deg"]):
+            return None  # where the antenna stood says nothing of the satellite
         azimuth, elevation = (_number(given[k], k, place) for k in ("azimuth_deg", "elevation_deg"))
         if not -180.0 <= azimuth <= 540.0:
             raise InputError(f"{place}: azimuth must be from -180° to 540°, got {azimuth:.10g}°")

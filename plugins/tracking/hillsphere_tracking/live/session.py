@@ -1,50 +1,69 @@
-"""One pass, live: measurements update the tracker, the tracker points the antenna."""
+"""One pass, live or replayed: what is measured improves the prediction, which points the antenna.
+
+Without a measurement for a while the signal is lost. Then the prediction goes on alone and, where
+its error may be larger than the beam and nothing hides the satellite, the antenna searches around
+it until something is measured again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, sqrt
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.clock import Clock
 from hillsphere_tracking.live.feed import Feed
 from hillsphere_tracking.live.measurements import Measurement
-from hillsphere_tracking.live.offsets import Offsets, offsets_of
-from hillsphere_tracking.pointing.commands import advance_pointing, begin
+from hillsphere_tracking.live.offsets import offsets_of
+from hillsphere_tracking.live.sky import Place
+from hillsphere_tracking.live.status import Status
+from hillsphere_tracking.pointing.commands import PointingState, advance_pointing, begin
 from hillsphere_tracking.pointing.planning import PassPlan
+from hillsphere_tracking.pointing.search import Search, search_now, search_speed
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
-__all__ = ["Command", "Session", "Status", "run_session", "status_line"]
+__all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_session"]
+
+SignalState: TypeAlias = Literal["locked", "predicting", "searching"]
 
 _STEP_S = 0.5
 _FAR_OFF_S = 60.0
 
 
 class Command(NamedTuple):
-    """Where the antenna is sent, for a time: axis angles, and the prediction behind them."""
+    """Where the antenna is sent, for a time: axis angles, the prediction behind them, and why."""
 
     t_s: float
     primary_rad: float
     secondary_rad: float
     azimuth_rad: float
     elevation_rad: float
-    is_locked: bool
+    state: SignalState
 
 
-class Status(NamedTuple):
-    """What an operator wants to see once a second."""
+class SearchRules(NamedTuple):
+    """How a lost signal is searched for: radius of the beam, and how long it must be in there."""
 
-    t_s: float
-    azimuth_rad: float
-    elevation_rad: float
-    sigma_rad: float
-    offsets: Offsets
-    taken: int
-    is_locked: bool
+    beam_rad: float
+    dwell_s: float
+
+
+class Outputs(NamedTuple):
+    """Who is told what.
+
+    `point` is given each command, one period before its time; `note` each measurement that is used,
+    with its time; `show` a status once a second; `say` a line whenever something happens.
+    """
+
+    point: Callable[[Command], None]
+    note: Callable[[float, Measurement], None]
+    show: Callable[[Status], None]
+    say: Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -57,16 +76,22 @@ class Session:
         Its times count from the start of the clock.
     plan : PassPlan
         Of the axes; the session ends with it.
+    place : Place
+        What hides the sky.
     period_s : float
         Between commands.
     lost_after_s : float
         Without a measurement for so long the signal counts as lost.
+    search : SearchRules or None
+        How it is searched for then; None: not at all.
     """
 
     tracker: StreamingTracker
     plan: PassPlan
+    place: Place
     period_s: float
     lost_after_s: float
+    search: SearchRules | None
 
 
 def run_session(
@@ -74,9 +99,7 @@ def run_session(
     clock: Clock,
     feed: Feed,
     position: tuple[float, float] | None,
-    point: Callable[[Command], None],
-    show: Callable[[Status], None],
-    say: Callable[[str], None],
+    outputs: Outputs,
 ) -> None:
     """Track one pass to its end.
 
@@ -90,16 +113,13 @@ def run_session(
         What is measured.
     position : tuple of two floats or None
         Where the axes stand, rad; None: where the plan begins.
-    point : callable
-        Is given each command, one period before its time.
-    show : callable
-        Is given a status once a second.
-    say : callable
-        Is given a line whenever something happens.
+    outputs : Outputs
+        Who is told.
     """
-    tracker, plan, period = session.tracker, session.plan, session.period_s
+    tracker, plan, period, place = session.tracker, session.plan, session.period_s, session.place
     nominal = tracker.state
     taken, heard, shown = 0, -np.inf, -np.inf
+    search: Search | None = None
     tracker.lost()
     if position is None:
         position = float(plan.primary_rad[0]), float(plan.secondary_rad[0])
@@ -107,36 +127,70 @@ def run_session(
     while state.time_s < plan.times_s[-1]:
         for found in feed.until(clock.start, state.time_s):
             t_s = found.epoch.seconds_since(clock.start)
-            if _is_usable(found, t_s, state.time_s, clock.start, say):
+            if _is_usable(found, t_s, state.time_s, clock.start, outputs.say):
                 if not tracker.is_locked:
                     tracker.locked()
-                    say("the signal is there")
+                    outputs.say("the signal is there")
                 tracker.update(t_s, found.azimuth_rad, found.elevation_rad, found.sigma_rad)
+                outputs.note(t_s, found)
                 taken, heard = taken + 1, max(heard, t_s)
         if tracker.is_locked and state.time_s - heard > session.lost_after_s:
             tracker.lost()
-            say(f"no measurement for {session.lost_after_s:g} s: the prediction goes on alone")
+            outputs.say(f"no measurement for {session.lost_after_s:g} s: the prediction goes on")
         now = state.time_s
         times = now + np.array([-_STEP_S, 0.0, period, _STEP_S + period])
         azimuth, elevation, covariance = tracker.predict(times)
-        state = advance_pointing(plan, state, (times, azimuth, elevation), period)
-        angles = (float(state.primary.angle_rad[0]), float(state.secondary.angle_rad[0]))
+        here = (float(azimuth[1]), float(elevation[1]))
+        hidden_by = place.hidden_by(*here)
+        if tracker.is_locked or not taken or hidden_by:
+            search = None
+        elif session.search is not None:
+            search = _searched(session, search, covariance[:, :, 1], state, outputs.say)
+        doing: SignalState = "predicting" if search is None else "searching"
+        doing = "locked" if tracker.is_locked else doing
+        beside = None if search is None else search.at
+        state = advance_pointing(plan, state, (times, azimuth, elevation), period, beside)
         predicted = (float(azimuth[2]), float(elevation[2]))
-        point(Command(state.time_s, *angles, *predicted, tracker.is_locked))
+        outputs.point(Command(state.time_s, *_angles(state), *predicted, doing))
         if now - shown >= 1.0 - 1e-6:
             shown = now
             around = now + _STEP_S * np.array([-1.0, 0.0, 1.0])
             az0, el0, _ = tracker.tracker.predict(nominal, around)
-            here = (float(azimuth[1]), float(elevation[1]))
             offsets = offsets_of((az0[:, 0], el0[:, 0]), here, _STEP_S)
             sigma = sqrt(max(float(np.trace(covariance[:, :, 1])), 0.0))
-            show(Status(now, *here, sigma, offsets, taken, tracker.is_locked))
+            arcs = np.ravel((0.0, 0.0) if beside is None else beside(times[1:2]))
+            aside = (float(arcs[0]), float(arcs[1]))
+            outputs.show(Status(now, *here, sigma, offsets, taken, doing, hidden_by, aside))
         clock.wait_until(state.time_s)
         if (late := clock.now_s() - state.time_s) > 1.0:
             # the computer slept, or is too slow: commands for the past are of no use to anybody
-            say(f"{late:.1f} s behind the clock: commands left out")
-            rest = (float(state.primary.angle_rad[0]), float(state.secondary.angle_rad[0]))
-            state = begin(plan, clock.now_s(), *rest)
+            outputs.say(f"{late:.1f} s behind the clock: commands left out")
+            state = begin(plan, clock.now_s(), *_angles(state))
+
+
+def _searched(
+    session: Session,
+    search: Search | None,
+    covariance: Array,
+    state: PointingState,
+    say: Callable[[str], None],
+) -> Search | None:
+    """Return the search for now, and tell of one that begins."""
+    assert session.search is not None
+    beam, dwell = session.search
+    speed = search_speed(session.plan.mount, float(state.secondary.angle_rad[0]), beam)
+    left = float(session.plan.times_s[-1]) - state.time_s
+    found = search_now(search, covariance, beam, speed, state.time_s, within_s=left, dwell_s=dwell)
+    if found is not None and found is not search:
+        size = found.sigmas * sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+        say(f"searching up to {degrees(size):.2f}° around it, in {found.duration_s:.0f} s")
+    if found is None and search is not None:
+        say("the beam at the prediction covers its error: the search ends")
+    return found
+
+
+def _angles(state: PointingState) -> tuple[float, float]:
+    return float(state.primary.angle_rad[0]), float(state.secondary.angle_rad[0])
 
 
 def _is_usable(
@@ -150,17 +204,3 @@ def _is_usable(
         f"{'after' if t_s > now_s else 'before'} now; an earlier pass is tracked with --replay"
     )
     return False
-
-
-def status_line(status: Status, start: Epoch) -> str:
-    """Return a status as a line of text."""
-    when = start.isot(np.array([status.t_s]), 0)[0]
-    early, left = status.offsets
-    time = f"{abs(early):.3f} s {'early' if early > 0 else 'late'}"
-    side = f"{degrees(abs(left)):.3f}° {'left' if left > 0 else 'right'}"
-    angles = f"az {degrees(status.azimuth_rad):8.3f}°  el {degrees(status.elevation_rad):7.3f}°"
-    lock = "" if status.is_locked else "  NO SIGNAL"
-    return (
-        f"{when}  {angles}  ±{degrees(status.sigma_rad):.3f}°  {time}  {side}  "
-        f"{status.taken} measurements{lock}"
-    )

@@ -1,21 +1,21 @@
 """Predictions about once per second, filled up to the rate of smooth commands.
 
-Either both angles are interpolated linearly, or the unit vector is turned evenly from one
-prediction to the next along a great circle. The second goes through the zenith, where azimuth
-jumps, as if nothing were there.
-
-Every interpolation here is exact at the predictions, so changing from one kind to the other between
-two intervals leaves no step.
+Three kinds, each exact at the predictions: both angles linearly, which fails near the zenith where
+azimuth jumps; the unit vector turned evenly along great circles; and `smooth`, which commands are
+made with: cubic pieces of the unit vector, whose rate is continuous too, so that the axes are not
+jerked at every prediction.
 
 References
 ----------
 .. [1] K. Shoemake (1985), Animating Rotation with Quaternion Curves, SIGGRAPH '85 Proceedings,
    245-254 (spherical linear interpolation).
+.. [2] C. de Boor (1978), A Practical Guide to Splines, Springer, chapter IV (cubic Hermite
+   interpolation with slopes of parabolas, Bessel's).
 """
 
 from __future__ import annotations
 
-from math import pi, radians
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +26,9 @@ from hillsphere_tracking.pointing.sky import angles_of
 from hillsphere_tracking.topocentric import direction_cosines
 
 __all__ = [
-    "NEAR_ZENITH_RAD", "great_circle", "great_circle_error_bound", "linear", "linear_error_bound",
-    "smooth",
+    "great_circle", "great_circle_error_bound", "linear", "linear_error_bound", "smooth",
+    "smooth_error_bound",
 ]  # fmt: skip
-
-NEAR_ZENITH_RAD = radians(75.0)
-"""Elevation above which `smooth` turns the unit vector instead of the angles.
-
-Predictions of a low satellite a second apart miss by 1e-3° there with linear angles, by 2e-4° with
-great circles; at 89.9° it would be 0.1°.
-"""
 
 
 def linear(
@@ -110,13 +103,12 @@ def great_circle(
 
 
 def smooth(
-    times_s: Array,
-    azimuth_rad: Array,
-    elevation_rad: Array,
-    at_s: Array,
-    near_zenith_rad: float = NEAR_ZENITH_RAD,
+    times_s: Array, azimuth_rad: Array, elevation_rad: Array, at_s: Array
 ) -> tuple[Array, Array]:
-    """Interpolate angles linearly, but turn the unit vector wherever a prediction is near zenith.
+    """Interpolate the unit vector by cubics whose slopes are those of parabolas [2]_.
+
+    The parabola at a prediction goes through its neighbours too, so a value depends on the four
+    predictions around it only. Of two predictions a straight line is left.
 
     Parameters
     ----------
@@ -126,8 +118,6 @@ def smooth(
         Predictions.
     at_s : ndarray, shape (N,)
         Where to, within `times_s`.
-    near_zenith_rad : float
-        Intervals with an end at or above this elevation are great circles.
 
     Returns
     -------
@@ -137,17 +127,20 @@ def smooth(
     Raises
     ------
     InputError
-        As for `great_circle`.
+        As for `linear`.
     """
     times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
-    by_angle = linear(times, azimuth, elevation, at)
-    high = np.asarray(elevation) >= near_zenith_rad
+    nodes = direction_cosines(azimuth, elevation)
+    slopes = np.gradient(nodes, times, axis=1, edge_order=2 if times.size > 2 else 1)
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
-    turned = high[i] | high[i + 1]
-    if not turned.any():
-        return by_angle
-    by_arc = great_circle(times, azimuth, elevation, at)
-    return np.where(turned, by_arc[0], by_angle[0]), np.where(turned, by_arc[1], by_angle[1])
+    step = times[i + 1] - times[i]
+    w = (at - times[i]) / step
+    v = 1.0 - w
+    return angles_of(
+        v**2 * (1.0 + 2.0 * w) * nodes[:, i]
+        + w**2 * (1.0 + 2.0 * v) * nodes[:, i + 1]
+        + step * w * v * (v * slopes[:, i] - w * slopes[:, i + 1])
+    )
 
 
 def linear_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
@@ -207,6 +200,39 @@ def great_circle_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: 
     bend = bend - inner * np.einsum("ij,ij->j", inner, bend)
     size = np.linalg.norm(bend, axis=0)
     return np.asarray(np.diff(times) ** 2 / 8.0 * _interval_largest(size))
+
+
+def smooth_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array) -> Array:
+    """Return by how much `smooth` can miss on the sky between predictions.
+
+    T³/24·|u⃛| for an interval T: the slope of a parabola through three predictions is off by
+    T²/6·|u⃛|, and slopes count by T/4 at most. At both ends of the predictions it is twice that. The
+    third derivative is that of differences, the largest of an interval and its neighbours.
+
+    Parameters
+    ----------
+    times_s, azimuth_rad, elevation_rad : ndarray, shape (K,)
+        Predictions about evenly spaced, at least four.
+
+    Returns
+    -------
+    ndarray, shape (K - 1,)
+        Arc, rad, for each interval.
+
+    Raises
+    ------
+    InputError
+        If the predictions are fewer than four, not rising or not finite.
+    """
+    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 4)
+    bend = _second_derivative(times, direction_cosines(azimuth, elevation))
+    # of the inner intervals, between the bends at both their ends
+    jerk = np.linalg.norm(np.diff(bend, axis=1) / np.diff(times[1:-1]), axis=0)
+    near = np.concatenate([jerk[:1], jerk[:1], jerk, jerk[-1:], jerk[-1:]])
+    largest = np.maximum(np.maximum(near[:-2], near[1:-1]), near[2:])
+    factor = np.full(largest.size, 1.0 / 24.0)
+    factor[[0, -1]] = 1.0 / 12.0
+    return np.asarray(factor * np.diff(times) ** 3 * largest)
 
 
 def _second_derivative(times: Array, values: Array) -> Array:

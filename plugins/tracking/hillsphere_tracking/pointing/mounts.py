@@ -16,8 +16,9 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_tracking.pointing.sky import separation
+from hillsphere_tracking.pointing.specs import AxisSpec, MountSpec
 
-__all__ = ["AxisLimits", "Mount", "azimuth_elevation", "x_y"]
+__all__ = ["AxisLimits", "Mount", "azimuth_elevation", "mount_of", "x_y"]
 
 
 @dataclass(frozen=True)
@@ -211,3 +212,15 @@ def x_y(primary: AxisLimits, secondary: AxisLimits, axis_azimuth_rad: float = 0.
     """
     c, s = cos(axis_azimuth_rad), sin(axis_azimuth_rad)
     return Mount(np.array([[0.0, 0.0, 1.0], [c, -s, 0.0], [s, c, 0.0]]), primary, secondary)
+
+
+def mount_of(spec: MountSpec) -> Mount:
+    """Return the mount that a mission describes."""
+    primary, secondary = _limits_of(spec.primary), _limits_of(spec.secondary)
+    if spec.kind == "x_y":
+        return x_y(primary, secondary, spec.axis_azimuth_rad)
+    return azimuth_elevation(primary, secondary, spec.tilt_rad, spec.tilt_towards_rad)
+
+
+def _limits_of(spec: AxisSpec) -> AxisLimits:
+    return AxisLimits(spec.lower_rad, spec.upper_rad, spec.rate_rad_s, spec.acceleration_rad_s2)

@@ -1,10 +1,10 @@
-"""A pass as it was tracked, kept as a table: what was measured, when, and what was commanded.
+"""A pass as it was tracked, kept as a table: measured, predicted, commanded, and when.
 
-One line per measurement or command, in order of time::
+One line per measurement or command, in order of time, in degrees (here shortened)::
 
-    utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_azimuth_deg,commanded_elevation_deg
-    2027-06-01T12:30:00.000000,284.031369,5.048786,0.05,1,284.03,5.05
-    2027-06-01T12:30:01.000000,,,,0,284.05,5.07
+    utc,azimuth_deg,elevation_deg,sigma_deg,locked,commanded_…,commanded_…,predicted_…,predicted_…
+    2027-06-01T12:30:00.000000,284.031369,5.048786,0.05,1,284.03,5.05,284.03,5.05
+    2027-06-01T12:30:01.000000,,,,0,284.05,5.07,284.05,5.07
 
 What does not exist is left empty: angles without lock, commands of a station that only listens.
 """
@@ -29,7 +29,7 @@ __all__ = ["PassLog", "read_pass_log", "write_pass_log"]
 
 _COLUMNS = (
     "utc", "azimuth_deg", "elevation_deg", "sigma_deg", "locked", "commanded_azimuth_deg",
-    "commanded_elevation_deg",
+    "commanded_elevation_deg", "predicted_azimuth_deg", "predicted_elevation_deg",
 )  # fmt: skip
 
 
@@ -48,7 +48,9 @@ class PassLog:
     locked : ndarray of bool, shape (K,)
         Whether the signal was tracked.
     commanded_azimuth_rad, commanded_elevation_rad : ndarray, shape (K,)
-        What the antenna was sent to; NaN where unknown.
+        Where its beam was sent; NaN where unknown.
+    predicted_azimuth_rad, predicted_elevation_rad : ndarray, shape (K,)
+        Where the satellite was expected at that time; NaN where unknown.
 
     Raises
     ------
@@ -64,11 +66,14 @@ class PassLog:
     locked: NDArray[np.bool_]
     commanded_azimuth_rad: Array
     commanded_elevation_rad: Array
+    predicted_azimuth_rad: Array
+    predicted_elevation_rad: Array
 
     def __post_init__(self) -> None:
         columns = (
             self.times_s, self.azimuth_rad, self.elevation_rad, self.sigma_rad, self.locked,
             self.commanded_azimuth_rad, self.commanded_elevation_rad,
+            self.predicted_azimuth_rad, self.predicted_elevation_rad,
         )  # fmt: skip
         shapes = {np.shape(column) for column in columns}
         if len(shapes) != 1 or np.ndim(self.times_s) != 1:
@@ -110,6 +115,8 @@ def write_pass_log(path: Path, log: PassLog) -> None:
                 int(log.locked[i]),
                 _cell(log.commanded_azimuth_rad[i]),
                 _cell(log.commanded_elevation_rad[i]),
+                _cell(log.predicted_azimuth_rad[i]),
+                _cell(log.predicted_elevation_rad[i]),
             ]
         )
     write_text(path, text.getvalue())
@@ -157,17 +164,12 @@ def read_pass_log(path: Path) -> PassLog:
             raise InputError(f"{where}: {cells[0]} is not after the line before; sort the log")
         rows.append([time, *_numbers(cells, where)])
     columns = np.array(rows).T
-    angles = np.radians(columns[[1, 2, 3, 5, 6]])
+    azimuth, elevation, sigma = np.radians(columns[1:4])
+    pointed = np.radians(columns[5:])
     return PassLog(
-        epochs[0],
-        columns[0],
-        angles[0],
-        angles[1],
-        angles[2],
-        columns[4] == 1.0,
-        angles[3],
-        angles[4],
-    )
+        epochs[0], columns[0], azimuth, elevation, sigma, columns[4] == 1.0,
+        pointed[0], pointed[1], pointed[2], pointed[3],
+    )  # fmt: skip
 
 
 def _numbers(cells: list[str], where: str) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, pi
 
 import numpy as np
@@ -131,6 +131,17 @@ def plan_pass(
     direction = direction_cosines(azimuth_rad, elevation_rad)
     if not np.isfinite(direction).all():
         raise InputError("a plan needs finite angles, got nan or inf")
+    plan = _planned(times, direction, mount, start_rad)
+    if plan.flipped.any():
+        # the route's loss is nearly, not quite, the largest error: see what going upright costs
+        secondary = replace(mount.secondary, upper_rad=0.5 * pi)
+        upright = _planned(times, direction, replace(mount, secondary=secondary), start_rad)
+        if upright.error_rad.max() <= plan.error_rad.max():
+            return replace(upright, mount=mount)
+    return plan
+
+
+def _planned(times: Array, direction: Array, mount: Mount, start_rad: float | None) -> PassPlan:
     limits = mount.primary
     route = coarse_route(times, direction, mount, start_rad)
     reference, flipped = on_target_angles(direction, mount, route)

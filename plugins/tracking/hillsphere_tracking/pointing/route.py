@@ -67,15 +67,18 @@ def coarse_route(
         _CELLS_PER_STEP * _CELL / limits.rate_rad_s, (times_s[-1] - times_s[0]) / _MOST_STEPS
     )
     nodes = _spaced(times_s, step)
+    towards = np.array([np.cos(grid), np.sin(grid)])
     centre = 0.5 * (limits.lower_rad + limits.upper_rad)
     away = np.abs(grid - (centre if start_rad is None else start_rad))
     value = np.empty((nodes.size, grid.size))
     duration = np.gradient(times_s[nodes]) if nodes.size > 1 else np.ones(1)
-    value[0] = _loss(mount, direction[:, nodes[0]], grid) * duration[0] + _PREFERENCE * away
+    value[0] = (
+        _loss(mount, direction[:, nodes[0]], grid, towards) * duration[0] + _PREFERENCE * away
+    )
     for k in range(1, nodes.size):
         reach = _reach(limits.rate_rad_s, times_s[nodes[k]] - times_s[nodes[k - 1]])
         best = minimum_filter1d(value[k - 1], 2 * reach + 1, mode="nearest")
-        value[k] = best + _loss(mount, direction[:, nodes[k]], grid) * duration[k]
+        value[k] = best + _loss(mount, direction[:, nodes[k]], grid, towards) * duration[k]
     if start_rad is None:  # the end of the pass matters as much as its beginning
         value[-1] += _PREFERENCE * away
     course = np.empty(nodes.size)
@@ -121,12 +124,14 @@ def on_target_angles(
     return np.where(flipped, over, upright), flipped
 
 
-def _loss(mount: Mount, direction: Array, grid: Array) -> Array:
-    """Return the loss per second at every angle of the grid."""
+def _loss(mount: Mount, direction: Array, grid: Array, towards: Array) -> Array:
+    """Return the loss per second at every angle of the grid; `towards` is their (cos, sin)."""
+    place = mount.axes @ direction
     secondary = mount.secondary_for(direction[:, None], grid)
-    error = mount.error(direction[:, None], grid, secondary)
-    flip = _PREFERENCE * (secondary > 0.5 * pi)
-    return np.asarray(np.minimum(error / _SATURATION, 1.0) ** 4 + flip)
+    # along the beam; the arc cosine blurs errors below 1e-8 rad, whose loss is nothing
+    cosine = (place[:2] @ towards) * np.cos(secondary) + place[2] * np.sin(secondary)
+    share = np.minimum(np.arccos(np.minimum(cosine, 1.0)) / _SATURATION, 1.0) ** 2
+    return np.asarray(share * share + _PREFERENCE * (secondary > 0.5 * pi))
 
 
 def _reach(rate: float, duration: float) -> int:

@@ -15,17 +15,24 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, isfinite, pi, sqrt
+from math import ceil, cos, inf, isfinite, pi, sqrt
 
 import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere_tracking.pointing.mounts import Mount
 
-__all__ = ["Search", "plan_search"]
+__all__ = ["Search", "plan_search", "search_now", "search_speed"]
 
 _FINENESS = 40.0
 """Points of the path per beam radius."""
+_OUTGROWN = 1.5
+"""Growth of the error in any direction from which a search is planned anew: it covers no more than
+the 2σ of what it then is. A smaller factor would begin again and again, and never come to the end
+of the ellipse."""
+_LEAST_LEVEL = 0.1
+"""Least cosine of the secondary angle: nearer to its keyhole no mount searches on circles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +52,10 @@ class Search:
         Along the path.
     beam_rad, dwell_s : float
         Radius within which the signal is found, and how long it must be there.
+    covariance_rad2 : ndarray, shape (2, 2)
+        For which it was planned.
+    sigmas : float
+        Size of its ellipse.
     """
 
     begin_s: float
@@ -53,6 +64,8 @@ class Search:
     speed_rad_s: float
     beam_rad: float
     dwell_s: float
+    covariance_rad2: Array
+    sigmas: float
 
     @property
     def duration_s(self) -> float:
@@ -147,7 +160,103 @@ def plan_search(
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(turned, axis=1)))])
     chord = 2.0 * sqrt(beam_rad**2 - 0.25 * pitch**2)
     speed = min(speed_rad_s, chord / dwell_s) if dwell_s > 0.0 else speed_rad_s
-    return Search(begin_s, turned, lengths, speed, beam_rad, dwell_s)
+    covariance = np.asarray(covariance_rad2, dtype=float)
+    return Search(begin_s, turned, lengths, speed, beam_rad, dwell_s, covariance, sigmas)
+
+
+def search_now(
+    search: Search | None,
+    covariance_rad2: Array,
+    beam_rad: float,
+    speed_rad_s: float,
+    now_s: float,
+    *,
+    within_s: float = inf,
+    dwell_s: float = 0.0,
+    sigmas: float = 3.0,
+) -> Search | None:
+    """Return the search for a signal that is lost, as its covariance changes.
+
+    An ellipse within the beam needs none. A search under way goes on until the error has outgrown
+    it by half in some direction; errors far within the beam do not count there. Then one begins
+    anew, from the prediction; of an ellipse that is too large for the time left its likelier, inner
+    part is searched.
+
+    Parameters
+    ----------
+    search : Search or None
+        That under way.
+    covariance_rad2, beam_rad, speed_rad_s, dwell_s, sigmas
+        As for `plan_search`.
+    now_s : float
+        When a new one begins.
+    within_s : float
+        About how long it may take.
+
+    Returns
+    -------
+    Search or None
+        None if the beam at the prediction covers the ellipse.
+
+    Raises
+    ------
+    InputError
+        As for `plan_search`.
+    """
+    minor, major, _ = _ellipse(covariance_rad2)
+    if sigmas * major <= beam_rad:
+        return None
+    if search is not None:
+        least = (beam_rad / sigmas) ** 2 * np.eye(2)
+        root = np.linalg.inv(np.linalg.cholesky(search.covariance_rad2 + least))
+        growth = np.linalg.eigvalsh(root @ (covariance_rad2 + least) @ root.T)[-1]
+        if growth <= _OUTGROWN**2:
+            return search
+    speed = speed_rad_s if dwell_s == 0.0 else min(speed_rad_s, sqrt(2.0) * beam_rad / dwell_s)
+    if isfinite(within_s):
+        length = speed * max(within_s, 1.0)
+        sigmas *= min(_part(sigmas * minor, sigmas * major, sqrt(2.0) * beam_rad, length), 1.0)
+    return plan_search(
+        covariance_rad2, beam_rad, speed_rad_s, begin_s=now_s, dwell_s=dwell_s, sigmas=sigmas
+    )
+
+
+def _part(minor: float, major: float, pitch: float, length: float) -> float:
+    """Return to what part an ellipse shrinks whose search is to have a length, about."""
+    # square: its area over the distance of tracks; linear: out along its axis, and the last circuit
+    half = major - minor
+    square = (pi * minor + 4.0 * half) * minor / pitch
+    linear = 3.0 * half + pi * minor
+    return 2.0 * length / (linear + sqrt(linear**2 + 4.0 * square * length))
+
+
+def search_speed(mount: Mount, secondary_rad: float, beam_rad: float) -> float:
+    """Return the speed on the sky at which a mount can search, rad/s.
+
+    Half of what its axes can do is left for following the satellite. The primary axis moves the
+    beam by the cosine of the secondary angle only; the tightest bends of a search have a radius of
+    some half a beam.
+
+    Parameters
+    ----------
+    mount : Mount
+        With rates and accelerations.
+    secondary_rad : float
+        About where the secondary axis stands.
+    beam_rad : float
+        Radius of the beam.
+
+    Returns
+    -------
+    float
+        Speed > 0.
+    """
+    level = max(abs(cos(secondary_rad)), _LEAST_LEVEL)
+    rate = min(level * mount.primary.rate_rad_s, mount.secondary.rate_rad_s)
+    acceleration = min(
+        level * mount.primary.acceleration_rad_s2, mount.secondary.acceleration_rad_s2
+    )
+    return 0.5 * min(rate, sqrt(acceleration * 0.5 * beam_rad))
 
 
 def _ellipse(covariance: Array) -> tuple[float, float, Array]:

@@ -86,6 +86,7 @@ class Average:
     def __init__(self, spec: AverageSpec) -> None:
         self.spec = spec
         self._field = field_of(spec)
+        self.short_period = False
 
     def initial(
         self,
@@ -125,7 +126,9 @@ class Average:
         scatter = state.scatter + weight * (off[_PAIRS[0]] * off[_PAIRS[1]])
         return AverageState(state.site, t_s, now, state.biases_rad, count, scatter)
 
-    def predict(self, state: AverageState, times_s: Array) -> tuple[Array, Array, Array]:
+    def predict(
+        self, state: AverageState, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array, Array]:
         """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N).
 
         The covariance is that of the means as their scatter shows it: it knows nothing of biases,
@@ -143,7 +146,7 @@ class Average:
         covariance[:, 0, 1] = covariance[:, 1, 0] = np.where(some, spread[1], 0.0)
         return seen_covariance(
             state, times_s, self._field, columns, covariance, np.zeros((cases, 2)),
-            short_period=False,
+            short_period=False, biased=biased,
         )  # fmt: skip
 
     def _solved(

@@ -42,19 +42,24 @@ class Chart(Protocol):
         """Return the derivatives (N, 6, n) of the elements (6, N) by the coordinates."""
         ...
 
-    def sliced(self, by: Array, elements: Array, sense: Array) -> Array:
-        """Return derivatives (N, k, n) of those (N, k, ≥ 6) by the elements."""
+    def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
+        """Return derivatives (N, k, n + len(others)) by the coordinates, then some others.
+
+        Of those (k, ≥ 6, N) by the elements, and by others that stand behind them.
+        """
         ...
 
     def moved(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements (6, N) after a step (n, N) of the coordinates."""
         ...
 
-    def carried(self, before: Array, after: Array, slopes: Array, sense: Array) -> Array:
-        """Return the transition matrices (N, n, n).
+    def carry(
+        self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array
+    ) -> None:
+        """Carry the covariance (N, m, m) of n coordinates and m − n constants, in place.
 
-        They belong to mean elements (6, N) of two times and the slopes (3, 3, N) of the later
-        Ω, ω, M by a, e, i.
+        From one time to another, by mean elements (6, N) of both and the slopes (3, 3, N) of the
+        later Ω, ω, M by a, e, i.
         """
         ...
 
@@ -76,14 +81,15 @@ class Selected:
     Parameters
     ----------
     rows : sequence of int
-        Which.
+        Which: Ω, ω, M (3, 4, 5), and before them possibly a (0).
     """
 
     def __init__(self, rows: Sequence[int]) -> None:
         self.rows = list(rows)
         self.count = len(self.rows)
         self._unit = np.eye(6)[:, self.rows]
-        self._same = np.eye(self.count)
+        self._turning = np.array([row - 3 for row in self.rows if row >= 3])
+        self._powers = np.array([0.0 if row == 0 else -2.0 for row in self.rows])
 
     def settled(self, elements: Array, sense: Array) -> Array:
         """Return the elements: every place is regular."""
@@ -93,9 +99,9 @@ class Selected:
         """Return the derivatives (N, 6, n)."""
         return np.broadcast_to(self._unit, (elements.shape[1], 6, self.count))
 
-    def sliced(self, by: Array, elements: Array, sense: Array) -> Array:
-        """Return derivatives (N, k, n)."""
-        return by[:, :, self.rows]
+    def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
+        """Return derivatives (N, k, n + len(others))."""
+        return by.take([*self.rows, *others], axis=1).transpose(2, 0, 1)
 
     def moved(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements after a step."""
@@ -103,15 +109,15 @@ class Selected:
         made[self.rows] += step
         return made
 
-    def carried(self, before: Array, after: Array, slopes: Array, sense: Array) -> Array:
-        """Return the transition matrices (N, n, n)."""
-        made = np.empty((before.shape[1], self.count, self.count))
-        made[:] = self._same
-        if 0 in self.rows:
-            for at, row in enumerate(self.rows):
-                if row >= 3:
-                    made[:, at, self.rows.index(0)] = slopes[row - 3, 0]
-        return made
+    def carry(
+        self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array
+    ) -> None:
+        """Carry the covariance (N, m, m) in place."""
+        if self.rows[0] == 0:
+            turned = slopes[self._turning, 0].T
+            n = self.count
+            covariance[:, 1:n] += turned[:, :, None] * covariance[:, :1]
+            covariance[:, :, 1:n] += covariance[:, :, :1] * turned[:, None]
 
     def prior(self, elements: Array, sigmas: Array, sense: Array) -> Array:
         """Return the covariance (N, n, n)."""
@@ -121,11 +127,7 @@ class Selected:
 
     def walk(self, elements: Array, drift_m: float) -> Array:
         """Return growth rates (N, n) of the variances."""
-        made = np.empty((elements.shape[1], self.count))
-        made[:] = (drift_m * drift_m / _HOUR / elements[0] ** 2)[:, None]
-        if 0 in self.rows:
-            made[:, self.rows.index(0)] = drift_m * drift_m / _HOUR
-        return made
+        return np.asarray(drift_m * drift_m / _HOUR * elements[0][:, None] ** self._powers)
 
 
 class Equinoctials:
@@ -159,9 +161,11 @@ class Equinoctials:
         made[:, 5] -= by_turned
         return made
 
-    def sliced(self, by: Array, elements: Array, sense: Array) -> Array:
-        """Return derivatives (N, k, 6)."""
-        return np.asarray(by[:, :, :6] @ self.columns(elements, sense))
+    def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
+        """Return derivatives (N, k, 6 + len(others))."""
+        by = by.transpose(2, 0, 1)
+        own = by[:, :, :6] @ self.columns(elements, sense)
+        return np.concatenate([own, by[:, :, list(others)]], axis=2)
 
     def moved(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements after a step; e is kept below 0.98, a above a third."""
@@ -171,14 +175,16 @@ class Equinoctials:
         orbit[1:3] *= np.where(size > 0.98, 0.98 / np.maximum(size, 0.98), 1.0)
         return self.settled(classical(orbit, sense), sense)
 
-    def carried(self, before: Array, after: Array, slopes: Array, sense: Array) -> Array:
-        """Return the transition matrices (N, 6, 6)."""
+    def carry(
+        self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array
+    ) -> None:
+        """Carry the covariance (N, m, m) in place."""
         by_elements = np.zeros((before.shape[1], 6, 6))
         by_elements[:] = np.eye(6)
         by_elements[:, 3:, :3] = slopes.transpose(2, 0, 1)
-        return np.asarray(
-            self._by_elements(after, sense) @ by_elements @ self.columns(before, sense)
-        )
+        transition = self._by_elements(after, sense) @ by_elements @ self.columns(before, sense)
+        covariance[:, :6] = transition @ covariance[:, :6]
+        covariance[:, :, :6] = covariance[:, :, :6] @ transition.transpose(0, 2, 1)
 
     def prior(self, elements: Array, sigmas: Array, sense: Array) -> Array:
         """Return the covariance (N, 6, 6).

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,8 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.mean_elements import sense_of
 from hillsphere_tracking.trackers.charts import Chart, Equinoctials, Selected
-from hillsphere_tracking.trackers.observation import advance, compared
+from hillsphere_tracking.trackers.correction import Correction, chosen, corrected, posterior
+from hillsphere_tracking.trackers.observation import carried, compared
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
@@ -54,6 +56,11 @@ __all__ = ["LeastSquares", "LeastSquaresState"]
 _LARGE = 3e-3
 """Correction on the sky, rad, above which a measurement is linearised again; what its square
 neglects, 1e-5, is below any antenna's noise."""
+_MOST_AGREED = 10.0
+"""Bound of the balance of agreement: so many more outliers than good ones in a row, one by one, and
+the orbit is given up. Where one in ten is wrong this happens once in 10⁹ measurements."""
+_MOST_RESTARTS = 5
+"""How often at most: noise told far too small makes outliers of all, and no beginning helps."""
 _LEAST_SIGMA = 1e-7
 """Least standard deviation on the sky, rad: at the zenith an azimuth tells nothing, exactly."""
 
@@ -66,30 +73,30 @@ class LeastSquaresState(OrbitState):
     ----------
     time_bias_s : ndarray, shape (N,)
         True time of a measurement minus its tag.
+    horizon_rad : ndarray, shape (N,)
+        Factor of cot h in the elevation's bias.
     covariance : ndarray, shape (m, m, N)
-        Of the m quantities: elements (or equinoctial ones), angle biases, time bias.
+        Of the m quantities: elements (or equinoctial ones), angle biases, time bias, horizon bias.
     sense : ndarray, shape (N,)
         ±1, of the equinoctial elements.
     outliers : ndarray, shape (N,)
-        How many measurements lost weight.
+        How many measurements lost weight, or were given up where the orbit began anew.
+    agreed : ndarray, shape (N,)
+        How many measurements agreed with those before, less those that did not, from −1 to 10.
+    restarts : ndarray, shape (N,)
+        How often the orbit began anew.
+    beginning : LeastSquaresState or None
+        What stood before the first measurement; None if this is it.
     """
 
     time_bias_s: Array
+    horizon_rad: Array
     covariance: Array
     sense: Array
     outliers: Array
-
-
-@dataclass(frozen=True)
-class _Correction:
-    """What one linearisation makes of a measurement; the last but one axes are those of H."""
-
-    step: Array
-    gain: Array
-    slopes: Array
-    variances: Array
-    weight: Array
-    shift: Array
+    agreed: Array
+    restarts: Array
+    beginning: LeastSquaresState | None = None
 
 
 class LeastSquares:
@@ -104,6 +111,7 @@ class LeastSquares:
     def __init__(self, spec: LeastSquaresSpec) -> None:
         self.spec = spec
         self._field = field_of(spec)
+        self.short_period: bool = spec.short_period
         charts: dict[str, Chart] = {
             "node_anomaly": Selected((3, 5)),
             "size_node_anomaly": Selected((0, 3, 5)),
@@ -113,8 +121,16 @@ class LeastSquares:
         n = self._chart.count
         self._biases = slice(n, n + 2) if spec.angle_biases else None
         self._clock = n + 2 * spec.angle_biases if spec.time_bias else None
-        self.size = n + 2 * spec.angle_biases + spec.time_bias
+        self.kept = slice(n, n + 2 * spec.angle_biases + spec.time_bias)
+        """Rows of the covariance of the biases that last beyond a pass."""
+        self._horizon = self.kept.stop if spec.horizon_bias else None
+        self.size = self.kept.stop + spec.horizon_bias
         self._unit = np.eye(self.size)
+        # rows of the derivatives of what is measured that are not by elements
+        self._others = [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
+        # where both angle biases and the horizon bias stand in the covariance; −1: nowhere
+        self._shown = [*range(n), *([n, n + 1] if spec.angle_biases else [-1, -1])]
+        self._shown.append(-1 if self._horizon is None else self._horizon)
 
     def initial(
         self,
@@ -145,13 +161,16 @@ class LeastSquares:
             covariance[:, self._biases, self._biases] = spec.bias_sigma_rad**2 * np.eye(2)
         if self._clock is not None:
             covariance[:, self._clock, self._clock] = spec.time_bias_sigma_s**2
+        if self._horizon is not None:
+            covariance[:, self._horizon, self._horizon] = spec.horizon_bias_sigma_rad**2
         zero = np.zeros(cases)
         kept = vars(state) | {"elements": found}
-        return LeastSquaresState(**kept, time_bias_s=zero, covariance=covariance.transpose(1, 2, 0),
-                                 sense=sense, outliers=zero)  # fmt: skip
+        return LeastSquaresState(**kept, time_bias_s=zero, horizon_rad=zero,
+                                 covariance=covariance.transpose(1, 2, 0), sense=sense,
+                                 outliers=zero, agreed=zero - 1.0, restarts=zero)  # fmt: skip
 
     def with_biases(
-        self, state: LeastSquaresState, biases_rad: Array, covariance: Array
+        self, state: LeastSquaresState, biases: Array, covariance: Array
     ) -> LeastSquaresState:
         """Return a state that begins with a station's biases, as earlier passes left them.
 
@@ -159,10 +178,11 @@ class LeastSquares:
         ----------
         state : LeastSquaresState
             Before the first measurement.
-        biases_rad : ndarray, shape (2,) or (2, N)
-            Of azimuth and elevation, measured minus true.
-        covariance : ndarray, shape (2, 2)
-            Of them, rad².
+        biases : ndarray, shape (k,) or (k, N)
+            Those that are estimated: of azimuth and elevation, measured minus true, rad, then of
+            time, true minus tag, s. The horizon bias, which weather changes, begins anew.
+        covariance : ndarray, shape (k, k)
+            Of them.
 
         Returns
         -------
@@ -172,16 +192,22 @@ class LeastSquares:
         Raises
         ------
         InputError
-            If the tracker estimates no angle biases.
+            If the tracker estimates no biases, or not so many.
         """
-        if self._biases is None:
+        own, given = self.kept, np.asarray(biases, dtype=float)
+        count = own.stop - own.start
+        if count == 0:
             raise InputError("this tracker estimates no biases; set angle_biases = true")
+        if given.shape[:1] != (count,):
+            raise InputError(f"this tracker estimates {count} biases, got {given.shape}")
         total = state.covariance.copy()
-        total[self._biases, :] = total[:, self._biases] = 0.0
-        total[self._biases, self._biases] = np.asarray(covariance, dtype=float)[:, :, None]
-        given = np.asarray(biases_rad, dtype=float).reshape(2, -1)
-        biases = np.broadcast_to(given, state.biases_rad.shape).copy()
-        return LeastSquaresState(**(vars(state) | {"biases_rad": biases, "covariance": total}))
+        total[own, :] = total[:, own] = 0.0
+        total[own, own] = np.asarray(covariance, dtype=float)[:, :, None]
+        given = np.broadcast_to(given.reshape(count, -1), (count, state.t_s.size))
+        angles = given[:2].copy() if self.spec.angle_biases else state.biases_rad
+        clock = given[-1].copy() if self.spec.time_bias else state.time_bias_s
+        kept = vars(state) | {"biases_rad": angles, "time_bias_s": clock, "covariance": total}
+        return LeastSquaresState(**kept)
 
     def update(
         self,
@@ -218,161 +244,165 @@ class LeastSquares:
         every = bool(good.all())
         if not every:
             azimuth, elevation = np.where(good, azimuth, 0.0), np.where(good, elevation, 0.0)
-        before, prior = self._carried(state, t_s)
+        shown = (azimuth, elevation)
+        met = self._met(state, t_s, shown, noise)
+        outlying = (met.correction.weight > 1.0) & good
+        outliers, restarts = state.outliers + outlying, state.restarts
+        agreed = np.minimum(state.agreed + np.where(outlying, -1.0, good), _MOST_AGREED)
+        if outlying.any():
+            agreed = np.maximum(agreed, -1.0)
+            anew, met = self._anew(state, outlying, met, t_s, shown, noise)
+            agreed = np.where(anew, 0.0, agreed)
+            outliers = np.where(anew, state.count, outliers)
+            restarts = restarts + anew
 
-        at = (before, state.biases_rad, state.time_bias_s)
-        last = first = self._correction(state, at, prior, t_s, azimuth, elevation, noise, None)
-        outlying = (first.weight > 1.0) & good
+        before, prior, first = met
+        last = first
         step = first.step if every else np.where(good[:, None], first.step, 0.0)
         shift = first.shift if every else np.where(good, first.shift, 0.0)
-        at = self._moved(state, before, step)
+        at = self._moved(before, step, state.sense)
         for _ in range(self.spec.relinearisations):
             moving = shift > _LARGE
             if not moving.any():
                 break
-            again = self._correction(
-                state, at, prior, t_s, azimuth, elevation, noise, (step, first.weight)
-            )
-            last = _where(moving, again, last)
+            seen = compared(
+                at.elements, at.clock, t_s + at.clock, state.site,
+                np.array([*shown, *at.biases, at.horizon]), self._field,
+                short_period=self.short_period,
+            )  # fmt: skip
+            again = self._correction(at, seen, prior, noise, state.sense, (step, first.weight))
+            last = chosen(moving, again, last)
             step = np.where(moving[:, None], again.step, step)
             shift = np.where(moving, again.shift, 0.0)
-            at = self._moved(state, before, step)
-        rest = self._unit - last.gain @ last.slopes
-        covariance = rest @ prior @ rest.transpose(0, 2, 1)
-        covariance += (last.gain * last.variances[:, None, :]) @ last.gain.transpose(0, 2, 1)
+            at = self._moved(before, step, state.sense)
+        covariance = posterior(prior, last, self._unit)
         if not every:
             covariance = np.where(good[:, None, None], covariance, prior)
-        covariance = 0.5 * (covariance.transpose(1, 2, 0) + covariance.transpose(2, 1, 0))
         return LeastSquaresState(
-            state.site, t_s, at[0], at[1], state.count + good, at[2], covariance, state.sense,
-            state.outliers + outlying,
+            state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
+            covariance.transpose(1, 2, 0), state.sense, outliers, agreed, restarts,
+            state.beginning or state,
         )  # fmt: skip
 
-    def predict(self, state: LeastSquaresState, times_s: Array) -> tuple[Array, Array, Array]:
+    def predict(
+        self, state: LeastSquaresState, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array, Array]:
         """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N)."""
-        n = self._chart.count + 2 * self.spec.angle_biases
+        shown = np.array(self._shown)
+        covariance = state.covariance.transpose(2, 0, 1)[:, shown[:, None], shown]
+        covariance *= (shown[:, None] >= 0) & (shown >= 0)
         return seen_covariance(
             state,
             times_s,
             self._field,
             self._chart.columns(state.elements, state.sense),
-            state.covariance.transpose(2, 0, 1)[:, :n, :n],
+            covariance,
             self._chart.walk(state.elements, self.spec.drift_m),
-            short_period=self.spec.short_period,
+            short_period=self.short_period,
+            biased=biased,
+            horizon_rad=state.horizon_rad,
         )
 
-    def _carried(self, state: LeastSquaresState, t_s: Array) -> tuple[Array, Array]:
-        """Return the elements (6, N) and the covariance (N, m, m) at the measurement's time."""
-        n, dt = self._chart.count, t_s - state.t_s
-        after, slopes = advance(state.elements, dt, self._field)
-        transition = np.empty((t_s.size, self.size, self.size))
-        transition[:] = self._unit
-        transition[:, :n, :n] = self._chart.carried(state.elements, after, slopes, state.sense)
-        covariance = state.covariance.transpose(2, 0, 1).copy()
-        # the walk at once, before the interval: what it does to the rates of Ω, ω, M then counts
-        diagonal = covariance.reshape(t_s.size, -1)[:, :: self.size + 1]
-        diagonal[:, :n] += self._chart.walk(state.elements, self.spec.drift_m) * np.abs(dt)[:, None]
-        covariance = transition @ covariance @ transition.transpose(0, 2, 1)
-        return after, covariance
+    def _met(
+        self, state: LeastSquaresState, t_s: Array, shown: tuple[Array, Array], noise: Array
+    ) -> _Met:
+        """Return what is known at a measurement's time, and what the measurement makes of it."""
+        dt = t_s - state.t_s
+        after, slopes, seen = carried(
+            state.elements, dt, state.time_bias_s, t_s + state.time_bias_s, state.site,
+            np.array([*shown, *state.biases_rad, state.horizon_rad]), self._field,
+            short_period=self.short_period,
+        )  # fmt: skip
+        prior = state.covariance.transpose(2, 0, 1).copy()
+        if self.spec.drift_m > 0.0:
+            # the walk before the interval: what it does to the rates of Ω, ω, M then counts
+            diagonal = prior.reshape(t_s.size, -1)[:, :: self.size + 1]
+            walk = self._chart.walk(state.elements, self.spec.drift_m)
+            diagonal[:, : self._chart.count] += walk * np.abs(dt)[:, None]
+        self._chart.carry(prior, state.elements, after, slopes, state.sense)
+        at = _Point(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
+        return _Met(at, prior, self._correction(at, seen, prior, noise, state.sense, None))
+
+    def _anew(
+        self,
+        state: LeastSquaresState,
+        outlying: NDArray[np.bool_],
+        met: _Met,
+        t_s: Array,
+        shown: tuple[Array, Array],
+        noise: Array,
+    ) -> tuple[NDArray[np.bool_], _Met]:
+        """Return in which cases the orbit begins anew with this measurement, and what holds then.
+
+        Those in which nothing speaks for what was measured before, and the nominal orbit allows
+        the new measurement.
+        """
+        doubtful = outlying & (state.agreed <= 0.0) & (state.restarts < _MOST_RESTARTS)
+        if state.beginning is None or not doubtful.any():
+            return np.zeros_like(doubtful), met
+        other = self._met(state.beginning, t_s, shown, noise)
+        anew = doubtful & (other.correction.weight <= 1.0)
+        if not anew.any():
+            return anew, met
+        point = _Point(*(np.where(anew, a, b) for a, b in zip(other.at, met.at, strict=True)))
+        prior = np.where(anew[:, None, None], other.prior, met.prior)
+        return anew, _Met(point, prior, chosen(anew, other.correction, met.correction))
 
     def _correction(
         self,
-        state: LeastSquaresState,
-        at: tuple[Array, Array, Array],
+        at: _Point,
+        seen: tuple[Array, Array, Array],
         prior: Array,
-        t_s: Array,
-        azimuth: Array,
-        elevation: Array,
         noise: Array,
+        sense: Array,
         known: tuple[Array, Array] | None,
-    ) -> _Correction:
-        """Return the step from the state before the measurement, linearised at another one.
-
-        `known` are the step from the state before to that one, and the outliers' weight: None for
-        none, and for a weight to be found.
-        """
-        elements, biases, clock = at
-        n, spec = self._chart.count, self.spec
-        off, by, cos_el = compared(
-            elements, clock, t_s + clock, state.site, azimuth - biases[0], elevation - biases[1],
-            self._field, short_period=spec.short_period,
-        )  # fmt: skip
-        by = by.transpose(2, 0, 1)
-        slopes = np.zeros((t_s.size, 2, self.size))
-        slopes[:, :, :n] = self._chart.sliced(by, elements, state.sense)
-        if self._biases is not None:
-            slopes[:, 0, n] = cos_el
-            slopes[:, 1, n + 1] = 1.0
-        if self._clock is not None:
-            slopes[:, :, self._clock] = by[:, :, 6]
-        # what the state before would have left, to this linearisation
-        left = -off.T[:, :, None]
-        if known is not None:
-            left = left + slopes @ known[0][:, :, None]
-        variances = noise.copy()
-        variances[:, 0] *= cos_el * cos_el
+    ) -> Correction:
+        """Return the step from the state before the measurement, linearised where it was `seen`."""
+        off, level2, by = seen
+        slopes = self._chart.sliced(by, self._others, at.elements, sense)
+        variances = noise.T.copy()
+        variances[:, 0] *= level2
         variances += _LEAST_SIGMA**2
-        crossed = prior @ slopes.transpose(0, 2, 1)
-        expected = slopes @ crossed
-        inverse = _inverse(expected, variances)
-        if known is None:
-            distance = (left * (inverse @ left)).sum(axis=(1, 2))
-            weight = np.maximum(distance / spec.gate**2, 1.0)
-        else:
-            weight = known[1]
-        if weight.max() > 1.0:
-            variances *= weight[:, None]
-            inverse = _inverse(expected, variances)
-        gain = crossed @ inverse
-        step = gain @ left
-        moved = step if known is None else step - known[0][:, :, None]
-        shift = np.abs(slopes @ moved).max(axis=(1, 2))
-        return _Correction(step[:, :, 0], gain, slopes, variances, weight, shift)
+        return corrected(prior, slopes, off, variances, self.spec.gate, known)
 
-    def _moved(
-        self, state: LeastSquaresState, before: Array, step: Array
-    ) -> tuple[Array, Array, Array]:
-        """Return elements, biases and time bias after a step (N, m)."""
-        n = self._chart.count
-        elements = self._chart.moved(before, step[:, :n].T, state.sense)
-        biases, clock = state.biases_rad, state.time_bias_s
+    def _moved(self, before: _Point, step: Array, sense: Array) -> _Point:
+        """Return what is estimated after a step (N, m)."""
+        elements = self._chart.moved(before.elements, step[:, : self._chart.count].T, sense)
+        biases, clock, horizon = before.biases, before.clock, before.horizon
         if self._biases is not None:
             biases = biases + step[:, self._biases].T
         if self._clock is not None:
             clock = clock + step[:, self._clock]
-        return elements, biases, clock
+        if self._horizon is not None:
+            horizon = horizon + step[:, self._horizon]
+        return _Point(elements, biases, clock, horizon)
 
 
-def _inverse(expected: Array, variances: Array) -> Array:
-    """Return the inverses (N, 2, 2) of the innovation's covariance."""
-    p, q = expected[:, 0, 0] + variances[:, 0], expected[:, 1, 1] + variances[:, 1]
-    r = expected[:, 0, 1]
-    one = 1.0 / (p * q - r * r)
-    made = np.empty_like(expected)
-    made[:, 0, 0] = q * one
-    made[:, 1, 1] = p * one
-    made[:, 0, 1] = made[:, 1, 0] = -r * one
-    return made
+class _Point(NamedTuple):
+    """What is estimated: elements (6, N), angle biases (2, N), time and horizon bias (N,)."""
+
+    elements: Array
+    biases: Array
+    clock: Array
+    horizon: Array
+
+
+class _Met(NamedTuple):
+    """What is known at a measurement's time before it, with P (N, m, m), and its correction."""
+
+    at: _Point
+    prior: Array
+    correction: Correction
 
 
 def _variances(sigma_rad: Array, cases: int) -> Array:
-    """Return the variances (N, 2) of azimuth and elevation."""
+    """Return the variances (2, N) of azimuth and elevation."""
     sigma = np.asarray(sigma_rad, dtype=float)
     if sigma.shape not in ((), (cases,), (2, 1), (2, cases)) or not (sigma > 0.0).all():
         raise InputError(
             f"sigma_rad must be > 0, of shape (), ({cases},) or (2, {cases}); got shape "
             f"{sigma.shape}, least {sigma.min(initial=np.inf):.6g}"
         )
-    made = np.empty((cases, 2))
-    made[:] = (sigma * sigma).T if sigma.ndim == 2 else (sigma * sigma).reshape(-1, 1)
+    made = np.empty((2, cases))
+    made[:] = sigma * sigma
     return made
-
-
-def _where(choice: NDArray[np.bool_], new: _Correction, old: _Correction) -> _Correction:
-    """Return the new correction in the cases chosen, else the old."""
-
-    def one(name: str) -> Array:
-        this, that = getattr(new, name), getattr(old, name)
-        return np.asarray(np.where(choice.reshape(-1, *(1,) * (this.ndim - 1)), this, that))
-
-    return _Correction(*(one(name) for name in vars(new)))

@@ -32,9 +32,10 @@ from hillsphere_tracking.mean_elements import RETROGRADE
 
 __all__ = [
     "Site",
-    "advance",
     "angles",
+    "carried",
     "compared",
+    "cotangent",
     "derivatives",
     "directions",
     "site_of",
@@ -42,6 +43,7 @@ __all__ = [
 ]
 
 _RATE = ROTATION_RATES_RAD_S["teme"]
+_LOWEST = 2.0 * pi / 180.0
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,11 @@ def tangents(azimuth_rad: Array, elevation_rad: Array) -> Array:
     return np.array([[ca, -sa, np.zeros_like(ca)], [-se * sa, -se * ca, ce]])
 
 
+def cotangent(elevation_rad: Array) -> Array:
+    """Return cot h, below 2° as at 2°: antennas do not measure there."""
+    return np.asarray(1.0 / np.tan(np.maximum(elevation_rad, _LOWEST)))
+
+
 def directions(
     elements: Array, dt_s: Array, t_s: Array, site: Site, field: ZonalField, *, short_period: bool
 ) -> Array:
@@ -148,8 +155,7 @@ def compared(
     dt_s: Array,
     t_s: Array,
     site: Site,
-    azimuth_rad: Array,
-    elevation_rad: Array,
+    shown: Array,
     field: ZonalField,
     *,
     short_period: bool,
@@ -160,36 +166,80 @@ def compared(
     ----------
     elements, dt_s, t_s, site, field, short_period
         As for `directions`.
-    azimuth_rad, elevation_rad : ndarray, shape (N,)
-        Measured angles.
+    shown : ndarray, shape (5, N)
+        Azimuth and elevation as measured, their biases, and the factor of cot h in the elevation's
+        bias, all rad: measured minus true.
 
     Returns
     -------
     off : ndarray, shape (2, N)
-        Components of the directions along rising azimuth and rising elevation at those measured.
-    slopes : ndarray, shape (2, 7, N)
-        Their derivatives, as of `derivatives`.
-    cos_elevation : ndarray, shape (N,)
-        Of the elevation measured.
+        Components of the directions along rising azimuth and rising elevation at those measured,
+        freed of the biases.
+    level2 : ndarray, shape (N,)
+        Square of the cosine of the elevation, freed of its biases.
+    slopes : ndarray, shape (2, 10, N)
+        Derivatives of what is measured, on the sky, by the six elements, by the biases of azimuth
+        and elevation, by the time of looking, and by the factor of cot h.
     """
-    columns = np.empty((22, elements.shape[1]))
-    columns[20] = azimuth_rad
-    columns[21] = elevation_rad
-    made = _compared(field, short_period)(_columns(elements, dt_s, t_s, site, columns))
-    return made[:2], made[3:].reshape(2, 7, -1), made[2]
+    columns = np.empty((25, elements.shape[1]))
+    columns[:6] = elements
+    columns[6] = dt_s
+    columns[7] = site.angle_rad + _RATE * t_s
+    columns[8:20] = site.place
+    columns[20:] = shown
+    return _split(_compared(field, short_period)(columns))
 
 
-def advance(elements: Array, dt_s: Array, field: ZonalField) -> tuple[Array, Array]:
-    """Return mean elements (6, N) a time later, and the slopes (3, 3, N) of Ω, ω, M by a, e, i."""
-    made = _advance(field)(np.concatenate([elements, dt_s[None]]))
-    return np.concatenate([elements[:3], made[:3]]), made[3:].reshape(3, 3, -1)
+def carried(
+    elements: Array,
+    dt_s: Array,
+    clock_s: Array,
+    t_s: Array,
+    site: Site,
+    shown: Array,
+    field: ZonalField,
+    *,
+    short_period: bool,
+) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Return mean elements a time later, and how far what is then seen lies from a measurement.
+
+    In one call what else takes two, for antennas measurement by measurement.
+
+    Parameters
+    ----------
+    elements, dt_s
+        Elements (6, N) and how much later a measurement is made.
+    clock_s : ndarray, shape (N,)
+        By how much later than it says.
+    t_s, site, shown, field, short_period
+        As for `compared`, of the measurement.
+
+    Returns
+    -------
+    after : ndarray, shape (6, N)
+        Elements at the time that the measurement says.
+    moved : ndarray, shape (3, 3, N)
+        Derivatives of the later Ω, ω, M by a, e, i.
+    seen : tuple of ndarray
+        What `compared` returns, the derivatives by the later elements.
+    """
+    columns = np.empty((26, elements.shape[1]))
+    columns[:6] = elements
+    columns[6] = clock_s
+    columns[7] = site.angle_rad + _RATE * t_s
+    columns[8:20] = site.place
+    columns[20:25] = shown
+    columns[25] = dt_s
+    made = _carried(field, short_period)(columns)
+    return made[:6], made[6:15].reshape(3, 3, -1), _split(made[15:])
 
 
-def _columns(
-    elements: Array, dt_s: Array, t_s: Array, site: Site, columns: Array | None = None
-) -> Array:
-    if columns is None:
-        columns = np.empty((20, elements.shape[1]))
+def _split(made: Array) -> tuple[Array, Array, Array]:
+    return made[:2], made[2], made[3:].reshape(2, 10, -1)
+
+
+def _columns(elements: Array, dt_s: Array, t_s: Array, site: Site) -> Array:
+    columns = np.empty((20, elements.shape[1]))
     columns[:6] = elements
     columns[6] = dt_s
     columns[7] = site.angle_rad + _RATE * t_s
@@ -209,14 +259,44 @@ def _seen(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
 
 @lru_cache(maxsize=32)
 def _compared(field: ZonalField, short_period: bool) -> ArrayFunction:
+    outputs, inputs = _comparison(field, short_period)
+    return ArrayFunction(outputs, inputs)
+
+
+@lru_cache(maxsize=16)
+def _carried(field: ZonalField, short_period: bool) -> ArrayFunction:
+    outputs, inputs = _comparison(field, short_period)
+    elements, dt = inputs[:6], sy.variable("interval")
+    later = at_time(elements, dt, field)
+    slopes = [slope for row in sy.jacobian(later[3:], elements[:3]) for slope in row]
+    seen = sy.substitute(outputs, dict(zip(elements[3:], later[3:], strict=True)))
+    return ArrayFunction([*later, *slopes, *seen], (*inputs, dt))
+
+
+def _comparison(field: ZonalField, short_period: bool) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:
+    """Return the outputs of `compared`, row by row, and its inputs."""
     inputs, shift, (east, north, up) = _direction(field, short_period)
     azimuth, elevation = sy.variables("azimuth", "elevation")
     ca, sa, ce, se = sy.cos(azimuth), sy.sin(azimuth), sy.cos(elevation), sy.sin(elevation)
     off = (ca * east - sa * north, ce * up - se * (sa * east + ca * north))
-    outputs: list[Expr] = [*off, ce]
-    for row in sy.jacobian(off, (*inputs[:6], shift)):
-        outputs.extend(row)
-    return ArrayFunction(sy.substitute(outputs, {shift: 0.0}), (*inputs, azimuth, elevation))
+    slopes = sy.jacobian(off, (*inputs[:6], shift))
+    shown = sy.variables("shown0", "shown1", "bias0", "bias1", "horizon")
+    risen = shown[1] - shown[3]
+    # cot h belongs to the true elevation: what the bias is at the one shown, first, then there
+    fall = _cotangent(risen - shown[4] * _cotangent(risen))
+    none = sy.constant(0.0)
+    outputs: list[Expr] = [*off, ce * ce]
+    for row, (biases, last) in zip(
+        slopes, (((ce, none), none), ((none, sy.constant(1.0)), fall)), strict=True
+    ):
+        outputs.extend([*row[:6], *biases, row[6], last])
+    freed = {azimuth: shown[0] - shown[2], elevation: risen - shown[4] * fall}
+    return sy.substitute(sy.substitute(outputs, {shift: 0.0}), freed), (*inputs, *shown)
+
+
+def _cotangent(elevation: Expr) -> Expr:
+    held = sy.maximum(elevation, _LOWEST)
+    return sy.cos(held) / sy.sin(held)
 
 
 def _direction(
@@ -238,11 +318,3 @@ def _direction(
     east, north, up = (sy.dot(site[3 + 3 * row : 6 + 3 * row], away) for row in range(3))
     near = 1.0 / sy.norm((east, north, up))
     return inputs, shift, (near * east, near * north, near * up)
-
-
-@lru_cache(maxsize=16)
-def _advance(field: ZonalField) -> ArrayFunction:
-    inputs = sy.variables("a", "e", "i", "node", "perigee", "mean", "dt")
-    later = at_time(inputs[:6], inputs[6], field)[3:]
-    slopes = [slope for row in sy.jacobian(later, inputs[:3]) for slope in row]
-    return ArrayFunction([*later, *slopes], inputs)

@@ -64,7 +64,12 @@ class LeastSquaresSpec(TrackerSpec):
 
     examples = (
         {},
-        {"parameters": "node_anomaly", "angle_biases": False, "short_period": False},
+        {
+            "parameters": "node_anomaly",
+            "angle_biases": False,
+            "horizon_bias": False,
+            "short_period": False,
+        },
         {"parameters": "all", "time_bias": True, "gate": 4.0, "drift_m": 50.0},
     )
 
@@ -74,6 +79,11 @@ class LeastSquaresSpec(TrackerSpec):
     )
     angle_biases: bool = option(
         "whether constant biases of azimuth and elevation are estimated", default=True
+    )
+    horizon_bias: bool = option(
+        "whether a part of the elevation's bias is estimated that goes with the cotangent of the "
+        "elevation, as refraction that is left over or a sagging dish make it",
+        default=True,
     )
     time_bias: bool = option(
         "whether a constant offset of the measurements' times is estimated; only the Earth's "
@@ -115,6 +125,12 @@ class LeastSquaresSpec(TrackerSpec):
     )
     bias_sigma_rad: float = quantity(
         "angle", "standard deviation of each angle's bias", default=0.2 * _DEGREE, gt=0
+    )
+    horizon_bias_sigma_rad: float = quantity(
+        "angle",
+        "standard deviation of the horizon bias at 45° elevation; refraction is 0.016° there",
+        default=0.01 * _DEGREE,
+        gt=0,
     )
     time_bias_sigma_s: float = quantity(
         "time", "standard deviation of the time bias", default=0.1, gt=0

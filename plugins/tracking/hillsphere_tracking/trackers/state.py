@@ -18,14 +18,14 @@ from hillsphere_tracking.kepler import checked
 from hillsphere_tracking.trackers.observation import (
     Site,
     angles,
+    cotangent,
     derivatives,
-    directions,
     site_of,
     tangents,
 )
 from hillsphere_tracking.trackers.specs import TrackerSpec
 
-__all__ = ["OrbitState", "field_of", "measured", "seen", "seen_covariance", "start"]
+__all__ = ["OrbitState", "field_of", "measured", "seen_covariance", "start"]
 
 
 @dataclass(frozen=True)
@@ -105,31 +105,6 @@ def measured(
     return made[0], made[1], made[2]
 
 
-def seen(
-    state: OrbitState, times_s: Array, field: ZonalField, *, short_period: bool
-) -> tuple[Array, Array]:
-    """Return the angles that the antenna will show.
-
-    Parameters
-    ----------
-    state : OrbitState
-        N cases.
-    times_s : ndarray, shape (K,) or (K, N)
-        When.
-    field : ZonalField
-        Of the planet.
-    short_period : bool
-        Whether the short-period terms are added.
-
-    Returns
-    -------
-    azimuth, elevation : ndarray, shape (K, N)
-        With the biases; azimuth in [0, 2π).
-    """
-    u = directions(*_spread(state, times_s), field, short_period=short_period)
-    return _angles(u.reshape(3, -1, state.t_s.size), state.biases_rad)
-
-
 def seen_covariance(
     state: OrbitState,
     times_s: Array,
@@ -139,31 +114,45 @@ def seen_covariance(
     walk: Array,
     *,
     short_period: bool,
+    biased: bool,
+    horizon_rad: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return the angles that the antenna will show and their covariance on the sky.
 
     Parameters
     ----------
-    state, times_s, field, short_period
-        As for `seen`.
+    state : OrbitState
+        N cases.
+    times_s : ndarray, shape (K,) or (K, N)
+        When.
+    field : ZonalField
+        Of the planet.
     columns : ndarray, shape (N, 6, n)
         What the n estimated quantities change in the elements.
     covariance : ndarray, shape (N, m, m)
-        Of the n quantities and, if m = n + 2, of the two biases that follow them.
+        Of the n quantities and, if m > n, of the two biases and the horizon bias that follow them;
+        a bias that is not estimated has zeros.
     walk : ndarray, shape (N, n)
         Growth of the variances of the n quantities with time, 1/s.
+    short_period : bool
+        Whether the short-period terms are added.
+    biased : bool
+        Whether the biases are part of the angles and of the covariance.
+    horizon_rad : ndarray, shape (N,), optional
+        Factor of cot h in the elevation's bias; none by default.
 
     Returns
     -------
     azimuth, elevation : ndarray, shape (K, N)
-        With the biases; azimuth in [0, 2π).
+        Azimuth in [0, 2π).
     covariance : ndarray, shape (2, 2, K, N)
         Of cross-elevation (azimuth times cos h) and elevation, rad².
     """
     cases = state.t_s.size
     u, slopes = derivatives(*_spread(state, times_s), field, short_period=short_period)
     u, slopes = u.reshape(3, -1, cases), slopes[:, :6].reshape(3, 6, -1, cases)
-    axes = tangents(*angles(u))
+    azimuth, elevation = angles(u)
+    axes = tangents(azimuth, elevation)
     by_elements = np.einsum("dckn,cekn->knde", axes, slopes)
     by_estimated = by_elements @ columns
     n = columns.shape[2]
@@ -172,20 +161,20 @@ def seen_covariance(
     total += (by_estimated * (walk * elapsed[..., None])[..., None, :]) @ by_estimated.swapaxes(
         -1, -2
     )
-    if covariance.shape[1] > n:
-        to_sky = np.zeros((*u.shape[1:], 2, 2))
+    if biased and covariance.shape[1] > n:
+        to_sky = np.zeros((*u.shape[1:], 2, 3))
         to_sky[..., 0, 0] = np.hypot(u[0], u[1])
         to_sky[..., 1, 1] = 1.0
-        crossed = by_estimated @ covariance[:, :n, n:] @ to_sky
+        to_sky[..., 1, 2] = cotangent(elevation)
+        crossed = by_estimated @ covariance[:, :n, n:] @ to_sky.swapaxes(-1, -2)
         total += crossed + crossed.swapaxes(-1, -2)
-        total += to_sky @ covariance[:, n:, n:] @ to_sky
-    azimuth, elevation = _angles(u, state.biases_rad)
+        total += to_sky @ covariance[:, n:, n:] @ to_sky.swapaxes(-1, -2)
+    if biased:
+        if horizon_rad is not None:
+            elevation = elevation + horizon_rad * cotangent(elevation)
+        azimuth = np.remainder(azimuth + state.biases_rad[0], 2.0 * pi)
+        elevation = elevation + state.biases_rad[1]
     return azimuth, elevation, total.transpose(2, 3, 0, 1)
-
-
-def _angles(u: Array, biases: Array) -> tuple[Array, Array]:
-    azimuth, elevation = angles(u)
-    return np.remainder(azimuth + biases[0], 2.0 * pi), elevation + biases[1]
 
 
 def _grid(state: OrbitState, times_s: Array) -> Array:

@@ -35,6 +35,7 @@ class Table:
     def __init__(self, spec: TableSpec) -> None:
         self.spec = spec
         self._field = field_of(spec)
+        self.short_period: bool = spec.short_period
 
     def initial(
         self,
@@ -54,7 +55,9 @@ class Table:
         _, azimuth, elevation = measured(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
 
-    def predict(self, state: OrbitState, times_s: Array) -> tuple[Array, Array, Array]:
+    def predict(
+        self, state: OrbitState, times_s: Array, biased: bool = True
+    ) -> tuple[Array, Array, Array]:
         """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N)."""
         cases = state.t_s.size
         columns = np.zeros((cases, 6, 2))
@@ -63,5 +66,5 @@ class Table:
         covariance = np.broadcast_to(np.diag(variances), (cases, 2, 2))
         return seen_covariance(
             state, times_s, self._field, columns, covariance, np.zeros((cases, 2)),
-            short_period=self.spec.short_period,
+            short_period=self.short_period, biased=biased,
         )  # fmt: skip

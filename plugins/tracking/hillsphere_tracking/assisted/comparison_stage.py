@@ -1,0 +1,180 @@
+"""The stage ``tracking_comparison``: trackers over the outages of many cases."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Context
+from hillsphere.presentation import Presentation
+from hillsphere.problems import did_you_mean
+from hillsphere.products import CaseTable
+from hillsphere.reference import ReferenceTable
+from hillsphere_tracking.assisted.comparison_presentation import present_tracking
+from hillsphere_tracking.assisted.comparison_products import FRAMES, TrackingComparison
+from hillsphere_tracking.assisted.comparison_specs import TrackingComparisonSpec
+from hillsphere_tracking.assisted.comparison_statistics import (
+    Outages,
+    age_comparison,
+    locked_share,
+    medians,
+    nees_consistency,
+    outages_of,
+    ratio_intervals,
+)
+from hillsphere_tracking.assisted.measures import MEASURES
+from hillsphere_tracking.assisted.products import AssistedTracking
+
+__all__ = ["TrackingComparisonStage"]
+
+_REQUIRED = ("pass", "outage", "error_max_deg")
+
+
+class TrackingComparisonStage:
+    """Compare trackers.
+
+    Parameters
+    ----------
+    spec : TrackingComparisonSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the published values cannot be read, or lack a column.
+    """
+
+    def __init__(self, spec: TrackingComparisonSpec) -> None:
+        self.spec = spec
+        self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
+        if self.reference is not None:
+            missing = [name for name in _REQUIRED if name not in self.reference.columns]
+            if missing:
+                raise InputError(
+                    f"reference {spec.reference}: no column {missing[0]!r}; it has "
+                    f"{', '.join(self.reference.columns)}"
+                )
+
+    def run(
+        self,
+        ctx: Context,
+        tracking: AssistedTracking,
+        campaign: CaseTable,
+        ages: CaseTable | None = None,
+        consistency: CaseTable | None = None,
+    ) -> TrackingComparison:
+        """Compare them.
+
+        Parameters
+        ----------
+        ctx : Context
+            Gives the random numbers of the bootstrap.
+        tracking : AssistedTracking
+            One case of the stage that the campaign repeated.
+        campaign : CaseTable
+            Many cases of it.
+        ages : CaseTable, optional
+            A sweep of such a stage.
+        consistency : CaseTable, optional
+            Many cases of such a stage where the truth is what a tracker expects.
+
+        Returns
+        -------
+        TrackingComparison
+            The comparison.
+
+        Raises
+        ------
+        InputError
+            If a campaign is not what it should be, or there is no such baseline.
+        """
+        found = self._cases(tracking, campaign)
+        needs, spec = self.spec.needs, self.spec
+        shape = (len(MEASURES), len(found.trackers), len(found.keys))
+        quantiles, count = np.full((3, *shape), np.nan), np.zeros(shape, dtype=np.int64)
+        pooled = np.full((3, *shape[:2]), np.nan)
+        for m, values in ((m, found.values.get(name)) for m, name in enumerate(MEASURES)):
+            if values is not None:
+                quantiles[:, m], count[m] = medians(values), np.sum(np.isfinite(values), axis=-1)
+                pooled[:, m] = medians(values.reshape(values.shape[0], -1))
+        middle = quantiles[1, [list(MEASURES).index(name) for name in FRAMES]]
+        mean = np.mean(middle, axis=-1)
+        first, f = found.trackers.index(spec.baseline), FRAMES.index(spec.measure)
+        keys = [(tracking.passes[p], name) for p, name in
+                zip(tracking.outage_pass, tracking.outage_names, strict=True)]  # fmt: skip
+        order = [keys.index(key) for key in found.keys]
+        loss = tracking.outage_s[order]
+        return TrackingComparison(
+            satellite=tracking.satellite,
+            stage=campaign.stage,
+            baseline=spec.baseline,
+            measure=spec.measure,
+            level=spec.confidence,
+            lock_angle_rad=tracking.lock_angle_rad,
+            cases=int(campaign.case.size),
+            ended=int(np.count_nonzero(found.ended)),
+            passes=tuple(key[0] for key in found.keys),
+            outages=tuple(key[1] for key in found.keys),
+            loss_s=loss,
+            prediction_s=tracking.duration_s[tracking.outage_pass[order]] - loss,
+            trackers=found.trackers,
+            measures=tuple(MEASURES),
+            units=tuple(MEASURES.values()),
+            quantiles=quantiles,
+            count=count,
+            locked=locked_share(found, tracking.lock_angle_rad),
+            pooled=pooled,
+            mean_median_rad=mean,
+            worst_median_rad=np.max(middle, axis=-1),
+            ratio=mean[f] / mean[f, first],
+            ratio_interval=ratio_intervals(
+                found.values[spec.measure][:, :, found.ended],
+                first,
+                spec.resamples,
+                spec.confidence,
+                ctx.rng("bootstrap"),
+            ),
+            ages=None
+            if ages is None or needs.ages is None
+            else age_comparison(ages, needs.ages.name, spec.measure),
+            consistency=None
+            if consistency is None or needs.consistency is None
+            else nees_consistency(consistency, needs.consistency.name, spec.confidence),
+        )
+
+    def present(
+        self,
+        product: TrackingComparison,
+        tracking: AssistedTracking,
+        campaign: CaseTable,
+        ages: CaseTable | None = None,
+        consistency: CaseTable | None = None,
+    ) -> Presentation:
+        """Show the comparison."""
+        return present_tracking(product, self.reference, campaign.bands)
+
+    def _cases(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
+        """Return the campaign's metrics, sorted, once it is sure that they are those meant."""
+        needs, name = self.spec.needs, self.spec.needs.campaign.name
+        if campaign.stage != needs.tracking.name:
+            raise InputError(
+                f"campaign {name!r} repeated stage {campaign.stage!r}, but needs.tracking is "
+                f"{needs.tracking.name!r}; name the stage that it repeated"
+            )
+        if campaign.swept:
+            raise InputError(
+                f"campaign {name!r} is a sweep; needs.campaign takes one by monte_carlo, "
+                "needs.ages a sweep"
+            )
+        found = outages_of(campaign, name)
+        keys = {(tracking.passes[p], o) for p, o in
+                zip(tracking.outage_pass, tracking.outage_names, strict=True)}  # fmt: skip
+        if set(found.keys) != keys or set(found.trackers) != set(tracking.trackers):
+            raise InputError(
+                f"campaign {name!r} has other outages or trackers than stage "
+                f"{needs.tracking.name!r}; run both anew"
+            )
+        if self.spec.baseline not in found.trackers:
+            hint = did_you_mean(self.spec.baseline, found.trackers, otherwise="there are")
+            raise InputError(f"baseline: no tracker {self.spec.baseline!r} is compared{hint}")
+        return found

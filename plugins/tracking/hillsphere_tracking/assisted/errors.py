@@ -1,0 +1,54 @@
+"""Differences of antenna angles, as angles and on the sky."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_tracking.kepler import wrapped
+
+__all__ = ["arc", "larger_sigma", "normalised_square", "on_the_sky", "root_sum_square"]
+
+_ROUNDING_RAD = 1e-9
+"""Standard deviation below which none is believed: that of rounding."""
+
+
+def root_sum_square(angles_rad: Array, reference_rad: Array) -> Array:
+    """Return √(ΔA² + Δh²) of azimuth and elevation (2, ...), rad."""
+    return np.asarray(
+        np.hypot(wrapped(angles_rad[0] - reference_rad[0]), angles_rad[1] - reference_rad[1])
+    )
+
+
+def arc(angles_rad: Array, reference_rad: Array) -> Array:
+    """Return the arc on the sky between two directions (2, ...), rad."""
+    half_a = 0.5 * (angles_rad[0] - reference_rad[0])
+    half_h = 0.5 * (angles_rad[1] - reference_rad[1])
+    level = np.cos(angles_rad[1]) * np.cos(reference_rad[1])
+    square = np.sin(half_h) ** 2 + level * np.sin(half_a) ** 2
+    return np.asarray(2.0 * np.arcsin(np.sqrt(np.clip(square, 0.0, 1.0))))
+
+
+def on_the_sky(angles_rad: Array, reference_rad: Array) -> Array:
+    """Return the arcs from a reference towards rising azimuth and elevation, (2, ...), rad."""
+    turn = angles_rad[0] - reference_rad[0]
+    (ch, sh), (cr, sr) = ((np.cos(q[1]), np.sin(q[1])) for q in (angles_rad, reference_rad))
+    right, up = ch * np.sin(turn), sh * cr - ch * sr * np.cos(turn)
+    size = np.hypot(right, up)
+    far = arc(angles_rad, reference_rad)
+    scale = np.divide(far, size, out=np.ones_like(size), where=size > 0.0)
+    return np.array([right * scale, up * scale])
+
+
+def normalised_square(error: Array, covariance: Array) -> Array:
+    """Return εᵀP⁻¹ε (N,) of errors (2, N) and covariances (2, 2, N)."""
+    p, q = (covariance[k, k] + _ROUNDING_RAD**2 for k in (0, 1))
+    r = covariance[0, 1]
+    x, y = error
+    return np.asarray((q * x * x - 2.0 * r * x * y + p * y * y) / (p * q - r * r))
+
+
+def larger_sigma(covariance: Array) -> Array:
+    """Return the larger standard deviation (...) of covariances (2, 2, ...)."""
+    p, q, r = covariance[0, 0], covariance[1, 1], covariance[0, 1]
+    return np.asarray(np.sqrt(0.5 * (p + q) + np.hypot(0.5 * (p - q), r)))

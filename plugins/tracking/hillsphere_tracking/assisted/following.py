@@ -1,0 +1,198 @@
+"""One tracker through one pass: what it predicts after each loss, and how far it is off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.interfaces import Array, Tracker
+from hillsphere.time import Epoch
+from hillsphere_tracking.assisted.errors import (
+    arc,
+    larger_sigma,
+    normalised_square,
+    on_the_sky,
+    root_sum_square,
+)
+from hillsphere_tracking.assisted.searching import times_to_reacquire
+from hillsphere_tracking.assisted.specs import SearchSpec
+from hillsphere_tracking.assisted.truth import PassTruth
+from hillsphere_tracking.pointing.reacquisition import time_outside
+
+__all__ = ["ERRORS", "Followed", "Seen", "follow"]
+
+ERRORS = ("error", "sky_error", "encoder_error")
+"""Names of the errors over time, as in the measures ``error_max`` …"""
+
+_LEAST_SIGMA_RAD = 1e-7
+"""Least standard deviation that a tracker is told: of a perfect antenna."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What an antenna shows of a pass, N cases.
+
+    Parameters
+    ----------
+    measured_rad : ndarray, shape (2, K, N)
+        With all errors; NaN where there is no measurement.
+    bias_rad : ndarray, shape (2, K, N)
+        Systematic errors.
+    stations : tuple of Station, length N or 1
+        Where the trackers believe that it stands.
+    """
+
+    measured_rad: Array
+    bias_rad: Array
+    stations: tuple[Station, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What came of one tracker in one pass with L outages, N cases.
+
+    Parameters
+    ----------
+    measures : list of dict of str to ndarray, length L
+        Values (N,) by measure, for each outage.
+    errors : list of ndarray, shape (3, K, N), or None
+        As `ERRORS` names them, over the pass, for each outage.
+    spread : list of ndarray, shape (K, N), or None
+        Larger standard deviation on the sky.
+    """
+
+    measures: list[dict[str, Array]]
+    errors: list[Array] | None
+    spread: list[Array] | None
+
+
+def follow(
+    tracker: Tracker[Any],
+    truth: PassTruth,
+    seen: Seen,
+    elements: Array,
+    epoch: Epoch,
+    lock_angle_rad: float,
+    search: SearchSpec | None,
+    *,
+    history: bool,
+) -> Followed:
+    """Give a tracker the measurements up to each outage, and judge what it then predicts.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        Which.
+    truth : PassTruth
+        The pass.
+    seen : Seen
+        What is measured of it.
+    elements : ndarray, shape (6, N)
+        Nominal elements at the acquisition.
+    epoch : Epoch
+        From which the pass's times count.
+    lock_angle_rad : float
+        Error up to which the signal is received.
+    search : SearchSpec or None
+        Search after the signal's return; None for none.
+    history : bool
+        Whether errors over time are kept.
+
+    Returns
+    -------
+    Followed
+        Measures as in `hillsphere_tracking.assisted.measures`.
+    """
+    cases = elements.shape[1]
+    outages = truth.begins.tolist()
+    sigma = np.maximum(truth.sigma_rad, _LEAST_SIGMA_RAD)
+    state = tracker.initial(elements, truth.t_s[:1], seen.stations, epoch, truth.orientation)
+    before = np.empty((2, 2, outages[-1], cases)) if history else None
+    doubt = np.empty((outages[-1], cases)) if history else None
+    measures: list[dict[str, Array]] = []
+    errors, spread = [], []
+    for k in range(outages[-1] + 1):
+        for begin in [b for b in outages if b == k]:
+            at = truth.t_s[begin:]
+            found = _predicted(tracker, state, at)
+            measures.append(_measured(found, truth, seen, begin, lock_angle_rad, search))
+            if before is not None and doubt is not None:
+                errors.append(_over_time(before[:, :, :begin], found, truth, seen))
+                spread.append(np.concatenate([doubt[:begin], larger_sigma(found.covariance)]))
+        if k == outages[-1]:
+            break
+        shown = seen.measured_rad[:, k]
+        when = np.full(cases, truth.t_s[k])
+        state = tracker.update(state, when, shown[0], shown[1], sigma[:, k : k + 1])
+        if before is not None and doubt is not None:
+            now = _predicted(tracker, state, truth.t_s[k : k + 1])
+            before[:, 0, k], before[:, 1, k] = now.shown[:, 0], now.true[:, 0]
+            doubt[k] = larger_sigma(now.covariance)[0]
+    return Followed(measures, errors if history else None, spread if history else None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """What the antenna will show, where the satellite will be (2, K, N), and the former's P."""
+
+    shown: Array
+    true: Array
+    covariance: Array
+
+
+def _predicted(tracker: Tracker[Any], state: Any, times_s: Array) -> _Predicted:
+    azimuth, elevation, covariance = tracker.predict(state, times_s)
+    true = np.array(tracker.predict(state, times_s, biased=False)[:2])
+    return _Predicted(np.array([azimuth, elevation]), true, covariance)
+
+
+def _measured(
+    found: _Predicted,
+    truth: PassTruth,
+    seen: Seen,
+    begin: int,
+    lock_angle_rad: float,
+    search: SearchSpec | None,
+) -> dict[str, Array]:
+    """Return the measures of an outage."""
+    times = truth.t_s[begin:] - truth.t_s[begin]
+    true = truth.angles_rad[:, begin:, None]
+    encoder = true + seen.bias_rad[:, begin:]
+    middle = times.size // 2
+    made = {
+        "error_max": root_sum_square(found.true, true).max(axis=0),
+        "sky_error_max": arc(found.true, true).max(axis=0),
+        "encoder_error_max": root_sum_square(found.shown, encoder).max(axis=0),
+        "time_outside": time_outside(times, arc(found.shown, encoder), lock_angle_rad),
+        "nees": normalised_square(
+            on_the_sky(encoder[:, middle], found.shown[:, middle]), found.covariance[:, :, middle]
+        ),
+    }
+    if (
+        search is not None
+        and (back := int(np.searchsorted(times, search.signal_back_s))) < times.size
+    ):
+        off = on_the_sky(encoder[:, back:], found.shown[:, back:])
+        made["time_to_reacquire"] = times_to_reacquire(
+            search, lock_angle_rad, times[back:], off, found.covariance[:, :, back]
+        )
+    return made
+
+
+def _over_time(before: Array, found: _Predicted, truth: PassTruth, seen: Seen) -> Array:
+    """Return the errors (3, K, N) over the whole pass."""
+    shown, real = (
+        np.concatenate([before[:, k], after], axis=1)
+        for k, after in enumerate((found.shown, found.true))
+    )
+    true = truth.angles_rad[:, :, None]
+    return np.array(
+        [
+            root_sum_square(real, true),
+            arc(real, true),
+            root_sum_square(shown, true + seen.bias_rad),
+        ]
+    )

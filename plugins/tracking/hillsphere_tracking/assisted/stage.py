@@ -1,0 +1,324 @@
+"""The stage ``assisted_tracking``: whole passes with a loss of signal, N cases at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
+from hillsphere.earth.orientation import doubts
+from hillsphere.earth.planet import Planet
+from hillsphere.earth.specs import PlanetSpec
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context, Parameter, Plant, Tracker
+from hillsphere.presentation import Presentation
+from hillsphere.recording import constants, record
+from hillsphere_tracking.assisted.following import ERRORS, Followed, Seen, follow
+from hillsphere_tracking.assisted.measures import MEASURES, MetricName, outage_name
+from hillsphere_tracking.assisted.nominal_orbits import error_inputs, nominal_orbits
+from hillsphere_tracking.assisted.presentation import presented
+from hillsphere_tracking.assisted.products import AssistedTracking
+from hillsphere_tracking.assisted.specs import AssistedTrackingSpec
+from hillsphere_tracking.assisted.truth import PassTruth, truths
+from hillsphere_tracking.mean_elements import EARTH_FIELD
+from hillsphere_tracking.orbits import Orbit
+from hillsphere_tracking.pass_sources import orbits_from
+from hillsphere_tracking.satellites import MeanElementsOrbit
+
+__all__ = ["AssistedTrackingStage"]
+
+_STREAM = "assisted_tracking"
+_GIVEN = "(given)"
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """All of a block: for each pass what is seen, and what came of each tracker."""
+
+    seen: list[Seen]
+    followed: list[list[Followed]]
+
+
+class AssistedTrackingStage:
+    """Passes in which trackers use what an antenna measures, and predict when the signal is lost.
+
+    Each tracker goes through the measurements of a pass once; where the signal is lost its state is
+    kept as it is, and predicts the rest of the pass.
+
+    Parameters
+    ----------
+    spec : AssistedTrackingSpec
+        With its references bound; the satellite's file is read.
+
+    Raises
+    ------
+    InputError
+        If the satellite or the body cannot be used.
+    """
+
+    def __init__(self, spec: AssistedTrackingSpec) -> None:
+        self.spec = spec
+        body = Planet(PlanetSpec()) if spec.body is None else spec.body.get()
+        if not isinstance(body, Planet):
+            raise InputError(
+                f"body: tracking needs a body of type 'planet', got {type(body).__name__}; leave "
+                "it out for the Earth"
+            )
+        self.orientation = body.orientation
+        orbits = orbits_from([spec.satellite])
+        if len(orbits) != 1:
+            raise InputError(
+                f"satellite: one is tracked, the file has {len(orbits)}; give its name"
+            )
+        self.orbit: Orbit = orbits[0]
+        orbit = self.orbit
+        self.field = orbit.field if isinstance(orbit, MeanElementsOrbit) else EARTH_FIELD
+        self.plant: Plant | None = None if spec.plant is None else spec.plant.get()
+        self.trackers: dict[str, Tracker[Any]] = {}
+        for number, ref in enumerate(spec.trackers, start=1):
+            name = ref.name if ref.name != _GIVEN else f"tracker{number}"
+            self.trackers[name] = ref.get()
+        self._truths: tuple[PassTruth, ...] | None = None
+
+    def case_inputs(self) -> tuple[Parameter, ...]:
+        """Return the sizes of the nominal orbit's errors."""
+        return error_inputs(self.spec.nominal_error)
+
+    def prepare_cases(self, names: Sequence[str]) -> None:
+        """Fly the satellite and find its passes."""
+        self._passes(_ignored)
+
+    def run(self, ctx: Context) -> AssistedTracking:
+        """Follow the case of draw 0.
+
+        Parameters
+        ----------
+        ctx : Context
+            Seed and progress.
+
+        Returns
+        -------
+        AssistedTracking
+            With everything second by second.
+        """
+        advance = ctx.track("tracking", len(self.spec.passes) * (1 + len(self.trackers)))
+        passes = self._passes(advance)
+        # A lane among 64 as in a campaign, so that the same case has the same bits there.
+        lanes = np.zeros(LANES, dtype=np.int64)
+        filler = np.arange(LANES) > 0
+        batch = CaseBatch(lanes, lanes, filler, (), np.zeros((0, LANES)), ctx.seed, _STREAM)
+        block = self._followed(passes, batch, history=True, advance=advance)
+        return self._product(passes, block, self._results(passes, block))
+
+    def run_cases(self, batch: CaseBatch, history: bool = False) -> CaseResults:
+        """Follow a block of cases.
+
+        Parameters
+        ----------
+        batch : CaseBatch
+            Inputs by the names of `case_inputs`; all randomness by its draws.
+        history : bool
+            Whether to keep the errors over time.
+
+        Returns
+        -------
+        CaseResults
+            Metrics as in `hillsphere_tracking.assisted.measures`; histories over the time since
+            each pass's acquisition, named ``PASS.OUTAGE.TRACKER.error`` …
+
+        Raises
+        ------
+        InputError
+            If the batch names something that is no input.
+        """
+        known = [q.name for q in self.case_inputs()]
+        if unknown := [name for name in batch.names if name not in known]:
+            raise InputError(
+                f"assisted_tracking has no input {', '.join(unknown)}; it has {', '.join(known)}"
+            )
+        passes = self._passes(_ignored)
+        block = self._followed(passes, batch, history=history, advance=_ignored)
+        found = self._results(passes, block)
+        if history:
+            return replace(found, histories=self._histories(passes, block))
+        return found
+
+    def present(self, product: AssistedTracking) -> Presentation:
+        """Show the passes, the case and what is published of them."""
+        return presented(product, self.spec)
+
+    def _passes(self, advance: Callable[[int], None]) -> tuple[PassTruth, ...]:
+        if self._truths is None:
+            self._truths = truths(self.spec, self.orbit, self.plant, self.orientation, advance)
+        return self._truths
+
+    def _followed(
+        self,
+        passes: Sequence[PassTruth],
+        batch: CaseBatch,
+        *,
+        history: bool,
+        advance: Callable[[int], None],
+    ) -> _Block:
+        spec = self.spec
+        block = _Block([], [])
+        for truth in passes:
+            seen = self._seen(truth, batch)
+            nominal = nominal_orbits(
+                spec.nominal_error, batch, truth.name, truth.start_teme, self.field
+            )
+            row = []
+            for tracker in self.trackers.values():
+                as_they_are = spec.osculating_as_mean and not tracker.short_period
+                elements = nominal.osculating if as_they_are else nominal.mean
+                # what diverges is found by its result
+                with np.errstate(all="ignore"):
+                    row.append(
+                        follow(tracker, truth, seen, elements, self.orbit.epoch,
+                               spec.lock_angle_rad, spec.search, history=history)
+                    )  # fmt: skip
+                advance(1)
+            block.seen.append(seen)
+            block.followed.append(row)
+        return block
+
+    def _seen(self, truth: PassTruth, batch: CaseBatch) -> Seen:
+        """Return what the antenna shows, the same to all trackers."""
+        sensor, t, cases = truth.sensor, truth.t_s, len(batch.draws)
+        name = f"antenna {sensor.station.name}"
+        held = constants(sensor, batch.seed, batch.stream, batch.draws, name)
+        shown = record(
+            sensor, truth.x[:, :, None], t, truth.scene, seed=batch.seed, stage=batch.stream,
+            cases=batch.draws, name=name, occasion=truth.name,
+        )  # fmt: skip
+        bias = sensor.bias(
+            np.repeat(truth.x, cases, axis=1),
+            np.repeat(t, cases),
+            {key: np.repeat(value, cases, axis=-1) for key, value in truth.scene.items()},
+            np.tile(held, t.size),
+        ).reshape(2, t.size, cases)
+        told = sensor.believed_stations(held) if self.spec.believed_stations else (sensor.station,)
+        return Seen(shown, bias, told)
+
+    def _results(self, passes: Sequence[PassTruth], block: _Block) -> CaseResults:
+        metrics, units, values, causes = [], [], [], []
+        for p, truth, row in zip(self.spec.passes, passes, block.followed, strict=True):
+            for k, outage_s in enumerate(p.outages_s):
+                for tracker, followed in zip(self.trackers, row, strict=True):
+                    for measure, value in followed.measures[k].items():
+                        name = MetricName(truth.name, outage_name(outage_s), tracker, measure)
+                        metrics.append(str(name))
+                        units.append(MEASURES[measure])
+                        values.append(value)
+                        causes.append(tracker)
+        found = np.array(values)
+        bad = ~np.isfinite(found)
+        failed = np.logical_or.reduce(bad, axis=0)
+        first = np.argmax(bad, axis=0)
+        return CaseResults(
+            tuple(metrics),
+            tuple(units),
+            found,
+            tuple("diverged" if f else "completed" for f in failed),
+            tuple(causes[i] if f else "" for i, f in zip(first.tolist(), failed, strict=True)),
+            failed,
+        )
+
+    def _outages(self) -> list[tuple[int, int, float]]:
+        """Return pass, number within it, and beginning of each outage."""
+        return [
+            (i, k, outage_s)
+            for i, p in enumerate(self.spec.passes)
+            for k, outage_s in enumerate(p.outages_s)
+        ]
+
+    def _histories(self, passes: Sequence[PassTruth], block: _Block) -> Histories:
+        count, cases = max(q.t_s.size for q in passes), block.seen[0].measured_rad.shape[2]
+        outages = self._outages()
+        quantities = len(outages) * len(self.trackers) * len(ERRORS)
+        values = np.full((quantities, count, cases), np.nan)
+        names: list[str] = []
+        for i, k, outage_s in outages:
+            for tracker, followed in zip(self.trackers, block.followed[i], strict=True):
+                assert followed.errors is not None
+                for quantity, errors in zip(ERRORS, followed.errors[k], strict=True):
+                    values[len(names), : errors.shape[0]] = errors
+                    name = MetricName(passes[i].name, outage_name(outage_s), tracker, quantity)
+                    names.append(str(name))
+        times = np.repeat(np.arange(count)[:, None] * self.spec.period_s, cases, axis=1)
+        return Histories(times, tuple(names), ("rad",) * quantities, values)
+
+    def _product(
+        self, passes: Sequence[PassTruth], block: _Block, results: CaseResults
+    ) -> AssistedTracking:
+        """Return the case of lane 0."""
+        outages, rows = self._outages(), block.followed
+        count = max(q.t_s.size for q in passes)
+
+        def filled(parts: Sequence[Array]) -> Array:
+            """Return arrays (..., K) with K made common by NaN, along a new axis before it."""
+            made = [
+                np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, count - p.shape[-1])],
+                       constant_values=np.nan)
+                for p in parts
+            ]  # fmt: skip
+            return np.stack(made, axis=-2)
+
+        def per_pass(parts: Sequence[Array]) -> Array:
+            return np.asarray(filled(parts).swapaxes(-1, -2))
+
+        def over_time(of: Callable[[Followed, int], Array]) -> Array:
+            return np.array(
+                [
+                    filled([of(rows[i][t], k) for i, k, _ in outages])
+                    for t in range(len(self.trackers))
+                ]
+            )
+
+        plain = [q.plain for q in passes]
+        span = np.array([0.0, max(float(q.t_s[-1]) for q in passes)])
+        return AssistedTracking(
+            satellite=self.orbit.name,
+            start=self.orbit.epoch.isot(np.zeros(1), 6)[0],
+            trackers=tuple(self.trackers),
+            passes=tuple(q.name for q in passes),
+            stations=tuple(q.sensor.station.name for q in passes),
+            revolution=np.array([p.revolution for p in self.spec.passes], dtype=np.int64),
+            directions=tuple(q.direction for q in passes),
+            plain_acquisition_s=np.array([v.first_s if v else np.nan for v in plain]),
+            plain_duration_s=np.array([v.last_s - v.first_s if v else np.nan for v in plain]),
+            plain_elevation_max_rad=np.array([v.highest_rad if v else np.nan for v in plain]),
+            earth_shift_rad=np.array([q.shift_rad for q in passes]),
+            acquisition_s=np.array([q.tracked.first_s for q in passes]),
+            duration_s=np.array([q.tracked.last_s - q.tracked.first_s for q in passes]),
+            elevation_max_rad=np.array([q.tracked.highest_rad for q in passes]),
+            t_s=per_pass([q.t_s - q.t_s[0] for q in passes]),
+            true_rad=per_pass([q.angles_rad for q in passes]),
+            measured_rad=per_pass([s.measured_rad[:, :, 0] for s in block.seen]),
+            bias_rad=per_pass([s.bias_rad[:, :, 0] for s in block.seen]),
+            sigma_rad=per_pass([q.sigma_rad for q in passes]),
+            outage_pass=np.array([i for i, _, _ in outages], dtype=np.int64),
+            outage_s=np.array([s for _, _, s in outages]),
+            outage_names=tuple(outage_name(s) for _, _, s in outages),
+            error_rad=over_time(lambda f, k: _kept(f.errors)[k][0, :, 0]),
+            sky_error_rad=over_time(lambda f, k: _kept(f.errors)[k][1, :, 0]),
+            encoder_error_rad=over_time(lambda f, k: _kept(f.errors)[k][2, :, 0]),
+            spread_rad=over_time(lambda f, k: _kept(f.spread)[k][:, 0]),
+            metrics=results.metrics,
+            units=results.units,
+            values=results.values[:, 0],
+            lock_angle_rad=self.spec.lock_angle_rad,
+            warnings=doubts(self.orientation, self.orbit.epoch, span),
+        )
+
+
+def _kept(history: list[Array] | None) -> list[Array]:
+    assert history is not None
+    return history
+
+
+def _ignored(count: int) -> None:
+    """Show no progress."""

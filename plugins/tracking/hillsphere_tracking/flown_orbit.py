@@ -1,0 +1,237 @@
+"""A flight as an orbit: states at given times, with polynomials between them."""
+
+from __future__ import annotations
+
+from typing import cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.earth.rotation import InertialFrame
+from hillsphere.errors import InputError, PropagationError
+from hillsphere.interfaces import Array
+from hillsphere.products import Trajectories
+from hillsphere.time import Epoch
+
+__all__ = ["TOLERANCE", "FlownOrbit", "missed"]
+
+TOLERANCE = 1e-9
+"""Largest error of interpolated positions, relative to the distance from the Earth's centre."""
+
+_END_S = 1e-6
+"""Beyond its ends by so much a flight is still evaluated: differences of epochs are rounded."""
+_NODES = 4
+_LEAST = _NODES + 1
+_GAIN = 18.0
+"""Leaving out a node of five makes the error at least this much larger than it is between them: by
+Π(t − t_i)², 16 h⁸ instead of 0.88 h⁸ in the outermost step and 0.32 h⁸ in the others."""
+
+
+class FlownOrbit:
+    """A numerical flight, interpolated through positions and velocities.
+
+    Polynomials of degree seven run through the positions and velocities at the four nearest times
+    (Hermite interpolation), so that the error falls with the eighth power of the step.
+
+    Parameters
+    ----------
+    name : str
+        Of the satellite.
+    epoch : Epoch
+        From which times count.
+    frame : {"teme", "gcrs"}
+        Inertial frame of the states.
+    t_s : ndarray, shape (K,)
+        Times, rising, at least five.
+    x : ndarray, shape (6, K)
+        Positions, m, and velocities, m/s, without a manoeuvre.
+    tolerance : float
+        Largest error of the interpolated positions, relative to the distance from the centre.
+    ending : str
+        Why there are no states after the last time, as the end of a sentence; left out: the flight
+        was asked for no longer.
+
+    Attributes
+    ----------
+    error_m : float
+        Estimated largest error of interpolated positions, from leaving out one state after the
+        other.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, times do not rise, anything is not finite, or the states are so far
+        apart (or have a jump among them) that the tolerance cannot be kept.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        epoch: Epoch,
+        frame: InertialFrame,
+        t_s: Array,
+        x: Array,
+        tolerance: float = TOLERANCE,
+        ending: str = "",
+    ) -> None:
+        t, x = np.asarray(t_s, dtype=float), np.asarray(x, dtype=float)
+        if t.ndim != 1 or x.shape != (6, t.size) or t.size < _LEAST:
+            raise InputError(
+                f"flight {name!r}: needs at least {_LEAST} times (K,) and states (6, K), got "
+                f"{t.shape} and {x.shape}"
+            )
+        if not (np.isfinite(t).all() and np.isfinite(x).all()) or not (np.diff(t) > 0.0).all():
+            raise InputError(f"flight {name!r}: times must rise, and all must be finite")
+        self.name, self.epoch, self.frame = name, epoch, frame
+        self._t, self._ending = t, ending
+        first = np.arange(t.size - _NODES + 1)
+        self._nodes = t[first + np.arange(_NODES)[:, None]]
+        self._coefficients = _divided_differences(t, x, first + np.arange(_NODES)[:, None])
+        middle, off, allowed = missed(t, x, tolerance)
+        self.error_m = float(off.max())
+        if (off > allowed).any():
+            worst = int(np.argmax(off - allowed))
+            raise InputError(
+                f"flight {name!r}: between its states positions would be wrong by "
+                f"{off[worst]:.3g} m near {t[middle[worst]]:.6g} s, more than "
+                f"{allowed[worst]:.3g} m; give states at shorter steps, and none across a manoeuvre"
+            )
+
+    @classmethod
+    def of_coast(cls, flights: Trajectories, coast: int, epoch: Epoch) -> FlownOrbit:
+        """Return the orbit of one coast of a product.
+
+        Parameters
+        ----------
+        flights : Trajectories
+            Flights in the frame ``"teme"`` or ``"gcrs"``.
+        coast : int
+            Which of them.
+        epoch : Epoch
+            From which its times count.
+
+        Returns
+        -------
+        FlownOrbit
+            Named as the coast is.
+
+        Raises
+        ------
+        InputError
+            If the frame is another one or the states are too far apart.
+        """
+        if flights.frame not in get_args(InertialFrame):
+            raise InputError(
+                f"an orbit about the Earth needs states in {' or '.join(get_args(InertialFrame))}, "
+                f"got a flight in {flights.frame!r}"
+            )
+        there = np.isfinite(flights.t_s[:, coast])
+        return cls(
+            flights.labels[coast], epoch, cast(InertialFrame, flights.frame),
+            flights.t_s[there, coast], flights.x[:6, there, coast],
+        )  # fmt: skip
+
+    def states(self, t_s: Array) -> Array:
+        """Return states at times after the epoch.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (N,)
+            SI seconds after the epoch, within the flight, in any order.
+
+        Returns
+        -------
+        ndarray, shape (6, N)
+            Positions, m, and velocities, m/s.
+
+        Raises
+        ------
+        PropagationError
+            If a time lies outside of the flight.
+        """
+        t = np.atleast_1d(np.asarray(t_s, dtype=float))
+        there = self.exists(t)
+        if not there.all():
+            outside = float(t[np.argmin(there)])
+            raise PropagationError(
+                f"satellite {self.name!r} {self.end_reason(outside)}; ask for times within, or "
+                "fly it longer"
+            )
+        last = self._t.size - _NODES
+        at = np.clip(np.searchsorted(self._t, t, side="right") - 2, 0, last)
+        return _evaluated(self._nodes[:, at], self._coefficients[:, :, at], t)
+
+    def exists(self, t_s: Array) -> NDArray[np.bool_]:
+        """Say for times (N,) after the epoch whether they lie within the flight."""
+        t = np.asarray(t_s, dtype=float)
+        return np.asarray((t >= self._t[0] - _END_S) & (t <= self._t[-1] + _END_S))
+
+    def end_reason(self, t_s: float) -> str:
+        """Return why there is no state at a time, as the end of a sentence."""
+        if self._ending and t_s > self._t[-1]:
+            return self._ending
+        return (
+            f"has no state at {t_s:.6g} s: its flight lasts from {self._t[0]:.6g} to "
+            f"{self._t[-1]:.6g} s after its epoch"
+        )
+
+
+def missed(
+    t: Array, x: Array, tolerance: float = TOLERANCE
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Estimate errors of interpolation, by leaving out one state after the other.
+
+    Parameters
+    ----------
+    t : ndarray, shape (K,)
+        Times, rising, K ≥ 5.
+    x : ndarray, shape (6, K)
+        States.
+    tolerance : float
+        Relative to the distance from the centre.
+
+    Returns
+    -------
+    middle : ndarray of int, shape (K − 4,)
+        Indices of the states that were left out: all but the outer two at both ends.
+    error_m, allowed_m : ndarray, shape (K − 4,)
+        Estimated errors of positions about them, and the tolerance with what rounding adds.
+    """
+    middle = np.arange(2, t.size - 2)
+    around = middle + np.array([-2, -1, 1, 2])[:, None]
+    guess = _evaluated(t[around], _divided_differences(t, x, around), t[middle])[:3]
+    place = x[:3, middle]
+    # what rounding of states and times leaves is no fault of the step
+    rounding = 1e-13 * float(np.abs(x[:3]).max())
+    allowed = tolerance * np.linalg.norm(place, axis=0) + rounding
+    return middle, np.linalg.norm(guess - place, axis=0) / _GAIN, allowed
+
+
+def _divided_differences(t: Array, x: Array, nodes: NDArray[np.int64]) -> Array:
+    """Return Newton's coefficients (8, 3, M) of polynomials through states at nodes (4, M)."""
+    z = np.repeat(t[nodes], 2, axis=0)
+    place = np.repeat(x[:3][:, nodes].swapaxes(0, 1), 2, axis=0)
+    speed = x[3:][:, nodes].swapaxes(0, 1)
+    table = place.copy()
+    steps = z[1:] - z[:-1]
+    first = np.empty_like(table[1:])
+    first[0::2] = speed
+    first[1::2] = (table[2::2] - table[1:-1:2]) / steps[1::2, None]
+    out = [table[0], first[0]]
+    level = first
+    for order in range(2, 2 * _NODES):
+        level = (level[1:] - level[:-1]) / (z[order:] - z[:-order])[:, None]
+        out.append(level[0])
+    return np.array(out)
+
+
+def _evaluated(nodes: Array, coefficients: Array, t: Array) -> Array:
+    """Return states (6, M) of polynomials, one per time (M,), by Horner's scheme."""
+    z = np.repeat(nodes, 2, axis=0)
+    place = coefficients[-1]
+    speed = np.zeros_like(place)
+    for k in range(2 * _NODES - 2, -1, -1):
+        off = t - z[k]
+        speed = speed * off + place
+        place = place * off + coefficients[k]
+    return np.concatenate([place, speed])

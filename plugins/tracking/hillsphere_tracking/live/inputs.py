@@ -1,0 +1,97 @@
+"""What ``hillsphere track`` reads: measurements with the time that goes with them, and UT1."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import numpy as np
+
+from hillsphere.cli.streams import say
+from hillsphere.earth.orientation import (
+    ConstantOrientation,
+    EarthOrientation,
+    EarthOrientationWarning,
+    OrientationTable,
+)
+from hillsphere.errors import InputError
+from hillsphere.time import Epoch
+from hillsphere_tracking.live.clock import Clock, RealTime, Replay
+from hillsphere_tracking.live.feed import Arriving, Feed, Recorded
+from hillsphere_tracking.live.measurements import measurements
+
+__all__ = ["input_of", "orientation_of"]
+
+
+def input_of(
+    stack: ExitStack, source: str, epoch: Epoch | None, replay: bool, speed: float
+) -> tuple[Feed, Clock]:
+    """Return what is measured and what time it is.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Closes the source.
+    source : str
+        A file, or ``-`` for stdin.
+    epoch : Epoch or None
+        From which times in seconds count.
+    replay : bool
+        Whether the time is that of the measurements.
+    speed : float
+        Of a replay.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read, or holds nothing to be replayed.
+    """
+    if source == "-":
+        descriptor, where = sys.stdin.fileno(), "stdin"
+    else:
+        try:
+            descriptor, where = os.open(source, os.O_RDONLY), source
+        except OSError as error:
+            raise InputError(f"{source}: cannot be read: {error.strerror or error}") from error
+        stack.callback(os.close, descriptor)
+    if not replay:
+        arriving = Arriving(descriptor, where, epoch, say)
+        stack.callback(arriving.close)
+        return arriving, RealTime()
+    lines = stack.enter_context(
+        os.fdopen(descriptor, encoding="utf-8", errors="replace", closefd=False)
+    )
+    recorded = Recorded(measurements(_read(lines), where, epoch))
+    return recorded, Replay(recorded.first.epoch, speed)
+
+
+def orientation_of(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientation:
+    """Return the Earth's orientation: as given, or of the installed table, held where it ends."""
+    if ut1_minus_utc_s is not None:
+        return ConstantOrientation(ut1_minus_utc_s)
+    table = OrientationTable.installed()
+    lapse = table.lapse(start, np.array([86400.0]))
+    if lapse is None:
+        return table
+    say(f"{lapse}, or --ut1-minus-utc")
+    with warnings.catch_warnings():
+        # said once, not at every command: the last values as constants
+        warnings.simplefilter("ignore", EarthOrientationWarning)
+        held = table.at(start, np.zeros(1))
+    tai = start.to("TAI")
+    tai_minus_utc = 86400.0 * ((tai.day - start.day) + (tai.fraction - start.fraction))
+    return ConstantOrientation(
+        float(held.ut1_minus_tai_s[0]) + tai_minus_utc,
+        float(held.x_pole_rad[0]),
+        float(held.y_pole_rad[0]),
+    )
+
+
+def _read(lines: Iterator[str]) -> Iterator[str]:
+    try:
+        yield from lines
+    except OSError as error:
+        raise InputError(f"measurements cannot be read: {error.strerror or error}") from error

@@ -1,0 +1,90 @@
+"""How well the prediction held after the losses of a pass, and would have held after others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from hillsphere.interfaces import Tracker
+from hillsphere_tracking.pointing.pass_log import PassLog
+from hillsphere_tracking.pointing.replay import Score, score
+
+__all__ = ["losses_of", "score_lines"]
+
+_USUAL_S = (60.0, 120.0, 300.0)
+_HAIR_S = 1e-3
+_MOST = 10
+
+
+def losses_of(log: PassLog, lost_after_s: float) -> list[float]:
+    """Return the losses to be scored, each as seconds after the first measurement.
+
+    Parameters
+    ----------
+    log : PassLog
+        A pass.
+    lost_after_s : float
+        Without a measurement for so long the signal was lost.
+
+    Returns
+    -------
+    list of float
+        The first ten losses that happened, and those after 1, 2 and 5 minutes of measurements as
+        far as something was measured both before and after, rising.
+    """
+    times = log.times_s[log.locked]
+    if times.size < 2:
+        return []
+    since = times - times[0]
+    happened = since[:-1][np.diff(since) > lost_after_s][:_MOST] + _HAIR_S
+    usual = [t for t in _USUAL_S if t < since[-1]]
+    # one of the usual that falls into a loss that happened is that loss
+    by_count = {int(np.searchsorted(since, t - 1e-6)): t for t in (*usual, *happened.tolist())}
+    return sorted(by_count.values())
+
+
+def score_lines(
+    trackers: Mapping[str, tuple[Tracker[Any], Any]],
+    log: PassLog | None,
+    lost_after_s: float,
+    beam_rad: float,
+) -> list[str]:
+    """Return a table of scores, line by line.
+
+    Parameters
+    ----------
+    trackers : mapping of str to (Tracker, state)
+        By name, each with its state before the pass.
+    log : PassLog or None
+        The pass.
+    lost_after_s : float
+        See `losses_of`.
+    beam_rad : float
+        Radius of the beam.
+
+    Returns
+    -------
+    list of str
+        A heading and a line for each loss and tracker, or one that says why there is none.
+    """
+    losses = [] if log is None else losses_of(log, lost_after_s)
+    if log is None or not losses:
+        return ["no score: it needs measurements before and after a loss, 60 s after the first"]
+    head = (
+        f"prediction from a loss to the end, against what was measured there (beam "
+        f"±{degrees(beam_rad):g}°)"
+    )
+    names = f"{'locked':>8}  {'tracker':<16} {'measured':>8} {'compared':>8}"
+    names += f" {'largest':>9} {'rms':>9} {'outside':>8}"
+    return [head, names, *(_line(found) for found in score(trackers, log, losses, beam_rad))]
+
+
+def _line(found: Score) -> str:
+    return (
+        f"{found.locked_s:6.0f} s  {found.tracker:<16} {found.measurements:8d} "
+        f"{found.predictions:8d} {degrees(found.largest_rad):8.3f}° {degrees(found.rms_rad):8.3f}° "
+        f"{found.outside_s:6.0f} s"
+    )

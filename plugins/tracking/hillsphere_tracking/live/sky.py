@@ -1,0 +1,44 @@
+"""A station's sky: above which horizon it sees, and where it is blind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.earth.geodetic import Station
+from hillsphere.interfaces import Array
+from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
+
+__all__ = ["Place"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A station with what hides its sky.
+
+    Parameters
+    ----------
+    station : Station
+        Where it stands.
+    mask : HorizonMask
+        Above which it sees.
+    blind : tuple of BlindSector
+        Where it cannot work.
+    """
+
+    station: Station
+    mask: HorizonMask
+    blind: tuple[BlindSector, ...] = ()
+
+    def above(self, azimuth_rad: Array, elevation_rad: Array) -> Array:
+        """Return by how much directions (N,) are above the mask, rad."""
+        return np.asarray(elevation_rad - self.mask.at(azimuth_rad))
+
+    def hidden_by(self, azimuth_rad: float, elevation_rad: float) -> str:
+        """Return what hides a direction: a blind sector's reason, the horizon, or nothing."""
+        azimuth, elevation = np.array([azimuth_rad]), np.array([elevation_rad])
+        for sector in self.blind:
+            if sector.contains(azimuth, elevation)[0]:
+                return sector.reason
+        return "" if self.above(azimuth, elevation)[0] >= 0.0 else "horizon"

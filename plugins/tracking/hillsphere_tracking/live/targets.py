@@ -1,0 +1,72 @@
+"""Who takes the commands of ``hillsphere track``: stdout as CSV, or a rotator."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from math import degrees, radians
+
+import numpy as np
+
+from hillsphere.cli.streams import say
+from hillsphere.errors import InputError
+from hillsphere.time import Epoch
+from hillsphere_tracking.live.rotator import RotatorLink
+from hillsphere_tracking.live.rotctl import PORT, Rotctl
+from hillsphere_tracking.live.session import Command
+
+__all__ = ["target_of"]
+
+
+def target_of(
+    stack: ExitStack, rotator: str, start: Epoch, axes: tuple[str, str]
+) -> tuple[tuple[float, float] | None, Callable[[Command], None]]:
+    """Return where the axes stand, rad, if that is known, and what takes commands.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Stops the rotator.
+    rotator : str
+        ``HOST`` or ``HOST:PORT`` of a rotctld; empty: a table on stdout.
+    start : Epoch
+        From which times count.
+    axes : tuple of two str
+        Names of the axes.
+
+    Raises
+    ------
+    InputError
+        If the address is none.
+    RotatorError
+        If nobody is there.
+    """
+    if not rotator:
+        return None, _table(start, axes)
+    host, colon, port = rotator.rpartition(":")
+    if not colon:
+        host, port = rotator, str(PORT)
+    if not (host and port.isdigit() and 0 < int(port) < 65536):
+        raise InputError(f"--rotator must be HOST or HOST:PORT, got {rotator!r}")
+    link = RotatorLink(lambda: Rotctl(host, int(port)), say)
+    primary, secondary = link.start()
+    stack.callback(link.end)
+    return (radians(primary), radians(secondary)), lambda command: link.point(
+        degrees(command.primary_rad), degrees(command.secondary_rad)
+    )
+
+
+def _table(start: Epoch, axes: tuple[str, str]) -> Callable[[Command], None]:
+    first, second = axes
+    sys.stdout.write(
+        f"utc,{first}_deg,{second}_deg,predicted_azimuth_deg,predicted_elevation_deg,state\n"
+    )
+
+    def write(command: Command) -> None:
+        when = start.isot(np.array([command.t_s]), 3)[0]
+        cells = ",".join(f"{degrees(angle):.4f}" for angle in command[1:5])
+        sys.stdout.write(f"{when},{cells},{command.state}\n")
+        sys.stdout.flush()
+
+    return write

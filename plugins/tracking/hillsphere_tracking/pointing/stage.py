@@ -1,0 +1,232 @@
+"""The stage ``pointing``: how antenna mounts follow passes, with a plan and without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, floor
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context, Integers
+from hillsphere.presentation import Presentation
+from hillsphere.problems import did_you_mean
+from hillsphere.time import Epoch
+from hillsphere_tracking.pass_products import PassList
+from hillsphere_tracking.pointing.following import Course, follow_courses, naive_course
+from hillsphere_tracking.pointing.interpolation import smooth, smooth_error_bound
+from hillsphere_tracking.pointing.mounts import Mount, mount_of
+from hillsphere_tracking.pointing.planning import PassPlan, plan_pass
+from hillsphere_tracking.pointing.presentation import presented
+from hillsphere_tracking.pointing.products import Pointing
+from hillsphere_tracking.pointing.sight import LineOfSight
+from hillsphere_tracking.pointing.sky import angles_of, separation
+from hillsphere_tracking.pointing.specs import PointingSpec
+from hillsphere_tracking.topocentric import direction_cosines
+
+__all__ = ["PointingStage"]
+
+_FEWEST_COMMANDS = 8
+_MOST_COMMANDS = 2_000_000
+_LISTED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A pass as the satellite flies it, and as its interpolated prediction tells the antenna."""
+
+    sight: LineOfSight
+    times_s: Array
+    direction: Array
+    azimuth_rad: Array
+    elevation_rad: Array
+    bound_rad: float
+
+    @property
+    def told(self) -> Array:
+        return direction_cosines(self.azimuth_rad, self.elevation_rad)
+
+
+class PointingStage:
+    """Mounts that follow passes.
+
+    Parameters
+    ----------
+    spec : PointingSpec
+        Mounts, and which passes they follow.
+    """
+
+    def __init__(self, spec: PointingSpec) -> None:
+        self.spec = spec
+        self.mounts: tuple[Mount, ...] = tuple(mount_of(mount) for mount in spec.mounts)
+
+    def run(self, ctx: Context, passes: PassList) -> Pointing:
+        """Plan each pass for each mount and follow it, with the plan and without.
+
+        Parameters
+        ----------
+        ctx : Context
+            Progress.
+        passes : PassList
+            Where the satellites are seen.
+
+        Returns
+        -------
+        Pointing
+            Commands and errors.
+
+        Raises
+        ------
+        InputError
+            If no pass is as asked for or long enough, or there are too many commands.
+        """
+        chosen, short = self._chosen(passes)
+        seen = [self._seen(passes, int(k)) for k in chosen]
+        count = np.array([one.times_s.size for one in seen])
+        advance = ctx.track("pointing", len(self.mounts) * len(seen))
+        columns: list[dict[str, Array]] = []
+        ramp, flipped = np.zeros((2, int(count.max()), count.size, len(self.mounts)), dtype=bool)
+        for m, mount in enumerate(self.mounts):
+            plans: list[PassPlan] = []
+            for k, one in enumerate(seen):
+                plan = plan_pass(one.times_s, one.azimuth_rad, one.elevation_rad, mount)
+                ramp[: count[k], k, m], flipped[: count[k], k, m] = plan.ramp, plan.flipped
+                plans.append(plan)
+                advance(1)
+            columns.append(self._followed(seen, plans, mount))
+        error = [separation(one.told, one.direction).max() for one in seen]
+        return Pointing(
+            mounts=tuple(mount.name for mount in self.spec.mounts),
+            kinds=tuple(mount.kind for mount in self.spec.mounts),
+            axes=np.stack([mount.axes for mount in self.mounts], axis=-1),
+            primary_limits=_limits(self.mounts, "primary"),
+            secondary_limits=_limits(self.mounts, "secondary"),
+            start=passes.start,
+            stations=tuple(passes.stations[s] for s in passes.station[chosen]),
+            satellites=tuple(passes.satellites[n] for n in passes.satellite[chosen]),
+            revolution=passes.revolution[chosen],
+            rise_s=passes.rise_s[chosen],
+            elevation_max_rad=passes.elevation_max_rad[chosen],
+            short=short,
+            lock_angle_rad=self.spec.lock_angle_rad,
+            period_s=self.spec.command_period_s,
+            count=count,
+            azimuth_rad=_padded([angles_of(one.direction)[0] for one in seen]),
+            elevation_rad=_padded([angles_of(one.direction)[1] for one in seen]),
+            **{key: np.stack([one[key] for one in columns], axis=-1) for key in columns[0]},
+            ramp=ramp,
+            flipped=flipped,
+            primary_rate_on_target_rad_s=np.array(
+                [[one.sight.peak_primary_rate(mount, one.times_s) for mount in self.mounts]
+                 for one in seen]
+            ),
+            sampling_error_rad=np.array([one.sight.sampling_error_rad for one in seen]),
+            interpolation_error_rad=np.array(error),
+            interpolation_bound_rad=np.array([one.bound_rad for one in seen]),
+        )  # fmt: skip
+
+    def present(self, product: Pointing, passes: PassList) -> Presentation:
+        """Show errors, axis angles and rates, and the paths near the keyholes."""
+        return presented(product, Epoch.parse(passes.start, "UTC"))
+
+    def _chosen(self, passes: PassList) -> tuple[Integers, int]:
+        """Return the passes to be followed, and how many are too short for that."""
+        spec = self.spec
+        for name in spec.stations:
+            if name not in passes.stations:
+                raise InputError(
+                    f"stations: no passes over {name!r}"
+                    f"{did_you_mean(name, passes.stations, otherwise='there are')}"
+                )
+        names = np.array(passes.stations, dtype=np.str_)[passes.station]
+        asked = passes.elevation_max_rad >= spec.culmination_min_rad
+        if spec.stations:
+            asked &= np.isin(names, spec.stations)
+        if spec.revolutions:
+            asked &= np.isin(passes.revolution, spec.revolutions)
+        least = (_FEWEST_COMMANDS - 1) * spec.command_period_s
+        duration = passes.set_s - passes.rise_s
+        long = duration > least
+        chosen = np.flatnonzero(asked & long)
+        if not chosen.size:
+            there = [
+                f"{name} {number} ({np.degrees(top):.1f}°)"
+                for name, number, top in zip(
+                    names, passes.revolution, passes.elevation_max_rad, strict=True
+                )
+            ]
+            more = " …" if len(there) > _LISTED else ""
+            raise InputError(
+                f"no pass to follow: none of {len(there)} is among the stations and revolutions "
+                f"asked for, rises to {np.degrees(spec.culmination_min_rad):g}° and lasts more "
+                f"than {least:g} s; there are (station, revolution, culmination): "
+                f"{', '.join(there[:_LISTED]) or 'none'}{more}"
+            )
+        total = len(self.mounts) * float(np.sum(duration[chosen]) / spec.command_period_s)
+        if total > _MOST_COMMANDS:
+            raise InputError(
+                f"{chosen.size} passes and {len(self.mounts)} mounts make {total:.0f} commands, at "
+                f"most {_MOST_COMMANDS}; choose fewer passes (revolutions, culmination_min_deg) or "
+                "a longer command_period_s"
+            )
+        return chosen, int(np.count_nonzero(asked & ~long))
+
+    def _seen(self, passes: PassList, k: int) -> _Seen:
+        sight = LineOfSight(
+            passes.t_s[:, k],
+            passes.azimuth_rad[:, k],
+            passes.elevation_rad[:, k],
+            passes.range_m[:, k],
+        )
+        rise, period = float(passes.rise_s[k]), self.spec.command_period_s
+        times = rise + period * np.arange(
+            floor((passes.set_s[k] - rise) / period + 1e-9) + 1, dtype=float
+        )
+        # predictions at equal steps, at most a prediction period long
+        steps = max(ceil((times[-1] - rise) / self.spec.prediction_period_s - 1e-9), 3)
+        nodes = np.linspace(rise, times[-1], steps + 1)
+        prediction = (nodes, *angles_of(sight.direction(nodes)))
+        azimuth, elevation = smooth(*prediction, times)
+        bound = float(smooth_error_bound(*prediction).max())
+        return _Seen(sight, times, sight.direction(times), azimuth, elevation, bound)
+
+    def _followed(self, seen: list[_Seen], plans: list[PassPlan], mount: Mount) -> dict[str, Array]:
+        """Return what a mount does in all passes, arrays (K, P) and (P,)."""
+        period, passes = self.spec.command_period_s, len(seen)
+        planned = [Course(plan.primary_rad, plan.secondary_rad) for plan in plans]
+        naive = [naive_course(one.told, mount) for one in seen]
+        unramped = [
+            naive_course(one.told, mount, float(plan.primary_rad[0]))
+            for one, plan in zip(seen, plans, strict=True)
+        ]
+        followed = follow_courses([*planned, *naive, *unramped], mount, period)
+        error = [
+            mount.error(one.direction, course.primary_rad, course.secondary_rad)
+            for one, course in zip([*seen, *seen, *seen], followed, strict=True)
+        ]
+        found: dict[str, Array] = {}
+        for prefix, part in (("", slice(passes)), ("naive_", slice(passes, 2 * passes))):
+            found[f"{prefix}primary_rad"] = _padded([q.primary_rad for q in followed[part]])
+            found[f"{prefix}secondary_rad"] = _padded([q.secondary_rad for q in followed[part]])
+            found[f"{prefix}error_rad"] = _padded(error[part])
+        rest = error[2 * passes :]
+        found["unramped_error_max_rad"] = np.array([q.max() for q in rest])
+        beyond = [np.count_nonzero(q > self.spec.lock_angle_rad) for q in rest]
+        found["unramped_outside_s"] = period * np.array(beyond, dtype=float)
+        return found
+
+
+def _padded(columns: list[Array]) -> Array:
+    """Return columns of different lengths side by side, NaN after their ends."""
+    table = np.full((max(q.size for q in columns), len(columns)), np.nan)
+    for n, column in enumerate(columns):
+        table[: column.size, n] = column
+    return table
+
+
+def _limits(mounts: tuple[Mount, ...], axis: str) -> Array:
+    """Return stops, rates and accelerations of one axis of all mounts, shape (4, M)."""
+    found = [getattr(mount, axis) for mount in mounts]
+    return np.array(
+        [[q.lower_rad, q.upper_rad, q.rate_rad_s, q.acceleration_rad_s2] for q in found]
+    ).T

@@ -1,0 +1,200 @@
+"""Orbits by SGP4/SDP4, of two-line element sets and orbit mean-elements messages.
+
+References
+----------
+.. [1] D. A. Vallado, P. Crawford, R. Hujsak, T. S. Kelso (2006), Revisiting Spacetrack Report #3,
+   AIAA 2006-6753.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sgp4 import omm as sgp4_omm
+from sgp4.api import SGP4_ERRORS, Satrec
+
+from hillsphere.earth.rotation import InertialFrame
+from hillsphere.errors import InputError, PropagationError
+from hillsphere.interfaces import Array
+from hillsphere.time import Epoch
+from hillsphere_tracking.omm import Omm
+from hillsphere_tracking.orbits import bisected
+from hillsphere_tracking.tle import Tle
+
+__all__ = ["Sgp4Orbit"]
+
+_DAY = 86400.0
+_TURN = 2.0 * np.pi
+_DECAYED = (1, 4, 6)
+_PER_REVOLUTION = 40
+
+
+class Sgp4Orbit:
+    """Orbit by the analytic theory SGP4/SDP4 [1]_, constants WGS 72, in the frame TEME.
+
+    Parameters
+    ----------
+    name : str
+        Of the satellite.
+    epoch : Epoch
+        Of the elements, UTC.
+    satellite : sgp4.api.Satrec
+        Initialised elements.
+
+    Raises
+    ------
+    InputError
+        If the elements give no orbit at their own epoch.
+
+    Notes
+    -----
+    Times run in SI seconds from the epoch. Element sets count days of UTC, so that across a leap
+    second other programs may be a second apart.
+    """
+
+    frame: InertialFrame = "teme"
+
+    def __init__(self, name: str, epoch: Epoch, satellite: Any) -> None:
+        self.name = name
+        self.epoch = epoch
+        self._satellite = satellite
+        self._checked_s, self._end_s = 0.0, np.inf
+        code = int(self._propagated(np.zeros(1))[0][0])
+        if code:
+            raise InputError(
+                f"satellite {name!r}: its elements give no orbit at their own epoch "
+                f"({SGP4_ERRORS.get(code, code)}); check them"
+            )
+
+    @classmethod
+    def from_tle(cls, tle: Tle) -> Sgp4Orbit:
+        """Return the orbit of a two-line element set.
+
+        Parameters
+        ----------
+        tle : Tle
+            As `read_tles` reads it.
+
+        Returns
+        -------
+        Sgp4Orbit
+            Its epoch is that of the elements.
+
+        Raises
+        ------
+        InputError
+            If the elements give no orbit.
+        """
+        try:
+            satellite = Satrec.twoline2rv(tle.line1, tle.line2)
+        except ValueError as error:
+            raise InputError(f"satellite {tle.name!r}: {error}") from error
+        epoch = Epoch(satellite.jdsatepoch, satellite.jdsatepochF, "UTC")
+        return cls(tle.name, epoch, satellite)
+
+    @classmethod
+    def from_omm(cls, message: Omm) -> Sgp4Orbit:
+        """Return the orbit of an orbit mean-elements message.
+
+        Parameters
+        ----------
+        message : Omm
+            As `read_omms` reads it.
+
+        Returns
+        -------
+        Sgp4Orbit
+            Its epoch is that of the elements.
+
+        Raises
+        ------
+        InputError
+            If the elements give no orbit.
+        """
+        satellite = Satrec()
+        try:
+            sgp4_omm.initialize(satellite, message.fields)
+        except ValueError as error:
+            raise InputError(f"satellite {message.name!r}: {error}") from error
+        return cls(message.name, message.epoch, satellite)
+
+    @property
+    def catalogue_number(self) -> str:
+        """Number of the satellite in the catalogue, without leading zeros."""
+        return str(self._satellite.satnum)
+
+    def states(self, t_s: Array) -> Array:
+        """Return states at times after the epoch.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (N,)
+            SI seconds after the epoch, in any order, also negative.
+
+        Returns
+        -------
+        ndarray, shape (6, N)
+            Positions, m, and velocities, m/s, in TEME.
+
+        Raises
+        ------
+        PropagationError
+            If there is no orbit at one of them: the satellite has decayed.
+        """
+        t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
+        code, x = self._propagated(t_s)
+        gone = (code != 0) | (t_s >= self._end_before(t_s))
+        if gone.any():
+            first = float(t_s[gone][np.argmin(np.abs(t_s[gone]))])
+            raise PropagationError(
+                f"satellite {self.name!r} {self.end_reason(first)}; ask for earlier times, or "
+                "give newer elements"
+            )
+        return x
+
+    def exists(self, t_s: Array) -> NDArray[np.bool_]:
+        """Say for times (N,) after the epoch whether there is an orbit."""
+        t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
+        return np.asarray((self._propagated(t_s)[0] == 0) & (t_s < self._end_before(t_s)))
+
+    def end_reason(self, t_s: float) -> str:
+        """Return why there is no state at a time, as the end of a sentence."""
+        when = np.array([min(t_s, self._end_before(np.array([t_s])))])
+        code = int(self._propagated(when)[0][0])
+        why = "has decayed" if code in _DECAYED else "has no orbit"
+        return (
+            f"{why} {when[0] / _DAY:+.2f} days from the epoch of its elements "
+            f"(SGP4: {SGP4_ERRORS.get(code, code)})"
+        )
+
+    def _end_before(self, t_s: Array) -> float:
+        """Return when the orbit ended before the last of some times; infinity if it did not.
+
+        Long after the end the theory gives states again, which mean nothing: every revolution since
+        the epoch must have been one.
+        """
+        last = float(np.max(t_s, initial=0.0))
+        if self._end_s < np.inf or last <= self._checked_s:
+            return self._end_s
+        step = _TURN / self._satellite.no_kozai * 60.0 / _PER_REVOLUTION
+        times = np.arange(self._checked_s, last + step, step)
+        code = self._propagated(times)[0]
+        self._checked_s = float(times[-1])
+        if code.any():
+            bad = float(times[np.argmax(code != 0)])
+            self._end_s = bisected(
+                lambda t: int(self._propagated(np.array([t]))[0][0]) == 0, bad - step, bad
+            )[1]
+        return self._end_s
+
+    def _propagated(self, t_s: Array) -> tuple[NDArray[np.uint8], Array]:
+        if not np.isfinite(t_s).all():
+            raise InputError(f"satellite {self.name!r}: times must be finite, got nan or inf")
+        days = np.floor(t_s / _DAY)
+        satellite = self._satellite
+        code, r, v = satellite.sgp4_array(
+            satellite.jdsatepoch + days, satellite.jdsatepochF + (t_s - days * _DAY) / _DAY
+        )
+        return code, 1e3 * np.concatenate([r.T, v.T])
