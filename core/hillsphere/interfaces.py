@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from hillsphere.campaign.tasks import Executor
     from hillsphere.earth.geodetic import Station
     from hillsphere.earth.orientation import EarthOrientation
+    from hillsphere.lti import LtiSystem
     from hillsphere.symbolic import Expr, Params, Vec3
     from hillsphere.time import Epoch
 
@@ -362,6 +363,20 @@ class Compensator(Protocol):
         ...
 
 
+@runtime_checkable
+class SynthesisedLaw(Protocol):
+    """A `Compensator` that may wait for the controller that an earlier stage makes."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether it has a controller of its own; one without takes no step."""
+        ...
+
+    def flying(self, controller: LtiSystem) -> Compensator:
+        """Return the law with this controller; period and actuation stay."""
+        ...
+
+
 @dataclass(frozen=True)
 class Channel:
     """One thing that a sensor measures.
@@ -538,6 +553,8 @@ class CaseStage(Protocol):
     def run_cases(self) -> Callable[..., CaseResults]:
         """Compute one block: ``run_cases(batch, history=False, **inputs)``.
 
+        `history` is True where all histories are wanted, or names and patterns (``*``) of those
+        that are; others may be kept as well (see `hillsphere.campaign.cases.kept_histories`).
         `inputs` are the products of the stage's needs, as for `Stage.run`. No context is given:
         the call is pure, may run in another process, and shows no progress.
         """

@@ -367,7 +367,8 @@ class _Run:
             free = self.record.free_name("tables", key, name)
             self.directory.put_table(free, table)
             record.tables[free] = table
-        for key, figure in shown.figures.items():
+        figures = shown.figures if getattr(self.specs[name], "figures", True) else {}
+        for key, figure in figures.items():
             drawing = _drawn(key, figure)
             free = self.record.free_name("figures", key, name)
             self.directory.put_drawing(free, drawing)

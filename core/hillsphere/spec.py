@@ -365,3 +365,5 @@ class StageSpec(Spec):
 
     produces: ClassVar[str] = ""
     provides: ClassVar[tuple[str, ...]] = ()
+
+    figures: bool = option("whether its figures are drawn", default=True)

@@ -294,6 +294,15 @@ def test_a_chain_runs_in_order_and_leaves_everything(tmp_path: Path) -> None:
     assert csv[:2] == ["i,v_m,v_m_paper", f"0,{float(first.values[0])!r},0.10"]
 
 
+def test_figures_that_are_not_wanted_are_not_drawn() -> None:
+    text = '[stage.first]\ntype = "make"\nact = "draw badly"\nfigures = {}\n'
+    assert [f.stage for f in run_mission(mission(text.format("true"))).failures] == ["first"]
+    result = run_mission(mission(text.format("false")), out="out")
+    assert result.ok
+    assert "first.npz" in files(result)
+    assert not [name for name in files(result) if name.startswith("figures/")]
+
+
 def test_manifest_says_what_was_run_and_nothing_of_the_host(tmp_path: Path) -> None:
     Path("table.txt").write_text("1 2\n")
     text = CHAIN + 'table = "table.txt"\n'
@@ -666,7 +675,7 @@ def test_plain_spec_holds_references_and_digests(tmp_path: Path) -> None:
         },
     }
     made = MakeSpec.model_validate({"offset": "one"})
-    assert plain_spec(made) == {"count": 3, "offset": "one", "act": ""}
+    assert plain_spec(made) == {"figures": True, "count": 3, "offset": "one", "act": ""}
     with pytest.raises(InputError, match=r"none\.txt: cannot be read"):
         plain_spec(OffsetSpec(table="none.txt"))
 

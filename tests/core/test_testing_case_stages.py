@@ -21,6 +21,8 @@ from hillsphere.testing import ContractViolation, check_case_stage
 
 HERE = __name__
 FAULT: dict[str, Callable[[CaseBatch, CaseResults], CaseResults]] = {}
+FAULT_NAMED: dict[str, Callable[[CaseBatch, CaseResults], CaseResults]] = {}
+"""What spoils calls that ask for histories by name."""
 
 
 class ToySpec(StageSpec):
@@ -45,7 +47,7 @@ class Toy:
     def case_inputs(self) -> tuple[Parameter, ...]:
         return (Parameter("a", 2.0, "m"), Parameter("b", 0.0, "m"), Parameter("c", np.nan, "m"))
 
-    def run_cases(self, batch: CaseBatch, history: bool = False) -> CaseResults:
+    def run_cases(self, batch: CaseBatch, history: bool | tuple[str, ...] = False) -> CaseResults:
         noise = draws(batch.seed, batch.stream, batch.draws, "toy", (1,))[0]
         total: Array = batch.value("a", 2.0) + batch.value("b", 0.0) + noise
         histories = Histories(
@@ -55,6 +57,8 @@ class Toy:
             ("sum",), ("m",), total[None], ("completed",) * LANES, ("",) * LANES,
             np.zeros(LANES, dtype=bool), histories if history else None,
         )  # fmt: skip
+        if isinstance(history, tuple) and (spoil_named := FAULT_NAMED.get("it")):
+            return spoil_named(batch, found)
         for spoil in FAULT.values():
             found = spoil(batch, found)
         return found
@@ -78,8 +82,10 @@ def registry() -> Registry:
 @pytest.fixture(autouse=True)
 def _no_fault() -> Any:
     FAULT.clear()
+    FAULT_NAMED.clear()
     yield
     FAULT.clear()
+    FAULT_NAMED.clear()
 
 
 def test_a_sound_stage() -> None:
@@ -149,6 +155,30 @@ def without_history(batch: CaseBatch, found: CaseResults) -> CaseResults:
 )
 def test_what_breaks_it(spoil: Any, message: str) -> None:
     FAULT["it"] = spoil
+    with pytest.raises(ContractViolation, match=message):
+        check_case_stage("toy", registry=registry())
+
+
+def of_another_name(batch: CaseBatch, found: CaseResults) -> CaseResults:
+    assert found.histories is not None
+    return replace(found, histories=replace(found.histories, names=("total",)))
+
+
+def of_another_value(batch: CaseBatch, found: CaseResults) -> CaseResults:
+    assert found.histories is not None
+    values = found.histories.values + 1e-12
+    return replace(found, histories=replace(found.histories, values=values))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (of_another_name, "keeps no history of sum by name"),
+        (of_another_value, "the history of sum differs where it is named"),
+    ],
+)
+def test_histories_that_are_asked_for_by_name(spoil: Any, message: str) -> None:
+    FAULT_NAMED["it"] = spoil
     with pytest.raises(ContractViolation, match=message):
         check_case_stage("toy", registry=registry())
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
+from hillsphere.uncertainty.matching import matched
 
-__all__ = ["LANES", "CaseBatch", "CaseResults", "Histories"]
+__all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "kept_histories"]
 
 Flags = NDArray[np.bool_]
 
@@ -109,3 +112,28 @@ class CaseResults:
     cause: tuple[str, ...]
     failed: Flags
     histories: Histories | None = None
+
+
+def kept_histories(history: bool | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the histories that a call of ``run_cases`` has to keep.
+
+    Parameters
+    ----------
+    history : bool or sequence of str
+        As ``run_cases`` is given it.
+    names : sequence of str
+        All that the stage can keep.
+
+    Returns
+    -------
+    tuple of str
+        In the order of `names`; all of them if a pattern finds none, so that whoever asks can say
+        what there is.
+    """
+    if isinstance(history, bool):
+        return tuple(names) if history else ()
+    try:
+        found = frozenset(matched(history, names, "the stage", "history"))
+    except InputError:
+        return tuple(names)
+    return tuple(name for name in names if name in found)

@@ -71,7 +71,7 @@ def compute(
         part = batch if len(lanes) == len(cases) else only(batch, lanes)
         try:
             _check_inputs(stage, part)
-            results = stage.run_cases(part, history or bool(bands), **inputs)
+            results = stage.run_cases(part, history or tuple(bands), **inputs)
         except Exception as error:
             if len(lanes) > 1:
                 middle = (len(lanes) + 1) // 2

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
+from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.interfaces import Array, CaseStage, Integers, Parameter
 from hillsphere.plugins import Registry, default_registry, validate
 from hillsphere.testing.contract import require
@@ -100,7 +100,7 @@ class _Kit:
         self.what, self._stage, self._given = what, stage, given
         self._named: tuple[object, object] | None = None
 
-    def run(self, batch: CaseBatch, *, history: bool = False) -> CaseResults:
+    def run(self, batch: CaseBatch, *, history: bool | tuple[str, ...] = False) -> CaseResults:
         """Run a block and check its form."""
         what = self.what
         found: CaseResults = self._stage.run_cases(batch, history=history, **self._given)
@@ -127,7 +127,7 @@ class _Kit:
             not bad.any(), f"{what}: cases {np.flatnonzero(bad)} did not fail and are not finite"
         )
         require(
-            (found.histories is not None) == history,
+            (found.histories is not None) == bool(history),
             f"{what}: histories must be there if they are asked for, and only then",
         )
         if found.histories is not None:
@@ -168,6 +168,23 @@ def _check_bits(
     _require_same(kit, found, renumbered, np.arange(LANES), "under another number")
     told = kit.run(batch, history=True)
     _require_same(kit, found, told, np.arange(LANES), "with histories")
+    if told.histories is not None and told.histories.names:
+        _check_some_histories(kit, batch, told.histories)
+
+
+def _check_some_histories(kit: _Kit, batch: CaseBatch, told: Histories) -> None:
+    """Check that one history asked for by its name is the one among all."""
+    name = told.names[-1]
+    some = kit.run(batch, history=(name,)).histories
+    require(
+        some is not None and name in some.names, f"{kit.what}: keeps no history of {name} by name"
+    )
+    assert some is not None
+    k = min(len(some.time_s), len(told.time_s))
+    one, other = (h.values[h.names.index(name)] for h in (some, told))
+    same = np.array_equal(one[:k], other[:k], equal_nan=True)
+    rest = np.isnan(one[k:]).all() and np.isnan(other[k:]).all()
+    require(same and bool(rest), f"{kit.what}: the history of {name} differs where it is named")
 
 
 def _check_draws(kit: _Kit, batch: CaseBatch) -> None:

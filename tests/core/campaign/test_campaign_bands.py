@@ -16,7 +16,7 @@ from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 from hillsphere.campaign.band_figures import MOST_PANELS, band_figure
 from hillsphere.campaign.bands import Parts, bands_of
 from hillsphere.campaign.block_outcome import BlockOutcome
-from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
+from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories, kept_histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
 from hillsphere.campaign.executors.serial import Serial
@@ -346,3 +346,12 @@ def test_bands_of_a_single_sample(tmp_path: Path) -> None:
     save_product(tmp_path / "bands.npz", one)
     read: Array = load_product(tmp_path / "bands.npz").values
     assert_array_equal(read, one.values)
+
+
+def test_which_histories_a_stage_has_to_keep() -> None:
+    names = ("x", "u.x", "u.y")
+    assert kept_histories(True, names) == names
+    assert kept_histories(False, names) == ()
+    assert kept_histories(("u.*",), names) == ("u.x", "u.y")
+    assert kept_histories(("u.y", "x"), names) == ("x", "u.y")
+    assert kept_histories(("v",), names) == names  # whoever asks tells what there is

@@ -75,7 +75,7 @@ def test_sizes_of_the_errors_kuga_1990() -> None:
     # Table 2: largest biases 0.06-0.07 and 0.17-0.18 deg on passes that begin at 5 deg.
     sensor = antenna(mask_elevation_deg=0)
     x = towards(sensor, [10.0, 10.0], [5.0, 46.8], [2.5e6, 1.0e6])
-    none = np.zeros((5, 2)), np.zeros((6, 2))
+    none = np.zeros((6, 2)), np.zeros((6, 2))
     bias = sensor.measure(x, np.zeros(2), FIXED, *none) - sensor.observe(x, np.zeros(2), FIXED)
     assert_allclose(np.degrees(bias[:, 0]), [0.0625478, 0.1757742], rtol=0.0, atol=1e-7)
     cosine = np.cos(np.radians(46.8))
@@ -140,20 +140,38 @@ def test_never_and_always(probability: float, missing: int) -> None:
 def test_below_the_mask_nothing_is_measured() -> None:
     sensor = antenna(mask_elevation_deg=10)
     x = towards(sensor, [1.0, 1.0], [9.9, 10.1])
-    shown = sensor.measure(x, np.zeros(2), FIXED, np.zeros((5, 2)), np.zeros((6, 2)))
+    shown = sensor.measure(x, np.zeros(2), FIXED, np.zeros((6, 2)), np.zeros((6, 2)))
     assert np.isnan(shown).tolist() == [[True, False], [True, False]]
 
 
 def test_errors_at_the_zenith_give_a_direction_beyond_it() -> None:
     sensor = antenna(**(SILENT | {"elevation_bias_deg": [2, 0, 0]}))
     x = towards(sensor, [30.0, 30.0], [89.0, 90.0])
-    shown = sensor.measure(x, np.zeros(2), FIXED, np.zeros((5, 2)), np.zeros((6, 2)))
+    shown = sensor.measure(x, np.zeros(2), FIXED, np.zeros((6, 2)), np.zeros((6, 2)))
     assert_allclose(np.degrees(shown[:, 0]), [210.0, 89.0], rtol=0.0, atol=1e-9)
     assert_allclose(np.degrees(shown[1, 1]), 88.0, rtol=0.0, atol=1e-9)
     loud = antenna()
-    shown = loud.measure(x, np.zeros(2), FIXED, np.ones((5, 2)), np.ones((6, 2)))
+    shown = loud.measure(x, np.zeros(2), FIXED, np.ones((6, 2)), np.ones((6, 2)))
     assert np.isfinite(shown).all()
     assert (np.abs(shown[1]) <= 0.5 * np.pi).all()
+
+
+def test_a_bias_that_grows_towards_the_horizon() -> None:
+    sensor = antenna(**SILENT, mask_elevation_deg=0, horizon_bias_sigma_deg=0.01)
+    x = towards(sensor, np.full(4, 70.0), [5.0, 26.5650511771, 45.0, 90.0])
+    constant = np.zeros((6, 4))
+    constant[5] = -2.0
+    bias = sensor.bias(x, np.zeros(4), FIXED, constant)
+    cotangent = 1.0 / np.tan(np.radians([5.0, 26.5650511771, 45.0, 90.0]))
+    assert_allclose(np.degrees(bias), [np.zeros(4), -0.02 * cotangent], rtol=0.0, atol=1e-9)
+    shown = sensor.measure(x, np.zeros(4), FIXED, constant, np.zeros((6, 4)))
+    away = shown - sensor.observe(x, np.zeros(4), FIXED)
+    assert_allclose(away[:, :3], bias[:, :3], rtol=0.0, atol=1e-12)
+    # each case has its own
+    held = constants(sensor, 1, "s", np.arange(3000))
+    low = towards(sensor, np.full(3000, 70.0), np.full(3000, 5.0))
+    spread = sensor.bias(low, np.zeros(3000), FIXED, held)[1].std()
+    assert_allclose(np.degrees(spread), 0.01 * cotangent[0], rtol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +189,7 @@ def test_wrong_stations_kuga_1990(
         **dict(zip(names, true, strict=True)),
         **{f"believed_{name}": value for name, value in zip(names, believed, strict=True)},
     )
-    told = sensor.believed_stations(np.zeros((5, 2)))
+    told = sensor.believed_stations(np.zeros((6, 2)))
     assert told[0] is told[1]
     apart = np.linalg.norm(told[0].ecef_m - sensor.station.ecef_m)
     assert_allclose(apart / 1e3, distance_km, rtol=0.0, atol=0.006)

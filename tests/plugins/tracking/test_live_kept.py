@@ -170,7 +170,9 @@ def test_a_log_replays_as_the_pass_did_and_is_scored(
     assert [row[2] for row in table[:2]] == ["least_squares", "(table)"]
     for ours, stored in zip(table[::2], table[1::2], strict=True):
         assert ours[3:5] == stored[3:5]
-        assert float(ours[6][:-1]) < 0.9 * float(stored[6][:-1])  # rms; fresh elements
+        # rms; the elements are fresh, and a minute does not tell biases from them
+        if ours[0] != "60":
+            assert float(ours[6][:-1]) < 0.2 * float(stored[6][:-1])
     assert table[4][3:5] == ["150", "230"]
 
 
@@ -243,7 +245,7 @@ def test_a_memory_ages_until_the_pass(tmp_path: Path) -> None:
     tracker, fresh = begun()
     later = Epoch(RISE.day + 4, RISE.fraction, "UTC")
     state = StationMemory(path, "A", Forgetting(0.003, 0.0), print).begin(tracker, fresh, later)
-    grown = np.diag(state.covariance[3:, 3:, 0]) - np.diag(KNOWN.covariance)[:2]
+    grown = np.diag(state.covariance[3:5, 3:5, 0]) - np.diag(KNOWN.covariance)[:2]
     assert_allclose(np.sqrt(grown), 0.006, rtol=1e-6)  # four days: twice a day's
     assert_allclose(state.covariance[:3, :3], fresh.covariance[:3, :3], rtol=1e-14)
 

@@ -274,8 +274,9 @@ def test_refraction_on_and_off(folder: Path, capsys: pytest.CaptureFixture[str])
         assert low.any()
         missed[given] = miss_deg(found.predicted, true)[low].max()
         assert miss_deg(found.axes, found.predicted)[low].max() < 1e-3  # commands are apparent
-    assert missed["on"] < 0.1
-    assert missed["off"] > missed["on"] + 0.1
+    assert missed["on"] < 0.05
+    # 0.2° to 0.4° of refraction, of which the horizon bias takes the most on itself
+    assert missed["off"] > 2.0 * missed["on"]
 
 
 def test_a_tracker_behind_the_air() -> None:

@@ -66,9 +66,10 @@ def test_errors_are_those_that_the_covariance_says(parameters: Parameters) -> No
     for k in range(60):
         azimuth, elevation = true_angles(truth, 3.0 * k, RISE + 3.0 * k, state.site)
         noise = SIGMA * random.standard_normal((2, cases))
+        lifted = elevation + bias[1] + bias[2] / np.tan(elevation)
         state = tracker.update(
             state, np.array([RISE + 3.0 * k]), azimuth + bias[0] + noise[0],
-            elevation + bias[1] + noise[1], np.array(SIGMA),
+            lifted + noise[1], np.array(SIGMA),
         )  # fmt: skip
         if k not in (0, 9, 59):
             continue
@@ -80,7 +81,8 @@ def test_errors_are_those_that_the_covariance_says(parameters: Parameters) -> No
             off = now - state.elements
             off[3:] = wrapped(off[3:])
             off = off[list(getattr(chart, "rows"))]  # noqa: B009 - of one kind of chart only
-        off = np.concatenate([off, bias - state.biases_rad]).T[:, :, None]
+        biases = np.concatenate([state.biases_rad, state.horizon_rad[None]])
+        off = np.concatenate([off, bias - biases]).T[:, :, None]
         covariance = state.covariance.transpose(2, 0, 1)
         nees = (off * np.linalg.solve(covariance, off)).sum(axis=(1, 2))
         size = tracker.size
@@ -94,7 +96,7 @@ def test_errors_are_those_that_the_covariance_says(parameters: Parameters) -> No
         true_az, true_el = true_angles(truth, later[k] - RISE, later[k], state.site)
         off = np.array(
             [wrapped(azimuth[k] - true_az - bias[0]) * np.cos(true_el),
-             elevation[k] - true_el - bias[1]]
+             elevation[k] - true_el - bias[1] - bias[2] / np.tan(true_el)]
         )  # fmt: skip
         spread = covariance[:, :, k].transpose(2, 0, 1)
         nees = (off.T * np.linalg.solve(spread, off.T[:, :, None])[:, :, 0]).sum(axis=1)
@@ -246,17 +248,97 @@ def test_biases_are_found_and_kept_for_the_next_pass() -> None:
     state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
     sigma = np.sqrt(state.covariance[[3, 4], [3, 4], 0])
     assert (np.abs(state.biases_rad[:, 0] - bias) < 2.0 * sigma).all()
-    assert (sigma < 0.1 * DEGREE).all()
+    # of 0.2° before; a part of the elevation's cannot be told from the horizon bias
+    assert (sigma < np.array([0.05, 0.15]) * DEGREE).all()
 
     fresh = tracker.initial(nominal, np.array([RISE]), (ALCANTARA,), EPOCH)
-    again = tracker.with_biases(fresh, state.biases_rad, state.covariance[3:, 3:, 0])
+    again = tracker.with_biases(fresh, state.biases_rad, state.covariance[3:5, 3:5, 0])
     assert_allclose(again.biases_rad, state.biases_rad, rtol=0)
-    assert_allclose(again.covariance[3:, 3:], state.covariance[3:, 3:], rtol=1e-14)
+    assert_allclose(again.covariance[3:5, 3:5], state.covariance[3:5, 3:5], rtol=1e-14)
+    # all else is as it was, the horizon bias too: it is that of the day
     assert_allclose(again.covariance[:3, 3:], 0.0, atol=0)
-    assert_allclose(again.covariance[:3, :3], fresh.covariance[:3, :3], rtol=0)
+    assert_allclose(again.covariance[5, :5], 0.0, atol=0)
+    others = np.ix_([0, 1, 2, 5], [0, 1, 2, 5])
+    assert_allclose(again.covariance[others], fresh.covariance[others], rtol=0)
     without = LeastSquares(LeastSquaresSpec(angle_biases=False))
     with pytest.raises(InputError, match="angle_biases = true"):
         without.with_biases(fresh, bias, np.eye(2))
+
+
+def test_a_horizon_bias_is_found_and_predicted() -> None:
+    # Clean measurements of a pass from 5° to 16° and down again; the last minute is predicted.
+    truth, times = PAPER[:, None], RISE + np.arange(0.0, 400.0, 2.0)
+    azimuth_bias, elevation_bias, horizon = np.array([0.05, -0.1, 0.03]) * DEGREE
+    site = LeastSquares(LeastSquaresSpec()).initial(truth, np.zeros(1), (ALCANTARA,), EPOCH).site
+    high = np.array([true_angles(truth, t, t, site)[1][0] for t in times])
+    spoil = np.array([azimuth_bias + 0.0 * high, elevation_bias + horizon / np.tan(high)])
+    nominal = propagated(truth, np.array([RISE + 1.0]))
+
+    def tracked(horizon_bias: bool) -> tuple[LeastSquares, LeastSquaresState]:
+        spec = LeastSquaresSpec(horizon_bias=horizon_bias, drift_m=0.0)
+        tracker = LeastSquares(spec)
+        state = tracker.initial(nominal, times[:1], (ALCANTARA,), EPOCH)
+        for k, t in enumerate(times):
+            azimuth, elevation = true_angles(truth, t, t, state.site)
+            state = tracker.update(
+                state, np.array([t]), azimuth + spoil[0, k], elevation + spoil[1, k],
+                np.array(1e-4),
+            )  # fmt: skip
+        return tracker, state
+
+    tracker, state = tracked(True)
+    sigma = np.sqrt(state.covariance[[3, 4, 5], [3, 4, 5], 0])
+    assert (sigma < np.array([0.002, 0.02, 0.001]) * DEGREE).all()  # of 0.2°, 0.2° and 0.01°
+    off = state.biases_rad[:, 0] - [azimuth_bias, elevation_bias]
+    assert (np.abs([*off, state.horizon_rad[0] - horizon]) < 1.5 * sigma).all()
+    later = RISE + np.array([430.0, 450.0, 470.0])
+    true = np.array([true_angles(truth, t, t, state.site)[1][0] for t in later])
+    assert true[-1] < 6.0 * DEGREE
+    errors = []
+    for horizon_bias in (True, False):
+        found = tracked(horizon_bias)
+        low = found[0].predict(found[1], later)[1][:, 0]
+        errors.append(np.abs(low - true - elevation_bias - horizon / np.tan(true)).max())
+    assert errors[0] < 0.02 * DEGREE
+    assert errors[1] > 10.0 * errors[0]
+    # without the biases it is where the satellite is
+    plain = tracker.predict(state, later, biased=False)[1][:, 0]
+    assert_allclose(plain, true, rtol=0, atol=0.03 * DEGREE)
+
+
+def test_the_spread_of_predictions_low_down() -> None:
+    # Estimates drawn from a state's covariance scatter as the prediction says, near the horizon,
+    # where the horizon bias counts most and goes with the elements and the elevation's bias.
+    cases = 4000
+    tracker = LeastSquares(LeastSquaresSpec(drift_m=0.0))
+    truth = PAPER[:, None]
+    nominal = propagated(truth, np.array([RISE]))
+    known = run(tracker, nominal, truth, ALCANTARA, RISE + np.arange(0.0, 200.0, 2.0))
+    root = np.linalg.cholesky(known.covariance[:, :, 0])
+    drawn = root @ np.random.default_rng(5).standard_normal((6, cases))
+    state = tracker.initial(
+        np.repeat(known.elements, cases, axis=1), known.t_s, (ALCANTARA,), EPOCH
+    )
+    elements = state.elements.copy()
+    elements[[0, 3, 5]] += drawn[:3]
+    scattered = replace(
+        state, elements=elements, biases_rad=known.biases_rad + drawn[3:5],
+        horizon_rad=known.horizon_rad + drawn[5],
+    )  # fmt: skip
+    later = RISE + np.array([500.0, 580.0, 640.0])
+    for biased in (True, False):
+        azimuth, elevation, _ = tracker.predict(scattered, later, biased)
+        middle_az, middle_el, covariance = tracker.predict(known, later, biased)
+        assert (middle_el[-1] < 5.0 * DEGREE).all()
+        for k in range(later.size):
+            off = np.array(
+                [wrapped(azimuth[k] - middle_az[k]) * np.cos(middle_el[k]),
+                 elevation[k] - middle_el[k]]
+            )  # fmt: skip
+            spread = np.sqrt(np.diag(covariance[:, :, k, 0]))
+            expected = covariance[:, :, k, 0] / np.outer(spread, spread)
+            found = np.cov(off) / np.outer(spread, spread)
+            assert_allclose(found, expected, rtol=0, atol=0.08)
 
 
 def test_a_time_bias_is_found_where_the_orbit_is_known() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,10 +23,13 @@ from hillsphere_tracking.assisted.specs import SearchSpec
 from hillsphere_tracking.assisted.truth import PassTruth
 from hillsphere_tracking.pointing.reacquisition import time_outside
 
-__all__ = ["ERRORS", "Followed", "Seen", "follow"]
+__all__ = ["ERRORS", "SPREAD", "Followed", "Seen", "follow"]
 
 ERRORS = ("error", "sky_error", "encoder_error")
 """Names of the errors over time, as in the measures ``error_max`` …"""
+
+SPREAD = "spread"
+"""Name of the larger standard deviation on the sky over time."""
 
 _LEAST_SIGMA_RAD = 1e-7
 """Least standard deviation that a tracker is told: of a perfect antenna."""
@@ -58,15 +62,12 @@ class Followed:
     ----------
     measures : list of dict of str to ndarray, length L
         Values (N,) by measure, for each outage.
-    errors : list of ndarray, shape (3, K, N), or None
-        As `ERRORS` names them, over the pass, for each outage.
-    spread : list of ndarray, shape (K, N), or None
-        Larger standard deviation on the sky.
+    over_time : list of dict of str to ndarray, shape (K, N)
+        What was to be kept of `ERRORS` and `SPREAD`, over the pass, for each outage.
     """
 
     measures: list[dict[str, Array]]
-    errors: list[Array] | None
-    spread: list[Array] | None
+    over_time: list[dict[str, Array]]
 
 
 def follow(
@@ -78,7 +79,7 @@ def follow(
     lock_angle_rad: float,
     search: SearchSpec | None,
     *,
-    history: bool,
+    keep: Collection[str] = (),
 ) -> Followed:
     """Give a tracker the measurements up to each outage, and judge what it then predicts.
 
@@ -98,8 +99,8 @@ def follow(
         Error up to which the signal is received.
     search : SearchSpec or None
         Search after the signal's return; None for none.
-    history : bool
-        Whether errors over time are kept.
+    keep : collection of str
+        Which of `ERRORS` and ``"spread"`` are kept over time.
 
     Returns
     -------
@@ -110,28 +111,27 @@ def follow(
     outages = truth.begins.tolist()
     sigma = np.maximum(truth.sigma_rad, _LEAST_SIGMA_RAD)
     state = tracker.initial(elements, truth.t_s[:1], seen.stations, epoch, truth.orientation)
-    before = np.empty((2, 2, outages[-1], cases)) if history else None
-    doubt = np.empty((outages[-1], cases)) if history else None
+    before = {name: np.empty((outages[-1], cases)) for name in keep}
     measures: list[dict[str, Array]] = []
-    errors, spread = [], []
+    over_time: list[dict[str, Array]] = []
     for k in range(outages[-1] + 1):
         for begin in [b for b in outages if b == k]:
-            at = truth.t_s[begin:]
-            found = _predicted(tracker, state, at)
+            found = _predicted(tracker, state, truth.t_s[begin:])
             measures.append(_measured(found, truth, seen, begin, lock_angle_rad, search))
-            if before is not None and doubt is not None:
-                errors.append(_over_time(before[:, :, :begin], found, truth, seen))
-                spread.append(np.concatenate([doubt[:begin], larger_sigma(found.covariance)]))
+            after = _errors(found, truth, seen, slice(begin, None), keep)
+            over_time.append(
+                {name: np.concatenate([before[name][:begin], after[name]]) for name in keep}
+            )
         if k == outages[-1]:
             break
         shown = seen.measured_rad[:, k]
         when = np.full(cases, truth.t_s[k])
         state = tracker.update(state, when, shown[0], shown[1], sigma[:, k : k + 1])
-        if before is not None and doubt is not None:
-            now = _predicted(tracker, state, truth.t_s[k : k + 1])
-            before[:, 0, k], before[:, 1, k] = now.shown[:, 0], now.true[:, 0]
-            doubt[k] = larger_sigma(now.covariance)[0]
-    return Followed(measures, errors if history else None, spread if history else None)
+        if keep:
+            now = _predicted(tracker, state, truth.t_s[k : k + 1], keep)
+            for name, value in _errors(now, truth, seen, slice(k, k + 1), keep).items():
+                before[name][k] = value[0]
+    return Followed(measures, over_time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,10 +143,35 @@ class _Predicted:
     covariance: Array
 
 
-def _predicted(tracker: Tracker[Any], state: Any, times_s: Array) -> _Predicted:
-    azimuth, elevation, covariance = tracker.predict(state, times_s)
-    true = np.array(tracker.predict(state, times_s, biased=False)[:2])
-    return _Predicted(np.array([azimuth, elevation]), true, covariance)
+_OF_THE_TRUE = frozenset({"error", "sky_error"})
+"""Errors of where the satellite will be; the others are of what the antenna will show."""
+
+
+def _predicted(
+    tracker: Tracker[Any], state: Any, times_s: Array, keep: Collection[str] = (*ERRORS, SPREAD)
+) -> _Predicted:
+    """Return what a state predicts, as far as what is kept needs it (the rest stays empty)."""
+    shown = true = covariance = np.empty((2, 0, 0))
+    if not _OF_THE_TRUE.issuperset(keep):
+        azimuth, elevation, covariance = tracker.predict(state, times_s)
+        shown = np.array([azimuth, elevation])
+    if not _OF_THE_TRUE.isdisjoint(keep):
+        true = np.array(tracker.predict(state, times_s, biased=False)[:2])
+    return _Predicted(shown, true, covariance)
+
+
+def _errors(
+    found: _Predicted, truth: PassTruth, seen: Seen, at: slice, keep: Collection[str]
+) -> dict[str, Array]:
+    """Return what is kept (K, N) of predictions for these samples."""
+    true = truth.angles_rad[:, at, None]
+    made: dict[str, Callable[[], Array]] = {
+        "error": lambda: root_sum_square(found.true, true),
+        "sky_error": lambda: arc(found.true, true),
+        "encoder_error": lambda: root_sum_square(found.shown, true + seen.bias_rad[:, at]),
+        SPREAD: lambda: larger_sigma(found.covariance),
+    }
+    return {name: made[name]() for name in keep}
 
 
 def _measured(
@@ -180,19 +205,3 @@ def _measured(
             search, lock_angle_rad, times[back:], off, found.covariance[:, :, back]
         )
     return made
-
-
-def _over_time(before: Array, found: _Predicted, truth: PassTruth, seen: Seen) -> Array:
-    """Return the errors (3, K, N) over the whole pass."""
-    shown, real = (
-        np.concatenate([before[:, k], after], axis=1)
-        for k, after in enumerate((found.shown, found.true))
-    )
-    true = truth.angles_rad[:, :, None]
-    return np.array(
-        [
-            root_sum_square(real, true),
-            arc(real, true),
-            root_sum_square(shown, true + seen.bias_rad),
-        ]
-    )

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
+from hillsphere.campaign.cases import (
+    LANES,
+    CaseBatch,
+    CaseResults,
+    Histories,
+    kept_histories,
+)
 from hillsphere.earth.orientation import doubts
 from hillsphere.earth.planet import Planet
 from hillsphere.earth.specs import PlanetSpec
@@ -16,7 +22,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Parameter, Plant, Tracker
 from hillsphere.presentation import Presentation
 from hillsphere.recording import constants, record
-from hillsphere_tracking.assisted.following import ERRORS, Followed, Seen, follow
+from hillsphere_tracking.assisted.following import ERRORS, SPREAD, Followed, Seen, follow
 from hillsphere_tracking.assisted.measures import MEASURES, MetricName, outage_name
 from hillsphere_tracking.assisted.nominal_orbits import error_inputs, nominal_orbits
 from hillsphere_tracking.assisted.presentation import presented
@@ -110,18 +116,18 @@ class AssistedTrackingStage:
         lanes = np.zeros(LANES, dtype=np.int64)
         filler = np.arange(LANES) > 0
         batch = CaseBatch(lanes, lanes, filler, (), np.zeros((0, LANES)), ctx.seed, _STREAM)
-        block = self._followed(passes, batch, history=True, advance=advance)
+        block = self._followed(passes, batch, self._all_kept(), advance)
         return self._product(passes, block, self._results(passes, block))
 
-    def run_cases(self, batch: CaseBatch, history: bool = False) -> CaseResults:
+    def run_cases(self, batch: CaseBatch, history: bool | Sequence[str] = False) -> CaseResults:
         """Follow a block of cases.
 
         Parameters
         ----------
         batch : CaseBatch
             Inputs by the names of `case_inputs`; all randomness by its draws.
-        history : bool
-            Whether to keep the errors over time.
+        history : bool or sequence of str
+            Whether to keep the errors over time, or names and patterns of those to keep.
 
         Returns
         -------
@@ -140,11 +146,14 @@ class AssistedTrackingStage:
                 f"assisted_tracking has no input {', '.join(unknown)}; it has {', '.join(known)}"
             )
         passes = self._passes(_ignored)
-        block = self._followed(passes, batch, history=history, advance=_ignored)
+        names = kept_histories(history, self._history_names())
+        keep: dict[tuple[str, str], set[str]] = {}
+        for q in map(MetricName.parse, names):
+            assert q is not None
+            keep.setdefault((q.pass_, q.tracker), set()).add(q.measure)
+        block = self._followed(passes, batch, keep, _ignored)
         found = self._results(passes, block)
-        if history:
-            return replace(found, histories=self._histories(passes, block))
-        return found
+        return replace(found, histories=self._histories(passes, block, names)) if history else found
 
     def present(self, product: AssistedTracking) -> Presentation:
         """Show the passes, the case and what is published of them."""
@@ -159,10 +168,10 @@ class AssistedTrackingStage:
         self,
         passes: Sequence[PassTruth],
         batch: CaseBatch,
-        *,
-        history: bool,
+        keep: Mapping[tuple[str, str], Collection[str]],
         advance: Callable[[int], None],
     ) -> _Block:
+        """Follow all cases; `keep` names what is kept over time of a pass and a tracker."""
         spec = self.spec
         block = _Block([], [])
         for truth in passes:
@@ -171,14 +180,15 @@ class AssistedTrackingStage:
                 spec.nominal_error, batch, truth.name, truth.start_teme, self.field
             )
             row = []
-            for tracker in self.trackers.values():
+            for name, tracker in self.trackers.items():
                 as_they_are = spec.osculating_as_mean and not tracker.short_period
                 elements = nominal.osculating if as_they_are else nominal.mean
                 # what diverges is found by its result
                 with np.errstate(all="ignore"):
                     row.append(
                         follow(tracker, truth, seen, elements, self.orbit.epoch,
-                               spec.lock_angle_rad, spec.search, history=history)
+                               spec.lock_angle_rad, spec.search,
+                               keep=sorted(keep.get((truth.name, name), ())))
                     )  # fmt: skip
                 advance(1)
             block.seen.append(seen)
@@ -235,21 +245,32 @@ class AssistedTrackingStage:
             for k, outage_s in enumerate(p.outages_s)
         ]
 
-    def _histories(self, passes: Sequence[PassTruth], block: _Block) -> Histories:
+    def _all_kept(self) -> dict[tuple[str, str], Collection[str]]:
+        return {(p.name, t): (*ERRORS, SPREAD) for p in self.spec.passes for t in self.trackers}
+
+    def _history_names(self) -> tuple[str, ...]:
+        return tuple(
+            str(MetricName(self.spec.passes[i].name, outage_name(outage_s), tracker, quantity))
+            for i, _, outage_s in self._outages()
+            for tracker in self.trackers
+            for quantity in ERRORS
+        )
+
+    def _histories(
+        self, passes: Sequence[PassTruth], block: _Block, names: Sequence[str]
+    ) -> Histories:
         count, cases = max(q.t_s.size for q in passes), block.seen[0].measured_rad.shape[2]
-        outages = self._outages()
-        quantities = len(outages) * len(self.trackers) * len(ERRORS)
-        values = np.full((quantities, count, cases), np.nan)
-        names: list[str] = []
-        for i, k, outage_s in outages:
-            for tracker, followed in zip(self.trackers, block.followed[i], strict=True):
-                assert followed.errors is not None
-                for quantity, errors in zip(ERRORS, followed.errors[k], strict=True):
-                    values[len(names), : errors.shape[0]] = errors
-                    name = MetricName(passes[i].name, outage_name(outage_s), tracker, quantity)
-                    names.append(str(name))
+        values = np.full((len(names), count, cases), np.nan)
+        there = {
+            str(MetricName(passes[i].name, outage_name(outage_s), tracker, quantity)): errors
+            for i, k, outage_s in self._outages()
+            for tracker, followed in zip(self.trackers, block.followed[i], strict=True)
+            for quantity, errors in followed.over_time[k].items()
+        }
+        for row, name in zip(values, names, strict=True):
+            row[: there[name].shape[0]] = there[name]
         times = np.repeat(np.arange(count)[:, None] * self.spec.period_s, cases, axis=1)
-        return Histories(times, tuple(names), ("rad",) * quantities, values)
+        return Histories(times, tuple(names), ("rad",) * len(names), values)
 
     def _product(
         self, passes: Sequence[PassTruth], block: _Block, results: CaseResults
@@ -270,10 +291,10 @@ class AssistedTrackingStage:
         def per_pass(parts: Sequence[Array]) -> Array:
             return np.asarray(filled(parts).swapaxes(-1, -2))
 
-        def over_time(of: Callable[[Followed, int], Array]) -> Array:
+        def over_time(quantity: str) -> Array:
             return np.array(
                 [
-                    filled([of(rows[i][t], k) for i, k, _ in outages])
+                    filled([rows[i][t].over_time[k][quantity][:, 0] for i, k, _ in outages])
                     for t in range(len(self.trackers))
                 ]
             )
@@ -303,21 +324,16 @@ class AssistedTrackingStage:
             outage_pass=np.array([i for i, _, _ in outages], dtype=np.int64),
             outage_s=np.array([s for _, _, s in outages]),
             outage_names=tuple(outage_name(s) for _, _, s in outages),
-            error_rad=over_time(lambda f, k: _kept(f.errors)[k][0, :, 0]),
-            sky_error_rad=over_time(lambda f, k: _kept(f.errors)[k][1, :, 0]),
-            encoder_error_rad=over_time(lambda f, k: _kept(f.errors)[k][2, :, 0]),
-            spread_rad=over_time(lambda f, k: _kept(f.spread)[k][:, 0]),
+            error_rad=over_time("error"),
+            sky_error_rad=over_time("sky_error"),
+            encoder_error_rad=over_time("encoder_error"),
+            spread_rad=over_time(SPREAD),
             metrics=results.metrics,
             units=results.units,
             values=results.values[:, 0],
             lock_angle_rad=self.spec.lock_angle_rad,
             warnings=doubts(self.orientation, self.orbit.epoch, span),
         )
-
-
-def _kept(history: list[Array] | None) -> list[Array]:
-    assert history is not None
-    return history
 
 
 def _ignored(count: int) -> None:

@@ -11,9 +11,10 @@ direction and the station's position R, Earth-fixed,
     Ω &= θ_g + \mathrm{atan2}(s_y, s_x) - \mathrm{atan2}(\cos i \sin u, \cos u), \\
     f &= u - ω, \quad r = a (1 - e \cos E(f)).
 
-Where the satellite's latitude is near its extremes the node is told badly from the anomaly, and on
-a nearly equatorial orbit not at all: the sine is cut to ±1 and the means stay finite, but
-`least_squares` is the tracker for such orbits.
+Where the satellite's latitude is near its extremes the node is told badly from the anomaly; the
+sine is cut to ±1 and the means stay finite. On an orbit less than 2° from the equator u gives way
+to the one predicted, evenly with sin i, and from 0.2° on only the node is updated: it takes the
+error along the track on itself. `least_squares` is the tracker for such orbits.
 
 References
 ----------
@@ -57,6 +58,8 @@ __all__ = ["Average", "AverageState", "Circular"]
 
 _RATE = ROTATION_RATES_RAD_S["teme"]
 _MAX_ITERATIONS = 60
+_FLAT, _TILTED = 3.5e-3, 3.5e-2
+"""sin i below which the latitude tells nothing of u, and above which all: 0.2° and 2°."""
 _PAIRS = np.array([[0, 0, 1], [0, 1, 1]])
 
 
@@ -246,10 +249,15 @@ def _compiled(field: ZonalField) -> tuple[ArrayFunction, ArrayFunction]:
     reach = sy.maximum(r * r - sy.dot(base, base) + b * b, 1.0)
     distance = sy.sqrt(reach) - b
     x, y, z = (p + distance * q for p, q in zip(base, c, strict=True))
-    sine = z / (r * sy.maximum(sy.sin(i), 1e-12))
+    tilt = sy.sin(i)
+    sine = z / (r * sy.maximum(tilt, 1e-12))
     rising = sy.asin(sy.minimum(sy.maximum(sine, -1.0 + 1e-12), 1.0 - 1e-12))
-    predicted = sy.cos(perigee + _true(mean, e))
-    u = sy.select(sy.less(predicted, 0.0), sy.pi - rising, rising)
+    predicted = perigee + _true(mean, e)
+    told = sy.select(sy.less(sy.cos(predicted), 0.0), sy.pi - rising, rising)
+    away = told - predicted
+    trust = sy.maximum((tilt - _FLAT) / (_TILTED - _FLAT), 0.0)
+    held = predicted + trust * sy.atan2(sy.sin(away), sy.cos(away))
+    u = sy.select(sy.less(tilt, _TILTED), held, told)
     node = angle + sy.atan2(y, x) - sy.atan2(sy.cos(i) * sy.sin(u), sy.cos(u))
     f = u - perigee
     eta = sy.sqrt(1.0 - e * e)

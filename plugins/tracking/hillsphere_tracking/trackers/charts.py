@@ -43,7 +43,7 @@ class Chart(Protocol):
         ...
 
     def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
-        """Return derivatives (N, k, n + len(others)) by the coordinates, then some others.
+        """Return derivatives (k, n + len(others), N) by the coordinates, then some others.
 
         Of those (k, ≥ 6, N) by the elements, and by others that stand behind them.
         """
@@ -56,7 +56,7 @@ class Chart(Protocol):
     def carry(
         self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array
     ) -> None:
-        """Carry the covariance (N, m, m) of n coordinates and m − n constants, in place.
+        """Carry the covariance (m, m, N) of n coordinates and m − n constants, in place.
 
         From one time to another, by mean elements (6, N) of both and the slopes (3, 3, N) of the
         later Ω, ω, M by a, e, i.
@@ -100,8 +100,8 @@ class Selected:
         return np.broadcast_to(self._unit, (elements.shape[1], 6, self.count))
 
     def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
-        """Return derivatives (N, k, n + len(others))."""
-        return by.take([*self.rows, *others], axis=1).transpose(2, 0, 1)
+        """Return derivatives (k, n + len(others), N)."""
+        return by.take([*self.rows, *others], axis=1)
 
     def moved(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements after a step."""
@@ -112,12 +112,12 @@ class Selected:
     def carry(
         self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array
     ) -> None:
-        """Carry the covariance (N, m, m) in place."""
+        """Carry the covariance (m, m, N) in place."""
         if self.rows[0] == 0:
-            turned = slopes[self._turning, 0].T
+            turned = slopes[self._turning, 0]
             n = self.count
-            covariance[:, 1:n] += turned[:, :, None] * covariance[:, :1]
-            covariance[:, :, 1:n] += covariance[:, :, :1] * turned[:, None]
+            covariance[1:n] += turned[:, None] * covariance[:1]
+            covariance[:, 1:n] += covariance[:, :1] * turned
 
     def prior(self, elements: Array, sigmas: Array, sense: Array) -> Array:
         """Return the covariance (N, n, n)."""
@@ -162,10 +162,9 @@ class Equinoctials:
         return made
 
     def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
-        """Return derivatives (N, k, 6 + len(others))."""
-        by = by.transpose(2, 0, 1)
-        own = by[:, :, :6] @ self.columns(elements, sense)
-        return np.concatenate([own, by[:, :, list(others)]], axis=2)
+        """Return derivatives (k, 6 + len(others), N)."""
+        own = by[:, :6].transpose(2, 0, 1) @ self.columns(elements, sense)
+        return np.concatenate([own.transpose(1, 2, 0), by.take(others, axis=1)], axis=1)
 
     def moved(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements after a step; e is kept below 0.98, a above a third."""
@@ -178,13 +177,15 @@ class Equinoctials:
     def carry(
         self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array
     ) -> None:
-        """Carry the covariance (N, m, m) in place."""
+        """Carry the covariance (m, m, N) in place."""
         by_elements = np.zeros((before.shape[1], 6, 6))
         by_elements[:] = np.eye(6)
         by_elements[:, 3:, :3] = slopes.transpose(2, 0, 1)
         transition = self._by_elements(after, sense) @ by_elements @ self.columns(before, sense)
-        covariance[:, :6] = transition @ covariance[:, :6]
-        covariance[:, :, :6] = covariance[:, :, :6] @ transition.transpose(0, 2, 1)
+        inward = covariance.transpose(2, 0, 1).copy()
+        inward[:, :6] = transition @ inward[:, :6]
+        inward[:, :, :6] = inward[:, :, :6] @ transition.transpose(0, 2, 1)
+        covariance[:] = inward.transpose(1, 2, 0)
 
     def prior(self, elements: Array, sigmas: Array, sense: Array) -> Array:
         """Return the covariance (N, 6, 6).

@@ -40,7 +40,7 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.mean_elements import sense_of
 from hillsphere_tracking.trackers.charts import Chart, Equinoctials, Selected
-from hillsphere_tracking.trackers.correction import Correction, chosen, corrected, posterior
+from hillsphere_tracking.trackers.correction import Correction, chosen, corrected
 from hillsphere_tracking.trackers.observation import carried, compared
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
@@ -125,7 +125,6 @@ class LeastSquares:
         """Rows of the covariance of the biases that last beyond a pass."""
         self._horizon = self.kept.stop if spec.horizon_bias else None
         self.size = self.kept.stop + spec.horizon_bias
-        self._unit = np.eye(self.size)
         # rows of the derivatives of what is measured that are not by elements
         self._others = [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
         # where both angle biases and the horizon bias stand in the covariance; −1: nowhere
@@ -258,7 +257,7 @@ class LeastSquares:
 
         before, prior, first = met
         last = first
-        step = first.step if every else np.where(good[:, None], first.step, 0.0)
+        step = first.step if every else np.where(good, first.step, 0.0)
         shift = first.shift if every else np.where(good, first.shift, 0.0)
         at = self._moved(before, step, state.sense)
         for _ in range(self.spec.relinearisations):
@@ -272,15 +271,13 @@ class LeastSquares:
             )  # fmt: skip
             again = self._correction(at, seen, prior, noise, state.sense, (step, first.weight))
             last = chosen(moving, again, last)
-            step = np.where(moving[:, None], again.step, step)
+            step = np.where(moving, again.step, step)
             shift = np.where(moving, again.shift, 0.0)
             at = self._moved(before, step, state.sense)
-        covariance = posterior(prior, last, self._unit)
-        if not every:
-            covariance = np.where(good[:, None, None], covariance, prior)
+        covariance = last.covariance if every else np.where(good, last.covariance, prior)
         return LeastSquaresState(
             state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
-            covariance.transpose(1, 2, 0), state.sense, outliers, agreed, restarts,
+            covariance, state.sense, outliers, agreed, restarts,
             state.beginning or state,
         )  # fmt: skip
 
@@ -313,12 +310,13 @@ class LeastSquares:
             np.array([*shown, *state.biases_rad, state.horizon_rad]), self._field,
             short_period=self.short_period,
         )  # fmt: skip
-        prior = state.covariance.transpose(2, 0, 1).copy()
+        prior = state.covariance.copy()
         if self.spec.drift_m > 0.0:
             # the walk before the interval: what it does to the rates of Ω, ω, M then counts
-            diagonal = prior.reshape(t_s.size, -1)[:, :: self.size + 1]
-            walk = self._chart.walk(state.elements, self.spec.drift_m)
-            diagonal[:, : self._chart.count] += walk * np.abs(dt)[:, None]
+            diagonal = prior.reshape(-1, t_s.size)[
+                : self._chart.count * (self.size + 1) : self.size + 1
+            ]
+            diagonal += self._chart.walk(state.elements, self.spec.drift_m).T * np.abs(dt)
         self._chart.carry(prior, state.elements, after, slopes, state.sense)
         at = _Point(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
         return _Met(at, prior, self._correction(at, seen, prior, noise, state.sense, None))
@@ -334,18 +332,18 @@ class LeastSquares:
     ) -> tuple[NDArray[np.bool_], _Met]:
         """Return in which cases the orbit begins anew with this measurement, and what holds then.
 
-        Those in which nothing speaks for what was measured before, and the nominal orbit allows
-        the new measurement.
+        Those in which nothing speaks for what was measured before, and the new measurement is less
+        of an outlier to the nominal orbit.
         """
         doubtful = outlying & (state.agreed <= 0.0) & (state.restarts < _MOST_RESTARTS)
         if state.beginning is None or not doubtful.any():
             return np.zeros_like(doubtful), met
         other = self._met(state.beginning, t_s, shown, noise)
-        anew = doubtful & (other.correction.weight <= 1.0)
+        anew = doubtful & (other.correction.weight < met.correction.weight)
         if not anew.any():
             return anew, met
         point = _Point(*(np.where(anew, a, b) for a, b in zip(other.at, met.at, strict=True)))
-        prior = np.where(anew[:, None, None], other.prior, met.prior)
+        prior = np.where(anew, other.prior, met.prior)
         return anew, _Met(point, prior, chosen(anew, other.correction, met.correction))
 
     def _correction(
@@ -360,21 +358,20 @@ class LeastSquares:
         """Return the step from the state before the measurement, linearised where it was `seen`."""
         off, level2, by = seen
         slopes = self._chart.sliced(by, self._others, at.elements, sense)
-        variances = noise.T.copy()
-        variances[:, 0] *= level2
-        variances += _LEAST_SIGMA**2
+        variances = noise + _LEAST_SIGMA**2
+        variances[0] = noise[0] * level2 + _LEAST_SIGMA**2
         return corrected(prior, slopes, off, variances, self.spec.gate, known)
 
     def _moved(self, before: _Point, step: Array, sense: Array) -> _Point:
-        """Return what is estimated after a step (N, m)."""
-        elements = self._chart.moved(before.elements, step[:, : self._chart.count].T, sense)
+        """Return what is estimated after a step (m, N)."""
+        elements = self._chart.moved(before.elements, step[: self._chart.count], sense)
         biases, clock, horizon = before.biases, before.clock, before.horizon
         if self._biases is not None:
-            biases = biases + step[:, self._biases].T
+            biases = biases + step[self._biases]
         if self._clock is not None:
-            clock = clock + step[:, self._clock]
+            clock = clock + step[self._clock]
         if self._horizon is not None:
-            horizon = horizon + step[:, self._horizon]
+            horizon = horizon + step[self._horizon]
         return _Point(elements, biases, clock, horizon)
 
 
@@ -388,7 +385,7 @@ class _Point(NamedTuple):
 
 
 class _Met(NamedTuple):
-    """What is known at a measurement's time before it, with P (N, m, m), and its correction."""
+    """What is known at a measurement's time before it, with P (m, m, N), and its correction."""
 
     at: _Point
     prior: Array
