@@ -332,7 +332,9 @@ def figures() -> dict[str, float]:
         "average_difference_from_plain_rad": max(abs(wrapped(q)) for q in off),
     }
     seen = measured(short_period=False)
-    spec = LeastSquaresSpec(short_period=False, drift_m=0.0, gate=100.0, relinearisations=0)
+    spec = LeastSquaresSpec(
+        horizon_bias=False, short_period=False, drift_m=0.0, gate=100.0, relinearisations=0
+    )
     plain = np.inf
     for _ in range(3):
         filter_ = PlainFilter(spec)

@@ -205,6 +205,42 @@ def test_outliers_cost_little() -> None:
     assert naive > 3.0 * robust
 
 
+def test_an_orbit_that_only_an_outlier_speaks_for_is_given_up() -> None:
+    random, times = np.random.default_rng(4), RISE + np.arange(0.0, 60.0, 2.0)
+    truth, nominal = PAPER[:, None], propagated(PAPER[:, None], np.array([RISE + 3.0]))
+    noise = SIGMA * random.standard_normal((2, times.size))
+    spoilt = noise.copy()
+    spoilt[0, 0] += 4.0 * DEGREE
+    tracker = LeastSquares(LeastSquaresSpec())
+    state = run(tracker, nominal, truth, ALCANTARA, times, spoilt)
+    assert state.restarts[0] == 1.0
+    assert state.outliers[0] == 1.0
+    # as if it had begun with the second measurement
+    without = spoilt.copy()
+    without[:, 0] = np.nan
+    clean = run(tracker, nominal, truth, ALCANTARA, times, without)
+    assert_allclose(state.elements, clean.elements, rtol=1e-12)
+    assert_allclose(state.covariance, clean.covariance, rtol=1e-9)
+    # an orbit that many measurements agree on is not given up for a few that do not
+    spoilt = noise.copy()
+    spoilt[:, 15:19] += 4.0 * DEGREE
+    state = run(tracker, nominal, truth, ALCANTARA, times, spoilt)
+    assert (state.restarts[0], state.outliers[0]) == (0.0, 4.0)
+
+
+def test_restarts_end_where_all_is_an_outlier() -> None:
+    random, times = np.random.default_rng(4), RISE + np.arange(0.0, 200.0, 2.0)
+    spoil = 30.0 * SIGMA * random.standard_normal((2, times.size))
+    tracker, truth = LeastSquares(LeastSquaresSpec()), PAPER[:, None]
+    nominal = propagated(truth, np.array([RISE]))
+    state = run(tracker, nominal, truth, ALCANTARA, times, spoil)
+    assert state.restarts[0] == 5.0
+    assert state.outliers[0] > 60.0
+    azimuth, elevation, _ = tracker.predict(state, times[-1:])
+    az, el = true_angles(truth, times[-1], times[-1], state.site)
+    assert np.hypot(wrapped(azimuth[0] - az) * np.cos(el), elevation[0] - el)[0] < 3.0 * DEGREE
+
+
 def below(elements: Array, offset_rad: float = 0.0) -> Station:
     """Return the station below the satellite at t = 0, moved in latitude."""
     x = states(elements[:, None], np.zeros(1))

@@ -1,8 +1,9 @@
 r"""Recursive least squares on mean elements, with biases: an extended Kalman filter.
 
 The state is some of the mean elements (at the time of the last measurement), the biases of azimuth
-and elevation, and a bias of the time tags. Between measurements the elements move by their secular
-rates; what is seen of them contains, if asked, the short-period terms.
+and elevation, a bias of the time tags, and the horizon bias: a part of the elevation's bias that
+goes with cot h. Between measurements the elements move by their secular rates; what is seen of them
+contains, if asked, the short-period terms.
 
 A measurement is compared on the sky: with the unit vectors a, b of rising azimuth and elevation at
 the direction measured, freed of the biases, and the direction u(x) expected,
@@ -10,17 +11,17 @@ the direction measured, freed of the biases, and the direction u(x) expected,
 .. math::
 
     ν = -\begin{pmatrix} a·u \\ b·u \end{pmatrix}, \quad
-    H = \begin{pmatrix} a·\partial u & \cos h & 0 \\ b·\partial u & 0 & 1 \end{pmatrix}, \quad
+    H = \begin{pmatrix} a·\partial u & \cos h & 0 & a·\dot u & 0 \\
+                       b·\partial u & 0 & 1 & b·\dot u & \cot h \end{pmatrix}, \quad
     R = \mathrm{diag}(σ_A^2 \cos^2 h, σ_h^2),
 
-so that nothing is singular at the zenith. The covariance is updated in Joseph's form [1]_; a
-measurement that moves the state far is linearised again where it leads [2]_.
+so that nothing is singular at the zenith. `correction` says how it is taken; one that moves the
+state far is linearised again where it leads [1]_. An orbit that outliers contradict until nothing
+speaks for it any more, as when it began with one, is given up for the nominal one.
 
 References
 ----------
-.. [1] Bierman, G. J. (1977), Factorization Methods for Discrete Sequential Estimation, Academic
-   Press, section II.6.
-.. [2] Bell, B. M., Cathey, F. W. (1993), The iterated Kalman filter update as a Gauss-Newton
+.. [1] Bell, B. M., Cathey, F. W. (1993), The iterated Kalman filter update as a Gauss-Newton
    method, IEEE Trans. Automatic Control 38, 294-297.
 """
 
@@ -247,9 +248,9 @@ class LeastSquares:
         met = self._met(state, t_s, shown, noise)
         outlying = (met.correction.weight > 1.0) & good
         outliers, restarts = state.outliers + outlying, state.restarts
-        agreed = np.minimum(state.agreed + np.where(outlying, -1.0, good), _MOST_AGREED)
+        agreed = np.minimum(state.agreed + good, _MOST_AGREED)
         if outlying.any():
-            agreed = np.maximum(agreed, -1.0)
+            agreed = np.where(outlying, np.maximum(state.agreed - 1.0, -1.0), agreed)
             anew, met = self._anew(state, outlying, met, t_s, shown, noise)
             agreed = np.where(anew, 0.0, agreed)
             outliers = np.where(anew, state.count, outliers)
@@ -277,8 +278,7 @@ class LeastSquares:
         covariance = last.covariance if every else np.where(good, last.covariance, prior)
         return LeastSquaresState(
             state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
-            covariance, state.sense, outliers, agreed, restarts,
-            state.beginning or state,
+            covariance, state.sense, outliers, agreed, restarts, state.beginning or state,
         )  # fmt: skip
 
     def predict(
@@ -313,10 +313,9 @@ class LeastSquares:
         prior = state.covariance.copy()
         if self.spec.drift_m > 0.0:
             # the walk before the interval: what it does to the rates of Ω, ω, M then counts
-            diagonal = prior.reshape(-1, t_s.size)[
-                : self._chart.count * (self.size + 1) : self.size + 1
-            ]
-            diagonal += self._chart.walk(state.elements, self.spec.drift_m).T * np.abs(dt)
+            diagonal = prior.reshape(-1, t_s.size)[:: self.size + 1]
+            walk = self._chart.walk(state.elements, self.spec.drift_m)
+            diagonal[: self._chart.count] += walk.T * np.abs(dt)
         self._chart.carry(prior, state.elements, after, slopes, state.sense)
         at = _Point(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
         return _Met(at, prior, self._correction(at, seen, prior, noise, state.sense, None))
