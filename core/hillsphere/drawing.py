@@ -84,7 +84,8 @@ def draw(figure: Figure) -> Drawing:
         figure.draw(made)
         # Laid out and measured once for both files: that takes as long as drawing them.
         made.set_dpi(settings["savefig.dpi"])
-        made.draw_without_rendering()
+        for _ in range(2):  # axes of fixed proportions find their places at the second time
+            made.draw_without_rendering()
         made.set_layout_engine("none")
         # Whatever a figure puts outside its axes is in the picture: no label is ever cut off.
         whole = made.get_tightbbox().padded(_MARGIN_IN)

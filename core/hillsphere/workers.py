@@ -28,9 +28,9 @@ __all__ = ["Divisible", "Workers"]
 TRIES = 3
 """How often a piece may lose its worker, for which another piece or user may be to blame."""
 
-HERE_S = 2.0
-"""What the run's own process does before it starts others, which takes a few seconds: what is done
-within this time is not worth them."""
+HERE_S = 1.0
+"""How long the run's own process works before it starts others, which takes about as long: what is
+done within this time is not worth them."""
 
 T = TypeVar("T")
 R = TypeVar("R")

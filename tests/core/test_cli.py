@@ -361,6 +361,36 @@ def unblocked() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_no_worker_behind(
+    hillsphere: Runner, mission: Path, number: signal.Signals
+) -> None:
+    process = hillsphere.start(
+        "run", mission, "--set", "stage.step.lasts_s=0.2", "--set", "stage.step.parts=1000",
+        "--workers", "2", "--out", "out", preexec_fn=unblocked,
+    )  # fmt: skip
+    log = hillsphere.directory / "out" / "log.txt"
+    workers: set[int] = set()
+    try:
+        deadline = time.monotonic() + 60
+        while len(workers) < 2:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+            text = log.read_text("utf-8") if log.exists() else ""
+            workers = {int(name) for name in re.findall(r"process (\d+)\n", text)} - {process.pid}
+        process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, stdout) == (130, "")
+    assert stderr.startswith("interrupted")
+    assert stderr.count("\n") == 1
+    for worker in workers:
+        with pytest.raises(ProcessLookupError):
+            os.kill(worker, 0)
+
+
 @pytest.mark.parametrize(
     ("number", "message"),
     [

@@ -37,12 +37,17 @@ Workers = Annotated[
     typer.Option(
         metavar="N",
         min=0,
-        help="Processes for campaigns; 0: none but this one. By default one per processor.",
+        help="Processes for campaigns and other stages that divide their work; 0: none but this "
+        "one. By default one per processor.",
     ),
 ]
 ExecutorType = Annotated[
     str | None,
-    typer.Option("--executor", metavar="TYPE", help="Where campaigns run: serial, pool, dask …"),
+    typer.Option(
+        "--executor",
+        metavar="TYPE",
+        help="Where campaigns and other stages that divide their work do it: serial, pool, dask …",
+    ),
 ]
 Scheduler = Annotated[
     str | None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -27,7 +28,8 @@ class StepSpec(StageSpec):
     examples = ({},)
 
     fails: Literal["", "plainly", "strangely"] = option("how it fails", default="")
-    lasts_s: float = quantity("time", "how long it takes", default=0.0, ge=0)
+    lasts_s: float = quantity("time", "how long it takes, or each part", default=0.0, ge=0)
+    parts: int = option("parts that workers do", default=0, ge=0)
     shows_s: float = quantity("time", "how long showing it takes", default=0.0, ge=0)
 
 
@@ -36,6 +38,20 @@ class Done:
     """That it was done."""
 
     value: float
+
+
+@dataclass(frozen=True)
+class Resting:
+    """Work of which every piece is a rest; tells by which process."""
+
+    def prepare(self) -> Callable[[float], int]:
+        """Return the function that rests."""
+
+        def rest(duration_s: float) -> int:
+            time.sleep(duration_s)
+            return os.getpid()
+
+        return rest
 
 
 class Step:
@@ -49,12 +65,22 @@ class Step:
         """Do as the Spec says."""
         ctx.info("under way")
         self.info = ctx.info
-        time.sleep(self.spec.lasts_s)
+        if self.spec.parts:
+            self._divided(ctx)
+        else:
+            time.sleep(self.spec.lasts_s)
         if self.spec.fails == "plainly":
             raise StageError("the tank is empty")
         if self.spec.fails == "strangely":
             raise ZeroDivisionError("never mind")
         return Done(1.0 / 3.0)
+
+    def _divided(self, ctx: Context) -> None:
+        from hillsphere.workers import Workers
+
+        with Workers(ctx, Resting()) as workers:
+            for process in workers.map([self.spec.lasts_s] * self.spec.parts):
+                ctx.info(f"process {process}")
 
     def present(self, product: Done) -> Presentation:
         """Show the number."""

@@ -236,9 +236,10 @@ def test_the_stable_manifold_without_a_mirror(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Departure legs flown backwards along the stable manifold are those of the mirror."""
-    monkeypatch.setattr(
-        "hillsphere_orbits.transfers.manifold_stage._mirror", lambda flow, targets: None
-    )
+    for module in ("manifold_stage", "manifold_orbit"):
+        monkeypatch.setattr(
+            f"hillsphere_orbits.transfers.{module}.mirror_of", lambda flow, targets: None
+        )
     found = run(plant, family, orbits, members=["1:17, 70 km"], leg_limit_d=4.7)
     assert not found.mirrored
     np.testing.assert_allclose(found.leg_dv_m_s, low.leg_dv_m_s, rtol=0, atol=1e-4)

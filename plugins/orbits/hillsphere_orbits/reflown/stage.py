@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet, Trajectories
 from hillsphere_orbits.fidelity.rung import described, named_rungs
+from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.reflown.plans import Plan, Stays, plans_of
 from hillsphere_orbits.reflown.presentation import present_reflown
 from hillsphere_orbits.reflown.products import TransfersReflown
@@ -67,11 +69,17 @@ class TransfersReflownStage:
         """
         spec = self.spec
         first, anomaly = self.plants[0], spec.start_true_anomaly_rad
+        # compiled outside the interpreter's lock, while the plans are made
+        with ThreadPoolExecutor() as threads:
+            flows = [threads.submit(flow_of, plant) for plant in self.plants]
+            flows[0].result()
+            stays = Stays(first, members_of(*orbits) if orbits else None)
+            plans = self._chosen(
+                [plans_of(first, one.flights, stays, spec.revolutions) for one in flights]
+            )
+            for flow in flows:
+                flow.result()
         refliers = [Reflier(plant, first, anomaly) for plant in self.plants]
-        stays = Stays(first, members_of(*orbits) if orbits else None)
-        plans = self._chosen(
-            [plans_of(first, one.flights, stays, spec.revolutions) for one in flights]
-        )
         names = named_rungs([ref.name for ref in spec.rungs], self.plants)
         advance = ctx.track("transfers reflown", len(plans) * len(refliers))
         found: list[list[Reflight]] = []

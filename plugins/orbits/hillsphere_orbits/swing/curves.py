@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.swing.products import SwingFamilies
 
-__all__ = ["AXES", "Swing", "at_positions", "swing_problem"]
+__all__ = ["AXES", "Known", "Swing", "at_positions", "swing_problem"]
 
 AXES = {"x": "xz", "y": "yz"}
 """Axis that an orbit crosses perpendicularly → the mirror plane that this keeps."""
@@ -76,6 +76,22 @@ def at_positions(problem: Shooting, branch: Branch, u: Array) -> Array:
     return branch.near(u, z, what, names)
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What `Swing` has worked out of a family of N orbits, for another one to take up.
+
+    Parameters
+    ----------
+    steps : int
+        Sub-steps to rounding.
+    tangent : ndarray, shape (m, N)
+        Unit tangents of its chain.
+    """
+
+    steps: int
+    tangent: Array
+
+
 class Swing:
     """Families of a product with the equations that their orbits solve.
 
@@ -103,8 +119,8 @@ class Swing:
                 f"the families' orbits are given in the frame {product.curve.frame}, the plant's "
                 f"equations in {self.flow.system.frame}; give the plant of the families"
             )
-        self.problem = cache(self._problem)
-        self.branch = cache(self._branch)
+        self._problems: dict[int, Shooting] = {}
+        self._branches: dict[int, Branch] = {}
 
     @property
     def families(self) -> range:
@@ -116,10 +132,46 @@ class Swing:
         own = self.product.curve_family == family
         return curve.x0[:, own] / system.unit[:, None], curve.period_s[own] / system.time_unit_s
 
-    def _problem(self, family: int) -> Shooting:
+    def problem(self, family: int) -> Shooting:
         """Return the equations of a family's orbits, with sub-steps to rounding."""
+        if family not in self._problems:
+            self._problems[family] = self._tried(family)
+        return self._problems[family]
+
+    def branch(self, family: int) -> Branch:
+        """Return the chain of a family's orbits, from where it branches off."""
+        if family not in self._branches:
+            problem = self.problem(family)
+            z = problem.unknowns_at(*self._start(family))
+            self._branches[family] = self._chain(
+                family, z, tangents(problem, z, np.gradient(z, axis=1))
+            )
+        return self._branches[family]
+
+    def known(self, family: int) -> Known:
+        """Return what it takes long to work out of a family."""
+        return Known(self.problem(family).steps, self.branch(family).tangent)
+
+    def learn(self, family: int, known: Known) -> None:
+        """Take up what another one has worked out of a family."""
+        if family in self._branches:
+            return
+        problem = self._equations(family).with_steps(known.steps)
+        self._problems[family] = problem
+        z = problem.unknowns_at(*self._start(family))
+        self._branches[family] = self._chain(family, z, known.tangent)
+
+    def _equations(self, family: int) -> Shooting:
         mirror = self.product.symmetry[family] != "none"
-        problem = swing_problem(self.flow, self.product.axis[family], mirror=mirror)
+        return swing_problem(self.flow, self.product.axis[family], mirror=mirror)
+
+    def _chain(self, family: int, z: Array, tangent: Array) -> Branch:
+        return Branch(z, tangent, ("it branches off", self.product.ends[family]))
+
+    def _tried(self, family: int) -> Shooting:
+        """Return the equations of a family's orbits, tried on some of them."""
+        mirror = self.product.symmetry[family] != "none"
+        problem = self._equations(family)
         x, period = self._start(family)
         z = problem.unknowns_at(x, period)
         some = np.unique(np.linspace(0, z.shape[1] - 1, 5).astype(int))
@@ -136,13 +188,6 @@ class Swing:
                 f"this plant (residual {error:.1e}); give the plant with which they were computed"
             )
         return problem
-
-    def _branch(self, family: int) -> Branch:
-        """Return the chain of a family's orbits, from where it branches off."""
-        problem = self.problem(family)
-        z = problem.unknowns_at(*self._start(family))
-        lines = tangents(problem, z, np.gradient(z, axis=1))
-        return Branch(z, lines, ("it branches off", self.product.ends[family]))
 
     def at(self, family: int, u: Array) -> Array:
         """Return corrected unknowns (m, N) at positions u (N,); any number at one go.

@@ -10,12 +10,12 @@ import numpy as np
 from hillsphere.errors import ConvergenceError, PropagationError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Branch
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.secondary import Secondary, secondary
 from hillsphere_orbits.shooting import SymmetricShooting
 from hillsphere_orbits.survey import Surveyor
 from hillsphere_orbits.swing.curves import at_positions, swing_problem
-from hillsphere_orbits.swing.description import errors, largest_multiplier
+from hillsphere_orbits.swing.description import distances, errors, largest_multiplier
 from hillsphere_orbits.swing.families import Chain, Limits, follow
 from hillsphere_orbits.swing.starts import Start
 
@@ -34,6 +34,8 @@ class Surveyed:
         Why it ends.
     half, closure : ndarray, shape (N,)
         Half-period residual and closure by another propagator.
+    nearest, farthest : ndarray, shape (N,)
+        Least and largest distance from the centre, normalised.
     monodromy : ndarray, shape (6, 6, N)
         Matrices of one period.
     events : Secondary
@@ -46,6 +48,8 @@ class Surveyed:
     end: str
     half: Array
     closure: Array
+    nearest: Array
+    farthest: Array
     monodromy: Array
     events: Secondary
     unsearched: str = ""
@@ -76,7 +80,7 @@ class Following:
 
     Parameters
     ----------
-    plant : Plant
+    compiled : Compiled
         Equations of motion.
     limits : Limits
         How far families are followed.
@@ -86,15 +90,16 @@ class Following:
         Whether secondary bifurcations are looked for.
     """
 
-    plant: Plant
+    compiled: Compiled
     limits: Limits
     accuracy: float
     secondary: bool
 
     def prepare(self) -> Callable[[Sequence[Start]], Followed]:
         """Return the function that follows a group of starts."""
-        flow = flow_of(self.plant)
-        surveyor = surveyor_of(self.plant, flow)
+        plant = self.compiled.plant
+        flow = flow_of(plant)
+        surveyor = surveyor_of(plant, flow)
 
         def followed(starts: Sequence[Start]) -> Followed:
             chains, faults = follow(flow, starts, self.limits)
@@ -150,8 +155,10 @@ class Following:
                 )
             except (ConvergenceError, PropagationError) as error:
                 unsearched = str(error)
+        near, far = distances(problem, branch.z)
         return Surveyed(
-            chain, end, half[:kept], closure[:kept], monodromy[:, :, :kept], events, unsearched
+            chain, end, half[:kept], closure[:kept], near, far, monodromy[:, :, :kept], events,
+            unsearched,
         )  # fmt: skip
 
 

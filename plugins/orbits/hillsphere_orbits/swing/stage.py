@@ -11,7 +11,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import Bifurcations
 from hillsphere.workers import Workers
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.stability import stability_indices
@@ -20,7 +20,6 @@ from hillsphere_orbits.swing.asked import orbits_asked
 from hillsphere_orbits.swing.breaking import starts_of_breaking
 from hillsphere_orbits.swing.curves import at_positions
 from hillsphere_orbits.swing.description import (
-    distances,
     errors,
     joined,
     orbits_of,
@@ -113,7 +112,10 @@ class SwingFamiliesStage:
         starts, notes = self._starts(ctx, flow, symmetries, bifurcations, chosen, x, period)
         asymmetric = "asymmetric" in self.spec.symmetries
         work = Following(
-            self.plant, self._limits(), self.spec.accuracy, self.spec.secondary or asymmetric
+            Compiled(self.plant),
+            self._limits(),
+            self.spec.accuracy,
+            self.spec.secondary or asymmetric,
         )
         with Workers(ctx, work) as workers:
             families, more = _followed(ctx, workers, starts, "followed")
@@ -280,10 +282,6 @@ class SwingFamiliesStage:
         count = [len(family.events.kind) for family in families]
         events = orbits_of(surveyor, all_problems, event_z, [""] * sum(count))
         middle = [f.chain.branch.z[:, [f.chain.branch.size // 2]] for f in families]
-        ranges = [
-            distances(problem, family.chain.branch.z)
-            for problem, family in zip(all_problems, families, strict=True)
-        ]
         half = [errors(surveyor, p, each)[0] for p, each in zip(problems, z, strict=True)]
         starts = [family.chain.start for family in families]
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
@@ -308,8 +306,8 @@ class SwingFamiliesStage:
             curve_stable=stable(curve.monodromy),
             member_half_residual=joined(half),
             curve_half_residual=joined([family.half for family in families]),
-            curve_least_m=joined([near for near, _ in ranges]) * unit,
-            curve_largest_m=joined([far for _, far in ranges]) * unit,
+            curve_least_m=joined([family.nearest for family in families]) * unit,
+            curve_largest_m=joined([family.farthest for family in families]) * unit,
             event_family=np.repeat(np.arange(len(families)), count).astype(np.int64),
             event_kind=tuple(kind for family in families for kind in family.events.kind),
             event_plane=tuple(plane for family in families for plane in family.events.plane),

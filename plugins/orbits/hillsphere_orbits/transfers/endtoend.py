@@ -22,7 +22,7 @@ from hillsphere.symbolic import dot, gradient
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.survey import LockedMoon
 
-__all__ = ["EndToEnd", "Leg", "heights_m", "verify"]
+__all__ = ["EndToEnd", "Leg", "heights_m", "least_heights_m", "verify"]
 
 _SURFACE, _APSIS = "surface", "apsis"
 _NEWTON = 60
@@ -73,6 +73,10 @@ class EndToEnd:
         Least height above its surface; NaN if the plant tells of none, zero after an impact.
     impact : ndarray of bool, shape (N,)
         Whether the flight met the surface.
+    places_m : ndarray, shape (3, P)
+        Where on the ways the body may be nearest.
+    place_lane : ndarray of int, shape (P,)
+        Their transfers.
     """
 
     names: tuple[str, ...]
@@ -83,6 +87,8 @@ class EndToEnd:
     distance_m: Array
     altitude_m: Array
     impact: NDArray[np.bool_]
+    places_m: Array
+    place_lane: NDArray[np.intp]
 
     @property
     def closure_km(self) -> Array:
@@ -148,7 +154,6 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
         position[k] = np.linalg.norm(miss[:3], axis=0) / 1e3
         velocity[k] = np.linalg.norm(miss[3:6], axis=0)
     places, lanes = np.concatenate(near, axis=1), np.concatenate(whose)
-    altitude = _least(heights_m(plant, places), lanes, cases)
     return EndToEnd(
         names=tuple(leg.name for leg in legs),
         position_km=position,
@@ -156,9 +161,36 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
         dv_m_s=np.sum([np.linalg.norm(leg.impulse_m_s, axis=0) for leg in legs], axis=0),
         duration_s=np.sum([leg.duration_s for leg in legs], axis=0),
         distance_m=_least(np.linalg.norm(places, axis=0), lanes, cases),
-        altitude_m=np.where(impact, 0.0, altitude),
+        altitude_m=least_heights_m(plant, places, lanes, impact),
         impact=impact,
+        places_m=places,
+        place_lane=lanes,
     )
+
+
+def least_heights_m(
+    plant: Plant, places: Array, lanes: NDArray[np.intp], impact: NDArray[np.bool_]
+) -> Array:
+    """Least height of every transfer; see `heights_m`.
+
+    Parameters
+    ----------
+    plant : Plant
+        Tells of the body.
+    places : ndarray, shape (3, P)
+        Positions in the plant's frame, m.
+    lanes : ndarray of int, shape (P,)
+        Their transfers.
+    impact : ndarray of bool, shape (N,)
+        Whether a transfer met the surface.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Least heights, m; zero after an impact, NaN without a surface.
+    """
+    least = _least(heights_m(plant, places), lanes, impact.size)
+    return np.where(impact, 0.0, least)
 
 
 def heights_m(plant: Plant, places: Array) -> Array:

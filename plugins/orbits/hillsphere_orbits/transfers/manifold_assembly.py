@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.dynamics import Taylor
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere_orbits.flow import Flow
 from hillsphere_orbits.survey import LockedMoon
 from hillsphere_orbits.transfers.curves import PolarOrbit
-from hillsphere_orbits.transfers.endtoend import Leg, verify
+from hillsphere_orbits.transfers.endtoend import least_heights_m
 from hillsphere_orbits.transfers.energy import least_dv
+from hillsphere_orbits.transfers.manifold_flights import Coasts, Flown, Waits, coasts_of, waits_of
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
 from hillsphere_orbits.transfers.manifold_search import Legs, joined
 from hillsphere_orbits.transfers.pareto import front
@@ -23,9 +25,9 @@ __all__ = ["Case", "Found", "assembled"]
 
 _STATES = 481  # of a coast that is handed on;
 _EACH = 8  # sub-steps between two of them, so that it solves the equations near the body too
-_STEPS_PER_UNIT = 120  # sub-steps of the matrix per revolution of the primary's motion
-_CORRECTIONS = 3
-_ENOUGH = 1e-7  # normalised: a leg that misses by no more is not corrected
+
+Fly: TypeAlias = Callable[[Sequence[Coasts | Waits]], Iterable[Flown]]
+"""Flies pieces, in order; see `LegFlights`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +75,17 @@ class Case:
     closure_limit_m: float
 
 
-def assembled(case: Case, found: list[Found]) -> ManifoldTransfers:
+def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers:
     """Make the product.
 
     Parameters
     ----------
     case : Case
         What the transfers have in common.
-    found : list of Found, length M
+    found : sequence of Found, length M
         Per orbit.
+    fly : callable
+        Flies pieces of legs, in order; see `hillsphere_orbits.transfers.manifold_flights`.
 
     Returns
     -------
@@ -95,7 +99,12 @@ def assembled(case: Case, found: list[Found]) -> ManifoldTransfers:
     sizes = [part.p.size for part in ladders]
     member = np.repeat(np.arange(2 * len(found)) // 2, sizes).astype(np.int64)
     arrives = np.repeat(np.arange(2 * len(found)) % 2 == 1, sizes)
-    flown = _reflown(case, legs, arrives)
+    again = [
+        (ladder, np.full(ladder.p.size, k == 1))
+        for one in found
+        for k, ladder in enumerate(one.again or ())
+    ]
+    flown, *flown_again = _reflown(case, [(legs, arrives), *again], fly)
     legs = flown.legs
     energy = case.orbits.integral
     of = np.array([planar.integral[0] for planar in case.planar])
@@ -107,7 +116,7 @@ def assembled(case: Case, found: list[Found]) -> ManifoldTransfers:
     )
     good = flown.good(case)
     pairs = _front(found, legs, good)
-    entries, shift = _checks(case, found, legs, good)
+    entries, shift = _checks(case, found, legs, good, flown_again)
     moon = case.plant if isinstance(case.plant, LockedMoon) else None
     product = ManifoldTransfers(
         flights=Trajectories(
@@ -174,74 +183,67 @@ class _Reflown:
         return np.asarray(~self.impact & (self.closure_km * 1e3 <= case.closure_limit_m))
 
 
-def _reflown(case: Case, legs: Legs, arrives: NDArray[np.bool_]) -> _Reflown:
-    """Correct legs in the flow of the Taylor propagator, and fly them anew in it."""
+def _reflown(
+    case: Case, sets: Sequence[tuple[Legs, NDArray[np.bool_]]], fly: Fly
+) -> list[_Reflown]:
+    """Correct sets of legs in the flow of the Taylor propagator, and fly them anew in it.
+
+    With every set goes which of its legs arrive.
+    """
+    pieces: list[Coasts | Waits] = []
+    for legs, arrives in sets:
+        start = np.where(arrives, legs.begin, legs.state)
+        end = np.where(arrives, legs.state, legs.begin)
+        pieces += coasts_of(start, end, legs.tof)
+        # the planar orbits are flown from their own first states to where legs meet them
+        for k in (False, True):
+            pieces += waits_of(legs.target[:, arrives == k], arrives=k)
+    flown = iter(fly(pieces))
+    return [_put_together(case, legs, arrives, flown) for legs, arrives in sets]
+
+
+def _put_together(
+    case: Case, legs: Legs, arrives: NDArray[np.bool_], flown: Iterator[Flown]
+) -> _Reflown:
+    """Take what belongs to a set of legs."""
+
+    def taken(lanes: int) -> Flown:
+        parts = [next(flown)]
+        while sum(part.impact.size for part in parts) < lanes:
+            parts.append(next(flown))
+        return Flown.joined(parts)
+
     count = legs.p.size
-    made = _Reflown(
-        legs, np.zeros(count), np.zeros(count), np.full(count, np.nan), np.zeros(count, bool)
-    )
     if not count:
-        return made
-    system, clock = case.flow.system, case.plant.scales.time_s
-    start = np.where(arrives, legs.begin, legs.state)
-    end = np.where(arrives, legs.state, legs.begin)
-    start = _corrected(case, start, end, legs.tof)
+        none = np.zeros(0)
+        return _Reflown(legs, none, none, none, np.zeros(0, bool))
+    coast = taken(count)
     legs = replace(
         legs,
-        begin=np.where(arrives, start, legs.begin),
-        state=np.where(arrives, legs.state, start),
+        begin=np.where(arrives, coast.start, legs.begin),
+        state=np.where(arrives, legs.state, coast.start),
     )
     legs = replace(legs, dv=np.linalg.norm(legs.state[3:] - legs.target[3:], axis=0))
-    unit, none = system.unit[:, None], np.zeros((3, count))
-    coast = verify(case.plant, start * unit, [Leg("leg", legs.tof * clock, none, end * unit)])
-    # where leg and planar orbit meet, and that orbit flown from its own first state to there
+    # where leg and planar orbit meet
     gap = (legs.state - legs.target)[:3]
-    meeting = np.linalg.norm(gap, axis=0) * system.unit[0] / 1e3
+    meeting = np.linalg.norm(gap, axis=0) * case.flow.system.unit[0] / 1e3
     speeds = np.zeros(count)
-    for k, curve in enumerate(case.curves):
-        own = np.flatnonzero(arrives == bool(k))
+    for k in (False, True):
+        own = np.flatnonzero(arrives == k)
         if own.size:
-            target = legs.target[:, own]
-            wait = curve.time(np.arctan2(target[1], target[0])) * clock
-            first = np.repeat(curve.x0[:, None], own.size, axis=1)
-            planar = verify(
-                case.plant, first * unit, [Leg("planar", wait, none[:, own], target * unit)]
-            )
+            planar = taken(own.size)
             meeting[own] += planar.closure_km
             speeds[own] = planar.closure_m_s
-    return replace(
-        made,
+    return _Reflown(
         legs=legs,
         closure_km=np.maximum(coast.closure_km, meeting),
         closure_m_s=np.maximum(coast.closure_m_s, speeds),
-        altitude_m=coast.altitude_m,
+        altitude_m=least_heights_m(case.plant, coast.places_m, coast.place_lane, coast.impact),
         impact=coast.impact,
     )
 
 
-def _corrected(case: Case, start: Array, end: Array, tof: Array) -> Array:
-    """Return first states from which the Taylor propagator reaches planned ends.
-
-    Passing near the body and the unstable orbit, a leg magnifies the last digits of its first
-    state. The matrix of the flight backwards tells which change of the first state, of the order
-    of those digits, takes the miss away; a step that does not make it smaller is not taken.
-    """
-    flow = case.flow
-    taylor = Taylor(flow.system)
-    steps = int(np.max(tof) / (2.0 * np.pi) * _STEPS_PER_UNIT) + 1
-    _, back = flow.with_matrix(np.ascontiguousarray(end), -tof, steps)
-    best = start
-    miss = taylor.propagate(best, tof) - end
-    for _ in range(_CORRECTIONS):
-        tried = best - np.einsum("ijk,jk->ik", back, miss)
-        other = taylor.propagate(tried, tof) - end
-        size = np.linalg.norm(miss, axis=0)
-        better = (size > _ENOUGH) & (np.linalg.norm(other, axis=0) < size)
-        best, miss = np.where(better, tried, best), np.where(better, other, miss)
-    return best
-
-
-def _front(found: list[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _front(found: Sequence[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return the pairs of legs that no pair through the same orbit betters."""
     pairs = [np.zeros((2, 0), dtype=np.int64)]
     first = 0
@@ -260,21 +262,26 @@ def _front(found: list[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArray[n
 
 
 def _checks(
-    case: Case, found: list[Found], legs: Legs, good: NDArray[np.bool_]
+    case: Case,
+    found: Sequence[Found],
+    legs: Legs,
+    good: NDArray[np.bool_],
+    again: Sequence[_Reflown],
 ) -> tuple[NDArray[np.int64], Array]:
     """Compare the entries that make transfers with those found with twice the samples."""
     entries: list[tuple[int, int]] = []
     shifts: list[float] = []
+    others = iter(again)
     first = 0
     for one in found:
         count, shift = np.zeros(2, dtype=np.int64), 0.0
-        for k, ladder in enumerate((one.departure, one.arrival)):
+        for ladder in (one.departure, one.arrival):
             own = np.arange(first, first + ladder.p.size)
             first += ladder.p.size
             if one.again is None:
                 continue
             mine = legs.dv[own[good[own]]]
-            other = _reflown(case, one.again[k], np.full(one.again[k].p.size, k == 1))
+            other = next(others)
             theirs = other.legs.dv[other.good(case)]
             count += mine.size, theirs.size
             same = mine.size == theirs.size

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hillsphere.errors import HillsphereError, InputError
-from hillsphere.interfaces import Array, Plant
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere.interfaces import Array
+from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.manifolds.flight import Watch
 from hillsphere_orbits.manifolds.sampling import LocalManifold, sides_are_images
 from hillsphere_orbits.manifolds.stage import enders, period_steps, trial_places
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.manifold_assembly import Found
+from hillsphere_orbits.transfers.manifold_flights import Coasts, Flown, LegFlights, Waits
 from hillsphere_orbits.transfers.manifold_search import Legs, Search, joined, ladder
 
 __all__ = ["OrbitSearch", "UnstableOrbit", "mirror_of"]
@@ -55,9 +56,11 @@ class UnstableOrbit:
 class OrbitSearch:
     """What the searches through all orbits have in common; see `hillsphere.workers.Divisible`.
 
+    Its pieces are orbits, and then the legs that were found through them, to be flown anew.
+
     Parameters
     ----------
-    plant : Plant
+    compiled : Compiled
         Equations of motion.
     departure, arrival : tuple of (str, ndarray, float)
         Name, state (6,) and period of the planar orbits, normalised.
@@ -71,7 +74,7 @@ class OrbitSearch:
         Trajectories of the first mesh.
     """
 
-    plant: Plant
+    compiled: Compiled
     departure: tuple[str, Array, float]
     arrival: tuple[str, Array, float]
     limit: float
@@ -80,21 +83,21 @@ class OrbitSearch:
     distance: float
     samples: int
 
-    def prepare(self) -> Callable[[UnstableOrbit], Found]:
-        """Return the search through an orbit.
+    def prepare(self) -> Callable[[UnstableOrbit | Coasts | Waits], Found | Flown]:
+        """Return the function that does a piece.
 
         Raises
         ------
         InputError
             If a planar orbit is no closed curve.
         """
-        flow = flow_of(self.plant)
+        flow = flow_of(self.compiled.plant)
         targets = [PolarOrbit(flow, x0, t, name) for name, x0, t in (self.departure, self.arrival)]
         return _Searching(self, flow, targets[0], targets[1])
 
 
 class _Searching:
-    """Searches through orbits, with what is compiled for all of them."""
+    """Searches through orbits and flies their legs, with what is compiled for all of them."""
 
     def __init__(
         self, work: OrbitSearch, flow: Flow, departure: PolarOrbit, arrival: PolarOrbit
@@ -105,8 +108,12 @@ class _Searching:
         events = {name: flow.system.events[name] for name in self._ends}
         self._watch = Watch(flow.system, {"plane": flow.system.x[2], **events})
         self._mirror = mirror_of(flow, [departure, arrival])
+        self._flights = LegFlights(work.compiled.plant, flow, (departure, arrival))
 
-    def __call__(self, orbit: UnstableOrbit) -> Found:
+    def __call__(self, piece: UnstableOrbit | Coasts | Waits) -> Found | Flown:
+        return self._found(piece) if isinstance(piece, UnstableOrbit) else self._flights(piece)
+
+    def _found(self, orbit: UnstableOrbit) -> Found:
         nothing = Legs.none()
         if orbit.kind != "unstable":
             return Found(orbit.kind, float("nan"), nothing, nothing, 0)

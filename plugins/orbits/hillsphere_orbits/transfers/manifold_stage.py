@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,13 +13,14 @@ from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.reference import ReferenceTable
 from hillsphere.workers import Workers
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.manifolds.sampling import classified
 from hillsphere_orbits.manifolds.stage import chosen, orbits_on
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.spatial.products import SpatialFamilies
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.manifold_assembly import Case, Found, assembled
+from hillsphere_orbits.transfers.manifold_flights import Coasts, Flown, Waits
 from hillsphere_orbits.transfers.manifold_orbit import OrbitSearch, UnstableOrbit, mirror_of
 from hillsphere_orbits.transfers.manifold_presentation import present_transfers
 from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
@@ -90,7 +93,7 @@ class ManifoldTransfersStage:
         targets = [PolarOrbit(flow, state, duration, name) for name, state, duration in ends]
         scales = self.plant.scales
         work = OrbitSearch(
-            self.plant, ends[0], ends[1],
+            Compiled(self.plant), ends[0], ends[1],
             limit=spec.leg_limit_s / scales.time_s,
             gain=spec.least_gain_m_s * scales.time_s / scales.length_m,
             start=spec.start_distance, distance=spec.distance, samples=spec.samples,
@@ -106,16 +109,6 @@ class ManifoldTransfersStage:
             )
             for i, label in enumerate(members.labels)
         ]
-        advance = ctx.track("transfers", len(pieces))
-        found: list[Found] = []
-        with Workers(ctx, work) as workers:
-            for label, one in zip(members.labels, workers.map(pieces), strict=True):
-                found.append(one)
-                ctx.info(
-                    f"{label}: {one.status}; {one.departure.p.size} departure and "
-                    f"{one.arrival.p.size} arrival legs, {one.trajectories} trajectories"
-                )
-                advance(1)
         revolutions, z_m = _coordinates(members, orbits)
         case = Case(
             plant=self.plant,
@@ -132,7 +125,24 @@ class ManifoldTransfersStage:
             start_distance=spec.start_distance,
             closure_limit_m=spec.closure_limit_m,
         )
-        return assembled(case, found)
+        advance = ctx.track("transfers", len(pieces))
+        found: list[Found] = []
+        with Workers(ctx, work) as workers:
+            for label, one in zip(members.labels, workers.map(pieces), strict=True):
+                assert isinstance(one, Found)
+                found.append(one)
+                ctx.info(
+                    f"{label}: {one.status}; {one.departure.p.size} departure and "
+                    f"{one.arrival.p.size} arrival legs, {one.trajectories} trajectories"
+                )
+                advance(1)
+
+            def flown(legs: Sequence[Coasts | Waits]) -> Iterator[Flown]:
+                for one in workers.map(legs):
+                    assert isinstance(one, Flown)
+                    yield one
+
+            return assembled(case, found, flown)
 
     def present(
         self, product: ManifoldTransfers, planar: OrbitSet, orbits: tuple[OrbitSet, ...]

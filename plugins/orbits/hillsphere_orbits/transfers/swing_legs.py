@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array, Plant
-from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.swing.curves import Swing
+from hillsphere.interfaces import Array
+from hillsphere_orbits.flow import Compiled, flow_of
+from hillsphere_orbits.swing.curves import Known, Swing
 from hillsphere_orbits.swing.products import SwingFamilies
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.pareto import front
@@ -28,7 +28,7 @@ from hillsphere_orbits.transfers.swing_products import Transfers
 from hillsphere_orbits.transfers.swing_search import END, INTERIOR, Minimum
 from hillsphere_orbits.transfers.swing_zoom import Pieces, least_along, search
 
-__all__ = ["Leg", "LegSearch", "Members", "SearchedLeg"]
+__all__ = ["Leg", "LegSearch", "Members", "ScannedFamily", "SearchedLeg"]
 
 _ASIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # on a piece
 _AGREES = 1e-5  # of the cost, normalised: what a touching orbit may cost more than its estimate
@@ -68,11 +68,30 @@ class Leg:
         Departure and arrival orbit.
     scans : sequence of Scan
         What the members of every family meet.
+    known : sequence of Known
+        What else is known of every family.
     """
 
     number: int
     names: tuple[str, str]
     scans: Sequence[Scan]
+    known: Sequence[Known]
+
+
+@dataclass(frozen=True)
+class ScannedFamily:
+    """What was found of a family.
+
+    Parameters
+    ----------
+    scan : Scan
+        What its members meet.
+    known : Known
+        What was worked out for it, which the search of a leg need not do again.
+    """
+
+    scan: Scan
+    known: Known
 
 
 @dataclass(frozen=True)
@@ -105,7 +124,7 @@ class LegSearch:
 
     Parameters
     ----------
-    plant : Plant
+    compiled : Compiled
         Equations of motion.
     swing : SwingFamilies
         The families.
@@ -115,12 +134,12 @@ class LegSearch:
         Times the least cost that transfers on the front may cost.
     """
 
-    plant: Plant
+    compiled: Compiled
     swing: SwingFamilies
     orbits: Mapping[str, tuple[Array, float, float]]
     dearest: float
 
-    def prepare(self) -> Callable[[int | Leg], Scan | SearchedLeg]:
+    def prepare(self) -> Callable[[int | Leg], ScannedFamily | SearchedLeg]:
         """Return the function that does a piece.
 
         Raises
@@ -137,18 +156,21 @@ class _Searching:
     """Scans families and searches legs, with what is compiled for all of them."""
 
     def __init__(self, work: LegSearch) -> None:
-        flow = flow_of(work.plant)
-        self._plant, self._dearest = work.plant, work.dearest
-        self._chains = Swing(work.swing, work.plant)
+        self._plant, self._dearest = work.compiled.plant, work.dearest
+        flow = flow_of(self._plant)
+        self._chains = Swing(work.swing, self._plant)
         self._orbits = {
             name: PolarOrbit(flow, x0, period, name)
             for name, (x0, period, _) in work.orbits.items()
         }
         self._integral = {name: integral for name, (_, _, integral) in work.orbits.items()}
 
-    def __call__(self, piece: int | Leg) -> Scan | SearchedLeg:
+    def __call__(self, piece: int | Leg) -> ScannedFamily | SearchedLeg:
         if isinstance(piece, int):
-            return scan(self._chains, piece, self._orbits, _COARSE)
+            scanned = scan(self._chains, piece, self._orbits, _COARSE)
+            return ScannedFamily(scanned, self._chains.known(piece))
+        for family, known in enumerate(piece.known):
+            self._chains.learn(family, known)
         (a, b), scans = piece.names, piece.scans
         pair = Pair(
             piece.number, self._orbits[a], self._orbits[b], (self._integral[a], self._integral[b])

@@ -14,9 +14,10 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
 from hillsphere.workers import Workers
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.survey import LockedMoon
+from hillsphere_orbits.swing.curves import Known
 from hillsphere_orbits.swing.products import SwingFamilies
 from hillsphere_orbits.transfers.curves import PolarOrbit, step_map_of
 from hillsphere_orbits.transfers.energy import least_dv
@@ -25,7 +26,7 @@ from hillsphere_orbits.transfers.specs import SwingTransfersSpec
 from hillsphere_orbits.transfers.swing_assembly import joined, none
 from hillsphere_orbits.transfers.swing_chains import Scan
 from hillsphere_orbits.transfers.swing_flights import flights_of
-from hillsphere_orbits.transfers.swing_legs import Leg, LegSearch, SearchedLeg
+from hillsphere_orbits.transfers.swing_legs import Leg, LegSearch, ScannedFamily, SearchedLeg
 from hillsphere_orbits.transfers.swing_presentation import present_transfers
 from hillsphere_orbits.transfers.swing_products import SwingTransfers, Transfers
 from hillsphere_orbits.transfers.swing_routes import flown_routes
@@ -87,20 +88,22 @@ class SwingTransfersStage:
         integral = {name: float(family.members.integral[i]) for name, i in names.items()}
         families = range(len(swing.n))
         work = LegSearch(
-            self.plant,
+            Compiled(self.plant),
             swing,
             {name: (orbits[name].x0, orbits[name].period, integral[name]) for name in names},
             self.spec.dearest,
         )
         advance = ctx.track("swing transfers", len(families) + len(legs) + 1)
         scans: list[Scan] = []
+        known: list[Known] = []
         found: list[SearchedLeg] = []
         with Workers(ctx, work) as workers:
             for scanned in workers.map(families):
-                assert isinstance(scanned, Scan)
-                scans.append(scanned)
+                assert isinstance(scanned, ScannedFamily)
+                scans.append(scanned.scan)
+                known.append(scanned.known)
                 advance(1)
-            for leg in workers.map([_leg(k, pair, scans) for k, pair in enumerate(legs)]):
+            for leg in workers.map([_leg(k, pair, scans, known) for k, pair in enumerate(legs)]):
                 assert isinstance(leg, SearchedLeg)
                 found.append(leg)
                 for note in leg.notes:
@@ -200,9 +203,10 @@ class SwingTransfersStage:
         return {name: PolarOrbit(flow, x[:, i], period[i], name) for name, i in names.items()}
 
 
-def _leg(number: int, names: tuple[str, str], scans: Sequence[Scan]) -> Leg:
+def _leg(number: int, names: tuple[str, str], scans: Sequence[Scan], known: Sequence[Known]) -> Leg:
     """Return a leg with what it needs of scans: what is met of its two orbits."""
-    return Leg(number, names, [replace(s, met={n: s.met[n] for n in names}) for s in scans])
+    own = [replace(scan, met={name: scan.met[name] for name in names}) for scan in scans]
+    return Leg(number, names, own, known)
 
 
 def energy_bound(start: PolarOrbit, end: PolarOrbit, first: float, last: float) -> float:

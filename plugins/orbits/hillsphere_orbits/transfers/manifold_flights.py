@@ -1,0 +1,180 @@
+"""Legs corrected and flown anew by Taylor series, as pieces for the workers of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array, Plant
+from hillsphere_orbits.flow import Flow
+from hillsphere_orbits.transfers.curves import PolarOrbit
+from hillsphere_orbits.transfers.endtoend import Leg as Flight
+from hillsphere_orbits.transfers.endtoend import verify
+
+__all__ = ["Coasts", "Flown", "LegFlights", "Waits", "coasts_of", "waits_of"]
+
+_LANES = 16
+"""Lanes of a piece: whole batches of the integrators, as a lane's last bits depend on those in its
+batch."""
+_STEPS_PER_UNIT = 120  # sub-steps of the matrix per revolution of the primary's motion
+_CORRECTIONS = 3
+_ENOUGH = 1e-7  # normalised: a leg that misses by no more is not corrected
+
+
+@dataclass(frozen=True, eq=False)
+class Coasts:
+    """K legs to be corrected and flown anew, normalised, in the direction of flight.
+
+    Parameters
+    ----------
+    start, end : ndarray, shape (6, K)
+        First and last states.
+    tof : ndarray, shape (K,)
+        Times of flight.
+    steps : int
+        Sub-steps of their matrices.
+    """
+
+    start: Array
+    end: Array
+    tof: Array
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class Waits:
+    """A planar orbit to be flown from its own first state to K meetings.
+
+    Parameters
+    ----------
+    arrives : bool
+        Whether it is the orbit of arrival.
+    target : ndarray, shape (6, K)
+        Its states there, normalised.
+    """
+
+    arrives: bool
+    target: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """What K coasts or waits were like when they were flown anew.
+
+    Parameters
+    ----------
+    start : ndarray, shape (6, K)
+        First states, corrected, normalised.
+    closure_km, closure_m_s : ndarray, shape (K,)
+        Misses.
+    impact : ndarray of bool, shape (K,)
+        Whether they met the surface.
+    places_m : ndarray, shape (3, P)
+        Where on the ways the body may be nearest.
+    place_lane : ndarray of int, shape (P,)
+        Of which of them.
+    """
+
+    start: Array
+    closure_km: Array
+    closure_m_s: Array
+    impact: NDArray[np.bool_]
+    places_m: Array
+    place_lane: NDArray[np.intp]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Flown]) -> Flown:
+        """Return the lanes of one part or more, one after the other."""
+        first = np.cumsum([0, *(part.impact.size for part in parts)])
+        return cls(
+            np.concatenate([part.start for part in parts], axis=1),
+            np.concatenate([part.closure_km for part in parts]),
+            np.concatenate([part.closure_m_s for part in parts]),
+            np.concatenate([part.impact for part in parts]),
+            np.concatenate([part.places_m for part in parts], axis=1),
+            np.concatenate([p.place_lane + k for p, k in zip(parts, first, strict=False)]),
+        )
+
+
+def coasts_of(start: Array, end: Array, tof: Array) -> list[Coasts]:
+    """Return legs in pieces; the arguments are those of `Coasts`."""
+    if not tof.size:
+        return []
+    steps = int(np.max(tof) / (2.0 * np.pi) * _STEPS_PER_UNIT) + 1
+    return [Coasts(start[:, s], end[:, s], tof[s], steps) for s in _parts(tof.size)]
+
+
+def waits_of(target: Array, *, arrives: bool) -> list[Waits]:
+    """Return meetings with a planar orbit in pieces; the arguments are those of `Waits`."""
+    return [Waits(arrives, target[:, s]) for s in _parts(target.shape[1])]
+
+
+def _parts(lanes: int) -> Iterator[slice]:
+    # one lane that is left over joins the piece before it: alone it would go without a batch
+    starts = list(range(0, max(1, lanes - 1), _LANES)) if lanes else []
+    return (slice(a, b) for a, b in pairwise([*starts, lanes]))
+
+
+class LegFlights:
+    """Flies pieces, with what is compiled for all of them.
+
+    Parameters
+    ----------
+    plant : Plant
+        Equations of motion.
+    flow : Flow
+        The same, compiled.
+    curves : (PolarOrbit, PolarOrbit)
+        Planar orbits of departure and arrival.
+    """
+
+    def __init__(self, plant: Plant, flow: Flow, curves: tuple[PolarOrbit, PolarOrbit]) -> None:
+        self._plant, self._flow, self._curves = plant, flow, curves
+
+    def __call__(self, piece: Coasts | Waits) -> Flown:
+        """Fly a piece; coasts are corrected before."""
+        if isinstance(piece, Coasts):
+            start = self._corrected(piece)
+            return self._flown("leg", start, piece.tof, piece.end)
+        curve, target = self._curves[piece.arrives], piece.target
+        start = np.repeat(curve.x0[:, None], target.shape[1], axis=1)
+        return self._flown("planar", start, curve.time(np.arctan2(target[1], target[0])), target)
+
+    def _flown(self, name: str, start: Array, duration: Array, end: Array) -> Flown:
+        unit, clock = self._flow.system.unit[:, None], self._flow.system.time_unit_s
+        flight = Flight(name, duration * clock, np.zeros((3, duration.size)), end * unit)
+        found = verify(self._plant, start * unit, [flight])
+        return Flown(
+            start, found.closure_km, found.closure_m_s, found.impact, found.places_m,
+            found.place_lane,
+        )  # fmt: skip
+
+    def _corrected(self, piece: Coasts) -> Array:
+        """Return first states from which the Taylor propagator reaches planned ends.
+
+        Passing near the body and the unstable orbit, a leg magnifies the last digits of its first
+        state. The matrix of the flight backwards tells which change of the first state, of the
+        order of those digits, takes the miss away; a step that does not make it smaller is not
+        taken.
+        """
+        end, tof, taylor = piece.end, piece.tof, self._flow.taylor
+        best = piece.start
+        miss = taylor.propagate(best, tof) - end
+        back: Array | None = None
+        for _ in range(_CORRECTIONS):
+            size = np.linalg.norm(miss, axis=0)
+            if not (size > _ENOUGH).any():
+                break
+            if back is None:
+                _, back = self._flow.with_matrix(np.ascontiguousarray(end), -tof, piece.steps)
+            tried = best - np.einsum("ijk,jk->ik", back, miss)
+            other = taylor.propagate(tried, tof) - end
+            better = (size > _ENOUGH) & (np.linalg.norm(other, axis=0) < size)
+            if not better.any():
+                break
+            best, miss = np.where(better, tried, best), np.where(better, other, miss)
+        return best
