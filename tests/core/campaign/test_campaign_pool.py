@@ -424,7 +424,7 @@ def test_what_a_script_defines_cannot_be_sent(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 1
     assert (
-        "StageError: the work cannot be sent to other processes (Own is defined in the program "
+        "the work cannot be sent to other processes (Own is defined in the program "
         "that was started, not in a module); define its classes at the top level of modules"
     ) in done.stderr
 

@@ -100,8 +100,9 @@ def nees(prior: Prior, outliers_from: int | None = None, **keys: Any) -> Array:
 
 
 def band(quantities: int) -> Array:
-    """Return the 95 % band of the mean over all seeds."""
-    return np.asarray(chi2.ppf([0.025, 0.975], quantities * SEEDS) / SEEDS)
+    """Return the band in which, with 95 %, the means over all seeds lie at all three times."""
+    tail = 0.025 / 3.0
+    return np.asarray(chi2.ppf([tail, 1.0 - tail], quantities * SEEDS) / SEEDS)
 
 
 def test_the_default_trackers_errors_are_as_large_as_it_says() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import pi
+from math import pi, sin
 
 import numpy as np
 
@@ -282,8 +282,9 @@ def _comparison(field: ZonalField, short_period: bool) -> tuple[tuple[Expr, ...]
     slopes = sy.jacobian(off, (*inputs[:6], shift))
     shown = sy.variables("shown0", "shown1", "bias0", "bias1", "horizon")
     risen = shown[1] - shown[3]
-    # cot h belongs to the true elevation: what the bias is at the one shown, first, then there
-    fall = _cotangent(risen - shown[4] * _cotangent(risen))
+    # cot h of the predicted elevation: that of a measured one would tie its noise, and what is not
+    # known of the biases, to the factor; what the orbit's error does to cot h is left out
+    fall = sy.sqrt(east * east + north * north) / sy.maximum(up, sin(_LOWEST))
     none = sy.constant(0.0)
     outputs: list[Expr] = [*off, ce * ce]
     for row, (biases, last) in zip(
@@ -291,12 +292,7 @@ def _comparison(field: ZonalField, short_period: bool) -> tuple[tuple[Expr, ...]
     ):
         outputs.extend([*row[:6], *biases, row[6], last])
     freed = {azimuth: shown[0] - shown[2], elevation: risen - shown[4] * fall}
-    return sy.substitute(sy.substitute(outputs, {shift: 0.0}), freed), (*inputs, *shown)
-
-
-def _cotangent(elevation: Expr) -> Expr:
-    held = sy.maximum(elevation, _LOWEST)
-    return sy.cos(held) / sy.sin(held)
+    return sy.substitute(sy.substitute(outputs, freed), {shift: 0.0}), (*inputs, *shown)
 
 
 def _direction(
