@@ -438,9 +438,8 @@ def test_workers_do_not_outlive_their_run(tmp_path: Path, number: signal.Signals
         command, stdout=pipe, stderr=pipe, text=True, start_new_session=True
     ) as process:
         assert process.stdout is not None
-        done = 0
-        while done < 66:  # the first block and the third, in whatever order
-            done += int(process.stdout.readline())
+        # Which blocks are done by now, and whether the other ones are sent together, may differ.
+        assert int(process.stdout.readline()) in (2, 64, 66)
         workers = children(process.pid)
         assert 1 <= len(workers) <= 2
         # As a terminal does: to the process and all that are in its group.
