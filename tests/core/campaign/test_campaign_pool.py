@@ -439,7 +439,8 @@ def test_workers_do_not_outlive_their_run(tmp_path: Path, number: signal.Signals
     ) as process:
         assert process.stdout is not None
         # Which blocks are done by now, and whether the other ones are sent together, may differ.
-        assert int(process.stdout.readline()) in (2, 64, 66)
+        while int(process.stdout.readline()) == 0:
+            pass
         workers = children(process.pid)
         assert 1 <= len(workers) <= 2
         # As a terminal does: to the process and all that are in its group.
