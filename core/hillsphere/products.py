@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers
+from hillsphere.lti import LtiSystem
 from hillsphere.product_codec import load_product, save_product
 
 __all__ = [
     "Bifurcations",
     "CaseList",
     "CaseTable",
+    "ControlDesign",
     "FlightSet",
     "OrbitSet",
     "PeriodicOrbits",
@@ -130,6 +132,21 @@ class FlightSet:
     """
 
     flights: Trajectories
+
+
+@dataclass(frozen=True)
+class ControlDesign:
+    """A product with a controller, for stages that fly or judge it.
+
+    Products of syntheses derive from it, so that a law takes the controller of any of them.
+
+    Parameters
+    ----------
+    controller : LtiSystem
+        From what the law sees to what it commands, SI.
+    """
+
+    controller: LtiSystem
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hillsphere.atomic import PART_SUFFIX
+from hillsphere.cached_files import drop_oldest, file_digest, tree_digest
 from hillsphere.environment import environment
 from hillsphere.errors import InputError
 from hillsphere.paths import cache_directory
@@ -90,24 +91,7 @@ class StageCache:
         """
         self.directory.mkdir(parents=True, exist_ok=True)
         save_product(self._path(key), product)
-        self._prune()
-
-    def _prune(self) -> None:
-        entries = []
-        for path in self.directory.iterdir():
-            if path.suffix not in (".npz", PART_SUFFIX):
-                continue
-            try:
-                found = path.stat()
-            except FileNotFoundError:  # another run pruned it
-                continue
-            entries.append((found.st_mtime, found.st_size, path))
-        total = sum(size for _, size, _ in entries)
-        for _, size, path in sorted(entries, key=lambda entry: entry[0]):
-            if total <= self.max_bytes:
-                break
-            path.unlink(missing_ok=True)
-            total -= size
+        drop_oldest(self.directory, (".npz", PART_SUFFIX), self.max_bytes)
 
 
 class StageKeys:
@@ -181,7 +165,7 @@ class StageKeys:
                 return None
             package, place = source
             if package not in self._sources:
-                self._sources[package] = _tree_digest(place)
+                self._sources[package] = tree_digest(place)
             sources[module] = self._sources[package]
         facts = {
             "format": FORMAT,
@@ -235,18 +219,6 @@ def _plain(value: Any, is_path: bool) -> Any:
     return str(value)
 
 
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's content; `InputError` if it cannot be read."""
-    try:
-        with path.open("rb") as stream:
-            digest = sha256()
-            while block := stream.read(1 << 20):
-                digest.update(block)
-    except OSError as error:
-        raise InputError(f"{path.name}: cannot be read: {error.strerror or error}") from error
-    return digest.hexdigest()
-
-
 def _source_of(module: str) -> tuple[str, Path] | None:
     """Return the outermost regular package (a directory) or the file that a module is in.
 
@@ -281,15 +253,4 @@ def source_digest(module: str) -> tuple[str, str] | None:
         Name and digest; ``None`` if the module is in no file.
     """
     source = _source_of(module)
-    return None if source is None else (source[0], _tree_digest(source[1]))
-
-
-def _tree_digest(place: Path) -> str:
-    """Digest of a source file, or of every file of a package: code, compiled code and data."""
-    if place.is_file():
-        return file_digest(place)
-    digest = sha256()
-    for path in sorted(place.rglob("*")):
-        if "__pycache__" not in path.parts and path.is_file():
-            digest.update(f"{path.relative_to(place).as_posix()}\0{file_digest(path)}\n".encode())
-    return digest.hexdigest()
+    return None if source is None else (source[0], tree_digest(source[1]))

@@ -29,6 +29,11 @@ class ClosedLoopNeeds(Spec):
         "a trajectory that is followed, with its command added to the law's if it has one",
         default=None,
     )
+    controller: Ref | None = need(
+        "hillsphere.products:ControlDesign",
+        "the controller of a law that waits for one, from a synthesis",
+        default=None,
+    )
 
 
 class StartSpec(Spec):

@@ -25,9 +25,16 @@ from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Compensator, Context, Parameter, Plant
+from hillsphere.interfaces import (
+    Array,
+    Compensator,
+    Context,
+    Parameter,
+    Plant,
+    SynthesisedLaw,
+)
 from hillsphere.presentation import Presentation
-from hillsphere.products import FlightSet
+from hillsphere.products import ControlDesign, FlightSet
 from hillsphere.simulation import (
     BLOCK,
     Cases,
@@ -46,10 +53,12 @@ _ENDS = 1e-9
 
 @dataclass(frozen=True)
 class _Loop:
-    """What flights with one reference share.
+    """What flights with one reference and one controller share.
 
     Parameters
     ----------
+    law : Compensator or ContinuousLaw
+        What commands.
     course : Course
         What is followed.
     samples : int
@@ -62,6 +71,7 @@ class _Loop:
         By names of run-time parameters and number of sub-steps; filled when first needed.
     """
 
+    law: Compensator | ContinuousLaw
     course: Course
     samples: int
     goal: Array
@@ -95,11 +105,11 @@ class ClosedLoopStage:
         self._effectiveness = Effectiveness(self.commands)
         self._check()
         self._start = self._given_start()
-        self._known: tuple[FlightSet | None, _Loop] | None = None
+        self._known: tuple[FlightSet | None, ControlDesign | None, _Loop] | None = None
 
     def case_inputs(self) -> tuple[Parameter, ...]:
         """Return what may differ from case to case, see `ClosedLoopSpec`."""
-        start = self._start if self.spec.needs.reference else self._loop(None).course.start
+        start = self._start if self.spec.needs.reference else self._held().start
         start = np.where(np.isnan(self._start), start, self._start)
         units = [unit_of(v) for v in self.plant.states]
         names, spec = self.rows.names, self.spec
@@ -114,7 +124,12 @@ class ClosedLoopStage:
             found.append(Parameter("dv_budget", spec.limits.dv_m_s, "m/s"))
         return (*found, *self._effectiveness.inputs())
 
-    def run(self, ctx: Context, reference: FlightSet | None = None) -> ClosedLoopFlight:
+    def run(
+        self,
+        ctx: Context,
+        reference: FlightSet | None = None,
+        controller: ControlDesign | None = None,
+    ) -> ClosedLoopFlight:
         """Fly the nominal case.
 
         Parameters
@@ -123,13 +138,15 @@ class ClosedLoopStage:
             Seed and progress.
         reference : FlightSet, optional
             What is followed.
+        controller : ControlDesign, optional
+            What a law that waits for one flies.
 
         Returns
         -------
         ClosedLoopFlight
             With the navigation and actuator errors of draw 0.
         """
-        loop = self._loop(reference)
+        loop = self._loop(reference, controller)
         # A lane among 64 as in a campaign, so that the same case has the same bits there.
         lanes = np.zeros(BLOCK, dtype=np.int64)
         batch = CaseBatch(
@@ -147,7 +164,11 @@ class ClosedLoopStage:
         return self._product(loop, flights, results, step_error)
 
     def run_cases(
-        self, batch: CaseBatch, history: bool = False, reference: FlightSet | None = None
+        self,
+        batch: CaseBatch,
+        history: bool = False,
+        reference: FlightSet | None = None,
+        controller: ControlDesign | None = None,
     ) -> CaseResults:
         """Fly a block of cases.
 
@@ -159,6 +180,8 @@ class ClosedLoopStage:
             Whether to keep every sample.
         reference : FlightSet, optional
             What is followed.
+        controller : ControlDesign, optional
+            What a law that waits for one flies.
 
         Returns
         -------
@@ -170,16 +193,25 @@ class ClosedLoopStage:
         InputError
             If the batch names something that is no input.
         """
-        loop = self._loop(reference)
+        loop = self._loop(reference, controller)
         flights, largest = self._fly(loop, batch, history=history)
         return self._results(loop, flights, largest, batch)
 
-    def prepare_cases(self, names: Sequence[str], reference: FlightSet | None = None) -> None:
+    def prepare_cases(
+        self,
+        names: Sequence[str],
+        reference: FlightSet | None = None,
+        controller: ControlDesign | None = None,
+    ) -> None:
         """Compile what `run_cases` needs for batches of these inputs."""
-        self._simulator(self._loop(reference), self._run_time(names), self.spec.substeps)
+        loop = self._loop(reference, controller)
+        self._simulator(loop, self._run_time(names), self.spec.substeps)
 
     def present(
-        self, product: ClosedLoopFlight, reference: FlightSet | None = None
+        self,
+        product: ClosedLoopFlight,
+        reference: FlightSet | None = None,
+        controller: ControlDesign | None = None,
     ) -> Presentation:
         """Show the nominal flight."""
         return present_flight(product, self.spec)
@@ -205,6 +237,13 @@ class ClosedLoopStage:
                 f"start.others: no state {', '.join(unknown)} that is neither position nor "
                 f"velocity; the plant has {', '.join(others) or 'none'}"
             )
+        waits = isinstance(self.law, SynthesisedLaw) and not self.law.complete
+        if waits and not spec.needs.controller:
+            raise InputError(
+                "law: it has no controller; give it one, or the synthesis as needs.controller"
+            )
+        if spec.needs.controller and not waits:
+            raise InputError("needs.controller: the law has all that it needs; leave it out")
         missing = [name for name in others if name not in spec.start.others]
         if missing and not spec.needs.reference:
             raise InputError(f"start.others: give the value of {', '.join(missing)}")
@@ -221,10 +260,14 @@ class ClosedLoopStage:
             x[rows.names.index(name)] = value
         return x
 
-    def _loop(self, product: FlightSet | None) -> _Loop:
-        """Return what flights with this reference share, made once."""
-        if self._known is not None and self._known[0] is product:
-            return self._known[1]
+    def _loop(self, product: FlightSet | None, controller: ControlDesign | None = None) -> _Loop:
+        """Return what flights with this reference and controller share, made once."""
+        known = self._known
+        if known is not None and known[0] is product and known[1] is controller:
+            return known[2]
+        law = self.law
+        if controller is not None and isinstance(law, SynthesisedLaw):
+            law = law.flying(controller.controller)
         spec, period = self.spec, self.law.period_s
         course = self._held() if product is None else self._along(product)
         if spec.samples is not None:
@@ -235,8 +278,8 @@ class ClosedLoopStage:
         times: Array = np.arange(samples + 1, dtype=float) * period
         goal = course.at(times)
         command = course.command(times[:-1])
-        loop = _Loop(course, samples, goal, SampledReference(goal[self._seen], command), {})
-        self._known = (product, loop)
+        loop = _Loop(law, course, samples, goal, SampledReference(goal[self._seen], command), {})
+        self._known = (product, controller, loop)
         return loop
 
     def _held(self) -> Course:
@@ -273,7 +316,7 @@ class ClosedLoopStage:
             spec = self.spec
             loop.simulators[names, substeps] = Simulator(
                 self.plant,
-                self.law,
+                loop.law,
                 reference=loop.reference,
                 navigation=self._navigation,
                 actuator=self._actuator,

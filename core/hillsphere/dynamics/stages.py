@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hillsphere._heyoka import heyoka as _hy
+from hillsphere.compile_cache import kept_function
 from hillsphere.dynamics.system import System
 from hillsphere.dynamics.tableaux import Tableau
 from hillsphere.dynamics.variational import Derivatives, variational_equations
@@ -63,19 +64,29 @@ class CompiledStep:
         parameters: Sequence[str],
         compact: bool,
     ) -> None:
-        y, rate = (
-            variational_equations(system, parameters) if derivatives else (system.x, system.rhs)
-        )
-        names = system.run_time_names
-        # The last parameter of the function is the step.
-        h = _hy.par[len(names)]
-        numbered = {parameter(name): _hy.par[i] for i, name in enumerate(names)}
-        if numbered:
-            rate = substitute(rate, numbered)
-        self.rows = len(y)
-        self._function: Any = _hy.cfunc(
-            _compose(y, rate, tableau, h), vars=list(y), compact_mode=compact
-        )
+        def compiled() -> Any:
+            y, rate = (
+                variational_equations(system, parameters) if derivatives else (system.x, system.rhs)
+            )
+            names = system.run_time_names
+            # The last parameter of the function is the step.
+            h = _hy.par[len(names)]
+            numbered = {parameter(name): _hy.par[i] for i, name in enumerate(names)}
+            if numbered:
+                rate = substitute(rate, numbered)
+            return _hy.cfunc(_compose(y, rate, tableau, h), vars=list(y), compact_mode=compact)
+
+        n = len(system.x)
+        self.rows = n + n * (n + len(parameters)) if derivatives else n
+        options = {
+            "formula": [tableau.a.tolist(), tableau.b.tolist(), tableau.c.tolist()],
+            "states": n,
+            "run_time": system.run_time_names,
+            "derivatives": derivatives,
+            "parameters": list(parameters),
+            "compact": compact,
+        }
+        self._function: Any = kept_function(options, (*system.x, *system.rhs), compiled)
         self.needs_time: bool = self._function.is_time_dependent
 
     def bind(self, h: Array, p: Array) -> Advance:

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from hillsphere.errors import HillsphereError
 
-__all__ = ["NotStabilisableError", "SingularProblemError", "SynthesisFailedError"]
+__all__ = [
+    "InfeasibleError",
+    "NotStabilisableError",
+    "SingularProblemError",
+    "SynthesisFailedError",
+]
 
 
 class NotStabilisableError(HillsphereError):
@@ -17,3 +22,7 @@ class SingularProblemError(HillsphereError):
 
 class SynthesisFailedError(HillsphereError):
     """The method did not find a controller, or what it found did not pass its own check."""
+
+
+class InfeasibleError(SynthesisFailedError):
+    """Nothing meets all requirements at once, as far as the method can tell."""

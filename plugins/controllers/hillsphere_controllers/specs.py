@@ -9,14 +9,32 @@ from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Spec, option, quantity
 
-__all__ = ["ImpulsiveSpec", "Matrix", "PidSpec", "StateSpaceSpec"]
+__all__ = ["ImpulsiveSpec", "Matrix", "PidSpec", "StateSpaceSpec", "check_system", "rule"]
 
 Matrix = tuple[tuple[float, ...], ...]
 
 
-def _rule(key: str, text: str) -> PydanticCustomError:
+def rule(key: str, text: str) -> PydanticCustomError:
     """Return a fault of a rule between keys, placed at one of them."""
     return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+
+
+def check_system(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> None:
+    """Raise a fault of a rule unless matrices A, B, C, D, of which some are empty, fit."""
+    m = len(a)
+    if not c and not d:
+        raise rule("d", "neither c nor d is given: the law would command nothing")
+    p = len(c or d)
+    q = len(b[0]) if b else len(d[0]) if d else 0
+    if q == 0:
+        raise rule("b", "neither b nor d says how many values the law sees")
+    wanted = {"a": (a, m, m), "b": (b, m, q), "c": (c, p, m), "d": (d, p, q)}
+    for key, (matrix, rows, columns) in wanted.items():
+        if not matrix and (key == "d" or m == 0):
+            continue
+        if len(matrix) != rows or any(len(row) != columns for row in matrix):
+            found = f"{len(matrix)} rows of {sorted({len(row) for row in matrix})}"
+            raise rule(key, f"must be {rows} × {columns} to fit the others, got {found}")
 
 
 class PidSpec(Spec):
@@ -70,7 +88,7 @@ class PidSpec(Spec):
         axes = len(self.proportional)
         for key in ("integral", "derivative"):
             if (count := len(getattr(self, key))) not in (0, axes):
-                raise _rule(key, f"must have one gain per axis, {axes}, got {count}")
+                raise rule(key, f"must have one gain per axis, {axes}, got {count}")
         return self
 
 
@@ -123,27 +141,13 @@ class StateSpaceSpec(Spec):
 
     @model_validator(mode="after")
     def _shapes(self) -> Self:
-        m = len(self.a)
-        if not self.c and not self.d:
-            raise _rule("d", "neither c nor d is given: the law would command nothing")
-        p = len(self.c or self.d)
-        q = len(self.b[0]) if self.b else len(self.d[0]) if self.d else 0
-        if q == 0:
-            raise _rule("b", "neither b nor d says how many values the law sees")
-        wanted = {"a": (m, m), "b": (m, q), "c": (p, m), "d": (p, q)}
-        for key, (rows, columns) in wanted.items():
-            matrix: Matrix = getattr(self, key)
-            if not matrix and (key == "d" or m == 0):
-                continue
-            if len(matrix) != rows or any(len(row) != columns for row in matrix):
-                found = f"{len(matrix)} rows of {sorted({len(row) for row in matrix})}"
-                raise _rule(key, f"must be {rows} × {columns} to fit the others, got {found}")
+        check_system(self.a, self.b, self.c, self.d)
         if self.states == "continuous" and self.form == "discrete":
-            raise _rule("states", "continuous states need form = 'continuous'")
+            raise rule("states", "continuous states need form = 'continuous'")
         if self.states == "continuous" and self.actuation == "impulse":
-            raise _rule("actuation", "continuous states command an acceleration; leave it out")
+            raise rule("actuation", "continuous states command an acceleration; leave it out")
         if self.states == "sampled" and self.measurement == "continuous":
-            raise _rule("measurement", "a continuous measurement needs states = 'continuous'")
+            raise rule("measurement", "a continuous measurement needs states = 'continuous'")
         return self
 
 
@@ -173,7 +177,7 @@ class ImpulsiveSpec(Spec):
     @model_validator(mode="after")
     def _rectangular(self) -> Self:
         if len({len(row) for row in self.gain}) != 1 or not self.gain[0]:
-            raise _rule("gain", "must have rows of the same length, at least 1")
+            raise rule("gain", "must have rows of the same length, at least 1")
         if self.maximum_m_s is not None and self.maximum_m_s < self.dead_band_m_s:
-            raise _rule("maximum_m_s", "must not be below the dead band")
+            raise rule("maximum_m_s", "must not be below the dead band")
         return self

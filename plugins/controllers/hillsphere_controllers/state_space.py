@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import expm
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Variable
 from hillsphere.symbolic import Expr, constant, sum_of
 from hillsphere_controllers.specs import Matrix, StateSpaceSpec
+from hillsphere_controllers.systems.holding import discretised
 
 __all__ = ["ContinuousStateSpace", "SampledStateSpace", "discretised", "state_space"]
 
@@ -18,34 +18,6 @@ __all__ = ["ContinuousStateSpace", "SampledStateSpace", "discretised", "state_sp
 def state_space(spec: StateSpaceSpec) -> SampledStateSpace | ContinuousStateSpace:
     """Make the compensator: of a sampled law, or one whose states move between samples."""
     return ContinuousStateSpace(spec) if spec.states == "continuous" else SampledStateSpace(spec)
-
-
-def discretised(a: Array, b: Array, h: float) -> tuple[Array, Array]:
-    r"""Discretise ẋ = A x + B e exactly for an e that is held [1]_.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (m, m), (m, q)
-        Matrices, 1/s.
-    h : float
-        Period, s.
-
-    Returns
-    -------
-    a, b : ndarray
-        :math:`e^{Ah}` and :math:`\int_0^h e^{As} ds\, B`, the upper blocks of
-        :math:`\exp\left(\begin{bmatrix} A & B \\ 0 & 0 \end{bmatrix} h\right)`.
-
-    References
-    ----------
-    .. [1] C. F. Van Loan (1978), Computing integrals involving the matrix exponential, IEEE
-       Transactions on Automatic Control 23(3), 395-404.
-    """
-    m, q = b.shape
-    both = np.zeros((m + q, m + q))
-    both[:m, :m], both[:m, m:] = a, b
-    found = expm(both * h)
-    return found[:m, :m], found[:m, m:]
 
 
 class SampledStateSpace:

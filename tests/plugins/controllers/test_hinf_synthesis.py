@@ -65,6 +65,83 @@ def test_the_closed_loop_is_what_is_said(seed: int) -> None:
     assert found.least * (1 - 1e-3) <= found.gamma <= 1.02 * found.least
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_slicot_finds_the_same_bound(seed: int) -> None:
+    """SB10AD, by bisection."""
+    slycot = pytest.importorskip("slycot")
+    order, controls, measurements = 1 + seed, 1 + seed % 3, 1 + seed % 2
+    plant = random_plant(50 + seed, order, controls, measurements)
+    p, m = plant.shape
+    theirs = slycot.sb10ad(
+        order, m, p, controls, measurements, 1e4, plant.a, plant.b, plant.c, plant.d, job=1
+    )
+    found = hinf_synthesis(plant, controls, measurements, tolerance=1e-6)
+    assert_allclose(found.least, theirs[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_units_change_nothing(seed: int) -> None:
+    """Of the states, of time, of controls and measurements, over ten decades."""
+    random = np.random.default_rng(seed)
+    plant = random_plant(30 + seed, 6, 2, 1)
+    p, m = plant.shape
+    x = 10.0 ** random.uniform(-5.0, 5.0, size=6)
+    u = np.concatenate([np.ones(m - 2), 10.0 ** random.uniform(-5.0, 5.0, size=2)])
+    y = np.concatenate([np.ones(p - 1), 10.0 ** random.uniform(-5.0, 5.0, size=1)])[:, None]
+    scaled = LtiSystem(
+        1e-4 * plant.a / x[:, None] * x, 1e-4 * plant.b / x[:, None] * u, y * plant.c * x,
+        y * plant.d * u,
+    )  # fmt: skip
+    one, other = (hinf_synthesis(made, 2, 1, tolerance=1e-6) for made in (plant, scaled))
+    assert_allclose([other.gamma, other.least], [one.gamma, one.least], rtol=1e-5)
+    assert_allclose(1e-4 * one.norm.frequency_rad_s, other.norm.frequency_rad_s, rtol=1e-2)
+
+
+def test_a_regularisation_is_in_the_units_given() -> None:
+    """Of a control in other units: a weight as large on the same number."""
+    plant = scalar_plant(1.0)
+    free = changed(plant, d=plant.d * [[1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]])
+    weak = changed(free, b=plant.b * [[1.0, 1.0, 1e-3]])
+    cheap = hinf_synthesis(free, 1, 1, regularisation=1e-3)
+    dear = hinf_synthesis(weak, 1, 1, regularisation=1e-6)
+    # u is a thousand times as large and weighs as much; the noise is a thousandth of the former
+    assert_allclose(dear.gamma, cheap.gamma, rtol=1e-2)
+
+
+def test_what_is_neither_reached_nor_seen_is_no_hindrance() -> None:
+    """A plant that is not minimal: stable modes that the controls do not reach, or y not show."""
+    plant = scalar_plant(1.0)
+    more = LtiSystem(
+        np.diag([1.0, -3.0, -4.0]),
+        np.vstack([plant.b, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]),
+        np.hstack([plant.c, [[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]]]),
+        plant.d,
+    )
+    found = hinf_synthesis(more, 1, 1, tolerance=1e-6)
+    assert_allclose(found.least, hinf_synthesis(plant, 1, 1, tolerance=1e-6).least, rtol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_controller_found_by_search_does_better(seed: int) -> None:
+    """A random search over controllers of first order, from the static ones."""
+    plant = random_plant(70 + seed, 3, 1, 1)
+    plant = changed(plant, a=plant.a - 1.5 * np.eye(3))
+    least = hinf_synthesis(plant, 1, 1).least
+    random, best = np.random.default_rng(seed), np.inf
+    centre, width = np.array([-1.0, 0.0, 0.0, 0.0]), 2.0
+    for _ in range(100):
+        tried = centre + width * random.normal(size=4)
+        a, b, c, d = tried[:, None, None]
+        controller = LtiSystem(a, b, c, d)
+        norm = hinf_norm(lower_lft(plant, controller)).value
+        assert norm >= least * (1.0 - 1e-9)
+        if norm < best:
+            best, centre = norm, tried
+        elif np.isfinite(best):
+            width *= 0.97
+    assert best < 5.0 * least
+
+
 def test_no_static_controller_does_better() -> None:
     """Over a dense grid of gains that stabilise."""
     plant = scalar_plant(0.5)

@@ -112,3 +112,13 @@ def test_balancing_scales_by_powers_of_two_and_changes_no_response() -> None:
     assert np.abs(made.a).max() < 10.0 * np.abs(good.a).max()
     assert_allclose(made.response(OMEGA), bad.response(OMEGA), rtol=1e-9)
     assert_allclose(made.a, bad.a * scale / scale[:, None], rtol=0)
+
+
+def test_a_loop_is_judged_whatever_the_units_are() -> None:
+    """A product has no loop at all, with entries of 1e15 as well; 1 − 1 = 0 stays one."""
+    large = gain(np.diag([1e9, 1.0]))
+    chain = fed_back(append(large, gain(1e15 * np.ones((2, 2)))), np.eye(4, k=-2))
+    assert_allclose(chain.d[2:, :2], 1e15 * np.array([[1e9, 1.0], [1e9, 1.0]]), rtol=1e-12)
+    closed = np.array([[0.0, 1e-9], [1e9, 0.0]])
+    with pytest.raises(InputError, match="not well posed"):
+        fed_back(gain(np.eye(2)), closed)

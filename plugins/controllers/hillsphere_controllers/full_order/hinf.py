@@ -33,12 +33,10 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
-from hillsphere_controllers.errors import (
-    NotStabilisableError,
-    SingularProblemError,
-    SynthesisFailedError,
-)
+from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
+from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.riccati import stabilising_solution
+from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.systems.algebra import fed_back, lower_lft
 from hillsphere_controllers.systems.balancing import balanced
 from hillsphere_controllers.systems.bilinear import continuous, discrete
@@ -46,7 +44,7 @@ from hillsphere_controllers.systems.bilinear import continuous, discrete
 __all__ = ["HinfDesign", "hinf_synthesis"]
 
 _RANK = 1e-9
-_MODE = 1e-9
+"""Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
 _ROUNDING = 1e-13
 _HIGHEST = 1e12
 _BACK_OFFS = (1.0, 1.5, 3.0, 10.0, 30.0)
@@ -128,16 +126,24 @@ def hinf_synthesis(
     (p, m), (k, q) = plant.shape, (controls, measurements)
     if not (0 < k <= m and 0 < q <= p):
         raise InputError(f"{k} controls and {q} measurements do not fit a plant of {p} × {m}")
-    if plant.dt_s is not None:
-        made = hinf_synthesis(
-            continuous(plant), k, q, tolerance=tolerance, back_off=back_off,
-            regularisation=regularisation,
-        )  # fmt: skip
-        return _checked(plant, discrete(made.controller, plant.dt_s), made.least)
     if not regularisation >= 0.0:
         raise InputError(f"a regularisation must be ≥ 0, got {regularisation}")
-    posed = _regularised(plant, k, q, regularisation) if regularisation else plant
-    problem = _Problem(balanced(posed)[0], k, q)
+    units = Units.of(plant, k, q)
+    scaled = units.scaled(plant)
+    if plant.dt_s is None:
+        made = _continuous(scaled, units, tolerance, back_off, regularisation)
+    else:
+        made = _continuous(continuous(scaled), units, tolerance, back_off, regularisation)
+        made = _checked(scaled, discrete(made.controller, plant.dt_s), made.least)
+    return replace(made, controller=units.restored(made.controller))
+
+
+def _continuous(
+    plant: LtiSystem, units: Units, tolerance: float, back_off: float, regularisation: float
+) -> HinfDesign:
+    """Return the design for a plant in continuous time, its controls in these units."""
+    posed = _regularised(plant, units, regularisation) if regularisation else plant
+    problem = _Problem(balanced(posed)[0], units.controls.size, units.measurements.size)
     low, high = problem.bracket()
     while high > low * (1.0 + tolerance):
         middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
@@ -197,7 +203,7 @@ class _Problem:
         c1, c2 = plant.c[:p1], plant.c[p1:]
         d11, d12 = plant.d[:p1, :m1], plant.d[:p1, m1:]
         d21, self._d22 = plant.d[p1:, :m1], plant.d[p1:, m1:]
-        _check_modes(plant.a, b2, c2)
+        check_modes(plant.a, b2, c2)
         if k > p1 or q > m1:
             raise SingularProblemError(
                 f"{k} controls need as many weighted outputs (there are {p1}), {q} measurements as "
@@ -207,7 +213,7 @@ class _Problem:
         u1, s1, v1 = np.linalg.svd(d12)
         u2, s2, v2 = np.linalg.svd(d21)
         for what, values in (("control", s1), ("measurement", s2)):
-            if values[-1] <= _RANK * max(values[0], np.abs(plant.d).max(initial=0.0), 1e-300):
+            if values[-1] <= _RANK:
                 name = "D12" if what == "control" else "D21"
                 remedy = "a weight on it" if what == "control" else "noise on it"
                 raise SingularProblemError(
@@ -309,14 +315,15 @@ class _Problem:
         return _behind(LtiSystem(*found), self._d22)
 
 
-def _regularised(plant: LtiSystem, k: int, q: int, size: float) -> LtiSystem:
+def _regularised(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
     """Return the plant with the controls among z and noise on the measurements, of one size."""
     (p, m), n = plant.shape, plant.order
+    k, q = units.controls.size, units.measurements.size
     b1, b2 = plant.b[:, : m - k], plant.b[:, m - k :]
     c1, c2 = plant.c[: p - q], plant.c[p - q :]
     d11, d12 = plant.d[: p - q, : m - k], plant.d[: p - q, m - k :]
     d21, d22 = plant.d[p - q :, : m - k], plant.d[p - q :, m - k :]
-    weight, noise = size * np.eye(k), size * np.eye(q)
+    weight, noise = np.diag(size / units.controls), np.diag(size / units.measurements)
     return LtiSystem(
         plant.a,
         np.hstack([b1, np.zeros((n, q)), b2]),
@@ -359,21 +366,3 @@ def _solution(a: Array, b: Array, c: Array, d: Array, r: Array) -> Array | None:
         return None
     least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
     return x if least >= -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300) else None
-
-
-def _check_modes(a: Array, b: Array, c: Array) -> None:
-    """Raise `NotStabilisableError` for a mode that is not stable and out of reach or sight."""
-    for value in np.linalg.eigvals(a):
-        if value.real < 0.0:
-            continue
-        away = a - value * np.eye(len(a))
-        for matrix, what, remedy in (
-            (np.hstack([away, b]), "the controls do not reach", "an actuator for it"),
-            (np.vstack([away, c]).T, "the measurements do not show", "a sensor for it"),
-        ):
-            values = np.linalg.svd(matrix, compute_uv=False)
-            if values[-1] <= _MODE * max(values[0], 1e-300):
-                raise NotStabilisableError(
-                    f"{what} the mode at s = {value:.6g}, which is not stable; add {remedy}, or "
-                    "take weights with poles on the axis out of the plant"
-                )

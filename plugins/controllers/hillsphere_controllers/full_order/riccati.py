@@ -16,7 +16,7 @@ References
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import schur, solve_continuous_lyapunov
+from scipy.linalg import schur, solve_sylvester
 
 from hillsphere.interfaces import Array
 
@@ -72,7 +72,8 @@ def stabilising_solution(a: Array, s: Array, q: Array) -> Array | None:
 def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:
     """Return X after one step of Newton's method, if that is nearer."""
     closed, rest = a + s @ x, _residual(a, s, q, x)
-    step = solve_continuous_lyapunov(closed.T, -rest)
+    # where this is nearly singular, the step is none that helps, and not taken
+    step = solve_sylvester(closed.T, closed, -rest)
     better = x + 0.5 * (step + step.T)
     if np.abs(_residual(a, s, q, better)).max() < np.abs(rest).max():
         return np.asarray(better)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,11 @@ class Block:
         if self.kind != "full" and self.rows != self.columns:
             raise InputError(f"a repeated scalar is square, got {self.rows} × {self.columns}")
 
+    def squared(self) -> Block:
+        """Return the square block that this one is a part of."""
+        size = max(self.rows, self.columns)
+        return Block(self.kind, size, size, self.name)
+
 
 def repeated_real(times: int = 1, name: str = "") -> Block:
     """Return δ I with a real δ, so many times."""
@@ -67,7 +72,8 @@ class BlockStructure:
     """Blocks one after the other along the diagonal of Δ.
 
     Bounds of µ work on a matrix whose blocks are all square: rows and columns of zeros, which
-    change no µ, fill up those that are not (`squared`). A one by one full block is a complex scalar.
+    change no µ, fill up those that are not (`squared`). A full block of one by one is a complex
+    scalar.
 
     Parameters
     ----------
@@ -108,7 +114,7 @@ class BlockStructure:
         """Return the place of each squared block."""
         return [slice(int(a), int(a + b)) for a, b in zip(self.starts, self.sizes, strict=True)]
 
-    def squared(self, matrix: Complex) -> Complex:
+    def squared(self, matrix: NDArray[np.inexact[Any]]) -> Complex:
         """Return a matrix (..., p, m) with zeros where a block lacks rows or columns.
 
         Raises
@@ -126,9 +132,48 @@ class BlockStructure:
         made[..., self._rows[:, None], self._columns] = given
         return made
 
+    def places(self) -> tuple[Integers, Integers]:
+        """Return the indices of the rows and of the columns of M in the squared matrix."""
+        return self._rows, self._columns
+
+    def parts(self) -> list[tuple[slice, slice]]:
+        """Return the rows and columns that each block has in Δ as it is, not squared."""
+        rows = np.cumsum([0, *(b.rows for b in self.blocks)]).tolist()
+        columns = np.cumsum([0, *(b.columns for b in self.blocks)]).tolist()
+        return [
+            (slice(rows[k], rows[k + 1]), slice(columns[k], columns[k + 1]))
+            for k in range(len(self.blocks))
+        ]
+
+    def real_values(self, delta: Complex) -> dict[str, float]:
+        """Return the scalars of the real blocks of Δ by their name, or their number without one."""
+        return {
+            block.name or str(k): float(delta[rows, columns][0, 0].real)
+            for k, (block, (rows, columns)) in enumerate(
+                zip(self.blocks, self.parts(), strict=True)
+            )
+            if block.kind == "real"
+        }
+
     def unsquared(self, delta: Complex) -> Complex:
         """Return the part of a squared Δ (size, size) that is there, all rows by all columns."""
         return np.asarray(delta[self._columns[:, None], self._rows])
+
+    def indices(self, blocks: Iterable[int]) -> NDArray[np.bool_]:
+        """Say which indices of the squared matrix belong to some blocks, (size,).
+
+        Raises
+        ------
+        InputError
+            If there is no such block.
+        """
+        belong = np.zeros(self.size, dtype=bool)
+        spans = self.spans()
+        for block in blocks:
+            if not 0 <= block < len(spans):
+                raise InputError(f"no block {block}; they are numbered 0 to {len(spans) - 1}")
+            belong[spans[block]] = True
+        return belong
 
     def scalar(self, block: int) -> bool:
         """Say whether a block is δ I, or one by one."""
@@ -138,6 +183,11 @@ class BlockStructure:
         """Say which indices of the squared matrix belong to real blocks, (size,)."""
         kinds = np.array([b.kind == "real" for b in self.blocks])
         return np.repeat(kinds, self.sizes)
+
+    @property
+    def purely_real(self) -> bool:
+        """Whether every block is real."""
+        return all(b.kind == "real" for b in self.blocks)
 
     def perturbation(self, values: Sequence[complex | Array | Complex]) -> Complex:
         """Return the squared Δ of scalars and matrices, one per block."""

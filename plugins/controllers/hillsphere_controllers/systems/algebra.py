@@ -25,7 +25,7 @@ __all__ = [
     "upper_lft",
 ]  # fmt: skip
 
-_SINGULAR = 1e-12
+_SINGULAR, _NEAR = 1e-12, 1e-6
 
 
 def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
@@ -85,7 +85,7 @@ def fed_back(system: LtiSystem, matrix: Array) -> LtiSystem:
     if f.shape != (m, p):
         raise InputError(f"a feedback matrix must be {m} × {p}, got {f.shape}")
     loop = np.eye(m) - f @ system.d
-    if m and np.linalg.svd(loop, compute_uv=False)[-1] < _SINGULAR * max(1.0, np.abs(loop).max()):
+    if m and _singular(loop):
         raise InputError(
             "the loop is not well posed: its direct terms alone close it (I − F D is singular)"
         )
@@ -232,6 +232,15 @@ def upper_lft(plant: LtiSystem, block: LtiSystem) -> LtiSystem:
         tuple(plant.outputs[i] for i in rows) if plant.outputs else (),
     )  # fmt: skip
     return star(turned, block, controls, measurements)
+
+
+def _singular(loop: Array) -> bool:
+    """Say whether a matrix I − F D is singular, in whatever units its rows and columns are."""
+    if np.linalg.svd(loop, compute_uv=False)[-1] >= _SINGULAR * max(1.0, np.abs(loop).max()):
+        return False
+    # the units of signals change singular values, but not the eigenvalues
+    sizes = np.abs(np.linalg.eigvals(loop))
+    return bool(sizes.min() < _NEAR * max(1.0, sizes.max()))
 
 
 def _unnamed(system: LtiSystem) -> LtiSystem:

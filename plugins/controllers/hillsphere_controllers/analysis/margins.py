@@ -1,0 +1,254 @@
+r"""Margins of loops that are closed by negative feedback, S = (I + L)⁻¹.
+
+Crossings are found exactly: the gain of a scalar L(jω) is one at the imaginary zeros of
+:math:`1 - L(-s) L(s)`, and L(jω) is real at those of :math:`L(s) - L(-s)`; both are eigenvalues of
+a pencil made of the matrices of L. A sample rate changes nothing of this: the bilinear map brings
+the unit circle to the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, eig
+from scipy.optimize import brentq
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.frequency import Response
+from hillsphere_controllers.systems.algebra import fed_back, feedback, gain
+from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.bilinear import continuous
+
+__all__ = ["LoopMargins", "loop_margins"]
+
+Complex = NDArray[np.complex128]
+Curve = Callable[[Complex], Array]
+
+_GRID = 200
+"""Frequencies that are looked at besides the eigenvalues, should one of these be missed."""
+_BESIDE = 1e-7
+_REAL, _SAME = 1e-6, 1e-5
+_NEAR = 1e-2
+_FAR = 1e8
+"""A crossing at a gain as large as that, or as small as its inverse, is rounding at a pole."""
+
+
+@dataclass(frozen=True)
+class LoopMargins:
+    """What one loop bears while all others are as they are.
+
+    Parameters
+    ----------
+    stable : bool
+        Whether the closed loop is stable. If not, it bears nothing: the other numbers are those of
+        no margin at all.
+    gain_lower, gain_upper : float
+        The loop stays stable for all factors on its gain between them; 0 and infinite where nothing
+        bounds them.
+    gain_lower_rad_s, gain_upper_rad_s : float
+        Frequencies of the oscillation at these factors; NaN where there is none.
+    phase_rad : float
+        It stays stable for all changes of phase up to this, both ways; π where nothing bounds it.
+    phase_rad_s : float
+        Frequency at which the phase is that near; NaN where the gain is one nowhere.
+    delay_s : float
+        It stays stable for all additional delays below this; infinite where nothing bounds it. Zero
+        if the gain does not fall below one at infinite frequency.
+    delay_rad_s : float
+        Frequency of the oscillation at that delay; NaN where there is none.
+    """
+
+    stable: bool
+    gain_lower: float
+    gain_upper: float
+    gain_lower_rad_s: float
+    gain_upper_rad_s: float
+    phase_rad: float
+    phase_rad_s: float
+    delay_s: float
+    delay_rad_s: float
+
+
+_NONE = LoopMargins(False, 1.0, 1.0, np.nan, np.nan, 0.0, np.nan, 0.0, np.nan)
+
+
+def loop_margins(loop: LtiSystem) -> tuple[LoopMargins, ...]:
+    """Return the margins of each loop, the others closed.
+
+    Parameters
+    ----------
+    loop : LtiSystem
+        L, as many outputs as inputs, closed by negative feedback: ``series(plant, controller)``
+        for margins at the controls, ``series(controller, plant)`` at the measurements. In discrete
+        time, a plant as the computer sees it is given by `hillsphere_controllers.systems.holding`,
+        and delays are those of continuous time: as many seconds.
+
+    Returns
+    -------
+    tuple of LoopMargins
+        One per channel.
+
+    Raises
+    ------
+    InputError
+        If L is not square, or has a pole at z = −1.
+    """
+    p, m = loop.shape
+    if p != m or p == 0:
+        raise InputError(f"a loop has as many outputs as inputs, got {p} and {m}")
+    if not feedback(gain(np.eye(p)), loop).is_stable:
+        return (_NONE,) * p
+    return tuple(_of_channel(_alone(loop, i)) for i in range(p))
+
+
+def _alone(loop: LtiSystem, channel: int) -> LtiSystem:
+    """Return the loop of one channel, the others closed."""
+    others = -np.eye(loop.shape[0])
+    others[channel, channel] = 0.0
+    closed = fed_back(replace(loop, inputs=(), outputs=()), others)
+    at = slice(channel, channel + 1)
+    return LtiSystem(closed.a, closed.b[:, at], closed.c[at], closed.d[at, at], loop.dt_s)
+
+
+def _of_channel(loop: LtiSystem) -> LoopMargins:
+    image, _ = balanced(loop if loop.dt_s is None else continuous(loop))
+    curve = _Curve(image)
+    gains, phases = curve.real_crossings(), curve.unit_crossings()
+    direct = float(image.d[0, 0])
+
+    def rate(omega: float) -> float:
+        if loop.dt_s is None:
+            return omega
+        return float(2.0 / loop.dt_s * np.arctan(0.5 * loop.dt_s * omega))
+
+    lower, upper = (0.0, np.nan), (np.inf, np.nan)
+    for omega, value in gains:
+        factor = -1.0 / value.real
+        if factor > 1.0:
+            upper = min(upper, (factor, omega), key=lambda pair: pair[0])
+        else:
+            lower = max(lower, (factor, omega), key=lambda pair: pair[0])
+    phase, delay = (np.pi, np.nan), (np.inf, np.nan)
+    for omega, value in phases:
+        lag = float(np.angle(-value)) % (2.0 * np.pi)
+        phase = min(phase, (min(lag, 2.0 * np.pi - lag), omega), key=lambda pair: pair[0])
+        delay = min(delay, (lag / rate(omega), omega), key=lambda pair: pair[0])
+    if loop.dt_s is None and abs(direct) >= 1.0:
+        delay = (0.0, np.inf)
+    return LoopMargins(
+        True, lower[0], upper[0], rate(lower[1]), rate(upper[1]), phase[0], rate(phase[1]),
+        delay[0], rate(delay[1]),
+    )  # fmt: skip
+
+
+class _Curve:
+    """L(jω) of a scalar loop in continuous time."""
+
+    def __init__(self, loop: LtiSystem) -> None:
+        self.loop = loop
+        self._response = Response(loop.a, loop.b, loop.c, loop.d)
+        self._poles = self._response.poles
+        size = np.abs(self._poles)
+        size = size[size > 0.0]
+        low, high = (size.min(), size.max()) if size.size else (1.0, 1.0)
+        self._grid = np.concatenate(
+            [size, np.logspace(np.log10(low) - 3.0, np.log10(high) + 3.0, _GRID)]
+        )
+
+    def __call__(self, omega: Array) -> Complex:
+        return np.asarray(self._response(np.asarray(1j * omega, dtype=complex))[:, 0, 0])
+
+    def real_crossings(self) -> list[tuple[float, complex]]:
+        """Return the frequencies at which L is real and negative, and L there."""
+        found = [
+            (omega, value)
+            for omega, value in self._crossings(
+                self._real_at(), lambda value: value.imag / np.abs(value)
+            )
+            if value.real < 0.0 and abs(value.imag) <= _REAL * abs(value)
+        ]
+        # the ends of the axis, where L is real in any case
+        loop = self.loop
+        if loop.d[0, 0] < 0.0:
+            found.append((np.inf, complex(loop.d[0, 0])))
+        reach = np.abs(self._poles).max(initial=0.0)
+        if np.abs(self._poles).min(initial=np.inf) > 1e-12 * reach:
+            at_rest = self(np.zeros(1))[0]
+            if at_rest.real < 0.0:
+                found.append((0.0, at_rest))
+        return [(omega, value) for omega, value in found if 1.0 / _FAR < abs(value) < _FAR]
+
+    def unit_crossings(self) -> list[tuple[float, complex]]:
+        """Return the frequencies at which the gain is one, and L there."""
+        return [
+            (omega, value)
+            for omega, value in self._crossings(
+                self._unit_at(), lambda value: np.log(np.abs(value))
+            )
+            if abs(abs(value) - 1.0) <= _REAL
+        ]
+
+    def _crossings(self, candidates: Array, side: Curve) -> list[tuple[float, complex]]:
+        """Return where a function of L changes its sign, or vanishes at a candidate."""
+        points = np.concatenate(
+            [self._grid, candidates * (1.0 - _BESIDE), candidates * (1.0 + _BESIDE)]
+        )
+        points = np.unique(points[np.isfinite(points) & (points > 0.0)])
+        with np.errstate(all="ignore"):
+            sides = side(self(points))
+        keep = np.isfinite(sides)
+        points, sides = points[keep], sides[keep]
+
+        def at(log_omega: float) -> float:
+            return float(side(self(np.exp([log_omega])))[0])
+
+        found = []
+        for k in np.flatnonzero(sides[1:] * sides[:-1] < 0.0):
+            ends = np.log(points[k : k + 2])
+            if at(ends[0]) * at(ends[1]) < 0.0:
+                found.append(float(np.exp(brentq(at, *ends, xtol=1e-15, rtol=1e-15))))
+        # a curve that touches and does not cross has a candidate all the same
+        known = np.array(found)
+        found += [x for x in candidates if x > 0.0 and not (np.abs(known - x) <= _SAME * x).any()]
+        if not found:
+            return []
+        with np.errstate(all="ignore"):
+            values = self(np.array(found))
+        return [
+            (float(omega), complex(value))
+            for omega, value in zip(found, values, strict=True)
+            if np.isfinite(value)
+        ]
+
+    def _unit_at(self) -> Array:
+        """Return candidates for a gain of one: zeros of 1 − L(−s) L(s)."""
+        a, b, c, d = self.loop.a, self.loop.b, self.loop.c, self.loop.d
+        both = np.block([[a, np.zeros_like(a)], [c.T @ c, -a.T]])
+        into, out = np.vstack([b, c.T @ d]), np.hstack([-d.T @ c, b.T])
+        return _axis_zeros(both, into, out, np.eye(1) - d.T @ d)
+
+    def _real_at(self) -> Array:
+        """Return candidates for a real L: zeros of L(s) − L(−s)."""
+        a, b, c = self.loop.a, self.loop.b, self.loop.c
+        return _axis_zeros(
+            block_diag(a, -a.T), np.vstack([b, c.T]), np.hstack([c, b.T]), np.zeros((1, 1))
+        )
+
+
+def _axis_zeros(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return the sizes of the zeros of C (s I − A)⁻¹ B + D that lie near the imaginary axis."""
+    n = len(a)
+    left = np.block([[a, b], [c, d]])
+    right = block_diag(np.eye(n), np.zeros((1, 1)))
+    alpha, beta = eig(left, right, right=False, homogeneous_eigvals=True)
+    finite = np.abs(beta) > 1e-300
+    with np.errstate(all="ignore"):
+        zeros = alpha[finite] / beta[finite]
+    zeros = zeros[np.isfinite(zeros)]
+    near = np.abs(zeros.real) <= _NEAR * np.abs(zeros)
+    return np.unique(np.abs(zeros[near].imag))

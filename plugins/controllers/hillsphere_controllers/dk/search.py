@@ -1,0 +1,263 @@
+"""The search for a controller of low µ: D-steps, K-steps and joint steps from the best known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from hillsphere.errors import HillsphereError, Interrupted
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.dk.absorption import absorbed, factors
+from hillsphere_controllers.dk.fitting import Fitted, Goal, dips, fitted, levels_of, lifted
+from hillsphere_controllers.dk.goals import bounds_of
+from hillsphere_controllers.dk.joint import descended
+from hillsphere_controllers.dk.multipliers import Multiplier
+from hillsphere_controllers.dk.results import DkIteration, Kind
+from hillsphere_controllers.dk.starting import constant_scalings, constants_like
+from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.full_order.hinf import hinf_synthesis
+from hillsphere_controllers.mu.blocks import BlockStructure
+from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
+from hillsphere_controllers.systems.algebra import lower_lft
+
+__all__ = ["KStep", "Point", "Search"]
+
+KStep = Callable[[LtiSystem], LtiSystem]
+"""A synthesis: takes the scaled plant, its last inputs and outputs being controls and measurements,
+returns a controller that makes the gain of the others small; `HillsphereError` if there is none."""
+
+_FLOORS = (0.5, 0.9, 1.0)
+"""Shares of µ's peak below which no bound is asked for, tried in turn where the fit misses."""
+_SLOW = 0.01
+"""An alternation that gains less is followed by a joint step."""
+_ENDED = 1e-3
+_REFITTED = 4
+_MISSED = 1.01
+_FITTED = 1.004
+_ABOVE = 1.005
+"""G is taken in for a level that the K-step should stay below: above it a large G proves little."""
+_ROUGH = 1e-2
+_SMOOTH = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A controller, the scalings that it was made with, and its certified bound."""
+
+    controller: LtiSystem
+    loop: LtiSystem
+    multipliers: tuple[Multiplier, ...]
+    peak: CertifiedPeak
+
+
+class Search:
+    """The best controller so far, and the steps towards it."""
+
+    def __init__(
+        self,
+        plant: LtiSystem,
+        structure: BlockStructure,
+        channels: tuple[int, int],
+        k_step: KStep | None,
+        back_off: float,
+        gap: float,
+        progress: Callable[[DkIteration], None] | None,
+    ) -> None:
+        self.plant, self.structure, self.channels = plant, structure, channels
+        self._given, self._back_off, self._gap, self._progress = k_step, back_off, gap, progress
+        self.best: Point | None = None
+        self.steps: list[DkIteration] = []
+        self._omega: Array = np.zeros(0)
+        self._clock = perf_counter()
+
+    def begin(self, controller: LtiSystem | None) -> None:
+        """Take a first controller, or make it with the best constant scalings."""
+        if controller is not None:
+            loop = lower_lft(self.plant, controller)
+            peak = certified_peak(loop, self.structure, gap=self._gap)
+            goal = bounds_of(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
+            self._judge("start", controller, constants_like(self.structure, goal.sizes), np.nan)
+            return
+        scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
+        found, gamma = self._made(scalings, 1.0)
+        self._judge("start", found, scalings, gamma)
+
+    def run(self, iterations: int, highest: int, joint_steps: int, target: float) -> str:
+        """Go on until nothing is gained; return why it ended."""
+        if len(self.structure.blocks) == 1 and self.structure.blocks[0].kind == "full":
+            return "one full block: there is nothing to scale"
+        joint, raised = False, False
+        for _ in range(iterations):
+            assert self.best is not None
+            before = self.best
+            if before.peak.upper <= target:
+                return f"the target {target:.6g} is met"
+            if joint:
+                start = self._raised(before, highest) if raised else before.multipliers
+                self._joint(start, before.peak.upper, joint_steps)
+            else:
+                self._step("alternate", *self._fitted(before, highest))
+            gained = 1.0 - self.best.peak.upper / before.peak.upper
+            if joint:
+                if gained < _ENDED and (
+                    raised or all(o.fixed or o.order >= highest for o in before.multipliers)
+                ):
+                    return f"neither alternation nor a joint step gains {_ENDED:.0e}"
+                raised, joint = gained < _ENDED, gained < _ENDED
+            elif gained < _SLOW:
+                if not joint_steps and gained < _ENDED:
+                    return f"alternation gains less than {_ENDED:.0e}"
+                joint = joint_steps > 0
+        assert self.best is not None
+        if self.best.peak.upper <= target:
+            return f"the target {target:.6g} is met"
+        return f"{iterations} iterations are done"
+
+    def _joint(self, start: Sequence[Multiplier], beta: float, steps: int) -> None:
+        """Move scalings and controller together."""
+
+        def gamma(multipliers: Sequence[Multiplier]) -> float:
+            return self._gamma(multipliers, beta, _SMOOTH)
+
+        self._step("joint", tuple(descended(gamma, start, self._omega, steps)), beta)
+
+    def _raised(self, point: Point, highest: int) -> tuple[Multiplier, ...]:
+        omega = self._omega[(self._omega > 0.0) & np.isfinite(self._omega)]
+        place = float(np.clip(point.peak.frequency_rad_s, omega.min(), omega.max()))
+        return tuple(
+            one if one.fixed or one.order >= highest else one.raised(place)
+            for one in point.multipliers
+        )
+
+    def _fitted(self, point: Point, highest: int) -> tuple[tuple[Multiplier, ...], float]:
+        """Return scalings that prove nearly µ's bound of a loop, and a level above it."""
+        more = point.peak.looked_at_rad_s
+        start, beta = point.multipliers, np.inf
+        for _ in range(_REFITTED):
+            bounds = bounds_of(point.loop, self.structure, more)
+            self._omega = bounds.omega_rad_s
+            for floor in _FLOORS:
+                goal = bounds.goal(floor)
+                if not np.isfinite(levels_of(goal, start)).all():
+                    start = constants_like(self.structure, goal.sizes)
+                found = _of_rising_order(goal, start, highest)
+                beta = float(np.sqrt((found.ratios * goal.levels).max()))
+                if beta <= _MISSED * bounds.values.max():
+                    break
+            start = found.multipliers
+            missed = dips(start, bounds.omega_rad_s)
+            if not missed.size:
+                try:
+                    scaled = self._scaled(start, beta)
+                except SynthesisFailedError:
+                    break
+                norm = hinf_norm(lower_lft(scaled, point.controller), 1e-6)
+                if norm.value <= _MISSED * beta:
+                    break
+                missed = np.array([norm.frequency_rad_s])
+            more = np.append(more, missed)
+        return tuple(lifted(one, self._omega) for one in start), _ABOVE * beta
+
+    def _scaled(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
+        return absorbed(self.plant, [factors(one, beta) for one in multipliers], beta)
+
+    def _gamma(self, multipliers: Sequence[Multiplier], beta: float, tolerance: float) -> float:
+        """Return what the K-step reaches with scalings."""
+        scaled = self._scaled(multipliers, beta)
+        if self._given is not None:
+            return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value
+        return hinf_synthesis(
+            scaled, *self.channels, tolerance=tolerance, back_off=self._back_off
+        ).least
+
+    def _made(self, multipliers: Sequence[Multiplier], beta: float) -> tuple[LtiSystem, float]:
+        scaled = self._scaled(multipliers, beta)
+        if self._given is not None:
+            controller = self._given(scaled)
+            return controller, hinf_norm(lower_lft(scaled, controller), 1e-6).value
+        design = hinf_synthesis(scaled, *self.channels, back_off=self._back_off)
+        return design.controller, design.gamma
+
+    def _step(self, kind: Kind, multipliers: tuple[Multiplier, ...], beta: float) -> None:
+        try:
+            controller, gamma = self._made(multipliers, beta)
+        except Interrupted:
+            raise
+        except HillsphereError as error:
+            self._record(
+                DkIteration(
+                    kind,
+                    np.inf,
+                    np.nan,
+                    np.inf,
+                    _orders(multipliers),
+                    0,
+                    accepted=False,
+                    seconds=0.0,
+                    refusal=str(error),
+                )
+            )
+            return
+        self._judge(kind, controller, multipliers, gamma)
+
+    def _judge(
+        self,
+        kind: Kind,
+        controller: LtiSystem,
+        multipliers: tuple[Multiplier, ...],
+        gamma: float,
+    ) -> None:
+        """Certify µ with a controller, and keep it if that is lower."""
+        upper, frequency, refusal = np.inf, np.nan, ""
+        try:
+            loop = lower_lft(self.plant, controller)
+            peak = certified_peak(loop, self.structure, gap=self._gap)
+        except HillsphereError as error:  # not stable, say
+            if self.best is None:
+                raise
+            refusal = str(error)
+        else:
+            upper, frequency = peak.upper, peak.frequency_rad_s
+            if self.best is None or upper < self.best.peak.upper:
+                self.best = Point(controller, loop, multipliers, peak)
+            else:
+                refusal = "µ is not lower"
+        self._record(
+            DkIteration(
+                kind, upper, frequency, gamma, _orders(multipliers), controller.order,
+                accepted=not refusal, seconds=0.0, refusal=refusal,
+            )
+        )  # fmt: skip
+
+    def _record(self, step: DkIteration) -> None:
+        now = perf_counter()
+        step = replace(step, seconds=now - self._clock)
+        self._clock = now
+        self.steps.append(step)
+        if self._progress is not None:
+            self._progress(step)
+
+
+def _orders(multipliers: Sequence[Multiplier]) -> tuple[int, ...]:
+    return tuple(one.order for one in multipliers)
+
+
+def _of_rising_order(goal: Goal, start: Sequence[Multiplier], highest: int) -> Fitted:
+    """Return the fit of the least order that meets the goal nearly, or of the highest one."""
+    best = fitted(goal, start)
+    while best.ratios.max() > _FITTED**2:
+        worst = goal.omega_rad_s[int(np.argmax(best.ratios))]
+        place = float(np.clip(worst, *np.exp(goal.range)))
+        raised = [
+            one if one.fixed or one.order >= highest else one.raised(place)
+            for one in best.multipliers
+        ]
+        if all(a is b for a, b in zip(raised, best.multipliers, strict=True)):
+            break
+        best = fitted(goal, raised)
+    return best

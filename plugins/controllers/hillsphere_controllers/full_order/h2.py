@@ -1,0 +1,215 @@
+r"""H2 synthesis of full order by two Riccati equations.
+
+With the plant of `hillsphere_controllers.full_order.hinf` and D11 = 0 in continuous time, the
+controller that minimises the H2 norm from w to z is the state feedback that is optimal for all
+disturbances, on the estimate of the states that is optimal for all controls [1]_. In discrete time
+the estimate has the measurement of the moment, so that the controller has a direct term.
+
+References
+----------
+.. [1] K. Zhou, J. C. Doyle, K. Glover (1996), Robust and Optimal Control, Prentice Hall, sections
+   14.5 and 21.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
+from hillsphere_controllers.full_order.modes import check_modes
+from hillsphere_controllers.full_order.riccati import stabilising_solution
+from hillsphere_controllers.full_order.scaling import Units
+from hillsphere_controllers.systems.algebra import fed_back, lower_lft
+from hillsphere_controllers.systems.balancing import balanced
+
+__all__ = ["H2Design", "h2_synthesis", "optimal_cost"]
+
+_RANK = 1e-9
+"""Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
+_AGREE = 1e-5
+_RESIDUAL = 1e-6
+
+
+@dataclass(frozen=True)
+class H2Design:
+    """A controller and what it does.
+
+    Parameters
+    ----------
+    controller : LtiSystem
+        From y to u, of the order of the plant.
+    norm : float
+        The closed loop's H2 norm, computed from the closed loop; no controller has a smaller one.
+    closed_loop : LtiSystem
+        From w to z.
+    """
+
+    controller: LtiSystem
+    norm: float
+    closed_loop: LtiSystem
+
+
+def h2_synthesis(plant: LtiSystem, controls: int, measurements: int) -> H2Design:
+    """Return the controller that minimises the H2 norm from w to z.
+
+    Parameters
+    ----------
+    plant : LtiSystem
+        Its last inputs are the controls u, its last outputs the measurements y; in continuous or
+        in discrete time.
+    controls, measurements : int
+        Numbers of u and y.
+
+    Returns
+    -------
+    H2Design
+        The controller, checked.
+
+    Raises
+    ------
+    InputError
+        If the numbers do not fit.
+    NotStabilisableError
+        If u cannot stabilise the plant, or y does not show an unstable mode.
+    SingularProblemError
+        If D11 is not zero (in continuous time), a control has no weight, a measurement no noise,
+        or the plant from u to z or from w to y has a zero on the stability boundary.
+    SynthesisFailedError
+        If the closed loop is not stable, or its norm not the one that the Riccati equations
+        promise.
+    """
+    (p, m), k, q = plant.shape, controls, measurements
+    if not (0 < k <= m and 0 < q <= p):
+        raise InputError(f"{k} controls and {q} measurements do not fit a plant of {p} × {m}")
+    units = Units.of(plant, k, q)
+    design = _solved(units.scaled(plant), k, q)
+    return replace(design, controller=units.restored(design.controller))
+
+
+def _solved(plant: LtiSystem, k: int, q: int) -> H2Design:
+    """Return the design for a plant whose controls and measurements have units of their size."""
+    made, _ = balanced(plant)
+    p1, m1 = plant.shape[0] - q, plant.shape[1] - k
+    a, b1, b2 = made.a, made.b[:, :m1], made.b[:, m1:]
+    c1, c2 = made.c[:p1], made.c[p1:]
+    d11, d12 = made.d[:p1, :m1], made.d[:p1, m1:]
+    d21, d22 = made.d[p1:, :m1], made.d[p1:, m1:]
+    discrete = plant.dt_s is not None
+    if not discrete and d11.any():
+        raise SingularProblemError(
+            "white noise in w passes to z through D11 with infinite power; put a lag on the "
+            "disturbance or the weight of each nonzero entry of D11"
+        )
+    check_modes(a, b2, c2, discrete=discrete)
+    _check_rank(d12, "control")
+    _check_rank(d21.T, "measurement")
+    x, f = optimal_cost(a, b2, c1, d12, discrete=discrete)
+    y, h = optimal_cost(a.T, c2.T, b1.T, d21.T, discrete=discrete)
+    gain = h.T
+    if not discrete:
+        weight = d12.T @ d12
+        square = np.sum((b1.T @ x) * b1.T) + np.sum((f @ y) * (weight @ f))
+        controller = LtiSystem(a + b2 @ f + gain @ c2, -gain, f, np.zeros((k, q)))
+    else:
+        weight = d12.T @ d12 + b2.T @ x @ b2
+        noise = d21 @ d21.T + c2 @ y @ c2.T
+        f0 = -np.linalg.solve(weight, b2.T @ x @ b1 + d12.T @ d11)
+        # of F x + F0 w, what the measurement of the moment tells
+        told = f @ y @ c2.T + f0 @ d21.T
+        l0: Array = np.asarray(np.linalg.solve(noise, told.T).T, dtype=float)
+        missed = f @ y @ f.T + f0 @ f0.T - l0 @ noise @ l0.T
+        square = (
+            np.sum((b1.T @ x) * b1.T) + np.sum(d11**2)
+            - np.sum((weight @ f0) * f0) + np.sum(weight * missed)
+        )  # fmt: skip
+        into = -gain + b2 @ l0
+        controller = LtiSystem(a + b2 @ f - into @ c2, into, f - l0 @ c2, l0, plant.dt_s)
+    if d22.any():  # y − D22 u is what the controller was made for
+        controller = fed_back(controller, -d22)
+    loop = lower_lft(plant, controller)
+    if not discrete:  # D11 + D12 · 0 · D21, but for rounding
+        loop = replace(loop, d=np.zeros_like(loop.d))
+    if not loop.is_stable:
+        raise SynthesisFailedError(
+            "the closed loop is not stable in floating point; scale inputs, outputs and time to "
+            "order one"
+        )
+    norm, promised = h2_norm(loop), float(np.sqrt(max(square, 0.0)))
+    if not abs(norm - promised) <= _AGREE * promised + 1e-9 * np.abs(d11).max(initial=0.0):
+        raise SynthesisFailedError(
+            f"the closed loop has the H2 norm {norm:.9g}, the Riccati equations promise "
+            f"{promised:.9g}; scale inputs, outputs and time to order one"
+        )
+    return H2Design(controller, norm, loop)
+
+
+def optimal_cost(
+    a: Array, b: Array, c: Array, d: Array, *, discrete: bool = False
+) -> tuple[Array, Array]:
+    r"""Return X and F of the state feedback u = F x that minimises the energy of C x + D u.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray, shape (n, n), (n, m), (p, n), (p, m)
+        Matrices, D of full column rank.
+    discrete : bool
+        Whether x follows in steps.
+
+    Returns
+    -------
+    x : ndarray, shape (n, n)
+        The energy from a state x is xᵀ X x.
+    f : ndarray, shape (m, n)
+        The feedback.
+
+    Raises
+    ------
+    SingularProblemError
+        If there is no stabilising solution.
+    """
+    r, cross = d.T @ d, c.T @ d
+    if discrete:
+        try:
+            x = np.asarray(solve_discrete_are(a, b, c.T @ c, r, s=cross))
+        except (np.linalg.LinAlgError, ValueError):
+            raise _none(discrete) from None
+        weight = r + b.T @ x @ b
+        f = -np.linalg.solve(weight, b.T @ x @ a + cross.T)
+        rest = a.T @ x @ a - x + (a.T @ x @ b + cross) @ f + c.T @ c
+        size = max(np.abs(x).max(initial=0.0), np.abs(a.T @ x @ a).max(initial=0.0), 1e-300)
+        stable = np.abs(np.linalg.eigvals(a + b @ f)).max(initial=0.0) < 1.0
+        if np.abs(rest).max(initial=0.0) > _RESIDUAL * size or not stable:
+            raise _none(discrete)
+        return x, f
+    feed, back = np.linalg.solve(r, cross.T), np.linalg.solve(r, b.T)
+    s, rest = -b @ back, c - d @ feed
+    found = stabilising_solution(a - b @ feed, 0.5 * (s + s.T), rest.T @ rest)
+    if found is None:
+        raise _none(discrete)
+    return found, -(feed + back @ found)
+
+
+def _none(discrete: bool) -> SingularProblemError:
+    where = "unit circle" if discrete else "imaginary axis"
+    return SingularProblemError(
+        f"the Riccati equation has no stabilising solution: a mode on the {where} is not weighted "
+        "or not excited (a zero from u to z or from w to y), or the data are badly scaled; weight "
+        "it a little, or shift it off"
+    )
+
+
+def _check_rank(d: Array, what: str) -> None:
+    values = np.linalg.svd(d, compute_uv=False) if min(d.shape) else np.zeros(1)
+    if d.shape[0] < d.shape[1] or values[-1] <= _RANK:
+        name, remedy = ("D12", "weight") if what == "control" else ("D21", "noise")
+        raise SingularProblemError(
+            f"{name} lacks full rank: a combination of the {what}s has no {remedy}; add a small "
+            f"direct {remedy} on each {what}"
+        )

@@ -1,0 +1,1 @@
+"""Uncertain systems as linear fractional transformations of a fixed system and what is unknown."""

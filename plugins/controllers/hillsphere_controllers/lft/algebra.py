@@ -1,0 +1,234 @@
+r"""Uncertain systems: elements, and what is made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.lft.transformation import Lft, connected, constant
+from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.systems.algebra import gain
+
+__all__ = [
+    "beside", "diagonal", "dynamics", "feedback", "inverse", "matrix_block", "number", "parameter",
+    "stacked", "star", "state_space",
+]  # fmt: skip
+
+_SINGULAR = 1e-13
+
+
+def parameter(uncertainty: Uncertainty) -> Lft:
+    """Return a real parameter as an uncertain 1 × 1 matrix.
+
+    Raises
+    ------
+    InputError
+        If it is not real.
+    """
+    if uncertainty.kind != "real":
+        raise InputError(f"{uncertainty.name!r} is {uncertainty.kind}, no real parameter")
+    u = uncertainty
+    return Lft(gain(np.array([[-u.curvature, 1.0], [u.slope, u.nominal]])), (u,), (1,))
+
+
+def number(name: str, nominal: float, radius: float) -> Lft:
+    """Return a complex number in a disc about a real one, 1 × 1.
+
+    Raises
+    ------
+    InputError
+        If the radius is not positive.
+    """
+    if not radius > 0.0:
+        raise InputError(f"{name}: a radius must be > 0, got {radius}")
+    matrix = np.array([[0.0, 1.0], [radius, nominal]])
+    return Lft(gain(matrix), (Uncertainty(name, "complex"),), (1,))
+
+
+def matrix_block(name: str, rows: int, columns: int) -> Lft:
+    """Return a matrix of which only ‖Δ‖ ≤ 1 is known."""
+    return _block(Uncertainty(name, "full", rows, columns))
+
+
+def dynamics(name: str, rows: int = 1, columns: int = 1, weight: LtiSystem | None = None) -> Lft:
+    """Return any stable system of norm at most one, times a weight from the left.
+
+    Parameters
+    ----------
+    name : str
+        Of the uncertainty.
+    rows, columns : int
+        Its outputs and inputs.
+    weight : LtiSystem, optional
+        Stable, rows × rows, or 1 × 1 for all outputs; 1 if left out.
+
+    Raises
+    ------
+    InputError
+        If the weight does not fit or is not stable.
+    """
+    bare = _block(Uncertainty(name, "full", rows, columns, dynamic=True))
+    if weight is None:
+        return bare
+    if not weight.is_stable:
+        raise InputError(f"{name}: a weight must be stable")
+    if weight.shape == (1, 1) and rows > 1:
+        return diagonal(*(rows * [weight])) @ bare
+    return constant(weight) @ bare
+
+
+def _block(uncertainty: Uncertainty) -> Lft:
+    p, m = uncertainty.rows, uncertainty.columns
+    matrix = np.block([[np.zeros((m, p)), np.eye(m)], [np.eye(p), np.zeros((p, m))]])
+    return Lft(gain(matrix), (uncertainty,), (1,))
+
+
+def beside(*parts: Lft | LtiSystem | Array) -> Lft:
+    """Return [G₁ G₂ …]: the sum of what each makes of its own inputs."""
+    found = [constant(part) for part in parts]
+    _same({part.shape[0] for part in found}, "outputs")
+    count = len(found)
+    return connected(found, *_apart(found), np.hstack(count * [np.eye(found[0].shape[0])]))
+
+
+def stacked(*parts: Lft | LtiSystem | Array) -> Lft:
+    """Return [G₁; G₂; …]: all outputs for one input."""
+    found = [constant(part) for part in parts]
+    _same({part.shape[1] for part in found}, "inputs")
+    feed, _ = _apart(found)
+    into = np.vstack(len(found) * [np.eye(found[0].shape[1])])
+    return connected(found, feed, into, np.eye(feed.shape[1]))
+
+
+def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
+    """Return diag(G₁, G₂, …)."""
+    found = [constant(part) for part in parts]
+    _same({1 for _ in found}, "systems")
+    feed, into = _apart(found)
+    return connected(found, feed, into, np.eye(feed.shape[1]))
+
+
+def inverse(of: Lft) -> Lft:
+    """Return the inverse, which has as many copies.
+
+    Raises
+    ------
+    InputError
+        If the system is not square, or its direct term for Δ = 0 is singular.
+    """
+    p, m = of.shape
+    if p != m:
+        raise InputError(f"only a square system has an inverse, got {p} × {m}")
+    (out, into), s = of.closed_channels, of.system
+    d22 = s.d[out:, into:]
+    values = np.linalg.svd(d22, compute_uv=False)
+    if p and values[-1] <= _SINGULAR * values[0]:
+        raise InputError("the direct term is singular for Δ = 0: there is no proper inverse")
+    # u = D22⁻¹ (y − C2 x − D21 w)
+    back: Array = np.linalg.inv(d22).astype(float)
+    state, delta = -back @ s.c[out:], -back @ s.d[out:, :into]
+    b2, d12 = s.b[:, into:], s.d[:out, into:]
+    system = LtiSystem(
+        s.a + b2 @ state,
+        np.hstack([s.b[:, :into] + b2 @ delta, b2 @ back]),
+        np.vstack([s.c[:out] + d12 @ state, state]),
+        np.block([[s.d[:out, :into] + d12 @ delta, d12 @ back], [delta, back]]),
+        s.dt_s,
+    )
+    return Lft(system, of.uncertainties, of.times)
+
+
+def feedback(forward: Lft, back: Lft | LtiSystem | Array, sign: int = -1) -> Lft:
+    """Return (I − sign G H)⁻¹ G.
+
+    Raises
+    ------
+    InputError
+        If the two do not fit, or the loop is not well posed for Δ = 0.
+    """
+    behind = constant(back)
+    p, m = forward.shape
+    if behind.shape != (m, p):
+        raise InputError(f"the feedback must be {m} × {p} to fit, got {behind.shape}")
+    if sign not in (-1, 1):
+        raise InputError(f"sign must be -1 or 1, got {sign}")
+    feed = np.block([[np.zeros((m, p)), sign * np.eye(m)], [np.eye(p), np.zeros((p, m))]])
+    into = np.vstack([np.eye(m), np.zeros((p, m))])
+    return connected((forward, behind), feed, into, np.hstack([np.eye(p), np.zeros((p, m))]))
+
+
+def star(upper: Lft, lower: Lft | LtiSystem | Array, controls: int, measurements: int) -> Lft:
+    """Return Redheffer's star product, as `hillsphere_controllers.systems.algebra.star`.
+
+    The last `measurements` outputs of `upper` go into the first inputs of `lower`, whose first
+    `controls` outputs go into the last inputs of `upper`.
+
+    Raises
+    ------
+    InputError
+        If the sizes do not fit, or the loop is not well posed for Δ = 0.
+    """
+    low = constant(lower)
+    (p1, m1), (p2, m2) = upper.shape, low.shape
+    if not (0 <= controls <= min(m1, p2) and 0 <= measurements <= min(p1, m2)):
+        raise InputError(
+            f"star product of {p1} × {m1} and {p2} × {m2}: {controls} controls and {measurements} "
+            "measurements do not fit"
+        )
+    feed = np.zeros((m1 + m2, p1 + p2))
+    feed[m1 - controls : m1, p1 : p1 + controls] = np.eye(controls)
+    feed[m1 : m1 + measurements, p1 - measurements : p1] = np.eye(measurements)
+    rows = [*range(p1 - measurements), *range(p1 + controls, p1 + p2)]
+    columns = [*range(m1 - controls), *range(m1 + measurements, m1 + m2)]
+    return connected((upper, low), feed, np.eye(m1 + m2)[:, columns], np.eye(p1 + p2)[rows])
+
+
+def state_space(matrix: Lft, order: int, dt_s: float | None = None) -> Lft:
+    """Return the uncertain system whose matrix [A B; C D] is uncertain.
+
+    Parameters
+    ----------
+    matrix : Lft
+        Without states; its first rows give the derivative of the state, its first columns take it.
+    order : int
+        n.
+    dt_s : float, optional
+        Sampling period, s, of a system in discrete time.
+
+    Raises
+    ------
+    InputError
+        If the matrix has states or is too small.
+    """
+    p, m = matrix.shape
+    if matrix.system.order or not 0 <= order <= min(p, m):
+        raise InputError(
+            f"a matrix without states of at least {order} × {order} is needed, got {p} × {m} with "
+            f"{matrix.system.order} states"
+        )
+    m11, m12, m21, m22 = matrix.parts()
+    n = order
+    system = LtiSystem(
+        m22[:n, :n],
+        np.hstack([m21[:n], m22[:n, n:]]),
+        np.vstack([m12[:, :n], m22[n:, :n]]),
+        np.block([[m11, m12[:, n:]], [m21[n:], m22[n:, n:]]]),
+        dt_s,
+    )
+    return Lft(system, matrix.uncertainties, matrix.times)
+
+
+def _apart(parts: Sequence[Lft]) -> tuple[Array, Array]:
+    """Return F of parts that are not connected, and N of one input each."""
+    p, m = sum(part.shape[0] for part in parts), sum(part.shape[1] for part in parts)
+    return np.zeros((m, p)), np.asarray(block_diag(*(np.eye(part.shape[1]) for part in parts)))
+
+
+def _same(counts: set[int], what: str) -> None:
+    if len(counts) != 1:
+        raise InputError(f"systems of one number of {what} are needed, got {sorted(counts)}")

@@ -1,0 +1,411 @@
+r"""Linear fractional transformations: a system M closed by what is uncertain.
+
+.. math::
+
+    F_u(M, \Delta) = M_{22} + M_{21} \Delta (I - M_{11} \Delta)^{-1} M_{12},
+    \qquad \lVert \Delta \rVert \le 1
+
+[1]_. Sums, products, feedback and so on of such are such again: their M are put beside each other,
+connected, and the copies of one uncertainty gathered.
+
+References
+----------
+.. [1] K. Zhou, J. C. Doyle, K. Glover (1996), Robust and Optimal Control, Prentice Hall,
+   chapter 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.mu.blocks import Block, BlockStructure
+from hillsphere_controllers.systems.algebra import append, fed_back, gain, upper_lft
+
+__all__ = ["Lft", "connected", "constant"]
+
+_SINGULAR = 1e13
+Complex = NDArray[np.complex128]
+Number = TypeVar("Number", np.float64, np.complex128)
+Values = Mapping[str, ArrayLike | LtiSystem]
+
+
+@dataclass(frozen=True, eq=False)
+class Lft:
+    """An uncertain system, or an uncertain matrix if M has no states.
+
+    ``+``, ``-``, ``@`` and the product with a number make others; so do the functions of
+    `hillsphere_controllers.lft.algebra`. Matrices and `LtiSystem` are taken for certain ones.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M; its first outputs and inputs belong to Δ, the copies of one uncertainty together.
+    uncertainties : tuple of Uncertainty
+        Each once.
+    times : tuple of int
+        Copies of each.
+
+    Raises
+    ------
+    InputError
+        If names stand twice, copies are too few, or M is too small.
+    """
+
+    system: LtiSystem
+    uncertainties: tuple[Uncertainty, ...] = ()
+    times: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [u.name for u in self.uncertainties]
+        if len(set(names)) < len(names):
+            raise InputError(f"uncertainties of one name are one: {', '.join(names)}")
+        if len(self.times) != len(names) or any(t < 1 for t in self.times):
+            raise InputError(f"each uncertainty needs at least one copy, got {self.times}")
+        (out, into), (p, m) = self.closed_channels, self.system.shape
+        if out > p or into > m:
+            raise InputError(f"M is {p} × {m}, but Δ closes {out} outputs and {into} inputs of it")
+
+    # numpy leaves products with Lft to Lft
+    __array_ufunc__ = None
+
+    @property
+    def closed_channels(self) -> tuple[int, int]:
+        """Numbers of outputs and inputs of M that Δ closes."""
+        out = sum(t * u.columns for t, u in zip(self.times, self.uncertainties, strict=True))
+        return out, sum(t * u.rows for t, u in zip(self.times, self.uncertainties, strict=True))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of outputs and inputs that are left."""
+        (out, into), (p, m) = self.closed_channels, self.system.shape
+        return p - out, m - into
+
+    @property
+    def size(self) -> int:
+        """Inputs of M from Δ, a measure of how costly an analysis is."""
+        return self.closed_channels[1]
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Normalised blocks of Δ; several copies of a full one stand as so many blocks."""
+        made: list[Block] = []
+        for one, times in zip(self.uncertainties, self.times, strict=True):
+            if one.kind == "full":
+                made += times * [Block("full", one.rows, one.columns, one.name)]
+            else:
+                made.append(Block(one.kind, times, times, one.name))
+        return tuple(made)
+
+    @property
+    def structure(self) -> BlockStructure:
+        """Structure of Δ, for the analysis by µ of `system`.
+
+        There, copies of a full block count as independent: bounds from above stay true.
+
+        Raises
+        ------
+        InputError
+            If nothing is uncertain.
+        """
+        return BlockStructure(self.blocks)
+
+    @property
+    def nominal(self) -> LtiSystem:
+        """The system for Δ = 0."""
+        (out, into), s = self.closed_channels, self.system
+        outputs, inputs = s.outputs[out:], s.inputs[into:]
+        return LtiSystem(
+            s.a, s.b[:, into:], s.c[out:], s.d[out:, into:], s.dt_s, inputs, outputs, s.states
+        )
+
+    def deltas(self, values: Values) -> Complex:
+        """Return Δ (N, rows, columns) for N values each, see `matrices`; complex."""
+        given = self._checked(values)
+        stacks = []
+        for one, value in given:
+            if isinstance(value, LtiSystem):
+                raise InputError("a system takes the place of an uncertainty in `at` only")
+            stack = np.asarray(value)
+            stacks.append(stack[None] if stack.ndim == (2 if one.kind == "full" else 0) else stack)
+        count = max([len(s) for s in stacks], default=1)
+        columns, rows = self.closed_channels
+        made = np.zeros((count, rows, columns), dtype=complex)
+        row = column = 0
+        for (one, _), stack, times in zip(given, stacks, self.times, strict=True):
+            block: NDArray[np.generic]
+            if one.kind == "full":
+                block = stack
+            else:
+                scalar = one.normalised(stack) if one.kind == "real" else stack
+                block = scalar[:, None, None]
+            if block.shape[1:] != (one.rows, one.columns) or len(block) not in (1, count):
+                raise InputError(
+                    f"{one.name}: values of shape {stack.shape} do not fit {count} samples of "
+                    f"{one.rows} × {one.columns}"
+                )
+            for _ in range(times):
+                made[:, row : row + one.rows, column : column + one.columns] = block
+                row, column = row + one.rows, column + one.columns
+        return made
+
+    def matrices(self, values: Values) -> tuple[Array, Array, Array, Array]:
+        """Return A, B, C, D for many values at once.
+
+        Parameters
+        ----------
+        values : mapping of str to array_like
+            Name → values: of a real parameter (N,) in its unit, of a complex number (N,) and of a
+            full block (N, rows, columns) normalised and real. One value for all samples may stand
+            alone; what is left out is nominal.
+
+        Returns
+        -------
+        tuple of ndarray
+            (N, n, n), (N, n, m), (N, p, n), (N, p, m).
+
+        Raises
+        ------
+        InputError
+            If a name is unknown, values do not fit or are complex, or I − M₁₁ Δ is singular.
+        """
+        delta = self.deltas(values)
+        if delta.imag.any():
+            raise InputError("complex values make no real matrices; ask for the response instead")
+        m11, m12, m21, m22 = self.parts()
+        made = closed(m11, m12, m21, m22, delta.real)
+        n = self.system.order
+        return made[:, :n, :n], made[:, :n, n:], made[:, n:, :n], made[:, n:, n:]
+
+    def at(self, values: Values) -> LtiSystem:
+        """Return the system for one value each, which may be a system for a dynamic uncertainty.
+
+        Raises
+        ------
+        InputError
+            As `matrices`.
+        """
+        if not any(isinstance(value, LtiSystem) for value in values.values()):
+            a, b, c, d = self.matrices(values)
+            if len(a) != 1:
+                raise InputError(f"one value each is needed, got {len(a)}; see matrices")
+            plain = self.nominal
+            return LtiSystem(
+                a[0], b[0], c[0], d[0], self.system.dt_s, plain.inputs, plain.outputs, plain.states
+            )
+        blocks: list[LtiSystem] = []
+        for (one, value), times in zip(self._checked(values), self.times, strict=True):
+            if isinstance(value, LtiSystem):
+                if value.shape != (one.rows, one.columns) or not one.dynamic:
+                    raise InputError(
+                        f"{one.name} is not dynamic, or not {value.shape[0]} × {value.shape[1]}"
+                    )
+                blocks += times * [value]
+            else:
+                delta = Lft(gain(np.zeros((one.columns, one.rows))), (one,), (1,)).deltas(
+                    {one.name: value}
+                )
+                if len(delta) != 1 or delta.imag.any():
+                    raise InputError(f"{one.name}: one real value is needed")
+                blocks += times * [gain(delta[0].real)]
+        return upper_lft(self.system, append(*blocks))
+
+    def response(self, omega_rad_s: Array, values: Values) -> Complex:
+        """Return frequency responses (N, K, p, m) at K frequencies for N values, see `matrices`.
+
+        Complex values are taken here.
+        """
+        out, into = self.closed_channels
+        m = self.system.response(omega_rad_s)
+        delta = self.deltas(values)[:, None]
+        return closed(m[:, :out, :into], m[:, :out, into:], m[:, out:, :into], m[:, out:, into:],
+                      delta)  # fmt: skip
+
+    def parts(self) -> tuple[Array, Array, Array, Array]:
+        """Return M₁₁ … M₂₂ of the matrix [A B; C D], which Δ closes as it closes the system."""
+        (out, into), s = self.closed_channels, self.system
+        return (
+            s.d[:out, :into],
+            np.hstack([s.c[:out], s.d[:out, into:]]),
+            np.vstack([s.b[:, :into], s.d[out:, :into]]),
+            np.block([[s.a, s.b[:, into:]], [s.c[out:], s.d[out:, into:]]]),
+        )
+
+    def with_parts(self, m11: Array, m12: Array, m21: Array, times: Mapping[str, int]) -> Lft:
+        """Return the same nominal system with other M₁₁, M₁₂, M₂₁ and so many copies.
+
+        An uncertainty without copies is left out.
+        """
+        n, s = self.system.order, self.nominal
+        system = LtiSystem(
+            s.a, np.hstack([m21[:n], s.b]), np.vstack([m12[:, :n], s.c]),
+            np.block([[m11, m12[:, n:]], [m21[n:], s.d]]), s.dt_s,
+        )  # fmt: skip
+        kept = tuple(u for u in self.uncertainties if times[u.name])
+        return Lft(system, kept, tuple(times[u.name] for u in kept))
+
+    def _checked(self, values: Values) -> list[tuple[Uncertainty, ArrayLike | LtiSystem]]:
+        names = [u.name for u in self.uncertainties]
+        for name in values:
+            if name not in names:
+                raise InputError(
+                    f"no uncertainty {name!r}; there are: {', '.join(names) or 'none'}"
+                )
+        made: list[tuple[Uncertainty, ArrayLike | LtiSystem]] = []
+        for one in self.uncertainties:
+            none: ArrayLike = one.nominal
+            if one.kind != "real":
+                none = np.zeros((one.rows, one.columns)) if one.kind == "full" else 0.0
+            made.append((one, values.get(one.name, none)))
+        return made
+
+    def __add__(self, other: Lft | LtiSystem | Array) -> Lft:
+        """Return the sum."""
+        right = constant(other)
+        if right.shape != self.shape:
+            raise InputError(f"a sum needs systems of one shape, got {self.shape}, {right.shape}")
+        (p, m), zero = self.shape, np.zeros((2 * self.shape[1], 2 * self.shape[0]))
+        one, both = np.eye(p), np.eye(m)
+        return connected((self, right), zero, np.vstack([both, both]), np.hstack([one, one]))
+
+    def __radd__(self, other: LtiSystem | Array) -> Lft:
+        """Return the sum."""
+        return constant(other) + self
+
+    def __neg__(self) -> Lft:
+        """Return the negative."""
+        return self * -1.0
+
+    def __sub__(self, other: Lft | LtiSystem | Array) -> Lft:
+        """Return the difference."""
+        return self + -constant(other)
+
+    def __rsub__(self, other: LtiSystem | Array) -> Lft:
+        """Return the difference."""
+        return constant(other) - self
+
+    def __mul__(self, number: float) -> Lft:
+        """Return the product with a number."""
+        (p, m) = self.shape
+        return connected((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
+
+    __rmul__ = __mul__
+
+    def __matmul__(self, other: Lft | LtiSystem | Array) -> Lft:
+        """Return the product: what the right one gives goes into the left one."""
+        right = constant(other)
+        (p, m), (q, k) = self.shape, right.shape
+        if m != q:
+            raise InputError(f"a product of {p} × {m} and {q} × {k} does not fit")
+        feed = np.zeros((m + k, p + q))
+        feed[:m, p:] = np.eye(m)
+        into = np.vstack([np.zeros((m, k)), np.eye(k)])
+        return connected((self, right), feed, into, np.hstack([np.eye(p), np.zeros((p, q))]))
+
+    def __rmatmul__(self, other: LtiSystem | Array) -> Lft:
+        """Return the product."""
+        return constant(other) @ self
+
+
+def constant(given: Lft | LtiSystem | Array) -> Lft:
+    """Return a system or a matrix as one in which nothing is uncertain; an Lft as it is."""
+    if isinstance(given, Lft):
+        return given
+    return Lft(given if isinstance(given, LtiSystem) else gain(given))
+
+
+def closed(
+    m11: NDArray[Number],
+    m12: NDArray[Number],
+    m21: NDArray[Number],
+    m22: NDArray[Number],
+    delta: NDArray[Number],
+) -> NDArray[Number]:
+    """Return F_u(M, Δ) for stacks of Δ.
+
+    Raises
+    ------
+    InputError
+        If I − M₁₁ Δ is singular for one of them.
+    """
+    loop = np.eye(m11.shape[-2]) - m11 @ delta
+    try:
+        inside = np.linalg.solve(loop, m12)
+    except np.linalg.LinAlgError:
+        inside = np.full_like(m12, np.inf)
+    if not np.abs(inside).max(initial=0.0) <= _SINGULAR * np.abs(m12).max(initial=0.0):
+        raise InputError(
+            "the transformation does not exist for one of the values: I − M₁₁ Δ is singular"
+        )
+    return np.asarray(m22 + m21 @ delta @ inside)
+
+
+def connected(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft:
+    """Return what uncertain systems make when connected.
+
+    With u and y all their inputs and outputs one after the other, the result takes v and gives r:
+    u = F y + N v, r = E y. All operations are of this kind.
+
+    Parameters
+    ----------
+    parts : sequence of Lft
+        The systems.
+    feed : ndarray, shape (m, p)
+        F.
+    into : ndarray, shape (m, k)
+        N.
+    out : ndarray, shape (q, p)
+        E.
+
+    Returns
+    -------
+    Lft
+        Copies of one uncertainty stand together, in the order of their first appearance.
+
+    Raises
+    ------
+    InputError
+        If sampling periods differ, the loop is not well posed for Δ = 0, or two different
+        uncertainties have one name.
+    """
+    known: dict[str, Uncertainty] = {}
+    rows: dict[str, list[int]] = {}
+    columns: dict[str, list[int]] = {}
+    outputs: list[int] = []
+    inputs: list[int] = []
+    row = column = 0
+    for part in parts:
+        for one, times in zip(part.uncertainties, part.times, strict=True):
+            if known.setdefault(one.name, one) != one:
+                raise InputError(f"two different uncertainties have the name {one.name!r}")
+            rows.setdefault(one.name, []).extend(range(row, row + times * one.columns))
+            columns.setdefault(one.name, []).extend(range(column, column + times * one.rows))
+            row, column = row + times * one.columns, column + times * one.rows
+        p, m = part.shape
+        outputs.extend(range(row, row + p))
+        inputs.extend(range(column, column + m))
+        row, column = row + p, column + m
+    plain = [LtiSystem(s.a, s.b, s.c, s.d, s.dt_s) for s in (part.system for part in parts)]
+    whole = np.zeros((column, row))
+    whole[np.ix_(inputs, outputs)] = feed
+    made = fed_back(append(*plain), whole)
+    first = [i for name in known for i in columns[name]]
+    last = [i for name in known for i in rows[name]]
+    b = np.hstack([made.b[:, first], made.b[:, inputs] @ into])
+    c = np.vstack([made.c[last], out @ made.c[outputs]])
+    d = np.block(
+        [
+            [made.d[np.ix_(last, first)], made.d[np.ix_(last, inputs)] @ into],
+            [out @ made.d[np.ix_(outputs, first)], out @ made.d[np.ix_(outputs, inputs)] @ into],
+        ]
+    )
+    copies = tuple(len(columns[name]) // one.rows for name, one in known.items())
+    return Lft(LtiSystem(made.a, b, c, d, made.dt_s), tuple(known.values()), copies)

@@ -1,0 +1,1 @@
+"""Synthesis and analysis by linear matrix inequalities."""

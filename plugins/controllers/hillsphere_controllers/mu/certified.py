@@ -1,0 +1,296 @@
+"""The largest µ of a stable system over all frequencies, without a grid.
+
+Scalings that prove a bound at one frequency prove it on an interval around it (`intervals`). The
+bound is a little more than the largest found, so that a few such intervals cover every frequency;
+where one is found at which it does not hold, it is raised. Nothing between two frequencies goes
+unseen, however narrow a peak is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import ConvergenceError, InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.blocks import BlockStructure
+from hillsphere_controllers.mu.images import from_image, in_continuous_time
+from hillsphere_controllers.mu.intervals import Loop
+from hillsphere_controllers.mu.scalings import Scalings
+from hillsphere_controllers.mu.upper_bound import UpperBound, upper_bound
+from hillsphere_controllers.systems.balancing import balanced
+
+__all__ = [
+    "CertifiedPeak",
+    "Interval",
+    "certified_peak",
+]
+
+Complex = NDArray[np.complex128]
+
+_GRID = 40
+"""Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
+_MOST_INTERVALS = 3000
+_NARROW = 1e-7
+"""A gap narrower than that, relative to its frequency, or far from all poles, is closed by scalings
+for both its ends: at a jump of µ none for one frequency reaches the other."""
+_FLOOR = 1e-7
+"""Of the bound, relative to the largest gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Frequencies on which one pair of scalings proves the bound.
+
+    Parameters
+    ----------
+    low_rad_s, high_rad_s : float
+        Its ends.
+    frequency_rad_s : float
+        Where the scalings were found.
+    bound : float
+        What they prove on the whole of the interval.
+    scalings : Scalings
+        Of the squared matrix.
+    """
+
+    low_rad_s: float
+    high_rad_s: float
+    frequency_rad_s: float
+    bound: float
+    scalings: Scalings
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedPeak:
+    """A bound of µ at all frequencies.
+
+    Parameters
+    ----------
+    upper : float
+        µ is no larger at any frequency.
+    peak : float
+        The largest bound at one frequency that was found.
+    frequency_rad_s : float
+        Where; 0 and infinity included.
+    scalings : Scalings
+        Of the bound there.
+    intervals : tuple of Interval
+        They cover all frequencies from 0 to infinity, or to the Nyquist frequency. Empty if the
+        bound is infinite or the system has no states.
+    looked_at_rad_s, bounds : ndarray, shape (K,)
+        Frequencies at which the least bound was computed, and what it is there; elsewhere it was
+        enough that it is below `upper`.
+    """
+
+    upper: float
+    peak: float
+    frequency_rad_s: float
+    scalings: Scalings
+    intervals: tuple[Interval, ...]
+    looked_at_rad_s: Array
+    bounds: Array
+
+
+def certified_peak(
+    system: LtiSystem,
+    structure: BlockStructure,
+    *,
+    skewed: Sequence[int] | None = None,
+    gap: float = 0.01,
+) -> CertifiedPeak:
+    """Return an upper bound of µ that holds at all frequencies.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, stable; in discrete time its bilinear image is analysed.
+    structure : BlockStructure
+        Of Δ.
+    skewed : sequence of int, optional
+        Blocks whose size the bound is about, the others being no larger than one; all, if left out.
+    gap : float
+        By how much, relatively, the result is above the largest bound found at one frequency;
+        smaller ones need more intervals.
+
+    Returns
+    -------
+    CertifiedPeak
+        The bound and the intervals that prove it. Infinite, in a skewed problem, if at some
+        frequency the other blocks are not shown to leave the loop stable.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable or does not fit, or the gap is out of range.
+    ConvergenceError
+        If too many intervals are needed.
+    """
+    if not 1e-6 <= gap < 1.0:
+        raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
+    image = in_continuous_time(system, structure)
+    free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
+    search = _Cover(Loop(balanced(image)[0], structure, free), skewed, gap)
+    return search.result(system.dt_s)
+
+
+class _Cover:
+    """Bounds found at frequencies, and intervals."""
+
+    def __init__(self, loop: Loop, skewed: Sequence[int] | None, gap: float) -> None:
+        self.loop, self.skewed, self.gap = loop, skewed, gap
+        self.bounds: dict[float, UpperBound] = {}  # the least at their frequencies
+        self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
+        self.intervals: list[Interval] = []
+        self._first_look()
+        if not loop.poles.size or not np.isfinite(self.peak) or self.beta == 0.0:
+            return
+        size = np.abs(loop.poles)
+        self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
+        self._add(0.0)
+        self._add(np.inf)
+        while (between := self._widest_gap()) is not None:
+            if len(self.intervals) > _MOST_INTERVALS:
+                raise ConvergenceError(
+                    f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
+                    f"{between[0]:.6g} rad/s is left; allow a larger gap of the bounds"
+                )
+            low, high = between
+            near, far = max(low, self.slowest), min(high, self.fastest)
+            if far <= near * (1.0 + _NARROW):
+                self._close(low, high)
+            else:
+                self._add(float(np.sqrt(near * far)))
+
+    @property
+    def peak(self) -> float:
+        return max(b.value for b in self.bounds.values())
+
+    @property
+    def where(self) -> float:
+        return max(self.bounds, key=lambda omega: self.bounds[omega].value)
+
+    def _first_look(self) -> None:
+        """Find the largest bound at the frequencies of the poles and of a coarse grid.
+
+        Scalings of one frequency bound µ at all others too; where that bound is below the largest
+        known, none need be found.
+        """
+        poles = self.loop.poles
+        size = np.abs(poles)
+        omega = np.array([0.0, np.inf])
+        if poles.size:
+            low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
+            omega = np.unique(
+                np.concatenate([omega, size, np.abs(poles.imag), np.logspace(low, high, _GRID)])
+            )
+        matrices = self.loop.structure.squared(self.loop.response(omega))
+        gains = np.linalg.norm(matrices, 2, axis=(1, 2))
+        self.floor = _FLOOR * float(gains.max())
+        known, done = gains.copy(), np.zeros(omega.size, dtype=bool)
+        if not self.loop.free.all():
+            known[:] = np.inf
+        self.beta, best = 0.0, -np.inf
+        while not done.all():
+            k = int(np.argmax(np.where(done, -1.0, known)))
+            if known[k] <= best:
+                break
+            found = self._bound(float(omega[k]), best if best > 0.0 else None)
+            done[k], best = True, max(best, found.value)
+            if not np.isfinite(best):
+                break
+            known = np.minimum(known, self._everywhere(matrices, found.scalings))
+        self.beta = max((1.0 + self.gap) * best, self.floor)
+
+    def _everywhere(self, m: Complex, scalings: Scalings) -> Array:
+        """Return the bounds (K,) that scalings prove for matrices."""
+        root = np.linalg.cholesky(scalings.d)
+        inverse = np.linalg.inv(root)
+        x = root.conj().T @ m @ inverse.conj().T
+        gx = inverse @ scalings.g @ inverse.conj().T @ x
+        right = x.conj().swapaxes(1, 2) @ x + 1j * (gx - gx.conj().swapaxes(1, 2))
+        free = self.loop.free
+        made = np.full(len(m), np.inf)
+        if free.all():
+            made = np.linalg.eigvalsh(right)[:, -1]
+        else:
+            kept = ~free
+            inner = np.eye(int(kept.sum())) - right[:, kept][:, :, kept]
+            good = np.linalg.eigvalsh(inner)[:, 0] > 1e-9
+            side = right[good][:, kept][:, :, free]
+            more = side.conj().swapaxes(1, 2) @ np.linalg.solve(inner[good], side)
+            made[good] = np.linalg.eigvalsh(right[good][:, free][:, :, free] + more)[:, -1]
+        return np.asarray(np.sqrt(np.maximum(made, 0.0)))
+
+    def _bound(self, omega: float, target: float | None = None) -> UpperBound:
+        """Return the bound at a frequency, begun at the nearest one known."""
+        start = None
+        if self.proved:
+            place = np.log(max(omega, 1e-300)) if np.isfinite(omega) else 700.0
+            nearest = min(
+                self.proved,
+                key=lambda w: abs((np.log(max(w, 1e-300)) if np.isfinite(w) else 700.0) - place),
+            )
+            start = self.proved[nearest]
+        found = upper_bound(
+            self.loop.response(np.array([omega]))[0], self.loop.structure,
+            skewed=self.skewed, start=start, target=target,
+        )  # fmt: skip
+        self.proved[omega] = found.scalings
+        if target is None or found.value >= target:
+            self.bounds[omega] = found
+        return found
+
+    def _add(self, omega: float) -> None:
+        """Add an interval around a frequency, raising the bound if it does not hold there."""
+        while (found := self._bound(omega, self.beta)).value >= self.beta:
+            self.beta = (1.0 + self.gap) * found.value
+        self._enter(omega, found.scalings)
+
+    def _close(self, low: float, high: float) -> None:
+        middle = 0.5 * (low + high)
+        ends = np.array([low * (1.0 - _NARROW), middle, high * (1.0 + _NARROW)])
+        matrices = self.loop.response(ends)
+        while True:
+            found = upper_bound(matrices, self.loop.structure, skewed=self.skewed, target=self.beta)
+            if found.value < self.beta:
+                break
+            self.beta, self.bounds[middle] = (1.0 + self.gap) * found.value, found
+        self._enter(middle, found.scalings)
+
+    def _enter(self, omega: float, scalings: Scalings) -> None:
+        low, high = self.loop.reach(scalings, self.beta, omega)
+        self.intervals.append(Interval(low, high, omega, self.beta, scalings))
+
+    def _widest_gap(self) -> tuple[float, float] | None:
+        widest, found = 0.0, None
+        end = 0.0
+        for one in sorted(self.intervals, key=lambda i: i.low_rad_s):
+            if one.low_rad_s > end:
+                width = np.inf if end == 0.0 else np.log(one.low_rad_s / end)
+                if width > widest:
+                    widest, found = width, (end, one.low_rad_s)
+            end = max(end, one.high_rad_s)
+        return found
+
+    def result(self, dt_s: float | None) -> CertifiedPeak:
+        """Return what was found; frequencies of an image in continuous time are mapped back."""
+
+        def back(omega: float) -> float:
+            return from_image(omega, dt_s)
+
+        intervals = tuple(
+            Interval(back(i.low_rad_s), back(i.high_rad_s), back(i.frequency_rad_s), i.bound,
+                     i.scalings)
+            for i in sorted(self.intervals, key=lambda i: i.low_rad_s)
+        )  # fmt: skip
+        omega = sorted(self.bounds)
+        upper = self.beta if intervals else self.peak
+        return CertifiedPeak(
+            upper, self.peak, back(self.where), self.bounds[self.where].scalings, intervals,
+            np.array([back(w) for w in omega]), np.array([self.bounds[w].value for w in omega]),
+        )  # fmt: skip

@@ -1,0 +1,56 @@
+"""Systems in discrete time by their bilinear images: µ is the same, frequencies are bent."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.blocks import BlockStructure
+from hillsphere_controllers.systems.bilinear import continuous
+
+__all__ = ["beside_poles", "from_image", "in_continuous_time", "to_image"]
+
+
+def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSystem:
+    """Return a stable system, or its bilinear image, checked against the blocks.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable, or does not fit the structure.
+    """
+    if system.shape != structure.shape:
+        raise InputError(
+            f"these blocks close a system of {structure.shape[0]} outputs and "
+            f"{structure.shape[1]} inputs, got {system.shape[0]} and {system.shape[1]}"
+        )
+    if not system.is_stable:
+        poles = system.poles
+        worst = np.argmax(poles.real if system.dt_s is None else np.abs(poles))
+        raise InputError(
+            "µ over frequency needs a stable system, but the nominal one has a pole at "
+            f"{poles[worst]:.6g}: stabilise it first"
+        )
+    return system if system.dt_s is None else continuous(system)
+
+
+def to_image(omega_rad_s: float, dt_s: float | None) -> float:
+    """Return the frequency of the image in continuous time; the same if the system is that."""
+    if dt_s is None:
+        return omega_rad_s
+    if omega_rad_s >= np.pi / dt_s:  # the tangent of a rounded right angle is finite
+        return np.inf
+    return float(2.0 / dt_s * np.tan(0.5 * dt_s * omega_rad_s))
+
+
+def from_image(omega_rad_s: float, dt_s: float | None) -> float:
+    """Return the frequency in discrete time of one of the image."""
+    return omega_rad_s if dt_s is None else float(2.0 / dt_s * np.arctan(0.5 * dt_s * omega_rad_s))
+
+
+def beside_poles(system: LtiSystem, omega_rad_s: float) -> float:
+    """Return a frequency far below all poles for zero, far above them for infinity."""
+    size = np.abs(system.poles)
+    size = size[size > 0.0] if size.any() else np.ones(1)
+    return float(1e-3 * size.min() if omega_rad_s == 0.0 else 1e3 * size.max())

@@ -1,0 +1,199 @@
+r"""Lower bound of µ: a perturbation that makes I − M Δ singular.
+
+µ(M) is the largest positive real eigenvalue of Q M over Q of the structure whose real scalars are
+in [−1, 1], whose complex ones are on the unit circle and whose full blocks are dyads of unit
+norm [1]_. Good starts are the singular direction of the upper bound's F, and the power iteration of
+[1]_, which ends at a local maximum where it converges at all; where real scalars stay inside their
+range it often does not. From the best iterates the eigenvalue is raised further in all parameters
+at once, and in frequency where M is that of a system, under the condition that it is real. What is
+returned is checked by the smallest singular value of I − M Δ.
+
+References
+----------
+.. [1] P. M. Young, J. C. Doyle (1990), Computation of µ with real and complex uncertainties, Proc.
+   29th IEEE Conference on Decision and Control, 1230-1235.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.ascent import Ascent
+from hillsphere_controllers.mu.blocks import BlockStructure
+from hillsphere_controllers.mu.power_iteration import iterated, singular_direction
+from hillsphere_controllers.mu.scalings import Scalings
+
+__all__ = ["LowerBound", "lower_bound", "lower_bound_near", "moving_response"]
+
+Complex = NDArray[np.complex128]
+
+_SINGULAR = 1e-8
+_RAISED = 3
+"""So many of the best iterates are raised."""
+
+
+@dataclass(frozen=True, eq=False)
+class LowerBound:
+    """A bound and the perturbation that proves it.
+
+    Parameters
+    ----------
+    value : float
+        µ is no smaller; the inverse of the largest singular value of Δ. Zero if none was found.
+    delta : ndarray, shape (m, p)
+        Δ, with which I − M Δ is singular; entries of real blocks are exactly real. Zeros if none
+        was found.
+    singular : float
+        The smallest singular value of I − M Δ.
+    frequency_rad_s : float
+        At which M is that of a system; NaN for a matrix.
+    """
+
+    value: float
+    delta: Complex
+    singular: float
+    frequency_rad_s: float = np.nan
+
+
+def lower_bound(
+    matrix: Complex | Array,
+    structure: BlockStructure,
+    *,
+    scalings: Scalings | None = None,
+    starts: int = 8,
+    seed: int = 0,
+) -> LowerBound:
+    """Return a lower bound of µ of a matrix.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (p, m)
+        M, complex.
+    structure : BlockStructure
+        Of Δ.
+    scalings : Scalings, optional
+        Of the upper bound, which give a good start.
+    starts : int
+        Random starts of the power iteration, besides.
+    seed : int
+        Of the starts.
+
+    Raises
+    ------
+    InputError
+        If the matrix does not fit the structure.
+    """
+    squared = structure.squared(matrix)
+
+    def constant(_: float) -> tuple[Complex, Complex]:
+        return squared, np.zeros_like(squared)
+
+    return _best(constant, structure, scalings, starts, seed, None)
+
+
+def lower_bound_near(
+    system: LtiSystem,
+    structure: BlockStructure,
+    omega_rad_s: float,
+    *,
+    scalings: Scalings | None = None,
+    starts: int = 8,
+    seed: int = 0,
+) -> LowerBound:
+    """Return a lower bound of µ of a system, at a frequency near the one given.
+
+    Frequency is raised together with Δ: purely real ones are singular at few frequencies only.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, in continuous time, without poles on the imaginary axis.
+    structure : BlockStructure
+        Of Δ.
+    omega_rad_s : float
+        Begun at; zero and infinity stay where they are.
+    scalings : Scalings, optional
+        Of the upper bound there.
+    starts, seed : int
+        As of `lower_bound`.
+
+    Raises
+    ------
+    InputError
+        If the system does not fit the structure.
+    """
+    at = moving_response(system, structure, omega_rad_s)
+    fixed = omega_rad_s == 0.0 or not np.isfinite(omega_rad_s)
+    return _best(at, structure, scalings, starts, seed, None if fixed else omega_rad_s)
+
+
+def moving_response(
+    system: LtiSystem, structure: BlockStructure, omega_rad_s: float
+) -> Callable[[float], tuple[Complex, Complex]]:
+    """Return the function of z that gives the squared M at ω exp(z), and its derivative."""
+    one = np.eye(system.order)
+
+    def at(z: float) -> tuple[Complex, Complex]:
+        omega = omega_rad_s * np.exp(z)
+        if not np.isfinite(omega):
+            m = structure.squared(system.d + 0j)
+            return m, np.zeros_like(m)
+        x = np.linalg.solve(1j * omega * one - system.a, system.b + 0j)
+        more = np.linalg.solve(1j * omega * one - system.a, x)
+        m = structure.squared(system.c @ x + system.d)
+        return m, structure.squared(-1j * omega * (system.c @ more))
+
+    return at
+
+
+def _best(
+    at: Callable[[float], tuple[Complex, Complex]],
+    structure: BlockStructure,
+    scalings: Scalings | None,
+    starts: int,
+    seed: int,
+    omega: float | None,
+) -> LowerBound:
+    m, _ = at(0.0)
+    none = LowerBound(0.0, structure.unsquared(np.zeros_like(m)), 1.0)
+    size = float(np.linalg.norm(m, 2))
+    if size == 0.0:
+        return none
+    ascent = Ascent(at, structure, moving=omega is not None)
+    random = np.random.default_rng(seed)
+    likely = [] if scalings is None else singular_direction(m, structure, scalings)
+    found = iterated(m, structure, random, starts)
+    found.sort(key=lambda q: -ascent.merit(q))
+    likely += found[:_RAISED]
+    if structure.purely_real or not likely:  # no phase makes an eigenvalue real: more are tried
+        count = len(structure.blocks)
+        likely += [
+            structure.perturbation(list(random.uniform(-1.0, 1.0, count))) for _ in range(starts)
+        ]
+    best = none
+    for q in likely:
+        raised = ascent.raised(q)
+        if raised is None:
+            continue
+        delta, z = raised
+        made = _checked(at(z)[0], delta, structure)
+        if made is not None and made.value > best.value:
+            frequency = np.nan if omega is None else float(omega * np.exp(z))
+            best = LowerBound(made.value, made.delta, made.singular, frequency)
+    return best
+
+
+def _checked(m: Complex, delta: Complex, structure: BlockStructure) -> LowerBound | None:
+    product = m @ delta
+    singular = float(np.linalg.svd(np.eye(len(m)) - product, compute_uv=False)[-1])
+    if not singular <= _SINGULAR * max(1.0, float(np.linalg.norm(product, 2))):
+        return None
+    made = structure.unsquared(delta)
+    size = max(float(np.linalg.norm(made[rows, columns], 2)) for rows, columns in structure.parts())
+    return LowerBound(1.0 / size, made, singular)

@@ -1,0 +1,272 @@
+"""Robust stability and performance of a loop in M-Δ form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.blocks import Block, BlockStructure, repeated_complex
+from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
+from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
+from hillsphere_controllers.mu.lower_bound import LowerBound, lower_bound, lower_bound_near
+from hillsphere_controllers.mu.upper_bound import upper_bounds
+from hillsphere_controllers.mu.worst_case import WorstCase, worst_case
+from hillsphere_controllers.mu.worst_case_gain import performance_structure
+
+__all__ = [
+    "Complexified", "Robustness", "complexified", "mu_bounds_on_grid", "robust_performance",
+    "robust_stability",
+]  # fmt: skip
+
+Complex = NDArray[np.complex128]
+
+_PEAKS = 4
+
+
+@dataclass(frozen=True)
+class Complexified:
+    """Bounds of µ when each real scalar may have a small complex part.
+
+    Parameters
+    ----------
+    share : float
+        Size of that part relative to the real one's.
+    upper, lower : float
+        Bounds over all frequencies.
+    """
+
+    share: float
+    upper: float
+    lower: float
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """Bounds of the largest µ over all frequencies.
+
+    Parameters
+    ----------
+    upper : float
+        Certified: the loop is stable, or keeps its performance, for all Δ smaller than its inverse.
+    lower : float
+        For some Δ of that inverse it does not.
+    frequency_rad_s : float
+        Where the lower bound is.
+    certified : CertifiedPeak
+        What proves the upper bound.
+    worst : WorstCase or None
+        What proves the lower bound; None if that is zero.
+    complexified : tuple of Complexified
+        For purely real Δ, whose µ may jump with the data: what it becomes when their values are
+        not quite real.
+    """
+
+    upper: float
+    lower: float
+    frequency_rad_s: float
+    certified: CertifiedPeak
+    worst: WorstCase | None
+    complexified: tuple[Complexified, ...] = ()
+
+    @property
+    def margin(self) -> tuple[float, float]:
+        """Size of Δ that is surely allowed, and size of one that is not."""
+        sure, broken = (1.0 / b if b > 0.0 else np.inf for b in (self.upper, self.lower))
+        return sure, broken
+
+
+def robust_stability(
+    system: LtiSystem,
+    uncertainty: BlockStructure,
+    *,
+    gap: float = 0.01,
+    complex_shares: Sequence[float] = (0.01, 0.05),
+    seed: int = 0,
+) -> Robustness:
+    """Return bounds of µ of what Δ closes: below one, the loop is stable for all Δ up to size one.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, stable; its first outputs and inputs belong to Δ, others are not looked at.
+    uncertainty : BlockStructure
+        Of Δ.
+    gap : float
+        As of `certified_peak`.
+    complex_shares : sequence of float
+        Complex parts with which purely real Δ are analysed besides.
+    seed : int
+        Of the lower bound's random starts.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable or does not fit the structure.
+    """
+    p, m = uncertainty.shape
+    if system.shape[0] < p or system.shape[1] < m:
+        raise InputError(
+            f"these blocks need {p} outputs and {m} inputs, got {system.shape[0]} and "
+            f"{system.shape[1]}"
+        )
+    own = LtiSystem(system.a, system.b[:, :m], system.c[:p], system.d[:p, :m], system.dt_s)
+    return _robustness(own, uncertainty, gap, complex_shares, seed)
+
+
+def robust_performance(
+    system: LtiSystem, uncertainty: BlockStructure, *, gap: float = 0.01, seed: int = 0
+) -> Robustness:
+    """Return bounds of µ with a full block for performance.
+
+    Below one, the gain from the inputs to the outputs that Δ leaves is below one for all Δ up to
+    size one.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, stable; its first outputs and inputs belong to Δ, the others are performance.
+    uncertainty : BlockStructure
+        Of Δ.
+    gap : float
+        As of `certified_peak`.
+    seed : int
+        Of the lower bound's random starts.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable or does not fit, or nothing is left for performance.
+    """
+    return _robustness(system, performance_structure(system, uncertainty), gap, (), seed)
+
+
+def mu_bounds_on_grid(
+    system: LtiSystem, structure: BlockStructure, omega_rad_s: Array, *, seed: int = 0
+) -> tuple[Array, Array]:
+    """Return lower and upper bounds (K,) of µ at given frequencies (K,), for plots.
+
+    Between them µ may be larger: `robust_stability` misses nothing.
+
+    Raises
+    ------
+    InputError
+        If the system does not fit the structure.
+    """
+    responses = system.response(omega_rad_s)
+    upper = upper_bounds(responses, structure)
+    lower = [
+        lower_bound(m, structure, scalings=u.scalings, starts=3, seed=seed).value
+        for m, u in zip(responses, upper, strict=True)
+    ]
+    return np.array(lower), np.array([u.value for u in upper])
+
+
+def complexified(
+    system: LtiSystem, structure: BlockStructure, share: float
+) -> tuple[LtiSystem, BlockStructure]:
+    """Return M and structure in which each real scalar δ is δ + share·δᶜ with |δᶜ| ≤ the size too.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M.
+    structure : BlockStructure
+        Of real blocks only.
+    share : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    system : LtiSystem
+        With twice as many outputs and inputs.
+    structure : BlockStructure
+        The real blocks, then the complex ones.
+
+    Raises
+    ------
+    InputError
+        If not all blocks are real, or the share is out of range.
+    """
+    if not structure.purely_real:
+        raise InputError("only purely real Δ are made complex")
+    if not 0.0 < share < 1.0:
+        raise InputError(f"the complex share must be between 0 and 1, got {share}")
+    root = np.sqrt(share)
+    into = np.vstack([np.eye(structure.size), root * np.eye(structure.size)])
+    made = LtiSystem(
+        system.a, system.b @ into.T, into @ system.c, into @ system.d @ into.T, system.dt_s
+    )
+    parts: list[Block] = [repeated_complex(b.rows, b.name) for b in structure.blocks]
+    return made, BlockStructure([*structure.blocks, *parts])
+
+
+def _robustness(
+    system: LtiSystem,
+    structure: BlockStructure,
+    gap: float,
+    shares: Sequence[float],
+    seed: int,
+) -> Robustness:
+    certified = certified_peak(system, structure, gap=gap)
+    beside = []
+    more: list[float] = []
+    if structure.purely_real:
+        for share in shares:
+            wider, blocks = complexified(system, structure, share)
+            bound = certified_peak(wider, blocks, gap=gap)
+            below = _lower(wider, blocks, bound, [], seed)
+            beside.append(Complexified(share, bound.upper, below.value))
+            more += [bound.frequency_rad_s, below.frequency_rad_s]
+    low = _lower(system, structure, certified, more, seed)
+    if low.value == 0.0:
+        return Robustness(
+            certified.upper, 0.0, certified.frequency_rad_s, certified, None, tuple(beside)
+        )
+    worst = worst_case(system, structure, low.delta, low.frequency_rad_s)
+    return Robustness(
+        certified.upper, low.value, low.frequency_rad_s, certified, worst, tuple(beside)
+    )
+
+
+def _lower(
+    system: LtiSystem,
+    structure: BlockStructure,
+    certified: CertifiedPeak,
+    more: Sequence[float],
+    seed: int,
+) -> LowerBound:
+    """Return the best lower bound near the largest upper ones, with its frequency."""
+    image = in_continuous_time(system, structure)
+    order = np.argsort(-certified.bounds)[:_PEAKS]
+    tried = [*certified.looked_at_rad_s[order].tolist(), *more]
+    tried = [w for w in dict.fromkeys(tried) if not np.isnan(w)]
+    best: LowerBound | None = None
+    for k, given in enumerate(tried):
+        omega = to_image(given, system.dt_s)
+        scalings = certified.scalings if k == 0 else None
+        places = [omega]
+        if not 0.0 < omega < np.inf:
+            # there a system has real values only, which complex blocks come near nearby
+            places.append(beside_poles(image, omega))
+        for place in places:
+            found = lower_bound_near(image, structure, place, scalings=scalings, seed=seed)
+            if not 0.0 < place < np.inf and not _is_real(found):
+                continue
+            at = place if np.isnan(found.frequency_rad_s) else found.frequency_rad_s
+            at = from_image(at, system.dt_s)
+            if best is None or found.value > best.value:
+                best = LowerBound(found.value, found.delta, found.singular, at)
+    if best is None:
+        p, m = structure.shape
+        return LowerBound(0.0, np.zeros((m, p), dtype=complex), 1.0)
+    return best
+
+
+def _is_real(found: LowerBound) -> bool:
+    return float(np.abs(found.delta.imag).max()) <= 1e-10 * float(np.abs(found.delta).max())

@@ -1,0 +1,1 @@
+"""Stages of a mission: linear models, their LFT, synthesis of a controller, analysis by µ."""

@@ -1,0 +1,22 @@
+"""Faults of rules between the keys of a Spec, placed at one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pydantic_core import PydanticCustomError
+
+__all__ = ["only_one", "rule"]
+
+
+def rule(key: str, text: str) -> PydanticCustomError:
+    """Return a fault of a rule between keys, placed at one of them."""
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+
+
+def only_one(given: Iterable[str], of: Iterable[str], key: str) -> None:
+    """Raise a fault at a key unless just one of several keys is given."""
+    found, names = list(given), ", ".join(of)
+    if len(found) != 1:
+        what = f"{' and '.join(found)} are" if found else "none is"
+        raise rule(found[-1] if found else key, f"just one of {names} must be given; {what}")

@@ -1,0 +1,56 @@
+"""What the stage ``lft`` yields."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hillsphere.interfaces import Array, Integers
+from hillsphere.linear_products import UncertainModels
+
+__all__ = ["FittedModels"]
+
+
+@dataclass(frozen=True)
+class FittedModels(UncertainModels):
+    """Uncertain models, and how well they stand for the N models that they were fitted to.
+
+    Parameters
+    ----------
+    parameters : tuple of str
+        The uncertain parameters, k.
+    exponents : tuple of ndarray of int, shape (T, k)
+        Terms of each model's polynomial, in the order of their choice.
+    shares, errors : tuple of ndarray, shape (T,)
+        What each term adds to the explained share of the sum of squares, and the largest error of
+        an entry relative to its range with the terms up to each.
+    left_out_error : ndarray, shape (G,)
+        Largest error at a sample of a fit to all others; infinite if the samples are just enough.
+    before, after : ndarray of int, shape (G, k)
+        Copies of each parameter before and after the reduction.
+    bound, sampled : ndarray, shape (G,)
+        What the reduction costs, relative to the largest change of the matrix [A B; C D]: a bound
+        for all Δ, and the largest found at random.
+    group : ndarray of int, shape (N,)
+        Which uncertain model stands for each of the models.
+    response_error : ndarray, shape (N,)
+        Largest singular value of the difference of the frequency responses, relative to the
+        largest of the model; NaN if its parameters are beyond the bounds.
+    beyond : float
+        By how much the bounds reach beyond the models, relative to these models' range.
+    tolerance : float
+        What was asked of the fit.
+    """
+
+    parameters: tuple[str, ...]
+    exponents: tuple[Integers, ...]
+    shares: tuple[Array, ...]
+    errors: tuple[Array, ...]
+    left_out_error: Array
+    before: Integers
+    after: Integers
+    bound: Array
+    sampled: Array
+    group: Integers
+    response_error: Array
+    beyond: float
+    tolerance: float

@@ -1,0 +1,114 @@
+"""Spec of the stage ``lft``: what a mission may write in its table."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import model_validator
+
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, reference
+from hillsphere_controllers.stages.faults import rule
+
+__all__ = ["BoundSpec", "LftNeeds", "LftSpec", "UncertainBlockSpec"]
+
+
+class BoundSpec(Spec):
+    """Between which values a parameter may be."""
+
+    examples = ({"parameter": "k", "lower": 0.5, "upper": 2, "nominal": 1.25},)
+
+    parameter: str = option("name of the parameter in the models")
+    lower: float = option("least value, in the parameter's unit")
+    upper: float = option("largest value")
+    nominal: float | None = option("nominal value; left out: the middle", default=None)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.lower < self.upper:
+            raise rule("upper", f"must be above the lower bound, {self.lower:g}")
+        if self.nominal is not None and not self.lower < self.nominal < self.upper:
+            raise rule("nominal", f"must lie between {self.lower:g} and {self.upper:g}")
+        return self
+
+
+class UncertainBlockSpec(Spec):
+    """Anything of norm one at most, between signals of the models."""
+
+    examples = ({"name": "actuator", "outputs": ["z_delta"], "inputs": ["w_delta"]},)
+
+    name: str = option("of the uncertainty")
+    outputs: tuple[str, ...] = option("outputs of the models that it takes", min_length=1)
+    inputs: tuple[str, ...] = option("inputs of the models that it gives", min_length=1)
+    dynamic: bool = option(
+        "whether it may be any stable system, or a matrix of complex numbers only", default=True
+    )
+
+
+class LftNeeds(Spec):
+    """Products of earlier stages that ``lft`` takes."""
+
+    models: Ref = need(
+        "hillsphere.linear_products:LinearModels", "models at several values of their parameters"
+    )
+
+
+class LftSpec(StageSpec):
+    """An uncertain model M-Δ: polynomials fitted to models over their parameters, and blocks."""
+
+    produces = "hillsphere_controllers.stages.lft.products:FittedModels"
+    provides = ("hillsphere.linear_products:UncertainModels",)
+    examples = (
+        {"needs": {"models": "models"}, "degree": 1},
+        {
+            "needs": {"models": "models"},
+            "bounds": [{"parameter": "rate", "lower": 0.6, "upper": 1.4}],
+            "blocks": [{"name": "sensor", "outputs": ["z_error"], "inputs": ["r"]}],
+            "reduction": 0.01,
+        },
+        {"needs": {"models": "models"}, "dispersions": ["rates"], "sigmas": 2},
+    )
+
+    needs: LftNeeds = option("products of earlier stages")
+    bounds: tuple[BoundSpec, ...] = option(
+        "bounds of parameters; of those left out: dispersions, or the range of the models",
+        default=(),
+    )
+    dispersions: tuple[Ref, ...] = reference(
+        "dispersions", "distributions that bound the parameters of the same names", default=()
+    )
+    sigmas: float = option(
+        "by how many standard deviations dispersions bound their parameters", default=3.0, gt=0
+    )
+    known: tuple[str, ...] = option(
+        "parameters that are not uncertain: one uncertain model for each combination of their "
+        "values, such as points along a trajectory",
+        default=(),
+    )
+    blocks: tuple[UncertainBlockSpec, ...] = option(
+        "uncertainties between signals of the models, beside the parameters", default=()
+    )
+    degree: int = option("largest sum of exponents of a term", default=3, ge=0, le=12)
+    tolerance: float = option(
+        "error of an entry, relative to its range over the models, at which no more terms are "
+        "added",
+        default=1e-6, gt=0,
+    )  # fmt: skip
+    most_terms: int | None = option("so many terms suffice, whatever the error", default=None, ge=1)
+    reduction: float = option(
+        "error that fewer copies of parameters may cost, relative to the largest change of the "
+        "matrices over the models; 0: only copies without effect are taken out",
+        default=0.0, ge=0, lt=1,
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        for key, names in (
+            ("bounds", [bound.parameter for bound in self.bounds]),
+            ("blocks", [block.name for block in self.blocks]),
+            ("known", list(self.known)),
+        ):
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise rule(key, f"the name {twice[0]!r} stands twice")
+        if both := {bound.parameter for bound in self.bounds} & set(self.known):
+            raise rule("known", f"{min(both)!r} has bounds: it is not known")
+        return self

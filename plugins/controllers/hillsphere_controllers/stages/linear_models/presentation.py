@@ -1,0 +1,123 @@
+"""How linear models are shown: orders and poles in a table, gains in a figure."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere.linear_products import LinearModels
+from hillsphere.lti import LtiSystem
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_controllers.analysis.frequency import largest_gains
+from hillsphere_controllers.analysis.stability import spectral_abscissa
+from hillsphere_controllers.stages.frequencies import frequencies
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+__all__ = ["presented"]
+
+_LISTED = 50
+_DRAWN = 40
+
+
+def presented(product: LinearModels) -> Presentation:
+    """Return the table and the figure of linear models.
+
+    Parameters
+    ----------
+    product : LinearModels
+        The models.
+
+    Returns
+    -------
+    Presentation
+        With the first models, if there are many.
+    """
+    count = len(product.systems)
+    rows: list[dict[str, Cell]] = []
+    for k, system in enumerate(product.systems[:_LISTED]):
+        size = np.abs(system.poles)
+        rows.append(
+            {
+                "model": product.labels[k],
+                "order": system.order,
+                "outputs": system.shape[0],
+                "inputs": system.shape[1],
+                "abscissa_1_s": spectral_abscissa(system) if system.order else None,
+                "unstable_poles": _unstable(system),
+                "fastest_pole_rad_s": float(size.max()) if system.order else None,
+            }
+        )
+    columns = (
+        Column("model", "", "model"),
+        Column("order", "-", "order"),
+        Column("outputs", "-", "outputs"),
+        Column("inputs", "-", "inputs"),
+        Column("abscissa_1_s", "1/s", "largest real part of the poles", 5),
+        Column("unstable_poles", "-", "poles that are not stable"),
+        Column("fastest_pole_rad_s", "rad/s", "largest pole", 5),
+    )
+    notes = [
+        f"Parameters: {', '.join(_parameter(product, k) for k in range(len(product.parameters)))}."
+        if product.parameters
+        else "Without parameters.",
+        f"The last {product.controls} inputs are controls, the last {product.measurements} outputs "
+        "measurements.",
+    ]
+    if count > _LISTED:
+        notes.append(f"The first {_LISTED} of {count} models.")
+    return Presentation(
+        metrics={"linear_models": Metric(count)},
+        tables={"linear_models": Table("Linear models", columns, rows, notes)},
+        figures={
+            "linear_models": Figure(
+                "Gains of the models",
+                partial(_draw, product=product),
+                "Largest singular value from the controls to the measurements (from all inputs to "
+                "all outputs if there are none), one line a model.",
+            )
+        },
+    )
+
+
+def _unstable(system: LtiSystem) -> int:
+    poles = system.poles
+    outside = poles.real >= 0.0 if system.dt_s is None else np.abs(poles) >= 1.0
+    return int(np.count_nonzero(outside))
+
+
+def _parameter(product: LinearModels, k: int) -> str:
+    unit = f" {product.units[k]}" if product.units[k] not in ("", "-") else ""
+    values = product.values[k]
+    across = f"{values.min():.6g} to {values.max():.6g}{unit}, " if np.ptp(values) > 0.0 else ""
+    return f"{product.parameters[k]} ({across}nominal {product.nominal[k]:.6g}{unit})"
+
+
+def _inner(product: LinearModels, system: LtiSystem) -> LtiSystem:
+    """Return the part from the controls to the measurements."""
+    if not product.controls:
+        return system
+    p, m = system.shape
+    rows, columns = slice(p - product.measurements, p), slice(m - product.controls, m)
+    return LtiSystem(
+        system.a, system.b[:, columns], system.c[rows], system.d[rows, columns], system.dt_s
+    )
+
+
+def _draw(figure: MatplotlibFigure, product: LinearModels) -> None:
+    axes = figure.add_subplot()
+    count = len(product.systems)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).astype(int))
+    inner = [_inner(product, product.systems[k]) for k in chosen]
+    omega = frequencies(inner)
+    for system, k in zip(inner, chosen, strict=True):
+        gains: Array = largest_gains(system.response(omega))
+        axes.loglog(omega, gains, label=product.labels[k], lw=1.6 if count <= 8 else 0.8)
+    axes.set_xlabel("frequency (rad/s)")
+    axes.set_ylabel("largest singular value")
+    if 1 < count <= 8:
+        axes.legend(fontsize=8)

@@ -1,0 +1,165 @@
+"""Systems made of what a mission says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere.product_codec import HEADER, load_product
+from hillsphere_controllers.stages.linear_models.expressions import value_of
+from hillsphere_controllers.stages.linear_models.specs import (
+    EntryMatrix,
+    InterconnectionSpec,
+    PerformanceSpec,
+    ShelvingSpec,
+    SystemSpec,
+)
+from hillsphere_controllers.systems.algebra import append
+from hillsphere_controllers.systems.conversion import transfer_function
+from hillsphere_controllers.systems.exchange import load_mat
+from hillsphere_controllers.systems.interconnection import connect, with_names
+from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
+
+__all__ = ["connected_of", "performance_of", "shelving_of", "system_of"]
+
+Values = Mapping[str, float]
+
+
+def connected_of(
+    spec: InterconnectionSpec, values: Values, period_s: float | None = None
+) -> tuple[LtiSystem, tuple[LtiSystem, ...]]:
+    """Return systems connected as a mission says, and the systems themselves with their names.
+
+    Parameters
+    ----------
+    spec : InterconnectionSpec
+        Systems, junctions, signals; of a `LinearModelsSpec` the controls are the last inputs, the
+        measurements the last outputs.
+    values : mapping of str to float
+        Of the parameters.
+    period_s : float or None
+        Sampling period, s.
+
+    Raises
+    ------
+    InputError
+        If a system cannot be made, or they do not connect; the key is named.
+    """
+    parts = tuple(
+        system_of(one, values, period_s, f"systems[{k}]") for k, one in enumerate(spec.systems)
+    )
+    inputs = [*spec.inputs, *getattr(spec, "controls", ())]
+    outputs = [*spec.outputs, *getattr(spec, "measurements", ())]
+    return connect(parts, spec.junctions, inputs, outputs), parts
+
+
+def system_of(
+    spec: SystemSpec, values: Values, period_s: float | None = None, key: str = "system"
+) -> LtiSystem:
+    """Return one system with the names of its signals.
+
+    Raises
+    ------
+    InputError
+        If a formula has no value, a file does not hold the system, or names do not fit.
+    """
+    try:
+        one = _bare(spec, values, period_s)
+        if spec.channels > 1:
+            bare = LtiSystem(one.a, one.b, one.c, one.d, one.dt_s)
+            one = append(*[bare] * spec.channels)
+        return with_names(one, _names(spec.inputs), _names(spec.outputs))
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def shelving_of(spec: ShelvingSpec, period_s: float | None = None) -> LtiSystem:
+    """Return a weight by its gains."""
+    return shelving_weight(
+        spec.low, spec.high, spec.frequency_rad_s, spec.gain, order=spec.order, dt_s=period_s
+    )
+
+
+def performance_of(spec: PerformanceSpec, period_s: float | None = None) -> LtiSystem:
+    """Return a weight of the sensitivity.
+
+    Raises
+    ------
+    InputError
+        In discrete time, for which there is none.
+    """
+    if period_s is not None:
+        raise InputError("a weight by its bandwidth is one in continuous time; write 'shelving'")
+    return performance_weight(spec.bandwidth_rad_s, spec.peak, spec.steady_error, order=spec.order)
+
+
+def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem:
+    if spec.file is not None:
+        return _from_file(Path(spec.file), spec.variable)
+    if spec.shelving is not None:
+        return shelving_of(spec.shelving, period_s)
+    if spec.performance is not None:
+        return performance_of(spec.performance, period_s)
+    if spec.numerator:
+        top, bottom = (
+            [value_of(entry, values) for entry in polynomial]
+            for polynomial in (spec.numerator, spec.denominator)
+        )
+        return transfer_function(top, bottom, period_s)
+    n, p, m = len(spec.a), len(spec.c or spec.d), len((spec.b or spec.d)[0])
+
+    def made(matrix: EntryMatrix, rows: int, columns: int) -> Array:
+        if not matrix:
+            return np.zeros((rows, columns))
+        return np.array([[value_of(entry, values) for entry in row] for row in matrix])
+
+    return LtiSystem(
+        made(spec.a, n, n), made(spec.b, n, m), made(spec.c, p, n), made(spec.d, p, m), period_s
+    )
+
+
+def _names(given: tuple[str, ...]) -> str | tuple[str, ...]:
+    return given[0] if len(given) == 1 else given
+
+
+def _from_file(path: Path, variable: str) -> LtiSystem:
+    if path.suffix == ".npz":
+        return _from_npz(path)
+    found = {
+        name: content for name, content in load_mat(path).items() if isinstance(content, LtiSystem)
+    }
+    if not variable and len(found) == 1:
+        return next(iter(found.values()))
+    if variable in found:
+        return found[variable]
+    names = ", ".join(found) or "none"
+    what = f"no system {variable!r}" if variable else "more than one system, or none"
+    raise InputError(f"{path.name}: {what}; there are: {names}; name one as 'variable'")
+
+
+def _from_npz(path: Path) -> LtiSystem:
+    """Return the system of a plain file of a, b, c, d and dt_s, or of a stored `LtiSystem`."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays: dict[str, NDArray[np.float64]] = {
+                name: file[name] for name in file.files if name != HEADER
+            }
+            stored = HEADER in file.files
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path.name}: cannot be read: {error}") from error
+    if stored:
+        product = load_product(path)
+        product = getattr(product, "controller", product)
+        if not isinstance(product, LtiSystem):
+            raise InputError(f"{path.name}: holds a {type(product).__name__}, not a system")
+        return product
+    if missing := [name for name in "abcd" if name not in arrays]:
+        raise InputError(f"{path.name}: has no array {missing[0]!r}; a, b, c and d are needed")
+    period = float(arrays["dt_s"]) if "dt_s" in arrays else 0.0
+    return LtiSystem(arrays["a"], arrays["b"], arrays["c"], arrays["d"], period or None)

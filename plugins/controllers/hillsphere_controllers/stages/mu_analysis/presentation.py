@@ -1,0 +1,237 @@
+"""How the stage ``mu_analysis`` shows its result: bounds, certificates, worst cases, shares."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere_controllers.stages.mu_analysis.figures import draw_bounds, draw_shares
+from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
+
+__all__ = ["presented"]
+
+_TITLES = {
+    "robust_stability": "robust stability",
+    "robust_performance": "robust performance",
+    "worst_case_gain": "worst-case gain",
+}
+_SINGULAR = 1e-6
+
+
+def presented(product: MuAnalysis, reference: str | None) -> Presentation:
+    """Return tables, figures and sentences of analyses.
+
+    Parameters
+    ----------
+    product : MuAnalysis
+        The analyses.
+    reference : str or None
+        Path of a cited table of published peaks.
+    """
+    metrics = {}
+    for one in product.results:
+        if len(product.nominal) == 1:
+            metrics[f"{one.analysis}_upper"] = Metric(one.upper)
+            metrics[f"{one.analysis}_lower"] = Metric(one.lower)
+    metrics["mu_loops"] = Metric(len(product.nominal))
+    tables = {
+        "mu_summary": _summary(product, reference),
+        "mu_certificates": _certificates(product),
+        "mu_worst_cases": _worst_cases(product),
+    }
+    figures = {}
+    if any(one.omega_rad_s.size for one in product.results):
+        shown = {one.analysis for one in product.results if one.omega_rad_s.size}
+        figures["mu_bounds"] = Figure(
+            "Bounds of µ over frequency",
+            partial(draw_bounds, product=product),
+            "Upper bounds (solid) and lower bounds (dots) at single frequencies; the bars above "
+            "are intervals on each of which one pair of scalings proves the bound at its height: "
+            "together they cover all frequencies.",
+            size_in=(7.4, 0.8 + 3.2 * len(shown)),
+        )
+    if any(one.shares.size for one in product.results):
+        tables["mu_sensitivities"] = _shares(product)
+        figures["mu_sensitivities"] = Figure(
+            "Shares of the blocks in µ",
+            partial(draw_shares, product=product),
+            "Relative change of the upper bound at its peak with the size of each block.",
+        )
+    return Presentation(metrics, tables, figures, _verdict(product))
+
+
+def _summary(product: MuAnalysis, path: str | None) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for loop, nominal in enumerate(product.nominal):
+        row: dict[str, Cell] = {
+            "controller": product.controllers[int(product.controller[loop])],
+            "model": product.models[int(product.model[loop])],
+            "nominal_performance": float(nominal) if np.isfinite(nominal) else None,
+        }
+        for one in product.results:
+            if one.loop == loop:
+                row[one.analysis] = one.peak
+                row[f"{one.analysis}_certified"] = one.upper if np.isfinite(one.upper) else None
+                row[f"{one.analysis}_lower"] = one.lower if np.isfinite(one.lower) else None
+        rows.append(row)
+    columns = [
+        Column("controller", "", "controller"),
+        Column("model", "", "uncertain model"),
+        Column("nominal_performance", "-", "nominal performance", 5),
+    ]
+    for name, title in _TITLES.items():
+        if any(one.analysis == name for one in product.results):
+            columns += [
+                Column(name, "-", title, 5),
+                Column(f"{name}_certified", "-", f"{title}, certified", 5),
+                Column(f"{name}_lower", "-", f"{title}, from below", 5),
+            ]
+    notes = [
+        "Of each analysis: the largest upper bound found at one frequency, the bound certified for "
+        f"all frequencies (at most {100.0 * product.gap:.3g} % above it), and what a perturbation "
+        "reaches."
+    ]
+    if path is None:
+        return Table("Robustness", columns, rows, notes)
+    reference = ReferenceTable.read(path)
+    rows = beside(rows, reference, on="controller")
+    notes += difference_notes(rows, reference, label="controller")
+    if remark := reference.about.get("note"):
+        notes.append(f"Published: {remark}.")
+    return Table("Robustness", with_paper(columns, rows), rows, notes)
+
+
+def _certificates(product: MuAnalysis) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for one in product.results:
+        row: dict[str, Cell] = {
+            "loop": product.label(one.loop),
+            "analysis": _TITLES[one.analysis],
+            "upper": _finite(one.upper),
+            "peak_rad_s": _finite(one.peak_rad_s),
+            "intervals": int(one.interval_bound.size),
+            "lower": _finite(one.lower),
+            "frequency_rad_s": _finite(one.frequency_rad_s),
+            "singular": _finite(one.singular),
+        }
+        for part, upper, lower in zip(
+            one.complex_parts, one.complex_upper, one.complex_lower, strict=True
+        ):
+            row["complexified"] = (
+                f"{row.get('complexified', '')}{'; ' if 'complexified' in row else ''}"
+                f"{100.0 * part:.3g} %: {lower:.4g} to {upper:.4g}"
+            )
+        rows.append(row)
+    columns = (
+        Column("loop", "", "loop"),
+        Column("analysis", "", "analysis"),
+        Column("upper", "-", "certified", 6),
+        Column("peak_rad_s", "rad/s", "largest at", 4),
+        Column("intervals", "-", "intervals that cover all frequencies"),
+        Column("lower", "-", "from below", 6),
+        Column("frequency_rad_s", "rad/s", "reached at", 4),
+        Column("singular", "-", "least singular value of I − MΔ", 2),
+        Column("complexified", "", "with complex parts: from, to"),
+    )
+    return Table("Certificates", columns, rows)
+
+
+def _worst_cases(product: MuAnalysis) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for one in product.results:
+        where = {
+            "loop": product.label(one.loop),
+            "analysis": _TITLES[one.analysis],
+            "frequency_rad_s": _finite(one.frequency_rad_s),
+            "order": None if one.delta is None else one.delta.order,
+            "pole_re": _finite(one.pole_re),
+            "pole_im": _finite(one.pole_im),
+        }
+        for k, name in enumerate(one.names):
+            rows.append(
+                {
+                    **where,
+                    "parameter": name,
+                    "value": _finite(one.values[k]),
+                    "unit": one.units[k],
+                    "normalised": float(one.normalised[k]),
+                }
+            )
+        if not one.names:
+            rows.append(dict(where))
+    columns = (
+        Column("loop", "", "loop"),
+        Column("analysis", "", "analysis"),
+        Column("parameter", "", "parameter"),
+        Column("value", "-", "worst value", 6),
+        Column("unit", "", "unit"),
+        Column("normalised", "-", "normalised", 5),
+        Column("frequency_rad_s", "rad/s", "frequency", 4),
+        Column("order", "-", "order of Δ(s)"),
+        Column("pole_re", "1/s", "pole there, real part", 2),
+        Column("pole_im", "rad/s", "imaginary part", 5),
+    )
+    notes = (
+        "The smallest perturbation found that makes the loop unstable, or lose its performance; "
+        "for the worst-case gain the one of the size declared that makes it largest. A normalised "
+        "value beyond −1 and 1 is outside the bounds.",
+    )
+    return Table("Worst cases", columns, rows, notes)
+
+
+def _shares(product: MuAnalysis) -> Table:
+    rows: list[dict[str, Cell]] = [
+        {
+            "loop": product.label(one.loop),
+            "analysis": _TITLES[one.analysis],
+            "block": name,
+            "share": float(share),
+        }
+        for one in product.results
+        for name, share in zip(one.blocks, one.shares, strict=False)
+    ]
+    columns = (
+        Column("loop", "", "loop"),
+        Column("analysis", "", "analysis"),
+        Column("block", "", "block"),
+        Column("share", "-", "share", 4),
+    )
+    return Table(
+        "Shares of the blocks",
+        columns,
+        rows,
+        ("They sum to one; those of a purely real µ, which jumps, are with complex parts.",),
+    )
+
+
+def _verdict(product: MuAnalysis) -> list[str]:
+    said = []
+    for loop, nominal in enumerate(product.nominal):
+        name = product.label(loop)
+        if not np.isfinite(nominal):
+            said.append(f"{name}: the nominal loop is not stable; nothing was analysed.")
+            continue
+        parts = [_sentence(one) for one in product.results if one.loop == loop]
+        said.append(f"{name}: {'; '.join(parts)}.")
+    wrong = [one for one in product.results if one.singular > _SINGULAR]
+    if wrong:
+        said.append(f"{len(wrong)} worst cases do not pass their check: see Certificates.")
+    return said
+
+
+def _sentence(one: Analysed) -> str:
+    if one.analysis == "worst_case_gain":
+        return f"gain at worst from {one.lower:.4g} to {one.upper:.4g}"
+    what = "stable" if one.analysis == "robust_stability" else "a gain below one"
+    if one.upper < 1.0:
+        return f"{what} for all perturbations declared (µ ≤ {one.upper:.4g}, certified)"
+    if one.lower > 1.0:
+        return f"not {what} for all perturbations declared (µ ≥ {one.lower:.4g})"
+    return f"not known whether {what} for all (µ from {one.lower:.4g} to {one.upper:.4g})"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,119 @@
+"""What the stage ``mu_analysis`` yields."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hillsphere.interfaces import Array, Integers
+from hillsphere.lti import LtiSystem
+
+__all__ = ["Analysed", "MuAnalysis"]
+
+
+@dataclass(frozen=True)
+class Analysed:
+    """One analysis of one loop.
+
+    Parameters
+    ----------
+    loop : int
+        Number of the loop.
+    analysis : {"robust_stability", "robust_performance", "worst_case_gain"}
+        Which one.
+    upper, lower : float
+        Bounds, over all frequencies, of µ or of the gain: the upper one certified, the lower one
+        reached by `delta`.
+    peak, peak_rad_s : float
+        Largest bound found at one frequency, from above or by `delta`, and that frequency.
+    frequency_rad_s : float
+        Where the lower bound is reached.
+    interval_low_rad_s, interval_high_rad_s, interval_at_rad_s, interval_bound : ndarray, shape (I,)
+        Intervals that cover all frequencies; where the scalings of each were found, and what they
+        prove on the whole of it.
+    omega_rad_s, curve_lower, curve_upper : ndarray, shape (K,)
+        Bounds at single frequencies, for figures; none for the worst-case gain.
+    blocks : tuple of str
+        Names of the blocks, performance last where it is one.
+    shares : ndarray, shape (k,)
+        Relative change of µ's upper bound at its peak with the size of each block; they sum to
+        one. Of a purely real µ, which jumps, those with the largest of the complex parts. None if
+        not computed.
+    names, units : tuple of str
+        Of the real parameters.
+    values, normalised : ndarray, shape (r,)
+        Theirs in the worst case, in their units and between −1 and 1 within the bounds; NaN where a
+        normalised value belongs to no value of the parameter.
+    delta : LtiSystem or None
+        The worst case as a stable system; None where the lower bound is zero.
+    pole_re, pole_im : float
+        Pole of the loop closed with it, on the border of stability; NaN for the worst-case gain.
+    singular : float
+        Smallest singular value of I − M Δ there, which is zero but for rounding; NaN likewise.
+    complex_parts, complex_upper, complex_lower : ndarray, shape (c,)
+        Bounds of a purely real µ with complex parts of these sizes.
+    """
+
+    loop: int
+    analysis: str
+    upper: float
+    lower: float
+    peak: float
+    peak_rad_s: float
+    frequency_rad_s: float
+    interval_low_rad_s: Array
+    interval_high_rad_s: Array
+    interval_at_rad_s: Array
+    interval_bound: Array
+    omega_rad_s: Array
+    curve_lower: Array
+    curve_upper: Array
+    blocks: tuple[str, ...]
+    shares: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    normalised: Array
+    delta: LtiSystem | None
+    pole_re: float
+    pole_im: float
+    singular: float
+    complex_parts: Array
+    complex_upper: Array
+    complex_lower: Array
+
+
+@dataclass(frozen=True)
+class MuAnalysis:
+    """Analyses of L loops, each of a controller and an uncertain model.
+
+    Parameters
+    ----------
+    controllers, models : tuple of str
+        Their names.
+    controller, model : ndarray of int, shape (L,)
+        Of each loop.
+    nominal : ndarray, shape (L,)
+        H∞ norm of the nominal loop from its disturbances to its weighted signals; infinite if it is
+        not stable: then it is not analysed. Zero if it has none.
+    results : tuple of Analysed
+        Loop by loop.
+    size : float
+        Of the uncertainty in the worst-case gain.
+    gap : float
+        As declared.
+    """
+
+    controllers: tuple[str, ...]
+    models: tuple[str, ...]
+    controller: Integers
+    model: Integers
+    nominal: Array
+    results: tuple[Analysed, ...]
+    size: float
+    gap: float
+
+    def label(self, loop: int) -> str:
+        """Return a name of a loop."""
+        controller = self.controllers[int(self.controller[loop])]
+        model = self.models[int(self.model[loop])]
+        return controller if len(self.models) == 1 else f"{controller}, {model}"

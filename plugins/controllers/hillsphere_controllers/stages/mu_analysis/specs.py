@@ -1,0 +1,74 @@
+"""Spec of the stage ``mu_analysis``: what a mission may write in its table."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option
+from hillsphere_controllers.stages.faults import rule
+
+__all__ = ["MuAnalysisSpec", "MuNeeds"]
+
+
+class MuNeeds(Spec):
+    """Products of earlier stages that ``mu_analysis`` takes."""
+
+    uncertain: Ref = need(
+        "hillsphere.linear_products:UncertainModels", "uncertain models that are analysed"
+    )
+    controllers: tuple[Ref, ...] = need(
+        "hillsphere.products:ControlDesign",
+        "controllers that close their loops, one after the other; left out: the models as they are",
+        default=(),
+        max_length=20,
+    )
+
+
+class MuAnalysisSpec(StageSpec):
+    """What loops bear of their uncertainty: µ over all frequencies, worst cases, shares."""
+
+    produces = "hillsphere_controllers.stages.mu_analysis.products:MuAnalysis"
+    examples = (
+        {"needs": {"uncertain": "uncertain", "controllers": ["design"]}, "points": 20},
+        {
+            "needs": {"uncertain": "uncertain", "controllers": ["design"]},
+            "analyses": ["robust_performance"],
+            "gap": 0.001,
+            "sensitivities": False,
+        },
+    )
+
+    needs: MuNeeds = option("products of earlier stages")
+    analyses: tuple[Literal["robust_stability", "robust_performance", "worst_case_gain"], ...] = (
+        option(
+            "whether loops stay stable; whether their gain stays below one; how large it becomes",
+            default=("robust_stability", "robust_performance", "worst_case_gain"),
+            min_length=1,
+        )
+    )
+    gap: float = option(
+        "by how much certified bounds are above the largest found at one frequency, relative; "
+        "smaller ones take longer",
+        default=0.01, ge=1e-6, lt=1,
+    )  # fmt: skip
+    size: float = option(
+        "of the uncertainty in the worst-case gain; 1: as declared", default=1.0, gt=0
+    )
+    complex_parts: tuple[float, ...] = option(
+        "purely real uncertainties are analysed with complex parts of this size besides, since "
+        "their µ may jump with the data",
+        default=(0.01, 0.05), gt=0, lt=1,
+    )  # fmt: skip
+    sensitivities: bool = option("whether the shares of the blocks are computed", default=True)
+    points: int = option("frequencies of the curves shown", default=100, ge=2, le=2000)
+    reference: DataPath | None = data_path(
+        "cited CSV table of published peaks, matched by 'controller'", default=None
+    )
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if len(set(self.analyses)) < len(self.analyses):
+            raise rule("analyses", "an analysis stands twice")
+        return self

@@ -1,0 +1,169 @@
+"""Figures of a controller: gains against the inverse weights, step responses, searches."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array
+from hillsphere.presentation import PALETTE
+from hillsphere_controllers.analysis.frequency import largest_gains
+from hillsphere_controllers.stages.frequencies import frequencies
+from hillsphere_controllers.stages.step_responses import step_responses
+from hillsphere_controllers.stages.synthesis.judging import inner_plant
+from hillsphere_controllers.stages.synthesis.products import Iterations, Synthesis
+from hillsphere_controllers.systems.algebra import feedback, gain, lower_lft, series
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_gains", "draw_iterations", "draw_starts", "draw_steps"]
+
+Complex = NDArray[np.complex128]
+
+_DRAWN = 12
+_NAMED = 6
+_ALLOWED = "#555555"
+
+
+def draw_gains(figure: Figure, product: Synthesis) -> None:
+    """Draw what each weighted signal sees of all disturbances, and what its weight allows."""
+    chosen = _chosen(product)
+    loops = [lower_lft(product.plants[k], product.controller) for k in chosen]
+    omega = frequencies([*loops, *product.weights])
+    responses = [loop.response(omega) for loop in loops]
+    outputs = loops[0].outputs
+    weighted = {name for weight in product.weights for name in weight.outputs}
+    rest = [i for i, name in enumerate(outputs) if name not in weighted] if outputs else []
+    if not outputs:
+        rest = list(range(loops[0].shape[0]))
+    panels = len(product.weights) + bool(rest)
+    grid = figure.subplots(panels, 1, squeeze=False, sharex=True)[:, 0]
+    for axes, weight in zip(grid, product.weights, strict=False):
+        rows = [outputs.index(name) for name in weight.outputs]
+        across = weight.response(omega)
+        before = [_before(across, response[:, rows]) for response in responses]
+        _draw_lines(axes, omega, before, product, chosen)
+        least = np.linalg.svd(across, compute_uv=False)[:, -1]
+        allowed = 1.0 / np.where(least > 0.0, least, np.nan)
+        axes.loglog(omega, product.gamma * allowed, color=_ALLOWED, ls="--", label="allowed for γ")
+        axes.loglog(omega, allowed, color=_ALLOWED, ls=":", label="allowed for γ = 1")
+        axes.set_ylabel(f"gain to {_short(weight.inputs)}")
+    if rest:
+        gains = [largest_gains(response[:, rest]) for response in responses]
+        _draw_lines(grid[-1], omega, gains, product, chosen)
+        grid[-1].axhline(product.gamma, color=_ALLOWED, ls="--", label="allowed for γ")
+        grid[-1].set_ylabel(f"gain to {_short(tuple(outputs[i] for i in rest)) or 'all outputs'}")
+    grid[-1].set_xlabel("frequency (rad/s)")
+    grid[0].legend(fontsize=8)
+
+
+def draw_steps(figure: Figure, product: Synthesis, duration_s: float | None) -> None:
+    """Draw the responses of all measured outputs to steps of their commands."""
+    chosen = _chosen(product)
+    k = product.controller
+    negative = series(k, gain(-np.eye(k.shape[0]), k.dt_s))
+    loops = []
+    for index in chosen:
+        through = series(negative, inner_plant(product.plants[index], k))
+        loops.append(feedback(through, gain(np.eye(product.measurements), k.dt_s)))
+    times, responses = step_responses(loops, duration_s)
+    q = product.measurements
+    grid = figure.subplots(q, q, squeeze=False, sharex=True, sharey=True)
+    names = product.plants[0].outputs[-q:] or tuple(f"measurement {i}" for i in range(q))
+    for i in range(q):
+        for j in range(q):
+            axes = grid[i, j]
+            for place, (index, response) in enumerate(zip(chosen, responses, strict=True)):
+                colour = _colour(place, len(chosen))
+                axes.plot(times, response[:, i, j], color=colour, lw=1.2,
+                          label=product.labels[index])  # fmt: skip
+            axes.axhline(float(i == j), color=_ALLOWED, ls=":", lw=1.0)
+            if j == 0:
+                axes.set_ylabel(f"of {names[i]}")
+            if i == q - 1:
+                axes.set_xlabel(f"time after a step of {names[j]} (s)")
+    if 1 < len(chosen) <= _NAMED:
+        grid[0, 0].legend(fontsize=8)
+
+
+def draw_starts(figure: Figure, product: Synthesis) -> None:
+    """Draw γ of all searches in rising order."""
+    from matplotlib.ticker import MaxNLocator
+
+    assert product.search is not None
+    axes = figure.add_subplot()
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    for gammas, label, marker, colour in (
+        (product.search.starts, "from different starts", ".", PALETTE["blue"]),
+        (product.search.shaken, "from near the best", "s", PALETTE["vermillion"]),
+    ):
+        found = np.sort(gammas[np.isfinite(gammas)])
+        if found.size:
+            place = np.arange(1, found.size + 1)
+            axes.plot(place, found, marker, color=colour, mfc="none", ms=9, label=label)
+    lost = int(np.count_nonzero(~np.isfinite(product.search.starts)))
+    if product.lower_bound > 0.0:
+        axes.axhline(product.lower_bound, color=_ALLOWED, ls="--", label="bound for any controller")
+    axes.set_yscale("log")
+    axes.set_xlabel("search, by what it found" + (f" ({lost} found nothing)" if lost else ""))
+    axes.set_ylabel("γ")
+    axes.legend()
+
+
+def draw_iterations(figure: Figure, found: Iterations) -> None:
+    """Draw the certified bound over the steps."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes = figure.add_subplot()
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    step = np.arange(found.upper.size)
+    seen = np.isfinite(found.upper)
+    axes.plot(step[found.accepted], found.upper[found.accepted], "-", color=PALETTE["blue"])
+    for chosen, face, label in (
+        (seen & found.accepted, PALETTE["blue"], "accepted"),
+        (seen & ~found.accepted, "none", "refused"),
+    ):
+        if chosen.any():
+            axes.plot(step[chosen], found.upper[chosen], "o", mec=PALETTE["blue"], mfc=face,
+                      label=label)  # fmt: skip
+    axes.axhline(1.0, color=_ALLOWED, ls=":", lw=1.2)
+    axes.set_xlabel("step")
+    axes.set_ylabel("certified bound of µ")
+    axes.legend()
+
+
+def _chosen(product: Synthesis) -> list[int]:
+    stable = np.flatnonzero(np.isfinite(product.judged.hinf))
+    count = min(stable.size, _DRAWN)
+    return [int(stable[k]) for k in np.unique(np.linspace(0, stable.size - 1, count).astype(int))]
+
+
+def _before(weight: Complex, response: Complex) -> Array:
+    """Return the largest gains (K,) of W⁻¹ T; NaN where W is singular."""
+    made = np.full(len(weight), np.nan)
+    good = np.linalg.svd(weight, compute_uv=False)[:, -1] > 0.0
+    before: Complex = np.linalg.solve(weight[good], response[good]).astype(complex)
+    made[good] = largest_gains(before)
+    return made
+
+
+def _draw_lines(
+    axes: Axes, omega: Array, gains: list[Array], product: Synthesis, chosen: list[int]
+) -> None:
+    for place, (index, one) in enumerate(zip(chosen, gains, strict=True)):
+        label = product.labels[index] if len(chosen) <= _NAMED else None
+        axes.loglog(omega, one, color=_colour(place, len(chosen)), lw=1.4, label=label)
+
+
+def _colour(place: int, count: int) -> str:
+    colours = [c for name, c in PALETTE.items() if name != "yellow"]
+    return colours[place % len(colours)] if count <= _NAMED else PALETTE["blue"]
+
+
+def _short(names: tuple[str, ...]) -> str:
+    stems = list(dict.fromkeys(name.partition("[")[0].partition("(")[0] for name in names))
+    return ", ".join(stems)

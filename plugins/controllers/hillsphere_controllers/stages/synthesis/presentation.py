@@ -1,0 +1,249 @@
+"""How the stage ``synthesis`` shows its result: norms and margins in tables, figures."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_controllers.stages.synthesis.figures import (
+    draw_gains,
+    draw_iterations,
+    draw_starts,
+    draw_steps,
+)
+from hillsphere_controllers.stages.synthesis.products import Iterations, Synthesis
+
+__all__ = ["presented"]
+
+_LISTED = 60
+_CHECK = 1e-6
+_NORMS = (
+    Column("model", "", "model"),
+    Column("designed", "", "made for it"),
+    Column("stable", "", "stable"),
+    Column("hinf", "-", "H∞ norm", 6),
+    Column("hinf_upper", "-", "its bound from above", 6),
+    Column("peak_rad_s", "rad/s", "reached at", 4),
+    Column("sampled", "-", "largest gain sampled", 6),
+    Column("h2", "-", "H2 norm", 6),
+    Column("abscissa_1_s", "1/s", "largest real part of the poles", 4),
+    Column("damping", "-", "least damping", 3),
+    Column("disk", "-", "disk margin α, both ends", 4),
+)
+_MARGINS = (
+    Column("model", "", "model"),
+    Column("place", "", "loop broken at"),
+    Column("gain_lower_db", "dB", "gain may fall by", 4),
+    Column("gain_upper_db", "dB", "gain may rise by", 4),
+    Column("phase_deg", "deg", "phase margin", 4),
+    Column("delay_s", "s", "delay margin", 4),
+)
+
+
+def presented(product: Synthesis, duration_s: float | None) -> Presentation:
+    """Return tables, figures and sentences of a controller.
+
+    Parameters
+    ----------
+    product : Synthesis
+        The controller and what it does.
+    duration_s : float or None
+        Length of the step responses.
+    """
+    judged = product.judged
+    stable = np.isfinite(judged.hinf)
+    metrics = {
+        "synthesis_gamma": Metric(product.gamma),
+        "synthesis_order": Metric(product.controller.order),
+        "synthesis_models_stable": Metric(int(np.count_nonzero(stable))),
+    }
+    if product.lower_bound > 0.0:
+        metrics["synthesis_lower_bound"] = Metric(product.lower_bound)
+    tables = {
+        "synthesis_loops": Table("Closed loops", _NORMS, _norm_rows(product), _notes(product)),
+        "synthesis_margins": Table(
+            "Margins of single loops",
+            _MARGINS,
+            _margin_rows(product),
+            ("One loop changed at a time, the others as they are; nothing stands where nothing "
+             "bounds a margin.",),
+        ),
+        "synthesis_controller": _controller(product),
+    }  # fmt: skip
+    figures = {}
+    if stable.any():
+        figures["synthesis_gains"] = Figure(
+            "Closed loops against the inverse weights",
+            partial(draw_gains, product=product),
+            "Largest singular value from all disturbances to each weighted signal before its "
+            "weight, and what the weight allows for the γ reached (dashed) and for γ = 1 (dotted).",
+            size_in=(7.0, 0.6 + 2.7 * _panels(product)),
+        )
+        figures["synthesis_steps"] = Figure(
+            "Step responses",
+            partial(draw_steps, product=product, duration_s=duration_s),
+            "What the plant's outputs make of a step of one command after the other, in the units "
+            "of the measurements.",
+        )
+    if product.search is not None:
+        figures["synthesis_starts"] = Figure(
+            "What the searches found",
+            partial(draw_starts, product=product),
+            "γ of every search, sorted; the line is the bound below which no controller comes.",
+        )
+        metrics["synthesis_residual"] = Metric(product.search.residual)
+    if product.iterations is not None:
+        tables["synthesis_iterations"] = _iterations(product.iterations)
+        figures["synthesis_iterations"] = Figure(
+            "µ over the steps",
+            partial(draw_iterations, found=product.iterations),
+            "Certified bound of every step's controller; filled: accepted.",
+        )
+    return Presentation(metrics, tables, figures, _verdict(product))
+
+
+def _panels(product: Synthesis) -> int:
+    weighted = {name for weight in product.weights for name in weight.outputs}
+    outputs = product.plants[0].outputs[: product.plants[0].shape[0] - product.measurements]
+    return len(product.weights) + int(not outputs or not set(outputs) <= weighted)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _norm_rows(product: Synthesis) -> list[dict[str, Cell]]:
+    judged = product.judged
+    return [
+        {
+            "model": label,
+            "designed": bool(product.designed[k]),
+            "stable": bool(np.isfinite(judged.hinf[k])),
+            "hinf": _finite(judged.hinf[k]),
+            "hinf_upper": _finite(judged.hinf_upper[k]),
+            "peak_rad_s": _finite(judged.peak_rad_s[k]),
+            "sampled": _finite(judged.sampled[k]),
+            "h2": _finite(judged.h2[k]),
+            "abscissa_1_s": _finite(judged.abscissa_1_s[k]),
+            "damping": _finite(judged.damping[k]),
+            "disk": _finite(judged.disk[k]),
+        }
+        for k, label in enumerate(product.labels[:_LISTED])
+    ]
+
+
+def _margin_rows(product: Synthesis) -> list[dict[str, Cell]]:
+    judged, plant = product.judged, product.plants[0]
+    p, m = plant.shape
+    own_inputs = plant.inputs[m - product.controls :] or tuple(
+        f"control {i}" for i in range(product.controls)
+    )
+    own_outputs = plant.outputs[p - product.measurements :] or tuple(
+        f"measurement {i}" for i in range(product.measurements)
+    )
+    rows: list[dict[str, Cell]] = []
+    for k, label in enumerate(product.labels[:_LISTED]):
+        for place, name in enumerate((*own_inputs, *own_outputs)):
+            lower, upper = judged.gain_lower[place, k], judged.gain_upper[place, k]
+            phase, delay = judged.phase_rad[place, k], judged.delay_s[place, k]
+            rows.append(
+                {
+                    "model": label,
+                    "place": name,
+                    "gain_lower_db": 20.0 * float(np.log10(lower)) if lower > 0.0 else None,
+                    "gain_upper_db": 20.0 * float(np.log10(upper)) if upper < np.inf else None,
+                    "phase_deg": float(np.degrees(phase)) if phase < np.pi else None,
+                    "delay_s": _finite(delay),
+                }
+            )
+    return rows
+
+
+def _controller(product: Synthesis) -> Table:
+    poles = sorted(product.controller.poles.tolist(), key=abs)
+    rows: list[dict[str, Cell]] = [
+        {"pole_re_1_s": pole.real, "pole_im_rad_s": pole.imag, "size_rad_s": abs(pole)}
+        for pole in poles[:_LISTED]
+    ]
+    columns = (
+        Column("pole_re_1_s", "1/s", "real part", 6),
+        Column("pole_im_rad_s", "rad/s", "imaginary part", 6),
+        Column("size_rad_s", "rad/s", "size", 6),
+    )
+    note = "The matrices of the controller are in the stage's product."
+    return Table(f"Poles of the controller, order {len(poles)}", columns, rows, (note,))
+
+
+def _iterations(found: Iterations) -> Table:
+    rows: list[dict[str, Cell]] = [
+        {
+            "step": k,
+            "kind": kind,
+            "upper": _finite(found.upper[k]),
+            "gamma": _finite(found.gamma[k]),
+            "peak_rad_s": _finite(found.peak_rad_s[k]),
+            "scaling_order": int(found.scaling_order[k]),
+            "controller_order": int(found.controller_order[k]),
+            "accepted": bool(found.accepted[k]),
+            "refusal": found.refusals[k],
+        }
+        for k, kind in enumerate(found.kinds)
+    ]
+    columns = (
+        Column("step", "-", "step"),
+        Column("kind", "", "what was done"),
+        Column("upper", "-", "µ, certified", 6),
+        Column("gamma", "-", "norm of the scaled loop", 6),
+        Column("peak_rad_s", "rad/s", "largest at", 4),
+        Column("scaling_order", "-", "order of the scalings"),
+        Column("controller_order", "-", "order of the controller"),
+        Column("accepted", "", "accepted"),
+        Column("refusal", "", "why not"),
+    )
+    return Table("Steps of the µ synthesis", columns, rows, (f"It ended: {found.reason}.",))
+
+
+def _notes(product: Synthesis) -> list[str]:
+    notes = ["Norms are those of the whole transfer from all disturbances to all weighted signals."]
+    if product.search is not None:
+        notes.append(
+            "γ is the largest weighted norm of the channels that were asked for, which may be "
+            "others."
+        )
+    if len(product.labels) > _LISTED:
+        notes.append(f"The first {_LISTED} of {len(product.labels)} models.")
+    return notes
+
+
+def _verdict(product: Synthesis) -> list[str]:
+    judged, count = product.judged, len(product.labels)
+    stable = int(np.count_nonzero(np.isfinite(judged.hinf)))
+    order = product.controller.order
+    norm = {"h2": "H2 norm", "mu": "certified µ"}.get(product.norm, "γ")
+    bound = (
+        f"; no controller of any order has less than {product.lower_bound:.6g}"
+        if product.lower_bound > 0.0
+        else ""
+    )
+    said = [
+        f"The controller ({product.method}, order {order}) has {norm} = {product.gamma:.6g}, "
+        f"computed from the closed loops{bound}. It stabilises {stable} of {count} "
+        f"model{'' if count == 1 else 's'}."
+    ]
+    if (over := judged.sampled > judged.hinf_upper * (1.0 + _CHECK)).any():
+        said.append(
+            f"A gain sampled is above the H∞ norm's bound for {int(over.sum())} models: do not "
+            "trust these norms; scale the models."
+        )
+    if product.search is not None:
+        search = product.search
+        best = np.nanmin(np.concatenate([search.starts, search.shaken]))
+        same = int(np.count_nonzero(search.starts <= best * 1.001))
+        said.append(
+            f"{same} of {search.starts.size} starts end within 0.1 % of the best, which is "
+            f"{'' if search.converged else 'not '}converged (residual {search.residual:.2g}, "
+            f"{search.active} active peaks and constraints)."
+        )
+    return said

@@ -1,0 +1,218 @@
+"""The stage ``synthesis``: a controller for linear models, and what it does with all of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Context
+from hillsphere.linear_products import LinearModels, UncertainModel, UncertainModels
+from hillsphere.lti import LtiSystem
+from hillsphere.presentation import Presentation
+from hillsphere.problems import did_you_mean
+from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity_plant
+from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
+from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.synthesis.iteration import by_iteration
+from hillsphere_controllers.stages.synthesis.judging import judged
+from hillsphere_controllers.stages.synthesis.methods import designed
+from hillsphere_controllers.stages.synthesis.presentation import presented
+from hillsphere_controllers.stages.synthesis.products import Synthesis
+from hillsphere_controllers.stages.synthesis.specs import (
+    DkSpec,
+    MixedSensitivitySpec,
+    SynthesisSpec,
+    WeightSpec,
+)
+from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.systems.algebra import gain
+from hillsphere_controllers.systems.interconnection import with_names
+from hillsphere_controllers.systems.weights import on_every_channel
+
+__all__ = ["SynthesisStage"]
+
+
+class SynthesisStage:
+    """A controller of linear models.
+
+    Parameters
+    ----------
+    spec : SynthesisSpec
+        Method and options.
+    """
+
+    def __init__(self, spec: SynthesisSpec) -> None:
+        self.spec = spec
+
+    def run(
+        self, ctx: Context, models: LinearModels, uncertain: UncertainModels | None = None
+    ) -> Synthesis:
+        """Make the controller, and judge it on all models.
+
+        Parameters
+        ----------
+        ctx : Context
+            Progress, seeds, workers.
+        models : LinearModels
+            Generalised plants; for the method ``"mixed_sensitivity"`` plants without weights.
+        uncertain : UncertainModels or None
+            For the method ``"dk"``: one uncertain model of them.
+
+        Returns
+        -------
+        Synthesis
+            The controller; no γ in it is anything but what the closed loops have.
+
+        Raises
+        ------
+        InputError
+            If the models have no controls, or a name or a size does not fit.
+        HillsphereError
+            What the method raises.
+        """
+        spec = self.spec
+        plants, weights = list(models.systems), models.weights
+        controls, measurements = models.controls, models.measurements
+        if spec.mixed_sensitivity is not None:
+            plants, weights = _weighted(plants, spec.mixed_sensitivity)
+            measurements, controls = models.systems[0].shape
+        elif not (controls and measurements):
+            raise InputError(
+                "the models have no controls and measurements; name them in the stage that makes "
+                "the models"
+            )
+        outputs, inputs = spec.outputs, spec.inputs
+        if uncertain is not None:
+            own_outputs, own_inputs = _performance(_one(uncertain), controls, measurements)
+            outputs, inputs = outputs or own_outputs, inputs or own_inputs
+        plants = [_restricted(one, outputs, inputs, controls, measurements) for one in plants]
+        seen = set(plants[0].outputs)
+        weights = tuple(one for one in weights if set(one.outputs) <= seen)
+        chosen = self._chosen(models)
+        own = [k for k in range(len(plants)) if chosen[k]]
+        if spec.method == "dk":
+            options = spec.dk or DkSpec()
+            made = by_iteration(options, _one(uncertain), controls, measurements, ctx)
+        else:
+            made = designed(
+                spec, [plants[k] for k in own], [models.labels[k] for k in own], controls,
+                measurements, ctx,
+            )  # fmt: skip
+        advance = ctx.track("closed loops", len(plants))
+        found = judged(plants, made.controller, advance)
+        gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
+        return Synthesis(
+            controller=made.controller,
+            method=spec.method,
+            norm={"h2": "h2", "dk": "mu"}.get(spec.method, "hinf"),
+            gamma=gamma,
+            lower_bound=made.lower_bound,
+            plants=tuple(plants),
+            labels=models.labels,
+            designed=chosen,
+            controls=controls,
+            measurements=measurements,
+            weights=weights,
+            judged=found,
+            search=made.search,
+            iterations=made.iterations,
+        )
+
+    def present(
+        self, product: Synthesis, models: LinearModels, uncertain: UncertainModels | None = None
+    ) -> Presentation:
+        """Show norms, margins, gains against the inverse weights, and step responses."""
+        return presented(product, self.spec.step_duration_s)
+
+    def _chosen(self, models: LinearModels) -> NDArray[np.bool_]:
+        """Return which models the controller is made for."""
+        spec, count = self.spec, len(models.systems)
+        chosen = np.zeros(count, dtype=bool)
+        for name in spec.plants:
+            if name not in models.labels:
+                raise InputError(
+                    f"plants: no model {name!r}"
+                    f"{did_you_mean(name, models.labels, otherwise='there are')}"
+                )
+            chosen[models.labels.index(name)] = True
+        if spec.plants:
+            return chosen
+        if spec.method in ("structured", "dk", "given"):
+            return ~chosen
+        spread = np.ptp(models.values, axis=1)
+        away = models.values - models.nominal[:, None]
+        scaled = away / np.where(spread > 0.0, spread, 1.0)[:, None]
+        chosen[int(np.argmin((scaled**2).sum(axis=0)))] = True
+        return chosen
+
+
+def _one(uncertain: UncertainModels | None) -> UncertainModel:
+    if uncertain is None or len(uncertain.models) != 1:
+        count = 0 if uncertain is None else len(uncertain.models)
+        raise InputError(
+            f"needs.uncertain: a µ synthesis is for one uncertain model, got {count}; let the "
+            "stage that makes them have no known parameters"
+        )
+    return uncertain.models[0]
+
+
+def _performance(
+    model: UncertainModel, controls: int, measurements: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the outputs and inputs of an uncertain model that belong to performance."""
+    out, into = lft_of(model).closed_channels
+    outputs, inputs = model.system.outputs, model.system.inputs
+    return outputs[out : len(outputs) - measurements], inputs[into : len(inputs) - controls]
+
+
+def _restricted(
+    plant: LtiSystem,
+    outputs: tuple[str, ...],
+    inputs: tuple[str, ...],
+    controls: int,
+    measurements: int,
+) -> LtiSystem:
+    """Return a generalised plant with those outputs and inputs only, and the controller's."""
+    p, m = plant.shape
+    rows, columns = list(range(p - measurements)), list(range(m - controls))
+    if outputs:
+        rows = places(plant.outputs[: p - measurements], outputs, "outputs")
+    if inputs:
+        columns = places(plant.inputs[: m - controls], inputs, "inputs")
+    rows += range(p - measurements, p)
+    columns += range(m - controls, m)
+    return replace(
+        plant, b=plant.b[:, columns], c=plant.c[rows], d=plant.d[np.ix_(rows, columns)],
+        inputs=tuple(plant.inputs[j] for j in columns) if plant.inputs else (),
+        outputs=tuple(plant.outputs[i] for i in rows) if plant.outputs else (),
+    )  # fmt: skip
+
+
+def _weighted(
+    plants: list[LtiSystem], spec: MixedSensitivitySpec
+) -> tuple[list[LtiSystem], tuple[LtiSystem, ...]]:
+    """Return generalised plants of a mixed-sensitivity problem, and their weights by name."""
+    p, m = plants[0].shape
+    weights = [_weight(one, plants[0].dt_s) for one in (spec.w1, spec.w2, spec.w3)]
+    made = [mixed_sensitivity_plant(one, *weights, disturbance=spec.disturbance) for one in plants]
+    named = []
+    for k, (weight, signal, width) in enumerate(
+        zip(weights, ("e", "u", "y"), (p, m, p), strict=True), 1
+    ):
+        if weight is not None:
+            whole = on_every_channel(weight, width)
+            named.append(with_names(whole, signal, f"z{k}"))
+    return made, tuple(named)
+
+
+def _weight(spec: WeightSpec | None, period_s: float | None) -> LtiSystem | None:
+    if spec is None:
+        return None
+    if spec.shelving is not None:
+        return shelving_of(spec.shelving, period_s)
+    if spec.performance is not None:
+        return performance_of(spec.performance, period_s)
+    return gain(np.array([[spec.gain or 0.0]]), period_s)

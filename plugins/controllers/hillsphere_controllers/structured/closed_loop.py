@@ -1,0 +1,169 @@
+r"""Closed loops with a controller whose states are put into the plant.
+
+A controller of order k is a constant gain K on the plant with k integrators added. With D22 out of
+the way, K₀ = (I − K D22)⁻¹ K, the closed loop is affine in K₀:
+
+.. math::
+
+    A_{cl} = A + B_2 K_0 C_2, \quad B_{cl} = B_1 + B_2 K_0 D_{21}, \quad
+    C_{cl} = C_1 + D_{12} K_0 C_2, \quad D_{cl} = D_{11} + D_{12} K_0 D_{21}.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.structured.requirements import Channel, DesignPlant
+from hillsphere_controllers.structured.structure import Sizes, Structure
+from hillsphere_controllers.systems.balancing import balanced
+
+__all__ = ["Closed", "OpenLoop"]
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A closed loop: its matrices, and those by which a change of K enters, as dA = b2 dK c2.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray
+        From w to z.
+    b2, c2, d12, d21 : ndarray
+        db = b2 dK d21, dc = d12 dK c2, dd = d12 dK d21.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    b2: Array
+    c2: Array
+    d12: Array
+    d21: Array
+
+
+class OpenLoop:
+    """A plant with the controller's states, to be closed again and again.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        Plant and channels.
+    structure : Structure
+        Of the controller: its order, numbers of u and y.
+
+    Attributes
+    ----------
+    channels : list of tuple
+        Outputs, inputs (as index arrays) and `Channel`.
+    weights : list of float
+        Of each channel: its own times the plant's, or one over the limit.
+
+    Raises
+    ------
+    InputError
+        If the plant is in discrete time, or sizes or channels do not fit.
+    """
+
+    def __init__(self, plant: DesignPlant, structure: Structure) -> None:
+        system, k = plant.system, structure.order
+        nu, ny = structure.controls, structure.measurements
+        what = f"plant {plant.name!r}" if plant.name else "the plant"
+        (p, m), n = system.shape, system.order
+        if system.dt_s is not None:
+            raise InputError(
+                f"{what} is in discrete time; design for its image in continuous time "
+                "(systems.bilinear.continuous), and map the controller back"
+            )
+        if nu >= m or ny >= p:
+            raise InputError(
+                f"{what} has {m} inputs and {p} outputs: with {nu} controls and {ny} measurements "
+                "no w or no z is left"
+            )
+        scaled, _ = balanced(system)
+        self.name, self.plant = what, plant
+        m1, p1 = m - nu, p - ny
+        self._a = np.zeros((n + k, n + k))
+        self._a[:n, :n] = scaled.a
+        self._b1 = np.vstack([scaled.b[:, :m1], np.zeros((k, m1))])
+        self._c1 = np.hstack([scaled.c[:p1], np.zeros((p1, k))])
+        self._b2 = np.zeros((n + k, k + nu))
+        self._b2[:n, k:], self._b2[n:, :k] = scaled.b[:, m1:], np.eye(k)
+        self._c2 = np.zeros((k + ny, n + k))
+        self._c2[k:, :n], self._c2[:k, n:] = scaled.c[p1:], np.eye(k)
+        self._d11 = scaled.d[:p1, :m1]
+        self._d12 = np.hstack([np.zeros((p1, k)), scaled.d[:p1, m1:]])
+        self._d21 = np.vstack([np.zeros((k, m1)), scaled.d[p1:, :m1]])
+        self._d22 = np.zeros((k + ny, k + nu))
+        self._d22[k:, k:] = scaled.d[p1:, m1:]
+        self._through = bool(self._d22.any())
+        self.channels = [self._place(channel, p1, m1) for channel in plant.channels]
+        if not self.channels:
+            raise InputError(f"{what} has no channel")
+        self.weights = [
+            plant.weight * c.weight if c.limit is None else c.weight / c.limit
+            for c in plant.channels
+        ]
+        if not plant.weight > 0.0:
+            raise InputError(f"{what}: a weight must be > 0, got {plant.weight}")
+        poles = np.abs(np.linalg.eigvals(scaled.a)) if n else np.ones(1)
+        there = poles[poles > 1e-8 * max(float(poles.max()), 1e-300)]
+        self.rate = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
+        self.sizes = self._sizes(scaled, m1, p1)
+
+    def _place(self, channel: Channel, p1: int, m1: int) -> tuple[Integers, Integers, Channel]:
+        rows = np.arange(p1) if channel.outputs is None else np.array(channel.outputs, dtype=int)
+        columns = np.arange(m1) if channel.inputs is None else np.array(channel.inputs, dtype=int)
+        for indices, count, kind in ((rows, p1, "outputs z"), (columns, m1, "inputs w")):
+            if not indices.size or indices.min() < 0 or indices.max() >= count:
+                raise InputError(f"{self.name} has {count} {kind}, a channel asks for {indices}")
+        if channel.norm == "h2":
+            direct = self._d11[np.ix_(rows, columns)].any()
+            if direct or (self._d12[rows].any() and self._d21[:, columns].any()):
+                raise InputError(
+                    f"{self.name}: an H2 norm is infinite with a direct term from w to z (D11, or "
+                    "D12 and D21 together); filter w or y"
+                )
+        return rows, columns, channel
+
+    def _sizes(self, scaled: LtiSystem, m1: int, p1: int) -> Sizes:
+        def lengths(matrix: Array) -> Array:
+            found = np.linalg.norm(matrix, axis=0)
+            return np.where(found > 0.0, found, 1.0)
+
+        u = self.rate / lengths(scaled.b[:, m1:]) if scaled.order else lengths(scaled.d[:, m1:])
+        y = lengths(scaled.c[p1:].T) if scaled.order else lengths(scaled.d[p1:].T)
+        return Sizes(u, y, self.rate)
+
+    def close(self, gains: Array) -> Closed | None:
+        """Return the closed loop with K; None if it is not well posed."""
+        b2, c2, d12, d21 = self._b2, self._c2, self._d12, self._d21
+        if self._through:
+            left = np.eye(len(gains)) - gains @ self._d22
+            right = np.eye(len(c2)) - self._d22 @ gains
+            if np.linalg.cond(left) > 1e12:
+                return None
+            moved = np.linalg.solve(left, gains)
+            # dK₀ = (I − K D22)⁻¹ dK (I − D22 K)⁻¹
+            turned = np.linalg.solve(left.T, np.vstack([b2, d12]).T).T
+            entering = np.linalg.solve(right, np.hstack([c2, d21]))
+        else:
+            moved = gains
+            turned, entering = np.vstack([b2, d12]), np.hstack([c2, d21])
+        n = len(b2)
+        bk, dk = b2 @ moved, d12 @ moved
+        return Closed(
+            self._a + bk @ c2,
+            self._b1 + bk @ d21,
+            self._c1 + dk @ c2,
+            self._d11 + dk @ d21,
+            turned[:n],
+            entering[:, :n],
+            turned[n:],
+            entering[:, n:],
+        )

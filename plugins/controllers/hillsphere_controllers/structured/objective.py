@@ -1,0 +1,345 @@
+"""What a design minimises: the logarithm of the largest weighted norm, with its gradients.
+
+Constraints h ≤ 0 are added as ρ max(h, 0), an exact penalty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere_controllers.structured.closed_loop import OpenLoop
+from hillsphere_controllers.structured.gradients import gain_slopes, h2_slope, pole_slopes
+from hillsphere_controllers.structured.plant_norms import Loop, PlantNorms
+from hillsphere_controllers.structured.requirements import PoleRegion
+from hillsphere_controllers.structured.structure import Structure
+
+__all__ = ["FURTHEST", "Objective", "Piece", "Point"]
+
+_NEAR = 0.6
+"""Peaks of at least this share of the largest are looked at."""
+_MOST = 14
+_NEAR_HARD = -0.3
+"""Constraints above this are looked at."""
+FURTHEST = 1e8
+"""Scaled parameters beyond this are out of bounds: where gains run away, γ has long settled."""
+_MARGIN = 1e-7
+"""By so much constraints are kept, so that rounding does not break them."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One of the functions whose largest is minimised, or of the constraints, at a θ.
+
+    Parameters
+    ----------
+    level : float
+        Logarithm of a weighted gain or norm; or the excess of a constraint.
+    slope : ndarray, shape (size,)
+        Its gradient.
+    plant, channel : int
+        Where; channel −1: poles or gains.
+    omega_rad_s : float
+        Peak; NaN where there is none.
+    number : int
+        Of the singular value, or of the condition on the poles.
+    hard : bool
+        Whether it is a constraint.
+    """
+
+    level: float
+    slope: Array
+    plant: int
+    channel: int
+    omega_rad_s: float
+    number: int
+    hard: bool
+
+
+@dataclass
+class Point:
+    """A θ (scaled) with its value.
+
+    Parameters
+    ----------
+    x : ndarray, shape (size,)
+        Scaled parameters.
+    value : float
+        Logarithm of the objective plus the penalty; infinite where the loop is not stable, and
+        where it was only seen to be above what was asked for.
+    objective : float
+        Logarithm of the largest weighted norm.
+    excess : float
+        Largest of the constraints; minus infinity without any.
+    """
+
+    x: Array
+    value: float
+    objective: float = np.inf
+    excess: float = -np.inf
+    gains: Array | None = None
+    loops: list[Loop] = field(default_factory=list)
+
+
+class Objective:
+    """The function of the scaled parameters x, θ = middle + spread x.
+
+    Parameters
+    ----------
+    loops : sequence of OpenLoop
+        Plants of the design.
+    structure : Structure
+        Of the controller.
+    middle, spread : ndarray, shape (size,)
+        Scaling.
+    region : PoleRegion or None
+        Where all closed loops' poles are to be.
+    largest_gain : float or None
+        Limit of the Frobenius norm of K.
+
+    Attributes
+    ----------
+    penalty : float
+        ρ.
+    evaluations : int
+        How often a closed loop was made.
+    """
+
+    def __init__(
+        self,
+        loops: Sequence[OpenLoop],
+        structure: Structure,
+        middle: Array,
+        spread: Array,
+        region: PoleRegion | None = None,
+        largest_gain: float | None = None,
+    ) -> None:
+        self.loops, self.structure = list(loops), structure
+        self.norms = [PlantNorms(loop) for loop in self.loops]
+        self.middle, self.spread = middle, spread
+        self.region, self.largest_gain = region, largest_gain
+        self.penalty, self.evaluations = 10.0, 0
+        self._worst_first = list(range(len(self.loops)))
+        if not any(c.limit is None for loop in self.loops for _, _, c in loop.channels):
+            raise InputError("every channel has a limit: nothing is left to be minimised")
+
+    def theta(self, x: Array) -> Array:
+        """Return θ of x, both (size,)."""
+        return np.asarray(self.middle + self.spread * x)
+
+    def evaluate(self, x: Array, above: float = np.inf) -> Point:
+        """Return the point at x; its value is infinite where it is larger than `above`."""
+        self.evaluations += 1
+        with np.errstate(over="ignore", invalid="ignore"):
+            matrix = self.structure.gains(self.theta(x))
+        no = Point(x, np.inf)
+        if not np.isfinite(matrix).all() or float(np.abs(x).max()) > FURTHEST:
+            return no
+        found: dict[int, Loop] = {}
+        for j in self._worst_first:
+            loop = self.norms[j].closed(matrix)
+            if loop is None or self.norms[j].seen_above(loop, above):
+                return no
+            found[j] = loop
+        objective, excess = -np.inf, self._gain_excess(matrix)
+        each = np.full(len(self.loops), -np.inf)
+        for j, loop in found.items():
+            self.norms[j].measure(loop)
+            for c, level in loop.levels.items():
+                if self.loops[j].channels[c][2].limit is None:
+                    each[j] = max(each[j], level)
+                else:
+                    excess = max(excess, level)
+            if self.region is not None:
+                excess = max(excess, float(self.region.excess(loop.response.poles)[0].max()))
+            objective = max(objective, float(each[j]))
+            if objective > above:
+                return no
+        value = objective + self.penalty * max(0.0, excess + _MARGIN)
+        self._worst_first = [int(j) for j in np.argsort(-each, kind="stable")]
+        loops = [found[j] for j in range(len(self.loops))]
+        return Point(x, value, objective, excess, matrix, loops)
+
+    def _gain_excess(self, matrix: Array) -> float:
+        if self.largest_gain is None:
+            return -np.inf
+        return float(np.log(max(float(np.linalg.norm(matrix)), 1e-300) / self.largest_gain))
+
+    def remember(self, point: Point, more: bool = False) -> None:
+        """Take the peaks of a point for the next ones; see `PlantNorms.remember`."""
+        for norms, loop in zip(self.norms, point.loops, strict=True):
+            norms.remember(loop, more)
+
+    def forget(self) -> None:
+        """Drop all remembered peaks, so that a start does not depend on those before it."""
+        for norms in self.norms:
+            norms.forget()
+        self._worst_first = list(range(len(self.loops)))
+
+    def certified(self, point: Point) -> Point:
+        """Return the point, with peaks added that only the level-set method found."""
+        above = point.objective + np.log(_NEAR)
+        missed = [
+            norms.missed(loop, above) for norms, loop in zip(self.norms, point.loops, strict=True)
+        ]
+        return self.evaluate(point.x) if any(missed) else point
+
+    def slope(self, point: Point) -> Array:
+        """Return a gradient at a point, shape (size,): that of the largest, and of the penalty."""
+        found = np.zeros(point.x.size)
+        if point.excess + _MARGIN > 0.0:
+            worst = max(self._hard(point), key=lambda piece: piece.level)
+            found += self.penalty * worst.slope
+        best = max(
+            ((j, c) for j, loop in enumerate(point.loops) for c in loop.levels
+             if self.loops[j].channels[c][2].limit is None),
+            key=lambda jc: point.loops[jc[0]].levels[jc[1]],
+        )  # fmt: skip
+        j, c = best
+        if self.loops[j].channels[c][2].norm == "h2":
+            return found + self._h2_piece(point, j, c).slope
+        omega, high = point.loops[j].peaks[c]
+        pieces = self._at(point, j, c, float(omega[int(np.argmax(high))]), 0)
+        return found + (pieces[0].slope if pieces else 0.0)
+
+    def pieces(self, point: Point, extra: Sequence[Piece] = ()) -> list[Piece]:
+        """Return the pieces near the largest, and the constraints near or above zero.
+
+        Parameters
+        ----------
+        point : Point
+            Where.
+        extra : sequence of Piece
+            Peaks elsewhere: their frequencies are looked at too.
+        """
+        soft: list[Piece] = []
+        for j, loop in enumerate(point.loops):
+            for c, level in loop.levels.items():
+                channel = self.loops[j].channels[c][2]
+                if channel.limit is not None or level < point.objective + np.log(_NEAR):
+                    continue
+                if channel.norm == "h2":
+                    soft.append(self._h2_piece(point, j, c))
+                    continue
+                for omega in _distinct(*loop.peaks[c]):
+                    soft += self._at(point, j, c, omega, None)
+        soft = [p for p in soft if p.level >= point.objective + np.log(_NEAR)]
+        soft = sorted(soft, key=lambda p: -p.level)[:_MOST]
+        hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
+        return self.with_extra(point, soft + hard, extra)
+
+    def with_extra(
+        self, point: Point, pieces: Sequence[Piece], extra: Sequence[Piece]
+    ) -> list[Piece]:
+        """Return pieces at a point, and those at the frequencies of other ones, each once."""
+        made = list(pieces)
+        known = {(p.plant, p.channel, p.number, round(p.omega_rad_s, 12)) for p in made}
+        for p in extra:
+            key = (p.plant, p.channel, p.number, round(p.omega_rad_s, 12))
+            if not p.hard and key not in known and np.isfinite(p.omega_rad_s):
+                known.add(key)
+                made += self._at(point, p.plant, p.channel, p.omega_rad_s, p.number)
+        return made
+
+    def followed(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
+        """Return what pieces have become at another point; itself where one is gone."""
+        found, hard = [], None
+        for piece in pieces:
+            j, c = piece.plant, piece.channel
+            if c < 0 or piece.hard:
+                hard = self._hard(point) if hard is None else hard
+                same = [h for h in hard if (h.plant, h.channel, h.number) == (j, c, piece.number)]
+                found.append(max(same, key=lambda h: h.level) if same else piece)
+            elif np.isnan(piece.omega_rad_s):
+                found.append(self._h2_piece(point, j, c))
+            else:
+                omega = _nearest(point.loops[j].peaks[c][0], piece.omega_rad_s)
+                at = self._at(point, j, c, omega, piece.number)
+                found.append(at[0] if at else piece)
+        return found
+
+    def _hard(self, point: Point) -> list[Piece]:
+        found: list[Piece] = []
+        assert point.gains is not None
+        for j, loop in enumerate(point.loops):
+            for c, level in loop.levels.items():
+                channel = self.loops[j].channels[c][2]
+                if channel.limit is None or level < _NEAR_HARD:
+                    continue
+                if channel.norm == "h2":
+                    found.append(self._h2_piece(point, j, c))
+                    continue
+                for omega in _distinct(*loop.peaks[c]):
+                    at = self._at(point, j, c, omega, None)
+                    found += [p for p in at if p.level > _NEAR_HARD]
+            if self.region is not None:
+                found += self._pole_pieces(point, j, self.region)
+        level = self._gain_excess(point.gains)
+        if level > _NEAR_HARD:
+            slope = point.gains / np.sum(point.gains**2)
+            slope = self._chained(point, slope)
+            found.append(Piece(level + _MARGIN, slope, -1, -1, np.nan, 0, True))
+        return found
+
+    def _chained(self, point: Point, slope: Array) -> Array:
+        return self.structure.pulled_back(self.theta(point.x), slope) * self.spread
+
+    def _at(self, point: Point, j: int, c: int, omega: float, number: int | None) -> list[Piece]:
+        """Return the pieces of the singular values at a frequency: of all, or of one of them."""
+        rows, columns, channel = self.loops[j].channels[c]
+        sigma, slopes = gain_slopes(point.loops[j].closed, rows, columns, omega)
+        found, hard = [], channel.limit is not None
+        lowest = _NEAR * sigma[0] * (1.0 - 1e-12) if number is None else 0.0
+        for i in range(sigma.size) if number is None else [number]:
+            if sigma[i] <= lowest:
+                continue
+            level = float(np.log(self.loops[j].weights[c] * sigma[i])) + (_MARGIN if hard else 0.0)
+            slope = self._chained(point, slopes[i] / sigma[i])
+            found.append(Piece(level, slope, j, c, omega, i, hard))
+        return found
+
+    def _h2_piece(self, point: Point, j: int, c: int) -> Piece:
+        rows, columns, channel = self.loops[j].channels[c]
+        slope = self._chained(point, h2_slope(point.loops[j].closed, rows, columns))
+        hard = channel.limit is not None
+        level = point.loops[j].levels[c] + (_MARGIN if hard else 0.0)
+        return Piece(level, slope, j, c, np.nan, 0, hard)
+
+    def _pole_pieces(self, point: Point, j: int, region: PoleRegion) -> list[Piece]:
+        poles, slopes = pole_slopes(point.loops[j].closed)
+        excess, by_pole = region.excess(poles)
+        found = []
+        for kind, i in zip(*np.nonzero(excess > _NEAR_HARD), strict=True):
+            slope = self._chained(point, np.real(by_pole[kind, i] * slopes[i]))
+            if poles[i].imag < 0.0 or not np.isfinite(slope).all():
+                continue
+            # poles keep their places only roughly: the worst of a condition is followed
+            level = float(excess[kind, i]) + _MARGIN
+            found.append(Piece(level, slope, j, -1, np.nan, int(kind), True))
+        return sorted(found, key=lambda piece: -piece.level)[:_MOST]
+
+
+def _distinct(omega: Array, high: Array) -> list[float]:
+    """Return frequencies of peaks near the largest, each once."""
+    found: list[float] = []
+    for i in np.argsort(-high, kind="stable"):
+        if high[i] < _NEAR * high.max():
+            break
+        other = [f for f in found if np.isfinite(f)]
+        if np.isinf(omega[i]) or all(abs(omega[i] - f) > 1e-6 * max(omega[i], f) for f in other):
+            found.append(float(omega[i]))
+    return found
+
+
+def _nearest(omega: Array, wanted: float) -> float:
+    if np.isinf(wanted) or wanted == 0.0:
+        return wanted
+    there = omega[np.isfinite(omega) & (omega > 0.0)]
+    if not there.size:
+        return wanted
+    best = float(there[int(np.argmin(np.abs(np.log(there / wanted))))])
+    return best if abs(np.log(best / wanted)) < 0.2 else wanted

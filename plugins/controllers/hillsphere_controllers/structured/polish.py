@@ -1,0 +1,253 @@
+"""Polishing: sequential quadratic programming on the peaks that hold an optimum together.
+
+Near a minimax optimum several peaks are equally high. Each is a smooth function of the parameters,
+so that a quadratic model of their Lagrangian and their linear parts give fast convergence, where
+a method that follows one gradient at a time zigzags.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_controllers.structured.minimax import MinimaxStep, minimax_step
+from hillsphere_controllers.structured.objective import Objective, Piece, Point
+
+__all__ = ["Active", "Polished", "certificate", "polished"]
+
+_ARMIJO = 0.05
+_TRIALS = 14
+
+
+@dataclass(frozen=True)
+class Active:
+    """A peak or constraint that holds an optimum.
+
+    Parameters
+    ----------
+    plant, channel : int
+        Where; channel −1: poles (plant −1: gains).
+    omega_rad_s : float
+        Peak; NaN where there is none.
+    level : float
+        Weighted norm there, or excess of the constraint.
+    multiplier : float
+        λ ≥ 0; those of the objective sum to one.
+    """
+
+    plant: int
+    channel: int
+    omega_rad_s: float
+    level: float
+    multiplier: float
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Where polishing ended.
+
+    Parameters
+    ----------
+    point : Point
+        There.
+    converged : bool
+        Whether no more decrease than the tolerance was predicted.
+    iterations : int
+        Steps taken.
+    """
+
+    point: Point
+    converged: bool
+    iterations: int
+
+
+def polished(
+    objective: Objective,
+    point: Point,
+    *,
+    accepted: Callable[[Point], Point],
+    iterations: int = 80,
+    tolerance: float = 1e-7,
+) -> Polished:
+    """Return a lower point.
+
+    Parameters
+    ----------
+    objective : Objective
+        The function.
+    point : Point
+        Where to start, stable and certified.
+    accepted : callable
+        Called with each point before it is accepted; returns it, perhaps with a better known value.
+    iterations : int
+        At most.
+    tolerance : float
+        It ends when the predicted decrease of the logarithm is below this.
+    """
+    hessian, damping, fresh = _first(objective, point), 0.0, True
+    extra: list[Piece] = []
+    for count in range(iterations):
+        pieces = objective.pieces(point, extra)
+        tried = _tried(objective, point, pieces, hessian, damping, tolerance)
+        extra = tried.rejected
+        if tried.point is None:
+            if fresh:
+                return Polished(point, tried.converged, count)
+            hessian, damping, fresh = _first(objective, point), 0.0, True
+            continue
+        new = accepted(tried.point)
+        if new.value > point.value:  # the peak that was missed is remembered now
+            continue
+        damping, fresh = tried.damping, False
+        hessian = _updated(objective, point, new, tried.held, hessian)
+        point = new
+    return Polished(point, False, iterations)
+
+
+def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
+    """Return |Σ λ g| max(1, |x|) of the best multipliers, and what is active."""
+    pieces = objective.pieces(point)
+    size = max(1.0, float(np.linalg.norm(point.x)))
+    # far from any quadratic: the multipliers that make the gradient smallest
+    found = _step(objective, point, pieces, 1e4 * size**2 * np.eye(point.x.size), 1e-5)
+    if found is None:
+        return np.inf, ()
+    slopes = np.array([p.slope for p in pieces])
+    rest = float(np.linalg.norm(found.multipliers @ slopes)) * size
+    active = tuple(
+        Active(
+            p.plant, p.channel, p.omega_rad_s, p.level if p.hard else float(np.exp(p.level)),
+            float(weight),
+        )
+        for p, weight in zip(pieces, found.multipliers, strict=True)
+        if weight > 1e-6
+    )  # fmt: skip
+    return rest, active
+
+
+def _first(objective: Objective, point: Point) -> Array:
+    """Return a diagonal matrix that makes a step of about a tenth of x."""
+    size = _scale(point.x)
+    steep = float(np.linalg.norm(size * objective.slope(point)))
+    return np.diag(max(10.0 * steep, 1e-8) / size**2)
+
+
+def _scale(x: Array) -> Array:
+    size = np.abs(x)
+    return np.maximum(size, max(1.0, 0.1 * float(size.max())))
+
+
+def _step(
+    objective: Objective, point: Point, pieces: list[Piece], hessian: Array, near: float = np.inf
+) -> MinimaxStep | None:
+    levels = np.array([p.level if p.hard else p.level - point.objective for p in pieces])
+    slopes = np.array([p.slope for p in pieces])
+    hard = np.array([p.hard for p in pieces])
+    if not np.isfinite(slopes).all() or hard.all():
+        return None
+    kept = levels >= -near
+    if kept.all():
+        return minimax_step(levels, slopes, hard, hessian, objective.penalty)
+    found = minimax_step(levels[kept], slopes[kept], hard[kept], hessian, objective.penalty)
+    if found is None:
+        return None
+    multipliers = np.zeros(len(levels))
+    multipliers[kept] = found.multipliers
+    return MinimaxStep(found.step, found.predicted, multipliers)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    point: Point | None
+    held: list[tuple[Piece, float]]
+    damping: float
+    rejected: list[Piece]
+    converged: bool = False
+
+
+def _tried(
+    objective: Objective,
+    point: Point,
+    pieces: list[Piece],
+    hessian: Array,
+    damping: float,
+    tolerance: float,
+) -> _Tried:
+    """Return a point that is low enough; steps that are not are corrected, then shortened.
+
+    The optimum lies in a curved valley where peaks are equally high. A step along its tangent
+    leaves it: the correction takes the levels found there into account.
+    """
+    shape = np.diag(1.0 / _scale(point.x) ** 2)
+    rejected: list[Piece] = []
+    for count in range(_TRIALS):
+        found = _step(objective, point, pieces, hessian + damping * shape)
+        if found is None:
+            break
+        if found.predicted < tolerance:
+            if damping > 0.0 and count == 0:
+                damping = 0.0
+                continue
+            return _Tried(None, [], 0.0, rejected, count <= 1 and damping == 0.0)
+        held = [(p, float(w)) for p, w in zip(pieces, found.multipliers, strict=True) if w > 1e-9]
+        length = float(found.step @ shape @ found.step)
+        trial = objective.evaluate(point.x + found.step)
+        share = (point.value - trial.value) / found.predicted
+        if share >= _ARMIJO:
+            eased = 0.2 * damping if share > 0.5 and count == 0 else damping
+            return _Tried(trial, held, eased, rejected)
+        if np.isfinite(trial.value):
+            moved = objective.followed(trial, pieces)
+            near = [p for p in objective.pieces(trial) if not p.hard]
+            violators = [p for p in near if p.level > trial.objective - 1e-3][:2]
+            bent = [
+                replace(p, level=now.level - float(p.slope @ found.step))
+                for p, now in zip(pieces, moved, strict=True)
+            ]
+            corrected = _step(objective, point, bent, hessian + damping * shape)
+            if corrected is not None:
+                trial = objective.evaluate(point.x + corrected.step)
+                if point.value - trial.value >= _ARMIJO * found.predicted:
+                    return _Tried(trial, held, damping, rejected)
+            # what stood in the way is looked at from here too
+            rejected += violators
+            pieces = objective.with_extra(point, pieces, violators)
+        damping = max(4.0 * damping, found.predicted / length)
+    return _Tried(None, [], 0.0, rejected)
+
+
+def _updated(
+    objective: Objective,
+    old: Point,
+    new: Point,
+    held: list[tuple[Piece, float]],
+    hessian: Array,
+) -> Array:
+    """Return the Hessian of the Lagrangian by Powell's damped update."""
+    if not held:
+        return hessian
+    moved = objective.followed(new, [p for p, _ in held])
+    change = sum(
+        (w * (now.slope - p.slope) for (p, w), now in zip(held, moved, strict=True)),
+        np.zeros(old.x.size),
+    )
+    step = new.x - old.x
+    turned = hessian @ step
+    curved = float(step @ turned)
+    along = float(step @ change)
+    if not curved > 0.0 or not np.isfinite(change).all():
+        return hessian
+    if along < 0.2 * curved:
+        share = 0.8 * curved / (curved - along)
+        change = share * change + (1.0 - share) * turned
+        along = float(step @ change)
+    made = hessian - np.outer(turned, turned) / curved + np.outer(change, change) / along
+    made = 0.5 * (made + made.T)
+    # in the scale of x, nothing is much flatter than anything else is steep
+    size = _scale(new.x)
+    values, vectors = np.linalg.eigh(size[:, None] * made * size)
+    kept = (vectors * np.clip(values, 1e-10 * float(values[-1]), None)) @ vectors.T
+    return np.asarray(kept / size[:, None] / size)

@@ -1,0 +1,115 @@
+"""What is asked of a closed loop: norms of its channels, and where its poles are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+
+__all__ = ["Channel", "DesignPlant", "PoleRegion"]
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Part of the transfer from w to z that is to be small.
+
+    Parameters
+    ----------
+    outputs, inputs : tuple of int
+        Indices among z and among w; left out: all.
+    norm : {"hinf", "h2"}
+        Which norm.
+    weight : float
+        What the norm is multiplied with.
+    limit : float or None
+        The weighted norm is only to stay below this; None: it is to be as small as possible.
+    """
+
+    outputs: tuple[int, ...] | None = None
+    inputs: tuple[int, ...] | None = None
+    norm: Literal["hinf", "h2"] = "hinf"
+    weight: float = 1.0
+    limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.norm not in ("hinf", "h2"):
+            raise InputError(f"a norm is 'hinf' or 'h2', got {self.norm!r}")
+        if not self.weight > 0.0 or not (self.limit is None or self.limit > 0.0):
+            raise InputError(f"a weight and a limit must be > 0, got {self.weight}, {self.limit}")
+
+
+@dataclass(frozen=True)
+class PoleRegion:
+    """Where the closed loop's poles λ are to be.
+
+    Parameters
+    ----------
+    decay_1_s : float
+        Re λ ≤ −decay.
+    damping : float
+        Re λ ≤ −damping |λ|, from 0 to 1.
+    fastest_rad_s : float
+        |λ| ≤ this.
+    """
+
+    decay_1_s: float = 0.0
+    damping: float = 0.0
+    fastest_rad_s: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not (self.decay_1_s >= 0.0 and 0.0 <= self.damping < 1.0 and self.fastest_rad_s > 0.0):
+            raise InputError(
+                f"a pole region needs decay ≥ 0, damping from 0 to below 1, fastest > 0, got {self}"
+            )
+        if self.decay_1_s >= self.fastest_rad_s:
+            raise InputError("no pole decays faster than the fastest is allowed to be")
+
+    def excess(self, poles: Complex) -> tuple[Array, Complex]:
+        """Return how far poles (n,) are outside, relative, and the slopes; (3, n) each.
+
+        Positive is outside. A slope h′ gives dh = Re(h′ dλ); a row that asks nothing is −inf.
+        """
+        size = np.maximum(np.abs(poles), 1e-300)
+        found = np.full((3, poles.size), -np.inf)
+        slope = np.zeros((3, poles.size), dtype=complex)
+        if self.decay_1_s > 0.0:
+            found[0] = poles.real / self.decay_1_s + 1.0
+            slope[0] = 1.0 / self.decay_1_s
+        if self.damping > 0.0:
+            cosine = poles.real / size
+            found[1] = cosine + self.damping
+            slope[1] = 1.0 / size - cosine * poles.conj() / size**2
+        if np.isfinite(self.fastest_rad_s):
+            found[2] = np.log(size / self.fastest_rad_s)
+            slope[2] = poles.conj() / size**2
+        return found, slope
+
+
+@dataclass(frozen=True)
+class DesignPlant:
+    """A plant of a design, and what is asked of its closed loop.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous time; its last inputs are the controls u, its last outputs the measurements.
+    channels : tuple of Channel
+        What is to be small: the design minimises the largest.
+    weight : float
+        What all its norms that are minimised are multiplied with.
+    name : str
+        For messages.
+    """
+
+    system: LtiSystem
+    channels: tuple[Channel, ...] = field(default=(Channel(),))
+    weight: float = 1.0
+    name: str = ""

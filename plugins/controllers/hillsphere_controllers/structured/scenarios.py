@@ -1,0 +1,295 @@
+r"""Synthesis for plants with uncertain real parameters, by active scenarios.
+
+A plant depends on normalised parameters :math:`|δ_i| \le 1` through an upper linear fractional
+transformation with Δ = diag(δᵢ I). A controller is designed for a few values of δ, the scenarios;
+then the worst values for this controller are looked for in the whole box, and become scenarios too,
+until there are none that are much worse [1]_. With the controller closed, Δ enters the loop as a
+static controller does: the search for the worst δ has the same gradients as the design.
+
+What is found so is the worst that was found: certify the result by an upper bound of µ.
+
+References
+----------
+.. [1] P. Apkarian, M. N. Dao, D. Noll (2015), Parametric robust structured control design, IEEE
+   Transactions on Automatic Control 60(7), 1857-1869.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.structured.closed_loop import OpenLoop
+from hillsphere_controllers.structured.objective import Objective, Point
+from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
+from hillsphere_controllers.structured.structure import Sizes, Structure
+from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
+from hillsphere_controllers.systems.algebra import gain, lower_lft, upper_lft
+
+__all__ = ["RobustDesign", "Scenario", "UncertainPlant", "synthesise_robust", "worst_case"]
+
+_VIOLATES, _ENOUGH = 1e-3, 5e-3
+_CORNERS, _RANDOM, _CLIMBED = 64, 16, 4
+_UNSTABLE = 50.0
+"""Logarithm of the gain that stands for instability in the search for the worst case."""
+
+
+@dataclass(frozen=True)
+class UncertainPlant:
+    """A plant with uncertain parameters, and what is asked of its closed loop.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        Its first inputs and outputs belong to Δ, its last ones are the controls u and the
+        measurements y; between them are w and z.
+    repeats : tuple of int
+        How often each parameter stands on the diagonal of Δ.
+    channels : tuple of Channel
+        What is to be small.
+    weight : float
+        What all its norms that are minimised are multiplied with.
+    name : str
+        For messages.
+    """
+
+    system: LtiSystem
+    repeats: tuple[int, ...]
+    channels: tuple[Channel, ...] = field(default=(Channel(),))
+    weight: float = 1.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.repeats or min(self.repeats) < 1 or sum(self.repeats) >= min(self.system.shape):
+            raise InputError(
+                f"{self.repeats} parameters on the diagonal do not fit a plant of "
+                f"{self.system.shape[0]} outputs and {self.system.shape[1]} inputs"
+            )
+
+    def at(self, delta: Array) -> DesignPlant:
+        """Return the plant at normalised parameters (parameters,)."""
+        block = gain(np.diag(np.repeat(delta, self.repeats)))
+        name = f"{self.name} at {np.array2string(np.asarray(delta), precision=3)}"
+        system = upper_lft(self.system, block)
+        return DesignPlant(system, self.channels, self.weight, name.strip())
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Values of a plant's parameters, and what the controller does there.
+
+    Parameters
+    ----------
+    plant : int
+        Which plant.
+    delta : ndarray, shape (parameters,)
+        Normalised values, from −1 to 1.
+    gamma : float
+        Largest weighted norm; infinite if the closed loop is not stable.
+    """
+
+    plant: int
+    delta: Array
+    gamma: float
+
+
+@dataclass(frozen=True)
+class RobustDesign:
+    """A controller for uncertain plants.
+
+    Parameters
+    ----------
+    design : StructuredDesign
+        The controller, and what it does in the scenarios.
+    scenarios : tuple of Scenario
+        Those it was designed for.
+    worst : Scenario
+        The worst that was found in the whole box.
+    rounds : int
+        Designs made.
+    converged : bool
+        Whether the worst is no more than 0.5 % above the design's γ.
+    """
+
+    design: StructuredDesign
+    scenarios: tuple[Scenario, ...]
+    worst: Scenario
+    rounds: int
+    converged: bool
+
+
+def synthesise_robust(
+    plants: UncertainPlant | Sequence[UncertainPlant],
+    structure: Structure,
+    *,
+    rounds: int = 10,
+    starts: int = 10,
+    seed: int = 1,
+    region: PoleRegion | None = None,
+    largest_gain: float | None = None,
+    ctx: Context | None = None,
+) -> RobustDesign:
+    """Return a controller whose worst case over all parameters is small.
+
+    Parameters
+    ----------
+    plants : UncertainPlant or sequence of UncertainPlant
+        All are closed by the same controller.
+    structure : Structure
+        Of the controller.
+    rounds : int
+        Designs at most; the first has the nominal plants only.
+    starts : int
+        Of the first design; the later ones begin at the controller before, and have up to
+        two other starts.
+    seed, region, largest_gain, ctx
+        As in `synthesise`. The region is kept in the scenarios.
+
+    Returns
+    -------
+    RobustDesign
+        Of the round with the smallest worst case.
+
+    Raises
+    ------
+    InputError, NotStabilisableError, SynthesisFailedError
+        As in `synthesise`.
+    """
+    many = (plants,) if isinstance(plants, UncertainPlant) else tuple(plants)
+    if rounds < 1:
+        raise InputError(f"a robust design needs a round, got {rounds}")
+    places = [(j, np.zeros(len(plant.repeats))) for j, plant in enumerate(many)]
+    best: RobustDesign | None = None
+    initial: list[Array] = []
+    for count in range(1, rounds + 1):
+        design = synthesise(
+            [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=initial,
+            starts=starts if count == 1 else min(starts, 3), region=region,
+            largest_gain=largest_gain, ctx=ctx,
+        )  # fmt: skip
+        found = [
+            Scenario(j, s.delta, s.gamma)
+            for j, plant in enumerate(many)
+            for s in worst_case(plant, design.controller, seed=seed + count)
+        ]
+        worst = max(found, key=lambda s: s.gamma)
+        scenarios = tuple(
+            Scenario(j, delta, _gamma(many[j], norms))
+            for (j, delta), norms in zip(places, design.verified.norms, strict=True)
+        )
+        enough = worst.gamma <= design.gamma * (1.0 + _ENOUGH)
+        if best is None or worst.gamma < best.worst.gamma:
+            best = RobustDesign(design, scenarios, worst, count, enough)
+        if enough or design.interrupted:
+            break
+        initial = [design.theta]
+        for j in range(len(many)):
+            worse = [s for s in found if s.plant == j and s.gamma > design.gamma * (1 + _VIOLATES)]
+            places += [
+                (s.plant, s.delta)
+                for s in worse[:2]
+                if all(j != p or np.abs(s.delta - d).max() > 1e-6 for p, d in places)
+            ]
+    assert best is not None
+    return best
+
+
+def worst_case(plant: UncertainPlant, controller: LtiSystem, *, seed: int = 1) -> list[Scenario]:
+    """Return local worst cases of a closed loop over all parameters, the worst first.
+
+    Parameters
+    ----------
+    plant : UncertainPlant
+        The plant.
+    controller : LtiSystem
+        From y to u.
+    seed : int
+        Of the random ones among the points that the search begins at.
+
+    Returns
+    -------
+    list of Scenario
+        Different ones, as of plant 0. Their gains are reached: the worst is a lower bound of the
+        worst case, with no guarantee that nothing is worse.
+    """
+    closed = lower_lft(plant.system, controller)
+    (p, m), nd, k = closed.shape, sum(plant.repeats), len(plant.repeats)
+    # Δ comes last, as a controller
+    rows = np.concatenate([np.arange(nd, p), np.arange(nd)])
+    columns = np.concatenate([np.arange(nd, m), np.arange(nd)])
+    turned = LtiSystem(
+        closed.a, closed.b[:, columns], closed.c[rows], closed.d[np.ix_(rows, columns)]
+    )
+    soft = tuple(c for c in plant.channels if c.limit is None)
+    structure = _Repeated(plant.repeats)
+    loop = OpenLoop(DesignPlant(turned, soft, plant.weight, plant.name), structure)
+    objective = Objective([loop], structure, np.zeros(k), np.ones(k))
+    random = np.random.default_rng(seed)
+    points = [np.zeros(k), *random.uniform(-1.0, 1.0, (_RANDOM, k))]
+    if 2**k <= _CORNERS:
+        points += [np.array(corner) for corner in product((-1.0, 1.0), repeat=k)]
+    else:
+        points += list(random.choice([-1.0, 1.0], (_CORNERS, k)))
+    first = sorted(points, key=lambda x: -min(objective.evaluate(x).value, _UNSTABLE))
+    found: list[Scenario] = []
+    for start in first[:_CLIMBED]:
+        end = _climbed(objective, start)
+        if all(np.abs(end.x - s.delta).max() > 1e-3 for s in found):
+            found.append(Scenario(0, end.x, float(np.exp(end.value))))
+    return sorted(found, key=lambda s: -s.gamma)
+
+
+def _climbed(objective: Objective, start: Array) -> Point:
+    """Return a local maximum in the box; one where the loop is unstable, if it meets such."""
+    best = objective.evaluate(start)
+
+    def value(x: Array) -> tuple[float, Array]:
+        nonlocal best
+        point = objective.evaluate(x.copy())
+        if point.value > best.value:
+            best = point
+        if not np.isfinite(point.value):
+            return -_UNSTABLE, np.zeros(x.size)
+        return -point.value, -objective.slope(point)
+
+    if np.isfinite(best.value):
+        minimize(value, start, jac=True, method="L-BFGS-B", bounds=[(-1.0, 1.0)] * start.size)
+    return objective.certified(best) if np.isfinite(best.value) else best
+
+
+def _gamma(plant: UncertainPlant, norms: Sequence[float]) -> float:
+    return max(
+        plant.weight * channel.weight * norm
+        for channel, norm in zip(plant.channels, norms, strict=True)
+        if channel.limit is None
+    )
+
+
+class _Repeated:
+    """Δ = diag(δᵢ I) as a structure of a static controller."""
+
+    order = 0
+
+    def __init__(self, repeats: tuple[int, ...]) -> None:
+        self._owner = np.repeat(np.arange(len(repeats)), repeats)
+        self.controls = self.measurements = self._owner.size
+        self.size = len(repeats)
+
+    def gains(self, theta: Array) -> Array:
+        return np.diag(theta[self._owner])
+
+    def pulled_back(self, theta: Array, slope: Array) -> Array:
+        diagonal = np.diagonal(slope, axis1=-2, axis2=-1)
+        return np.stack(
+            [diagonal[..., self._owner == i].sum(axis=-1) for i in range(self.size)], axis=-1
+        )
+
+    def typical(self, sizes: Sizes) -> tuple[Array, Array]:
+        return np.zeros(self.size), np.ones(self.size)

@@ -1,0 +1,282 @@
+"""The search from one start: stabilise, descend, polish."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_controllers.structured.closed_loop import OpenLoop
+from hillsphere_controllers.structured.descent import descend, sampled_descent
+from hillsphere_controllers.structured.objective import Objective, Point
+from hillsphere_controllers.structured.polish import Active, certificate, polished
+from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
+from hillsphere_controllers.structured.stabilise import stabilised
+from hillsphere_controllers.structured.structure import Sizes, Structure
+
+__all__ = ["Found", "Problem", "Search", "Start"]
+
+_SIZES = (10.0, 1.0, 3.0, 0.3)
+_DRAWS = 6
+_OFTEN = 10
+"""In the descent, one point in so many is certified, and the last one."""
+_HARDER = 10.0
+_PENALTIES = 4
+_KEPT = 1e-6
+"""A constraint counts as kept when it is not exceeded by more than this, relative."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that a search depends on besides its start; picklable if its parts are.
+
+    Parameters
+    ----------
+    plants : tuple of DesignPlant
+        Plants, and what is asked of each.
+    structure : Structure
+        Of the controller.
+    region : PoleRegion or None
+        Where the poles of all closed loops are to be.
+    largest_gain : float or None
+        Limit of the Frobenius norm of K.
+    """
+
+    plants: tuple[DesignPlant, ...]
+    structure: Structure
+    region: PoleRegion | None = None
+    largest_gain: float | None = None
+
+    def prepare(self) -> Callable[[Start], Found]:
+        """Return the search of this problem, as `hillsphere.workers.Workers` ask for it."""
+        return Search(self)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a search begins.
+
+    Parameters
+    ----------
+    number : int
+        Its number among all.
+    seed : int
+        Of what is random in the search.
+    theta : ndarray, shape (size,), or None
+        Parameters; None: random ones.
+    perturbation : float
+        By so much, relative, they are changed at random.
+    """
+
+    number: int
+    seed: int
+    theta: Array | None = None
+    perturbation: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Parameters
+    ----------
+    start : Start
+        Where it began.
+    theta : ndarray, shape (size,)
+        Parameters.
+    gamma : float
+        Largest weighted norm; infinite if no stable closed loop was found.
+    abscissa : float
+        Largest real part of the poles of all closed loops, each relative to its plant's rate.
+    excess : float
+        Largest of the constraints, relative; below zero: all are kept; −inf: there is none.
+    converged : bool
+        Whether polishing ended by itself.
+    residual : float
+        |Σ λ g| max(1, |x|) of the multipliers λ and gradients g of the logarithms of the peaks, in
+        scaled parameters x: zero at a local minimum.
+    active : tuple of Active
+        Peaks and constraints that hold it.
+    evaluations : int
+        How often a set of closed loops was made.
+    interrupted : bool
+        Whether the user stopped it: this is the best until then.
+    """
+
+    start: Start
+    theta: Array
+    gamma: float
+    abscissa: float
+    excess: float = -np.inf
+    converged: bool = False
+    residual: float = np.inf
+    active: tuple[Active, ...] = ()
+    evaluations: int = 0
+    interrupted: bool = False
+
+    @property
+    def allowed(self) -> bool:
+        """Whether it is stable and keeps all constraints."""
+        return bool(np.isfinite(self.gamma) and self.excess <= _KEPT)
+
+
+class Search:
+    """Searches of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+
+    Raises
+    ------
+    InputError
+        If its parts do not fit.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.loops = [OpenLoop(plant, problem.structure) for plant in problem.plants]
+        sizes = _common([loop.sizes for loop in self.loops])
+        self.middle, self.spread = problem.structure.typical(sizes)
+
+    def __call__(self, start: Start) -> Found:
+        """Return what is found from a start."""
+        random = np.random.default_rng(start.seed)
+        problem = self.problem
+        objective = Objective(
+            self.loops, problem.structure, self.middle, self.spread, problem.region,
+            problem.largest_gain,
+        )  # fmt: skip
+        best = Best(objective)
+        try:
+            x, abscissa = self._stable(start, random, objective)
+            point = objective.evaluate(x)
+            if not np.isfinite(point.value):
+                theta = objective.theta(x)
+                return Found(start, theta, np.inf, abscissa, evaluations=objective.evaluations)
+            converged = _lowered(objective, point, random, best)
+        except KeyboardInterrupt:
+            if best.point is None:
+                raise
+            return self._found(start, objective, best.point, interrupted=True)
+        return self._found(start, objective, best.known, converged=converged)
+
+    def _stable(
+        self, start: Start, random: np.random.Generator, objective: Objective
+    ) -> tuple[Array, float]:
+        """Return scaled parameters, and the largest spectral abscissa they give, below 0 if stable.
+
+        Where the loops cannot be stabilised from random ones, others are drawn.
+        """
+        n, best = self.problem.structure.size, (self.middle, np.inf)
+        for draw in range(_DRAWS):
+            if start.theta is None:
+                # minima with small and with large gains: the size changes from one to the next
+                x = _SIZES[(start.number + draw) % len(_SIZES)] * random.normal(size=n)
+            else:
+                x = (np.asarray(start.theta, dtype=float) - self.middle) / self.spread
+                size = np.maximum(np.abs(x), 0.1 * max(1.0, float(np.abs(x).max())))
+                x = x + start.perturbation * size * random.normal(size=n)
+            found = stabilised(
+                self.loops, self.problem.structure, self.middle, self.spread, x, random
+            )
+            if found[1] < 0.0 and np.isfinite(objective.evaluate(found[0]).value):
+                return found
+            # stable, but with poles so fast that it is not for certain in floating point
+            found = found[0], max(found[1], 0.0)
+            best = min(best, found, key=lambda pair: pair[1])
+            if start.theta is not None and start.perturbation == 0.0:
+                break
+        return best
+
+    def _found(
+        self,
+        start: Start,
+        objective: Objective,
+        point: Point,
+        *,
+        converged: bool = False,
+        interrupted: bool = False,
+    ) -> Found:
+        residual, active = certificate(objective, point)
+        abscissa = max(
+            float(loop.response.poles.real.max(initial=-np.inf)) / open_loop.rate
+            for loop, open_loop in zip(point.loops, self.loops, strict=True)
+        )
+        return Found(
+            start, objective.theta(point.x), float(np.exp(point.objective)), abscissa,
+            point.excess, converged, residual, active, objective.evaluations, interrupted,
+        )  # fmt: skip
+
+
+class Best:
+    """The best point of a search so far: among those that keep the constraints, the lowest.
+
+    Parameters
+    ----------
+    objective : Objective
+        What certifies the points.
+    """
+
+    def __init__(self, objective: Objective) -> None:
+        self.objective = objective
+        self.point: Point | None = None
+        self._count = 0
+
+    @property
+    def known(self) -> Point:
+        """The point; there must have been one."""
+        assert self.point is not None
+        return self.point
+
+    def passed(self, point: Point) -> Point:
+        """Take a point into account that a method goes on from; now and then certify it."""
+        self._count += 1
+        return self._taken(point) if self._count % _OFTEN else self.accepted(point)
+
+    def accepted(self, point: Point) -> Point:
+        """Certify a point that a method goes on from, and take it into account."""
+        return self._taken(self.objective.certified(point))
+
+    def _taken(self, point: Point) -> Point:
+        self.objective.remember(point)
+        if np.isfinite(point.value):
+            key = (max(point.excess - _KEPT, 0.0), point.objective)
+            old = self.point
+            if old is None or key < (max(old.excess - _KEPT, 0.0), old.objective):
+                self.point = point
+        return point
+
+
+def _lowered(objective: Objective, point: Point, random: np.random.Generator, best: Best) -> bool:
+    point = best.accepted(point)
+    converged = False
+    for _ in range(_PENALTIES):
+        point = descend(objective, point, iterations=150, accepted=best.passed)
+        point = best.accepted(point)
+        found = polished(objective, point, accepted=best.accepted)
+        if not found.converged:
+            point = sampled_descent(objective, found.point, random, rounds=1)
+            found = polished(objective, best.accepted(point), accepted=best.accepted)
+        point, converged = found.point, found.converged
+        if point.excess <= _KEPT:
+            break
+        objective.penalty *= _HARDER
+        point = objective.evaluate(point.x)
+    return converged
+
+
+def _common(sizes: Sequence[Sizes]) -> Sizes:
+    """Return the geometric mean of the sizes of all plants."""
+
+    def mean(values: Sequence[Array]) -> Array:
+        return np.asarray(np.exp(np.mean(np.log(np.array(values)), axis=0)))
+
+    return Sizes(
+        mean([s.controls for s in sizes]),
+        mean([s.measurements for s in sizes]),
+        float(mean([np.array(s.rate) for s in sizes])),
+    )

@@ -1,0 +1,226 @@
+r"""Structures of a controller: how a few parameters θ make its matrices.
+
+A controller of order k is one matrix,
+
+.. math::
+
+    \begin{bmatrix} \dot x_K \\ u \end{bmatrix} =
+    K \begin{bmatrix} x_K \\ y \end{bmatrix}, \qquad
+    K = \begin{bmatrix} A_K & B_K \\ C_K & D_K \end{bmatrix},
+
+u = K(s) y without a change of sign. A structure gives K(θ) and, for the chain rule, Jᵀ vec(dK).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers
+from hillsphere.lti import LtiSystem
+
+__all__ = [
+    "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "masked", "of_order", "static"
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What is large and fast for a plant: the scale of the starts.
+
+    Parameters
+    ----------
+    controls : ndarray, shape (controls,)
+        Typical u.
+    measurements : ndarray, shape (measurements,)
+        Typical y.
+    rate : float
+        Typical pole, 1/s.
+    """
+
+    controls: Array
+    measurements: Array
+    rate: float
+
+
+class Structure(Protocol):
+    """A fixed structure."""
+
+    @property
+    def order(self) -> int:
+        """Number of states k."""
+        ...
+
+    @property
+    def controls(self) -> int:
+        """Number of outputs u."""
+        ...
+
+    @property
+    def measurements(self) -> int:
+        """Number of inputs y."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        ...
+
+    def gains(self, theta: Array) -> Array:
+        """Return K (order + controls, order + measurements)."""
+        ...
+
+    def pulled_back(self, theta: Array, slope: Array) -> Array:
+        """Return Jᵀ vec(dK) (..., size) of slopes (..., order + controls, order + measurements)."""
+        ...
+
+    def typical(self, sizes: Sizes) -> tuple[Array, Array]:
+        """Return the middle (size,) and spread (size,) > 0 of starts."""
+        ...
+
+
+def controller_of(structure: Structure, theta: Array) -> LtiSystem:
+    """Return the controller of parameters (size,) as a system from y to u."""
+    k, gains = structure.order, structure.gains(np.asarray(theta, dtype=float))
+    return LtiSystem(gains[:k, :k], gains[:k, k:], gains[k:, :k], gains[k:, k:])
+
+
+class FreeEntries:
+    """Some entries of K are the parameters, row by row; the others are fixed.
+
+    Parameters
+    ----------
+    gains : ndarray, shape (order + controls, order + measurements)
+        Fixed entries; NaN where an entry is free.
+    order : int
+        k.
+
+    Raises
+    ------
+    InputError
+        If the order does not fit, or nothing is free.
+    """
+
+    def __init__(self, gains: Array, order: int) -> None:
+        given = np.array(gains, dtype=float)
+        if given.ndim != 2 or not 0 <= order < min(given.shape):
+            raise InputError(
+                f"K of order {order} needs more rows and columns than that, got {given.shape}"
+            )
+        self.free = np.isnan(given)
+        if not self.free.any():
+            raise InputError("no entry of the controller is free; mark those that are with NaN")
+        self._fixed = np.where(self.free, 0.0, given)
+        self.order = order
+        self.controls, self.measurements = given.shape[0] - order, given.shape[1] - order
+        self.size = int(self.free.sum())
+
+    def gains(self, theta: Array) -> Array:
+        """Return K."""
+        made = self._fixed.copy()
+        made[self.free] = theta
+        return made
+
+    def pulled_back(self, theta: Array, slope: Array) -> Array:
+        """Return the slopes of the free entries."""
+        return np.asarray(slope[..., self.free])
+
+    def typical(self, sizes: Sizes) -> tuple[Array, Array]:
+        """Return zeros, and spreads that make a loop of order one."""
+        root = np.full(self.order, np.sqrt(sizes.rate))
+        rows = np.concatenate([root, sizes.controls])
+        columns = np.concatenate([1.0 / root, 1.0 / sizes.measurements])
+        spread = rows[:, None] * columns
+        # x_K is of order one: A_K like a pole, B_K C_K like a pole times u/y
+        spread[: self.order, : self.order] = sizes.rate
+        spread[self.order :, : self.order] = sizes.controls[:, None] * root
+        return np.zeros(self.size), spread[self.free]
+
+
+def static(controls: int, measurements: int) -> FreeEntries:
+    """Return u = D y with any D."""
+    return of_order(0, controls, measurements)
+
+
+def of_order(
+    order: int, controls: int, measurements: int, *, strictly_proper: bool = False
+) -> FreeEntries:
+    """Return any controller of an order; with D = 0 if strictly proper."""
+    gains = np.full((order + controls, order + measurements), np.nan)
+    if strictly_proper:
+        gains[order:, order:] = 0.0
+    return FreeEntries(gains, order)
+
+
+def masked(gains: Array, order: int = 0) -> FreeEntries:
+    """Return a controller some entries of which are fixed: NaN marks those that are free."""
+    return FreeEntries(gains, order)
+
+
+class Diagonal:
+    """Controllers beside each other: each has measurements and controls of its own, in turn.
+
+    Parameters
+    ----------
+    parts : sequence of Structure
+        At least one.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+
+    def __init__(self, parts: Sequence[Structure]) -> None:
+        if not parts:
+            raise InputError("a diagonal controller needs at least one part")
+        self.parts = tuple(parts)
+        self.order = sum(part.order for part in parts)
+        self.controls = sum(part.controls for part in parts)
+        self.measurements = sum(part.measurements for part in parts)
+        self.size = sum(part.size for part in parts)
+        self._places: list[tuple[Integers, Integers, slice]] = []
+        state, row, column, start = 0, self.order, self.order, 0
+        for part in parts:
+            states = np.arange(state, state + part.order)
+            self._places.append(
+                (
+                    np.concatenate([states, np.arange(row, row + part.controls)])[:, None],
+                    np.concatenate([states, np.arange(column, column + part.measurements)]),
+                    slice(start, start + part.size),
+                )
+            )
+            state, row = state + part.order, row + part.controls
+            column, start = column + part.measurements, start + part.size
+
+    def gains(self, theta: Array) -> Array:
+        """Return K."""
+        made = np.zeros((self.order + self.controls, self.order + self.measurements))
+        for part, (rows, columns, span) in zip(self.parts, self._places, strict=True):
+            made[rows, columns] = part.gains(theta[span])
+        return made
+
+    def pulled_back(self, theta: Array, slope: Array) -> Array:
+        """Return the slopes of each part's parameters."""
+        return np.concatenate(
+            [
+                part.pulled_back(theta[span], slope[..., rows, columns])
+                for part, (rows, columns, span) in zip(self.parts, self._places, strict=True)
+            ],
+            axis=-1,
+        )
+
+    def typical(self, sizes: Sizes) -> tuple[Array, Array]:
+        """Return those of the parts."""
+        found, row, column = [], 0, 0
+        for part in self.parts:
+            u, y = sizes.controls[row:], sizes.measurements[column:]
+            found.append(
+                part.typical(Sizes(u[: part.controls], y[: part.measurements], sizes.rate))
+            )
+            row, column = row + part.controls, column + part.measurements
+        return np.concatenate([m for m, _ in found]), np.concatenate([s for _, s in found])

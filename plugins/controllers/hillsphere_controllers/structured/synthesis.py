@@ -1,0 +1,321 @@
+r"""Synthesis of a controller of a fixed structure for one or many plants.
+
+.. math::
+
+    \min_θ \max_{j, c} \; w_{jc} \, \| T_{jc}(K(θ)) \|
+
+over the channels c of the plants j, where every closed loop is to be stable. The function is
+neither smooth nor convex. From each of several starts the loops are stabilised, the largest norm is
+lowered by BFGS, and the peaks that are equally high at its minimum are lowered together by
+sequential quadratic programming [1]_, [2]_; the best are then shaken and lowered again. What is
+found are local minima: how many starts reached the best one, and a bound from below, tell how good
+it is.
+
+References
+----------
+.. [1] J. V. Burke, D. Henrion, A. S. Lewis, M. L. Overton (2006), HIFOO - a MATLAB package for
+   fixed-order controller design and H∞ optimization, IFAC Proceedings 39(9), 339-344.
+.. [2] P. Apkarian, D. Noll (2006), Nonsmooth H∞ synthesis, IEEE Transactions on Automatic Control
+   51(1), 71-86.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.errors import InputError, Interrupted
+from hillsphere.interfaces import Array, Context
+from hillsphere.lti import LtiSystem
+from hillsphere.workers import Workers
+from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
+from hillsphere_controllers.structured.polish import Active
+from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
+from hillsphere_controllers.structured.search import Found, Problem, Search, Start
+from hillsphere_controllers.structured.structure import Structure, controller_of
+from hillsphere_controllers.structured.verification import Verified, lower_bound, verified
+
+__all__ = ["Progress", "StructuredDesign", "synthesise"]
+
+_SHAKES = (1.0, 1e-1, 1e-2)
+_ABOUT = 0.1
+_KEPT = 3
+_SAME = 1e-4
+"""Minima whose γ differ by less, relative, are taken for the same."""
+_SETTLED = 1e-5
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a synthesis is, each time a search has ended.
+
+    Parameters
+    ----------
+    done, total : int
+        Searches that have ended, and all that are planned so far.
+    latest : Found
+        What the last one found.
+    gamma : float
+        The smallest γ so far; infinite if there is none.
+    """
+
+    done: int
+    total: int
+    latest: Found
+    gamma: float
+
+
+@dataclass(frozen=True)
+class StructuredDesign:
+    """A controller and what it does.
+
+    Parameters
+    ----------
+    controller : LtiSystem
+        u = K(s) y, without a change of sign.
+    theta : ndarray, shape (size,)
+        Its parameters in the structure.
+    gamma : float
+        Largest weighted norm of the channels without a limit, computed anew from the closed loops
+        of the plants as they were given.
+    verified : Verified
+        Norms of all channels and closed loops' largest real parts of poles, computed so.
+    residual : float
+        |Σ λ g| max(1, |x|) of the multipliers λ and gradients g of the logarithms of the active
+        peaks in scaled parameters x: zero at a local minimum. It is not small where gains grow
+        without bound, or where the method got stuck.
+    active : tuple of Active
+        Peaks and constraints that hold the minimum, with their multipliers.
+    converged : bool
+        Whether the last step promised no more than 1e-7 of γ.
+    lower_bound : float
+        No controller of any order or structure reaches a γ below this; 0 if nothing is known, as
+        for plants to which the Riccati equations do not apply.
+    starts : ndarray, shape (starts,)
+        γ of every start; infinite where no allowed controller was found.
+    shaken : ndarray, shape (K,)
+        γ of the searches that began near the best of them.
+    interrupted : bool
+        Whether the synthesis was stopped: the best until then.
+    evaluations : int
+        How often a set of closed loops was made.
+    """
+
+    controller: LtiSystem
+    theta: Array
+    gamma: float
+    verified: Verified
+    residual: float
+    active: tuple[Active, ...]
+    converged: bool
+    lower_bound: float
+    starts: Array
+    shaken: Array
+    interrupted: bool
+    evaluations: int
+
+
+def synthesise(
+    plants: DesignPlant | Sequence[DesignPlant],
+    structure: Structure,
+    *,
+    starts: int = 10,
+    seed: int = 1,
+    initial: Iterable[Array] = (),
+    region: PoleRegion | None = None,
+    largest_gain: float | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    ctx: Context | None = None,
+) -> StructuredDesign:
+    """Return the best controller found from several starts.
+
+    Parameters
+    ----------
+    plants : DesignPlant or sequence of DesignPlant
+        All are closed by the same controller.
+    structure : Structure
+        Of the controller.
+    starts : int
+        How many: those of `initial`, one about the middle of the structure's typical parameters,
+        and random ones.
+    seed : int
+        Of all that is random; with it the result is the same, for any number of workers.
+    initial : iterable of ndarray, shape (size,)
+        Parameters to begin with.
+    region : PoleRegion or None
+        Where all closed loops' poles are to be; None: in the left half-plane.
+    largest_gain : float or None
+        Limit of the Frobenius norm of K: some plants have their infimum at infinite gain.
+    progress : callable or None
+        Called each time a search has ended. An exception that it raises ends the synthesis; if that
+        is KeyboardInterrupt, as from the keyboard, or `hillsphere.errors.Interrupted`, the best
+        until then is returned.
+    ctx : Context or None
+        Of the stage: the workers of its executor do the searches; None: this process does.
+
+    Returns
+    -------
+    StructuredDesign
+        Controller, its γ recomputed, and what is known of its quality.
+
+    Raises
+    ------
+    InputError
+        If sizes, numbers or channels do not fit.
+    NotStabilisableError
+        If no controller, or none that was found, stabilises all plants.
+    SynthesisFailedError
+        If none that was found keeps the constraints, or what was found does not pass the check.
+    """
+    many = (plants,) if isinstance(plants, DesignPlant) else tuple(plants)
+    given = [np.asarray(theta, dtype=float) for theta in initial]
+    if not many or starts < 1:
+        raise InputError(f"a synthesis needs a plant and a start, got {len(many)} and {starts}")
+    if any(theta.shape != (structure.size,) for theta in given):
+        raise InputError(f"initial parameters must be {structure.size} each, as the structure has")
+    if largest_gain is not None and not largest_gain > 0.0:
+        raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
+    problem = Problem(many, structure, region, largest_gain)
+    search = Search(problem)
+    least = lower_bound(many, structure)
+    run = _Run(search, problem, progress, ctx)
+    # zero gains are a saddle for a controller with states: about them
+    begun = [(theta, 0.0) for theta in given] + [(search.middle, _ABOUT)]
+    count = max(starts, len(begun))
+    first = run.all(
+        [Start(i, _seed(seed, i), *begun[i] if i < len(begun) else (None,)) for i in range(count)]
+    )
+    good = sorted((f for f in first if f.allowed), key=lambda f: f.gamma)
+    second: list[Found] = []
+    if good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
+        second = run.all(_shaken(good, seed, count))
+    candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
+    if not candidates:
+        raise _failure(first)
+    best, check = _best(problem, candidates)
+    return StructuredDesign(
+        controller_of(structure, best.theta),
+        best.theta,
+        check.gamma,
+        check,
+        best.residual,
+        best.active,
+        best.converged,
+        least,
+        np.array([f.gamma if f.allowed else np.inf for f in first]),
+        np.array([f.gamma if f.allowed else np.inf for f in second]),
+        run.interrupted,
+        sum(f.evaluations for f in first + second),
+    )
+
+
+class _Run:
+    """Searches, here or by workers, until they are done or the user stops them."""
+
+    def __init__(
+        self,
+        search: Search,
+        problem: Problem,
+        progress: Callable[[Progress], None] | None,
+        ctx: Context | None,
+    ) -> None:
+        self._search, self._problem = search, problem
+        self._progress, self._ctx = progress, ctx
+        self.interrupted = False
+        self._done, self._total, self._gamma = 0, 0, np.inf
+
+    def all(self, starts: Sequence[Start]) -> list[Found]:
+        """Return what the searches find; of those that were done, if they are stopped."""
+        self._total += len(starts)
+        found: list[Found] = []
+        try:
+            with closing(self._searched(starts)) as results:
+                for one in results:
+                    found.append(one)
+                    self._tell(one)
+                    if self.interrupted:
+                        break
+        except (KeyboardInterrupt, Interrupted):
+            self.interrupted = True
+            if not any(f.allowed for f in found) and not np.isfinite(self._gamma):
+                raise
+        return found
+
+    def _searched(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
+        if self._ctx is None:
+            yield from map(self._search, starts)
+            return
+        with Workers(self._ctx, self._problem) as workers:
+            yield from workers.map(starts)
+
+    def _tell(self, found: Found) -> None:
+        self._done += 1
+        self.interrupted = found.interrupted
+        if found.allowed:
+            self._gamma = min(self._gamma, found.gamma)
+        if self._progress is not None:
+            self._progress(Progress(self._done, self._total, found, self._gamma))
+
+
+def _seed(seed: int, number: int) -> int:
+    return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)[0])
+
+
+def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
+    """Return starts near the best minima that differ, at most as many as there were."""
+    different: list[Found] = []
+    for found in good:
+        if all(abs(found.gamma - f.gamma) > _SAME * f.gamma for f in different):
+            different.append(found)
+    starts: list[Start] = []
+    for found in different[:_KEPT]:
+        settled = found.converged and found.residual < _SETTLED
+        for shake in _SHAKES[: 2 if settled else None]:
+            place = number + len(starts)
+            starts.append(Start(place, _seed(seed, place), found.theta, shake))
+    return starts[:number]
+
+
+def _best(problem: Problem, candidates: Sequence[Found]) -> tuple[Found, Verified]:
+    """Return the first whose closed loops are what they were found to be, or the best of all."""
+    passed: list[tuple[Found, Verified]] = []
+    reasons = []
+    for found in candidates:
+        if passed and min(v.gamma for _, v in passed) <= found.gamma * (1.0 + _SAME):
+            break
+        try:
+            check = verified(problem.plants, controller_of(problem.structure, found.theta))
+        except InputError as error:  # such gains that the loop is not well posed in floating point
+            reasons.append(str(error))
+            continue
+        wrong = check.wrong(problem.region)
+        if wrong:
+            reasons.append(wrong)
+        else:
+            passed.append((found, check))
+    if not passed:
+        raise SynthesisFailedError(
+            f"no controller found passes the check of its closed loops ({reasons[0]}); limit the "
+            "gains (largest_gain), ask for a pole region, or scale the plant"
+        )
+    return min(passed, key=lambda pair: pair[1].gamma)
+
+
+def _failure(found: Sequence[Found]) -> Exception:
+    stable = [f for f in found if np.isfinite(f.gamma)]
+    if stable:
+        best = min(stable, key=lambda f: f.excess)
+        return SynthesisFailedError(
+            f"no controller found from {len(found)} starts keeps the constraints: the best exceeds "
+            f"one by {100.0 * np.expm1(best.excess):.3g} %; relax them, give the structure more "
+            "parameters, or use more starts"
+        )
+    best = min(found, key=lambda f: f.abscissa)
+    return NotStabilisableError(
+        f"no controller of this structure that stabilises all plants was found from {len(found)} "
+        f"starts; the best has poles with a real part of {best.abscissa:.3g} times the plant's "
+        "rate: give the structure more parameters, an initial controller, or use more starts"
+    )

@@ -1,0 +1,135 @@
+"""What a controller does, computed without the methods that found it; and what none can do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.analysis.stability import spectral_abscissa
+from hillsphere_controllers.errors import (
+    NotStabilisableError,
+    SingularProblemError,
+    SynthesisFailedError,
+)
+from hillsphere_controllers.full_order.hinf import hinf_synthesis
+from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
+from hillsphere_controllers.structured.structure import Structure
+from hillsphere_controllers.systems.algebra import lower_lft
+
+__all__ = ["Verified", "lower_bound", "verified"]
+
+_LIMITS = 1e-5
+_REGION = 1e-4
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What a controller does with all plants.
+
+    Parameters
+    ----------
+    gamma : float
+        Largest weighted norm of the channels without a limit.
+    norms : tuple of tuple of float
+        Of each plant's channels, without weights; infinite if the loop is not stable.
+    limits : float
+        Largest norm of a channel with a limit, relative to it; 0 if there is none.
+    abscissae_1_s : tuple of float
+        Largest real part of each closed loop's poles.
+    closed_loops : tuple of LtiSystem
+        From w to z.
+    """
+
+    gamma: float
+    norms: tuple[tuple[float, ...], ...]
+    limits: float
+    abscissae_1_s: tuple[float, ...]
+    closed_loops: tuple[LtiSystem, ...]
+
+    def wrong(self, region: PoleRegion | None) -> str:
+        """Say what is not as it is to be; empty if all is."""
+        if not max(self.abscissae_1_s) < 0.0:
+            return f"a closed loop has poles with real part {max(self.abscissae_1_s):.3g} 1/s"
+        if self.limits > 1.0 + _LIMITS:
+            return f"a norm is {self.limits:.6g} times its limit"
+        if region is not None:
+            worst = max(float(region.excess(loop.poles)[0].max()) for loop in self.closed_loops)
+            if worst > _REGION:
+                return f"a closed loop's pole is outside of the region by {worst:.3g}, relative"
+        return ""
+
+
+def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
+    """Return what a controller does with plants, from their closed loops as they are given."""
+    loops = tuple(lower_lft(plant.system, controller) for plant in plants)
+    norms = tuple(
+        tuple(_norm(loop, channel) for channel in plant.channels)
+        for loop, plant in zip(loops, plants, strict=True)
+    )
+    gamma, limits = 0.0, 0.0
+    for plant, values in zip(plants, norms, strict=True):
+        for channel, value in zip(plant.channels, values, strict=True):
+            if channel.limit is None:
+                gamma = max(gamma, plant.weight * channel.weight * value)
+            else:
+                limits = max(limits, channel.weight * value / channel.limit)
+    return Verified(gamma, norms, limits, tuple(spectral_abscissa(loop) for loop in loops), loops)
+
+
+def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
+    """Return a γ that no controller of any structure reaches, by synthesis of full order.
+
+    It is that of the plant and channel that is hardest by itself; 0 if the Riccati equations apply
+    to none.
+
+    Raises
+    ------
+    NotStabilisableError
+        If no controller stabilises one of the plants.
+    """
+    nu, ny = structure.controls, structure.measurements
+    found = 0.0
+    for plant in plants:
+        for channel in plant.channels:
+            if channel.norm != "hinf" or channel.limit is not None:
+                continue
+            try:
+                design = hinf_synthesis(_channel_plant(plant, channel, nu, ny), nu, ny)
+            except (SingularProblemError, SynthesisFailedError):
+                continue
+            except NotStabilisableError as error:
+                name = f"plant {plant.name!r}" if plant.name else "the plant"
+                raise NotStabilisableError(f"{name}: {error}") from error
+            found = max(found, plant.weight * channel.weight * design.least)
+    return found
+
+
+def _norm(loop: LtiSystem, channel: Channel) -> float:
+    part = _part(loop, *_places(loop, channel, 0, 0))
+    return hinf_norm(part).value if channel.norm == "hinf" else h2_norm(part)
+
+
+def _channel_plant(plant: DesignPlant, channel: Channel, nu: int, ny: int) -> LtiSystem:
+    system = plant.system
+    rows, columns = _places(system, channel, nu, ny)
+    p, m = system.shape
+    return _part(system, rows + list(range(p - ny, p)), columns + list(range(m - nu, m)))
+
+
+def _places(system: LtiSystem, channel: Channel, nu: int, ny: int) -> tuple[list[int], list[int]]:
+    p, m = system.shape
+    rows = list(range(p - ny)) if channel.outputs is None else list(channel.outputs)
+    columns = list(range(m - nu)) if channel.inputs is None else list(channel.inputs)
+    return rows, columns
+
+
+def _part(system: LtiSystem, rows: list[int], columns: list[int]) -> LtiSystem:
+    return replace(
+        system, b=system.b[:, columns], c=system.c[rows], d=system.d[np.ix_(rows, columns)],
+        inputs=(), outputs=(),
+    )  # fmt: skip

@@ -1,0 +1,222 @@
+"""Systems, uncertain systems and tables in MATLAB's .mat files.
+
+A system is a struct of ``a``, ``b``, ``c``, ``d``, ``Ts`` (0 in continuous time) and, where it has
+names, ``InputName``, ``OutputName``, ``StateName``: in MATLAB ``P = ss(s.a, s.b, s.c, s.d, s.Ts)``,
+and ``struct('a', P.A, …, 'Ts', P.Ts)`` for the other way. An uncertain system is a struct of ``M``,
+such a system, and ``blocks``, the block structure of ``mussv``, one row each: [−r 0] a real scalar
+repeated r times, [r 0] a complex one, [r c] a full block of r by c; and ``BlockName``. A table is a
+struct of arrays. Nothing else is written or read: no objects, no functions.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat, savemat
+
+from hillsphere.errors import InputError
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.blocks import Block, BlockStructure, full
+
+__all__ = ["Content", "load_mat", "save_mat"]
+
+Numbers = NDArray[np.float64] | NDArray[np.complex128]
+Content = LtiSystem | tuple[LtiSystem, BlockStructure] | Numbers | dict[str, Numbers]
+"""A system, M and the structure of Δ, a matrix, or a table."""
+
+_NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
+_SYSTEM = {"a", "b", "c", "d"}
+_NAMES = (("InputName", "inputs"), ("OutputName", "outputs"), ("StateName", "states"))
+
+
+def save_mat(path: Path, contents: Mapping[str, Content]) -> None:
+    """Write systems, uncertain systems, matrices and tables to a file of MATLAB's version 5.
+
+    Parameters
+    ----------
+    path : Path
+        The file, written over if it exists.
+    contents : mapping of str to Content
+        By variable name: letters, digits and ``_``, at most 63, a letter first.
+
+    Raises
+    ------
+    InputError
+        If a name does not do, or something is of no kind that is written.
+    """
+    written = {_name(name): _written(name, content) for name, content in contents.items()}
+    savemat(path, written, appendmat=False, long_field_names=True, do_compression=True)
+
+
+def load_mat(path: Path) -> dict[str, Content]:
+    """Read what `save_mat` writes, or MATLAB in the same form.
+
+    Returns
+    -------
+    dict of str to Content
+        By variable name. Vectors are matrices of one row or column, as in MATLAB.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds anything but plain arrays and structs of them.
+    """
+    try:
+        found = loadmat(path, appendmat=False, chars_as_strings=True)
+    except NotImplementedError:
+        raise InputError(
+            f"{path} is a file of MATLAB's version 7.3; save it with save(…, '-v7')"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error}") from error
+    except Exception as error:  # scipy raises many kinds for a file that is damaged
+        raise InputError(f"{path} is no .mat file, or damaged: {error}") from error
+    if "__function_workspace__" in found:
+        raise InputError(
+            f"{path} holds objects of MATLAB's, such as ss or uss; save a struct of their matrices "
+            "a, b, c, d, Ts instead"
+        )
+    return {name: _read(value, name) for name, value in found.items() if not name.startswith("__")}
+
+
+def _name(name: str) -> str:
+    if not _NAME.fullmatch(name):
+        raise InputError(f"{name!r} is no name for a variable of MATLAB's")
+    return name
+
+
+def _written(name: str, content: Content) -> Any:
+    if isinstance(content, LtiSystem):
+        return _system_written(content)
+    if isinstance(content, tuple):
+        system, structure = content
+        fits = structure.shape
+        if not (system.shape[0] >= fits[0] and system.shape[1] >= fits[1]):
+            raise InputError(f"{name}: blocks of {fits} do not fit a system of {system.shape}")
+        return {
+            "M": _system_written(system),
+            "blocks": np.array([_row(block) for block in structure.blocks], dtype=float),
+            "BlockName": _cell(tuple(block.name for block in structure.blocks)),
+        }
+    if isinstance(content, Mapping):
+        if set(content) >= _SYSTEM or "M" in content:
+            raise InputError(f"{name}: a table with these columns would be read as a system")
+        return {_name(key): _matrix(value, f"{name}.{key}") for key, value in content.items()}
+    return _matrix(content, name)
+
+
+def _system_written(system: LtiSystem) -> dict[str, Any]:
+    made: dict[str, Any] = {name: getattr(system, name) for name in "abcd"}
+    made["Ts"] = 0.0 if system.dt_s is None else system.dt_s
+    for field, attribute in _NAMES:
+        if getattr(system, attribute):
+            made[field] = _cell(getattr(system, attribute))
+    return made
+
+
+def _cell(names: tuple[str, ...]) -> NDArray[np.object_]:
+    cell = np.empty((len(names), 1), dtype=object)
+    cell[:, 0] = names
+    return cell
+
+
+def _row(block: Block) -> tuple[int, int]:
+    if block.kind == "full":
+        return block.rows, block.columns
+    return (-block.rows if block.kind == "real" else block.rows), 0
+
+
+def _read(value: Any, where: str) -> Content:
+    if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+        if type(value) is not np.ndarray:  # scipy's class for an object of MATLAB's
+            raise InputError(f"{where} is an object of MATLAB's; save a struct of its matrices")
+        fields = {name: value[name].ravel()[0] for name in value.dtype.names}
+        if set(fields) >= _SYSTEM:
+            return _system_read(fields, where)
+        if "M" in fields and "blocks" in fields:
+            system = _read(fields["M"], f"{where}.M")
+            if not isinstance(system, LtiSystem):
+                raise InputError(f"{where}.M must be a struct of a, b, c, d and Ts")
+            return system, _blocks_read(fields, where)
+        return {name: _matrix(entry, f"{where}.{name}") for name, entry in fields.items()}
+    return _matrix(value, where)
+
+
+def _system_read(fields: Mapping[str, Any], where: str) -> LtiSystem:
+    a, b, c, d = (_matrix(fields[name], f"{where}.{name}") for name in "abcd")
+    if any(np.iscomplexobj(matrix) for matrix in (a, b, c, d)):
+        raise InputError(f"{where}: the matrices of a system must be real")
+    (p, m), n = d.shape, len(a)
+    # MATLAB writes [] where a dimension is zero
+    b, c = (b if b.size else np.zeros((n, m))), (c if c.size else np.zeros((p, n)))
+    period = _matrix(fields.get("Ts", 0.0), f"{where}.Ts")
+    if period.size != 1 or np.iscomplexobj(period) or not float(period.flat[0]) >= 0.0:
+        raise InputError(
+            f"{where}.Ts must be a period in seconds, 0 in continuous time, got {period}"
+        )
+    names = {
+        attribute: _names_read(fields[field], f"{where}.{field}")
+        for field, attribute in _NAMES
+        if field in fields
+    }
+    given = {key: value if any(value) else () for key, value in names.items()}
+    dt_s = float(period.flat[0]) or None
+    return LtiSystem(np.real(a), np.real(b), np.real(c), np.real(d), dt_s, **given)
+
+
+def _blocks_read(fields: Mapping[str, Any], where: str) -> BlockStructure:
+    rows = _matrix(fields["blocks"], f"{where}.blocks")
+    if rows.ndim != 2 or rows.shape[1] != 2 or np.iscomplexobj(rows):
+        raise InputError(f"{where}.blocks must have two columns, those of mussv's block structure")
+    names = (
+        _names_read(fields["BlockName"], f"{where}.BlockName")
+        if "BlockName" in fields
+        else ("",) * len(rows)
+    )
+    if len(names) != len(rows):
+        raise InputError(f"{where}: {len(rows)} blocks with {len(names)} names")
+    return BlockStructure(
+        [_block(float(r), float(c), name, where) for (r, c), name in zip(rows, names, strict=True)]
+    )
+
+
+def _block(r: float, c: float, name: str, where: str) -> Block:
+    if r == int(r) and c == int(c) and r != 0.0:
+        times = abs(int(r))
+        if r < 0.0 and (c == 0.0 or (r, c) == (-1.0, 1.0)):
+            return Block("real", times, times, name)
+        if r > 0.0 and c == 0.0:
+            return Block("complex", times, times, name)
+        if r > 0.0 and c > 0.0:
+            return full(times, int(c), name)
+    raise InputError(f"{where}.blocks: [{r:g} {c:g}] is no block of mussv's")
+
+
+def _names_read(value: Any, where: str) -> tuple[str, ...]:
+    cells = [value] if isinstance(value, str) else list(np.ravel(value))
+    names = []
+    for cell in cells:
+        text = np.ravel(np.asarray(cell))
+        if text.dtype.kind != "U" or text.size > 1:
+            raise InputError(f"{where} must be a cell array of names")
+        names.append(str(text[0]) if text.size else "")
+    return tuple(names)
+
+
+def _matrix(value: Any, where: str) -> Numbers:
+    if hasattr(value, "toarray"):  # a sparse matrix
+        value = value.toarray()
+    made = np.asarray(value)
+    if made.dtype.kind not in "biufc":
+        raise InputError(
+            f"{where} is neither a matrix of numbers, nor a system, nor a table of matrices; save "
+            "plain arrays and structs of them"
+        )
+    if made.dtype.kind == "c":
+        return np.array(made, dtype=complex)
+    return np.array(made, dtype=float)

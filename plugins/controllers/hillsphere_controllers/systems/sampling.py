@@ -1,0 +1,84 @@
+"""Controllers as a computer runs them, and the loop as it then is."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from hillsphere.errors import InputError
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.systems.algebra import series
+from hillsphere_controllers.systems.bilinear import discrete
+from hillsphere_controllers.systems.holding import held
+
+__all__ = ["Method", "sampled_controller", "sampled_loop"]
+
+Method = Literal["bilinear", "held"]
+_SAME = 1e-9
+
+
+def sampled_controller(
+    controller: LtiSystem, dt_s: float, method: Method = "bilinear"
+) -> LtiSystem:
+    """Return a controller that acts at samples.
+
+    Parameters
+    ----------
+    controller : LtiSystem
+        In continuous time; or in discrete time of this very period, and then it stays as it is.
+    dt_s : float
+        Period, s.
+    method : {"bilinear", "held"}
+        The bilinear map has the phase of the controller, so that what is lost in the loop is that
+        of the hold alone, half a period; the discretisation for held inputs costs one that is
+        strictly proper another half.
+
+    Raises
+    ------
+    InputError
+        If the controller has another period, or a pole that the map does not take.
+    """
+    if controller.dt_s is not None:
+        if abs(controller.dt_s - dt_s) > _SAME * dt_s:
+            raise InputError(
+                f"the controller was made for a period of {controller.dt_s:.12g} s, the law "
+                f"samples every {dt_s:.12g} s; make it for that, or sample as it wants"
+            )
+        return controller
+    return discrete(controller, dt_s) if method == "bilinear" else held(controller, dt_s)
+
+
+def sampled_loop(
+    plant: LtiSystem,
+    controller: LtiSystem,
+    dt_s: float,
+    *,
+    delay_s: float = 0.0,
+    method: Method = "bilinear",
+) -> LtiSystem:
+    """Return the loop, cut at the controls, of a plant that a computer controls.
+
+    Its margins (`hillsphere_controllers.analysis`) are those of what flies, the hold and the delay
+    included; those of the loop in continuous time promise more than that has.
+
+    Parameters
+    ----------
+    plant : LtiSystem
+        G from u to y, in continuous time.
+    controller : LtiSystem
+        K from the error to u, in continuous time or of the period.
+    dt_s, delay_s : float
+        Period, and the time from a sample until its command acts, s.
+    method : {"bilinear", "held"}
+        See `sampled_controller`.
+
+    Returns
+    -------
+    LtiSystem
+        K G in discrete time, to be closed by negative feedback.
+
+    Raises
+    ------
+    InputError
+        If the two do not fit, or as `sampled_controller` and `held` do.
+    """
+    return series(held(plant, dt_s, delay_s), sampled_controller(controller, dt_s, method))

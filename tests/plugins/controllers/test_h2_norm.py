@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.stability import spectral_abscissa
+from hillsphere_controllers.systems.algebra import append, gain, series
+from hillsphere_controllers.systems.conversion import transfer_function
+
+
+def system(seed: int, order: int, dt_s: float | None = None) -> LtiSystem:
+    """Poles left of −0.1, or within 0.9 of the origin."""
+    random = np.random.default_rng(seed)
+    a = random.normal(size=(order, order))
+    poles = np.linalg.eigvals(a)
+    if dt_s is None:
+        a -= (poles.real.max() + 0.1) * np.eye(order)
+    else:
+        a *= 0.9 / np.abs(poles).max()
+    b, c = random.normal(size=(order, 2)), random.normal(size=(3, order))
+    d = random.normal(size=(3, 2)) if dt_s else np.zeros((3, 2))
+    return LtiSystem(a, b, c, d, dt_s)
+
+
+def test_first_and_second_order_in_closed_form() -> None:
+    """∫|G|² dω/2π: 1/(2a) for 1/(s + a), 1/(4 ζ ω³) for 1/(s² + 2 ζ ω s + ω²)."""
+    assert_allclose(h2_norm(transfer_function([3.0], [1.0, 2.0])), 3.0 / np.sqrt(4.0), rtol=1e-13)
+    zeta, omega = 0.02, 30.0
+    flexible = transfer_function([1.0], [1.0, 2.0 * zeta * omega, omega**2])
+    assert_allclose(h2_norm(flexible), np.sqrt(1.0 / (4.0 * zeta * omega**3)), rtol=1e-11)
+    # in steps, the sum of the squares of the impulse response: d² + Σ a²ᵏ
+    sampled = LtiSystem(np.array([[0.8]]), np.eye(1), np.eye(1), 2.0 * np.eye(1), 0.1)
+    assert_allclose(h2_norm(sampled), np.sqrt(4.0 + 1.0 / (1.0 - 0.64)), rtol=1e-13)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(st.integers(0, 10_000), st.integers(1, 12))
+def test_energy_of_the_impulse_response(seed: int, order: int) -> None:
+    made = system(seed, order, 0.5)
+    energy, x = float(np.sum(made.d**2)), made.b
+    for _ in range(400):  # 0.9^400 is nothing, whatever a transient does first
+        energy += float(np.sum((made.c @ x) ** 2))
+        x = made.a @ x
+    assert_allclose(h2_norm(made), np.sqrt(energy), rtol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_power_over_all_frequencies(seed: int) -> None:
+    """∫ tr(G Gᴴ) dω/2π, with ω = tan(θ/2) to have the whole axis in a finite interval."""
+    made = system(seed, 5)
+    theta = (np.arange(40_000) + 0.5) * np.pi / 40_000
+    omega = np.tan(0.5 * theta)
+    power = np.sum(np.abs(made.response(omega)) ** 2, axis=(1, 2))
+    integral = np.sum(power * 0.5 * (1.0 + omega**2)) * (theta[1] - theta[0]) / np.pi
+    assert_allclose(h2_norm(made), np.sqrt(integral), rtol=1e-7)
+
+
+def test_what_has_no_finite_norm() -> None:
+    stable = transfer_function([1.0], [1.0, 1.0])
+    assert h2_norm(transfer_function([1.0], [1.0, -1.0])) == np.inf
+    assert h2_norm(transfer_function([1.0, 2.0], [1.0, 1.0])) == np.inf
+    assert h2_norm(gain(np.zeros((2, 2)))) == 0.0
+    assert_allclose(h2_norm(gain(np.array([[3.0, 4.0]]), 1.0)), 5.0)
+    # what no input reaches counts for nothing
+    unreached = append(stable, LtiSystem(-np.eye(1), np.zeros((1, 1)), np.eye(1), np.zeros((1, 1))))
+    assert_allclose(h2_norm(unreached), np.sqrt(0.5), rtol=1e-13)
+
+
+def test_states_of_very_different_units() -> None:
+    """Micrometres and megametres: powers of ten in the states change nothing."""
+    made = system(3, 4)
+    size = 10.0 ** np.array([6.0, -6.0, 3.0, 0.0])
+    scaled = LtiSystem(made.a / size[:, None] * size, made.b / size[:, None], made.c * size, made.d)
+    assert_allclose(h2_norm(scaled), h2_norm(made), rtol=1e-9)
+
+
+def test_spectral_abscissa() -> None:
+    two = series(transfer_function([1.0], [1.0, 3.0]), transfer_function([1.0], [1.0, 0.2, 4.0]))
+    assert_allclose(spectral_abscissa(two), -0.1, rtol=1e-12)
+    sampled = LtiSystem(np.diag([0.5, -0.8]), np.ones((2, 1)), np.ones((1, 2)), np.eye(1), 0.1)
+    assert_allclose(spectral_abscissa(sampled), np.log(0.8) / 0.1, rtol=1e-12)
+    assert spectral_abscissa(gain(np.eye(1))) == -np.inf
+    delay = LtiSystem(np.zeros((1, 1)), np.eye(1), np.eye(1), np.zeros((1, 1)), 0.1)
+    assert spectral_abscissa(delay) == -np.inf

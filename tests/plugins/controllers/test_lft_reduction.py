@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere_controllers.lft.algebra import (
+    beside,
+    dynamics,
+    matrix_block,
+    parameter,
+    stacked,
+    state_space,
+)
+from hillsphere_controllers.lft.polynomials import affine, polynomial
+from hillsphere_controllers.lft.reduction import gain_bound, minimal, reduced
+from hillsphere_controllers.lft.transformation import Lft
+from hillsphere_controllers.lft.uncertainties import corners, random_values, real_parameter
+from hillsphere_controllers.systems.algebra import gain
+
+A, B = real_parameter("a", 1.0, 3.0), real_parameter("b", -1.0, 1.0, 0.5)
+
+
+def difference(one: Lft, other: Lft, count: int = 2_000) -> float:
+    """Return the largest singular value at random values and all corners, of [A B; C D]."""
+    values = random_values((A, B), count, seed=77)
+    for u, ends in corners((A, B)).items():
+        values[u] = np.concatenate([values[u], ends])
+
+    def whole(of: Lft) -> Array:
+        a, b, c, d = of.matrices({u.name: values[u.name] for u in of.uncertainties})
+        return np.concatenate(
+            [np.concatenate([a, b], axis=2), np.concatenate([c, d], axis=2)], axis=1
+        )
+
+    return float(np.linalg.norm(whole(one) - whole(other), 2, axis=(1, 2)).max())
+
+
+def nearly_of_low_rank(seed: int, size: int = 3) -> Lft:
+    random = np.random.default_rng(seed)
+    terms: dict[tuple[int, ...], Array] = {(0, 0): random.normal(size=(size, size))}
+    for e in [(1, 0), (0, 1), (1, 1)]:
+        strong = np.outer(random.normal(size=size), random.normal(size=size))
+        terms[e] = 0.2 * strong + 1e-3 * random.normal(size=(size, size))
+    return polynomial(terms, (A, B))
+
+
+def test_what_is_not_reached_or_not_seen_goes() -> None:
+    a, b = parameter(A), parameter(B)
+    vanishing = a @ b - a @ b + b
+    assert vanishing.size == 5
+    assert minimal(vanishing).times == (1,)
+    # a multiplied by what no input drives, and what nobody reads
+    unreached = beside(b, a @ b @ np.zeros((1, 1)))
+    assert minimal(unreached).times == (1,)
+    unseen = stacked(b, np.zeros((1, 1)) @ a @ b)
+    assert minimal(unseen).times == (1,)
+
+
+def test_products_in_another_order_are_not_the_same() -> None:
+    """A b − b a is zero for numbers, but not for the matrices of which minimality is proved."""
+    a, b = parameter(A), parameter(B)
+    assert minimal(a @ b - b @ a).size > 0
+    assert_allclose(difference(a @ b - b @ a, Lft(gain(np.zeros((1, 1))))), 0.0, rtol=0, atol=1e-14)
+
+
+def test_minimal_in_uneven_units_loses_nothing() -> None:
+    rows, columns = np.diag([1e-9, 1.0, 1e9]), np.diag([1e6, 1e-6, 1.0])
+    made = nearly_of_low_rank(3)
+    uneven = rows @ (made + (made - made)) @ columns
+    found = minimal(uneven)
+    assert found.size == made.size
+    values = random_values((A, B), 100)
+    expected = rows @ made.matrices(values)[3] @ columns
+    error = np.abs(found.matrices(values)[3] - expected).max(axis=0)
+    assert (error <= 1e-11 * np.abs(expected).max(axis=0)).all()
+
+
+def test_full_blocks_stay() -> None:
+    made = stacked(matrix_block("wheel", 1, 2), np.zeros((1, 1)) @ matrix_block("wheel", 1, 2))
+    assert minimal(made).times == (2,)
+    assert minimal(Lft(gain(np.eye(2)))).size == 0
+
+
+@pytest.mark.parametrize("tolerance", [0.003, 0.02, 1.0])
+def test_the_error_is_below_its_bound_and_that_below_the_tolerance(tolerance: float) -> None:
+    full = nearly_of_low_rank(0)
+    found = reduced(full, tolerance)
+    assert found.lft.size < full.size
+    assert found.bound <= tolerance
+    assert difference(full, found.lft) <= found.bound * (1.0 + 1e-6)
+    assert found.sampled <= found.bound * (1.0 + 1e-6)
+    assert found.sampled > 0.5 * found.bound
+    assert_allclose(found.lft.nominal.d, full.nominal.d, rtol=0, atol=1e-12)
+
+
+def test_the_weak_part_of_a_matrix_of_low_rank_goes() -> None:
+    """P_a = u vᵀ + ε: one copy of a of three is left, and the error is what is left out."""
+    u, v = np.array([1.0, 2.0, 0.0]), np.array([0.5, -1.0, 1.0])
+    weak = 1e-3 * np.diag([1.0, -1.0, 1.0])
+    made = affine(np.eye(3), {"a": np.outer(u, v) + weak, "b": np.diag([0.3, 0.0, 0.0])}, (A, B))
+    assert made.times == (3, 1)
+    found = reduced(made, 2e-3)
+    assert found.lft.times == (1, 1)
+    kept = np.linalg.svd(np.outer(u, v) + weak)
+    # half the range of a is 1
+    assert_allclose(found.bound, kept.S[1], rtol=1e-3)
+
+
+def test_reduction_with_states_counts_their_matrices() -> None:
+    made = state_space(nearly_of_low_rank(1, 4), 2)
+    found = reduced(made, 0.02)
+    assert found.lft.size < made.size
+    assert found.lft.system.order == 2
+    assert difference(made, found.lft) <= found.bound * (1.0 + 1e-6) <= 0.02
+
+
+def test_without_a_tolerance_nothing_changes() -> None:
+    made = nearly_of_low_rank(2)
+    found = reduced(made + (made - made), 0.0)
+    assert found.lft.size == made.size
+    assert found.bound == 0.0
+    assert found.sampled < 1e-13
+    with pytest.raises(InputError, match="≥ 0"):
+        reduced(made, -1.0)
+
+
+def test_gain_bound_in_closed_form() -> None:
+    """1/(1 + δ/2): at most 2, at δ = −1; and 1 + 0.3 Δ with any Δ of norm one: 1.3."""
+    made = Lft(gain(np.array([[-0.5, 1.0], [-0.5, 1.0]])), (real_parameter("d", -1.0, 1.0),), (1,))
+    assert_allclose(gain_bound(made), 2.0, rtol=1e-5)
+    assert gain_bound(made) >= 2.0
+    assert_allclose(gain_bound(np.eye(1) + 0.3 * dynamics("error")), 1.3, rtol=1e-5)
+    assert_allclose(gain_bound(Lft(gain(np.diag([3.0, 1.0])))), 3.0, rtol=1e-15)
+
+
+def test_without_existence_there_is_no_bound() -> None:
+    """1/(1 + 2 δ) has a pole at δ = −1/2."""
+    made = Lft(gain(np.array([[-2.0, 1.0], [-2.0, 1.0]])), (real_parameter("d", -1.0, 1.0),), (1,))
+    assert gain_bound(made) == np.inf

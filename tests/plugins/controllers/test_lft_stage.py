@@ -1,0 +1,158 @@
+"""The stage ``lft``: uncertain models that are what they were made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from hillsphere.errors import InputError
+from hillsphere.linear_products import LinearModels
+from hillsphere.lti import LtiSystem
+from hillsphere.plugins import validate
+from hillsphere.testing import RecordingContext, check_presentation, check_product, check_stage
+from hillsphere.uncertainty.distributions import Uniform
+from hillsphere.uncertainty.specs import UniformSpec
+from hillsphere_controllers.stages.lft.products import FittedModels
+from hillsphere_controllers.stages.lft.specs import LftSpec
+from hillsphere_controllers.stages.lft.stage import LftStage
+from hillsphere_controllers.stages.uncertain import lft_of
+
+
+def plant(k: float, c: float) -> LtiSystem:
+    """Return a damped oscillator whose entries are polynomials of both parameters."""
+    return LtiSystem(
+        np.array([[0.0, 1.0], [-k, -c * c - 0.1 * k * c]]),
+        np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 1.0]]),
+        np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]),
+        np.zeros((3, 3)),
+        None,
+        ("w", "d", "u"),
+        ("z", "rate", "y"),
+    )
+
+
+def models(ks: Sequence[float], cs: Sequence[float]) -> LinearModels:
+    points = np.array([(k, c) for k in ks for c in cs]).T
+    systems = tuple(plant(*point) for point in points.T)
+    return LinearModels(
+        systems, tuple(f"{n}" for n in range(len(systems))), ("k", "c"), ("N/m", "-"), points,
+        np.array([1.0, 0.5]), 1, 1, (),
+    )  # fmt: skip
+
+
+GRID = models([0.5, 1.0, 1.5, 2.0], [0.2, 0.4, 0.6, 0.8])
+
+
+def run(product: LinearModels, **keys: Any) -> FittedModels:
+    spec = validate(LftSpec, {"needs": {"models": "models"}} | keys, where="stage")
+    assert isinstance(spec, LftSpec)
+    stage = LftStage(spec)
+    made = stage.run(RecordingContext(), product)
+    check_product(made)
+    check_presentation(stage.present(made, product))
+    return made
+
+
+def test_stage_keeps_its_contract() -> None:
+    check_stage("lft")
+
+
+def test_polynomials_are_found_exactly_and_hold_between_the_models() -> None:
+    made = run(GRID, degree=2)
+    assert {tuple(row) for row in made.exponents[0].tolist()} == {(0, 0), (1, 0), (0, 2), (1, 1),
+                                                                  (0, 1)}  # fmt: skip
+    assert float(np.nanmax(made.response_error)) < 1e-12
+    lft = lft_of(made.models[0])
+    for k, c in ((0.7, 0.33), (1.9, 0.71)):
+        between = lft.at({"k": k, "c": c})
+        assert_allclose(between.a, plant(k, c).a, rtol=1e-12, atol=1e-13)
+    # nominal values are the models' own, not the middle
+    assert_allclose(made.models[0].nominal, [1.0, 0.5], rtol=0.0)
+    assert_allclose(lft.nominal.a, plant(1.0, 0.5).a, rtol=1e-12, atol=1e-14)
+
+
+def test_known_parameters_make_a_model_each() -> None:
+    made = run(GRID, known=["c"], degree=1)
+    assert made.labels == ("c=0.2", "c=0.4", "c=0.6", "c=0.8")
+    assert made.parameters == ("k",)
+    for model, c in zip(made.models, (0.2, 0.4, 0.6, 0.8), strict=True):
+        assert_allclose(lft_of(model).at({"k": 1.7}).a, plant(1.7, c).a, rtol=1e-12, atol=1e-13)
+
+
+def test_blocks_stand_between_the_signals_named() -> None:
+    block = {"name": "actuator", "outputs": ["rate"], "inputs": ["d"]}
+    made = run(GRID, degree=2, blocks=[block])
+    model = made.models[0]
+    assert model.system.inputs[-2:] == ("w", "u")
+    assert model.system.outputs[-2:] == ("z", "y")
+    assert model.kinds[-1] == "full"
+    # a real block closes them by its number: the feedback adds to the damping
+    closed = lft_of(model).at({"actuator": np.array([[-0.5]])})
+    expected = plant(1.0, 0.5).a + np.array([[0.0, 0.0], [0.0, -0.15]])
+    assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_dispersions_bound_parameters() -> None:
+    dispersion = Uniform(
+        UniformSpec.model_validate(
+            {"of": "stage.models", "parameters": ["k"], "lower": 0.8, "upper": 1.4}
+        )
+    )
+    made = run(GRID, degree=2, dispersions=[dispersion])
+    assert_allclose(made.models[0].lower, [0.8, 0.2], rtol=1e-12)
+    assert_allclose(made.models[0].upper, [1.4, 0.8], rtol=1e-12)
+    # models beyond the bounds are no check of the uncertain model
+    assert np.isnan(made.response_error).sum() == 12
+
+
+def test_bounds_beyond_the_models_are_said() -> None:
+    made = run(GRID, degree=2, bounds=[{"parameter": "k", "lower": 0.2, "upper": 2.0}])
+    assert made.beyond == pytest.approx(0.2, rel=1e-12)
+
+
+def test_reduction_costs_no_more_than_it_may() -> None:
+    whole, less = run(GRID, degree=2), run(GRID, degree=2, reduction=0.2)
+    assert less.after.sum() < whole.after.sum()
+    assert 0.0 < less.sampled[0] <= less.bound[0] <= 0.2
+    assert float(np.nanmax(less.response_error)) > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"bounds": [{"parameter": "m", "lower": 0, "upper": 1}]}, "no parameter 'm'"),
+        ({"known": ["m"]}, "no parameter 'm'"),
+        ({"known": ["k", "c"]}, "nothing is uncertain"),
+        ({"degree": 1}, "raise the degree"),
+        ({"degree": 2, "blocks": [{"name": "a", "outputs": ["y"], "inputs": ["d"]}]},
+         r"blocks\[0\].*no signal 'y'"),
+        ({"degree": 2, "blocks": [{"name": "a", "outputs": ["z"], "inputs": ["d"]},
+                                  {"name": "b", "outputs": ["z"], "inputs": ["w"]}]},
+         "two blocks"),
+    ],
+)  # fmt: skip
+def test_faults_are_said_with_their_key(keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        run(GRID, **keys)
+
+
+def test_a_bound_needs_models_that_differ() -> None:
+    with pytest.raises(InputError, match="same value"):
+        run(models([1.0], [0.2, 0.4, 0.6]), bounds=[{"parameter": "k", "lower": 0, "upper": 2}])
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"bounds": [{"parameter": "k", "lower": 2, "upper": 1}]}, "above the lower"),
+        ({"bounds": [{"parameter": "k", "lower": 0, "upper": 1, "nominal": 3}]}, "between"),
+        ({"bounds": [{"parameter": "k", "lower": 0, "upper": 1}], "known": ["k"]}, "not known"),
+    ],
+)
+def test_faults_are_found_before_anything_runs(keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        validate(LftSpec, {"needs": {"models": "m"}} | keys, where="stage")

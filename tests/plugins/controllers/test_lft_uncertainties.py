@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Dispersion, Parameter
+from hillsphere.plugins import create
+from hillsphere_controllers.lft.uncertainties import (
+    Uncertainty,
+    corners,
+    dispersed,
+    random_values,
+    real_parameter,
+)
+
+
+class Lander:
+    def parameters(self) -> Sequence[Parameter]:
+        return (
+            Parameter("mass", 100.0, "kg"),
+            Parameter("inertia", 20.0, "kg m2"),
+            Parameter("bias", 0.0, "N m"),
+        )
+
+
+def made(type_: str, parameters: tuple[str, ...], **keys: Any) -> Dispersion:
+    model: Dispersion = create(
+        "dispersions", type_, of="plant.lander", parameters=parameters, **keys
+    )
+    return model
+
+
+def test_normalised_at_bounds_and_nominal() -> None:
+    one = real_parameter("mass", 80.0, 150.0, 90.0)
+    assert_allclose(one.normalised(np.array([80.0, 90.0, 150.0])), [-1, 0, 1], rtol=0, atol=1e-14)
+    assert_allclose(one.physical(np.array([-1.0, 0.0, 1.0])), [80.0, 90.0, 150.0], rtol=1e-14)
+    between = np.linspace(80.0, 150.0, 50)
+    delta = one.normalised(between)
+    assert (np.diff(delta) > 0.0).all()
+    assert_allclose(one.physical(delta), between, rtol=1e-14)
+    assert real_parameter("mass", 80.0, 150.0).curvature == 0.0
+
+
+def test_bounds_of_a_dispersion_at_three_sigmas() -> None:
+    found = dispersed(Lander(), made("normal", ("mass", "inertia"), sigma_relative=0.05))
+    assert [u.name for u in found] == ["mass", "inertia"]
+    assert_allclose([(u.lower, u.nominal, u.upper) for u in found],
+                    [(85.0, 100.0, 115.0), (17.0, 20.0, 23.0)], rtol=1e-12)  # fmt: skip
+    (narrow, _) = dispersed(Lander(), made("normal", ("mass", "inertia"), sigma=1.0), sigmas=2.0)
+    assert_allclose((narrow.lower, narrow.upper), (98.0, 102.0), rtol=1e-12)
+
+
+def test_bounds_stay_within_what_is_possible() -> None:
+    (found,) = dispersed(Lander(), made("uniform", ("mass",), lower=99.0, upper=130.0), sigmas=9.0)
+    assert (found.lower, found.nominal, found.upper) == (99.0, 100.0, 130.0)
+
+
+def test_a_nominal_value_outside_gives_way_to_the_mean() -> None:
+    (found,) = dispersed(Lander(), made("uniform", ("mass",), lower=110.0, upper=130.0), sigmas=9.0)
+    assert (found.lower, found.nominal, found.upper) == (110.0, 120.0, 130.0)
+
+
+def test_what_has_no_spread_is_not_uncertain() -> None:
+    """A tenth of a nominal value of zero is nothing."""
+    found = dispersed(Lander(), made("normal", ("*s", "bias"), sigma_relative=0.1))
+    assert [u.name for u in found] == ["mass"]
+
+
+def test_random_values() -> None:
+    several = (
+        real_parameter("mass", 80.0, 150.0),
+        Uncertainty("phase", "complex"),
+        Uncertainty("wheel", "full", 2, 3),
+    )
+    values = random_values(several, 500, seed=1)
+    assert 80.0 <= values["mass"].min() < 85.0
+    assert 145.0 < values["mass"].max() <= 150.0
+    assert 0.9 < np.abs(values["phase"]).max() <= 1.0
+    assert values["wheel"].shape == (500, 2, 3)
+    assert_allclose(np.linalg.norm(values["wheel"], 2, axis=(1, 2)), 1.0, rtol=1e-12)
+    again = random_values(several, 500, seed=1)
+    assert_array_equal(values["phase"], again["phase"])
+
+
+def test_corners() -> None:
+    found = corners((real_parameter("a", 0.0, 1.0), real_parameter("b", 2.0, 3.0)))
+    assert_array_equal(found["a"], [0, 0, 1, 1])
+    assert_array_equal(found["b"], [2, 3, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda: real_parameter("mass", 1.0, 1.0), "between finite bounds"),
+        (lambda: real_parameter("mass", 0.0, 1.0, 1.0), "neither of them"),
+        (lambda: real_parameter("mass", 0.0, np.inf, 1.0), "finite bounds"),
+        (lambda: real_parameter("", 0.0, 1.0), "name"),
+        (lambda: Uncertainty("mass", "real", 2, 2), "only a full block"),
+        (lambda: Uncertainty("wheel", "full", 0, 2), "at least one row"),
+        (lambda: corners((Uncertainty("phase", "complex"),)), "'phase' is complex"),
+        (lambda: corners([real_parameter(f"p{i}", 0.0, 1.0) for i in range(21)]), "too many"),
+        (
+            lambda: dispersed(Lander(), made("normal", ("thrust",), sigma=1.0)),
+            "no quantity 'thrust'",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_said(wrong: Callable[[], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        wrong()

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from hillsphere.errors import InputError
+from hillsphere_controllers.mu.blocks import (
+    BlockStructure,
+    full,
+    repeated_complex,
+    repeated_real,
+)
+from hillsphere_controllers.mu.sensitivities import sensitivities
+
+
+@settings(derandomize=True, deadline=None, max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4))
+def test_shares_sum_to_one(seed: int, count: int) -> None:
+    random = np.random.default_rng(seed)
+    kinds = [repeated_real(2), repeated_complex(), repeated_complex(2), full(2), full(1, 2)]
+    chosen = [kinds[k] for k in random.integers(len(kinds), size=count)]
+    structure = BlockStructure([*chosen, full(1)])
+    m = random.normal(size=(*structure.shape, 2)) @ np.array([1.0, 1j])
+    found = sensitivities(m, structure)
+    assert_allclose(found.sum(), 1.0, rtol=0.0, atol=3e-4)
+    assert found.min() >= -1e-3
+
+
+def test_rank_one_in_closed_form() -> None:
+    """µ of a bᴴ is the sum of |a_k||b_k|: each term over the sum is the block's share."""
+    a, b = np.array([1.0, 2.0, -0.5]), np.array([0.5, 1.0 + 1.0j, 2.0])
+    found = sensitivities(np.outer(a, b.conj()), BlockStructure([full(1)] * 3))
+    terms = np.abs(a) * np.abs(b)
+    assert_allclose(found, terms / terms.sum(), rtol=0.0, atol=1e-5)
+
+
+def test_a_block_without_effect_has_no_share() -> None:
+    m = np.diag([2.0, 0.1])
+    found = sensitivities(m, BlockStructure([full(1), full(1)]))
+    assert_allclose(found, [1.0, 0.0], rtol=0.0, atol=1e-6)
+
+
+def test_zero_has_no_shares() -> None:
+    with pytest.raises(InputError, match="µ is zero"):
+        sensitivities(np.zeros((2, 2)), BlockStructure([full(2)]))

@@ -1,0 +1,302 @@
+"""The stage ``synthesis``: each method's controller is what the method itself makes, and judged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from hillsphere.errors import InputError, Interrupted
+from hillsphere.linear_products import LinearModels, UncertainModels
+from hillsphere.lti import LtiSystem
+from hillsphere.plugins import validate
+from hillsphere.testing import RecordingContext, check_presentation, check_product, check_stage
+from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.full_order.hinf import hinf_synthesis
+from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity
+from hillsphere_controllers.lft.transformation import Lft
+from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.stages.step_responses import step_responses
+from hillsphere_controllers.stages.synthesis.products import Synthesis
+from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
+from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
+from hillsphere_controllers.stages.uncertain import uncertain_model
+from hillsphere_controllers.systems.algebra import feedback, gain, lower_lft
+from hillsphere_controllers.systems.weights import performance_weight
+
+PERFORMANCE = {"performance": {"bandwidth_rad_s": 1.0, "steady_error": 0.01}}
+
+
+def first_order(rate: float) -> LtiSystem:
+    """Return ẋ = −rate x + d + u with z = (x, 0.1 u), y = x + 0.1 n."""
+    return LtiSystem(
+        np.array([[-rate]]),
+        np.array([[1.0, 0.0, 1.0]]),
+        np.array([[1.0], [0.0], [1.0]]),
+        np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.0]]),
+        None,
+        ("d", "n", "u"),
+        ("z", "effort", "y"),
+    )
+
+
+def models(*rates: float) -> LinearModels:
+    return LinearModels(
+        tuple(first_order(rate) for rate in rates), tuple(f"rate={rate:g}" for rate in rates),
+        ("rate",), ("1/s",), np.array([rates]), np.array([1.0]), 1, 1, (),
+    )  # fmt: skip
+
+
+def bare(*rates: float) -> LinearModels:
+    """Return 1/(s + rate) without weights."""
+    one = np.ones((1, 1))
+    systems = tuple(LtiSystem(-rate * one, one, one, 0.0 * one) for rate in rates)
+    return LinearModels(
+        systems, tuple(f"rate={rate:g}" for rate in rates), ("rate",), ("1/s",),
+        np.array([rates]), np.array([1.0]), 1, 1, (),
+    )  # fmt: skip
+
+
+MODELS = models(-0.5, 1.0, 2.0)
+
+
+def stage(method: str, **keys: Any) -> SynthesisStage:
+    table = {"needs": {"models": "models"}, "method": method} | keys
+    spec = validate(SynthesisSpec, table, where="stage")
+    assert isinstance(spec, SynthesisSpec)
+    return SynthesisStage(spec)
+
+
+def run(method: str, product: LinearModels = MODELS, **keys: Any) -> Synthesis:
+    one = stage(method, **keys)
+    made = one.run(RecordingContext(), product)
+    check_product(made)
+    check_presentation(one.present(made, product))
+    return made
+
+
+def test_stage_keeps_its_contract() -> None:
+    check_stage("synthesis")
+
+
+def test_hinf_is_made_for_the_model_nearest_to_nominal_and_judged_on_all() -> None:
+    made = run("hinf")
+    assert made.designed.tolist() == [False, True, False]
+    design = hinf_synthesis(first_order(1.0), 1, 1)
+    assert made.gamma == pytest.approx(design.gamma, rel=1e-12)
+    assert made.lower_bound == design.least < made.gamma
+    for k, plant in enumerate(MODELS.systems):
+        loop = lower_lft(plant, made.controller)
+        assert made.judged.abscissa_1_s[k] == pytest.approx(loop.poles.real.max(), rel=1e-9)
+        gains = np.linalg.norm(loop.response(np.logspace(-3, 3, 2000)), 2, axis=(1, 2))
+        # the norm of one that is not stable is infinite, whatever its gains
+        expected = gains.max() if loop.is_stable else np.inf
+        assert made.judged.hinf[k] == pytest.approx(expected, rel=1e-5)
+    assert_allclose(made.judged.sampled[1:], made.judged.hinf[1:], rtol=1e-3)
+
+
+def test_a_model_may_be_named() -> None:
+    made = run("hinf", plants=["rate=-0.5"])
+    assert made.designed.tolist() == [True, False, False]
+    assert np.isfinite(made.judged.hinf[0])
+
+
+def test_what_is_to_be_small_may_be_named() -> None:
+    table = {
+        "systems": [{"d": [[-2]], "inputs": ["y"], "outputs": ["u"]}],
+        "inputs": ["y"],
+        "outputs": ["u"],
+    }
+    made = run("given", given=table, outputs=["z"], inputs=["d"], plants=["rate=1"])
+    # z/d = 1/(s + 3)
+    assert made.gamma == pytest.approx(1.0 / 3.0, rel=1e-9)
+    with pytest.raises(InputError, match=r"outputs: no signal 'y'"):
+        run("given", given=table, outputs=["y"])
+
+
+def test_h2_is_the_least() -> None:
+    made, other = run("h2"), run("hinf")
+    assert made.norm == "h2"
+    assert made.gamma == pytest.approx(made.judged.h2[1], rel=1e-9)
+    assert made.gamma < other.judged.h2[1]
+
+
+def test_mixed_sensitivity_weighs_plants_that_have_no_weights() -> None:
+    table = {"w1": PERFORMANCE, "w2": {"gain": 0.1}}
+    made = run("mixed_sensitivity", bare(1.0, 2.0), mixed_sensitivity=table)
+    one = np.ones((1, 1))
+    plant = LtiSystem(-one, one, one, 0.0 * one)
+    design = mixed_sensitivity(plant, performance_weight(1.0, steady_error=0.01), 0.1)
+    assert made.gamma == pytest.approx(design.gamma, rel=1e-9)
+    assert [weight.inputs for weight in made.weights] == [("e",), ("u",)]
+
+
+def test_structured_serves_all_models_and_is_bounded_by_full_order() -> None:
+    table = {"parts": [{"kind": "pid", "integral": False}], "starts": 2}
+    made = run("structured", structured=table)
+    assert made.designed.all()
+    assert made.search is not None
+    assert made.search.starts.shape == (2,)
+    assert made.lower_bound <= made.gamma == pytest.approx(made.judged.hinf.max(), rel=1e-9)
+    assert made.controller.order == 1
+
+
+def test_structured_channels_are_named_by_their_signals() -> None:
+    channels = [{"outputs": ["z"], "inputs": ["d"]}, {"outputs": ["effort"], "limit": 0.5}]
+    table = {"parts": [{"kind": "free"}], "starts": 1, "channels": channels}
+    made = run("structured", structured=table, plants=["rate=1"])
+    loop = lower_lft(first_order(1.0), made.controller)
+    peak = np.abs(loop.response(np.zeros(1))[0, 0, 0])
+    assert made.gamma == pytest.approx(peak, rel=1e-6)
+    effort = np.linalg.norm(loop.response(np.logspace(-4, 4, 4000))[:, 1], axis=1)
+    # more gain would lower the first further: the limit of the second holds it
+    assert effort.max() == pytest.approx(0.5, rel=1e-3)
+
+
+def test_matrix_inequalities_keep_limits_and_regions() -> None:
+    channels = [{"outputs": ["z"]}, {"outputs": ["effort"], "norm": "h2", "limit": 0.3}]
+    made = run("lmi", lmi={"channels": channels, "region": {"decay_1_s": 0.8}})
+    loop = lower_lft(first_order(1.0), made.controller)
+    assert made.judged.abscissa_1_s[1] <= -0.8
+    gains = np.linalg.norm(loop.response(np.logspace(-3, 3, 2000))[:, 0], axis=1)
+    assert gains.max() == pytest.approx(made.gamma, rel=1e-5)
+    effort = LtiSystem(loop.a, loop.b, loop.c[1:2], loop.d[1:2])
+    assert h2_norm(effort) <= 0.3 * (1.0 + 1e-6)
+
+
+def test_entries_stay_as_they_are_fixed() -> None:
+    table = {
+        "parts": [{"kind": "entries", "order": 1, "entries": [[-3, 1], ["free", "free"]]}],
+        "starts": 1,
+    }
+    made = run("structured", structured=table, plants=["rate=1"])
+    assert_allclose(made.controller.a, [[-3.0]], rtol=0.0)
+    assert_allclose(made.controller.b, [[1.0]], rtol=0.0)
+
+
+def test_given_controllers_are_judged() -> None:
+    table = {
+        "systems": [{"d": [[-2]], "inputs": ["y"], "outputs": ["u"]}],
+        "inputs": ["y"],
+        "outputs": ["u"],
+    }
+    made = run("given", given=table)
+    assert made.lower_bound == 0.0
+    assert_allclose(made.judged.abscissa_1_s, [-1.5, -3.0, -4.0], rtol=1e-12)
+    # L = 2/(s + rate): |L| = 1 at sqrt(4 − rate²)
+    crossing = np.sqrt(4.0 - 1.0)
+    phase = np.pi - np.arctan(crossing)
+    assert_allclose(made.judged.phase_rad[:, 1], phase, rtol=1e-9)
+    assert_allclose(made.judged.delay_s[:, 1], phase / crossing, rtol=1e-9)
+    # stable for a gain above rate/2 where the plant is not
+    assert_allclose(made.judged.gain_lower[:, 0], 0.25, rtol=1e-9)
+
+
+def test_steps_settle_at_their_end() -> None:
+    one = np.ones((1, 1))
+    loop = feedback(LtiSystem(-one, one, 4.0 * one, 0.0 * one), gain(one))
+    times, (response,) = step_responses([loop])
+    assert_allclose(response[:, 0, 0], 0.8 * (1.0 - np.exp(-5.0 * times)), rtol=0, atol=1e-12)
+    assert 0.9 < times[-1] < 3.0
+
+
+def test_an_interrupted_search_leaves_its_best_in_the_log() -> None:
+    class Stopped(RecordingContext):
+        def track(self, *args: Any, **kwargs: Any) -> Any:
+            def advance(count: int) -> None:
+                raise Interrupted("stopped")
+
+            return advance
+
+    ctx = Stopped()
+    table = {"parts": [{"kind": "free"}], "starts": 3}
+    with pytest.raises(Interrupted, match="the log has"):
+        stage("structured", structured=table).run(ctx, MODELS)
+    assert "the best controller until then" in ctx.messages[-1]
+
+
+@pytest.mark.parametrize(
+    ("method", "keys", "said"),
+    [
+        ("structured", {}, "needs a table"),
+        ("hinf", {"structured": {"parts": [{}]}}, "does not belong to method"),
+        ("hinf", {"plants": ["rate=1", "rate=2"]}, "one plant"),
+        ("mixed_sensitivity", {"mixed_sensitivity": {}}, "at least one weight"),
+        ("dk", {}, "needs one"),
+        ("dk", {"needs": {"models": "m", "uncertain": "u"}, "plants": ["a"]}, "leave it out"),
+        ("hinf", {"needs": {"models": "m", "uncertain": "u"}}, "takes none"),
+        ("mixed_sensitivity", {"mixed_sensitivity": {"w1": {}}}, "just one of"),
+        ("structured", {"structured": {"parts": [{"kind": "pid", "order": 2}]}}, "kind 'pid'"),
+        ("structured",
+         {"structured": {"parts": [{"kind": "entries", "entries": [[1]]}]}}, "'free'"),
+        ("structured",
+         {"structured": {"parts": [{"kind": "transfer_function"}]}}, "at least 1"),
+    ],
+)  # fmt: skip
+def test_faults_are_found_before_anything_runs(
+    method: str, keys: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        stage(method, **keys)
+
+
+@pytest.mark.parametrize(
+    ("method", "keys", "said"),
+    [
+        ("hinf", {"plants": ["rate=3"]}, "no model 'rate=3'"),
+        ("structured", {"structured": {"parts": [{}, {}]}}, "2 controls"),
+        ("structured", {"structured": {"parts": [{}], "channels": [{"outputs": ["x"]}]}},
+         r"channels\[0\].*no signal 'x'"),
+        ("structured", {"structured": {"parts": [{}], "plant_weights": [1, 2]}},
+         "2 for 3 plants"),
+        ("given", {"given": {"systems": [{"d": [[1, 2]], "inputs": ["a", "b"],
+                                          "outputs": ["u"]}],
+                             "inputs": ["a", "b"], "outputs": ["u"]}}, "2 measurements"),
+    ],
+)  # fmt: skip
+def test_faults_of_models_are_said(method: str, keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        stage(method, **keys).run(RecordingContext(), MODELS)
+
+
+def test_iteration_lowers_mu_and_says_its_steps() -> None:
+    # the gain of the plant from u is not known to 40 %
+    plants = tuple(
+        LtiSystem(
+            one.a, np.hstack([0.4 * one.b[:, 2:], one.b]),
+            np.vstack([np.zeros((1, 1)), one.c]),
+            np.block([[np.zeros((1, 3)), np.ones((1, 1))], [np.zeros((3, 1)), one.d]]), None,
+            ("w", *one.inputs), ("v", *one.outputs),
+        )
+        for one in MODELS.systems[1:2]
+    )  # fmt: skip
+    nominal = LinearModels(plants, ("nominal",), (), (), np.zeros((0, 1)), np.zeros(0), 1, 1, ())
+    gain_block = Uncertainty("gain", "full", dynamic=True)
+    whole = uncertain_model(Lft(plants[0], (gain_block,), (1,)), {})
+    known = UncertainModels((whole,), ("uncertain",), 1, 1)
+    table = {"needs": {"models": "m", "uncertain": "u"}, "dk": {"iterations": 2, "joint_steps": 0}}
+    one = stage("dk", **table)
+    ctx = RecordingContext()
+    made = one.run(ctx, nominal, known)
+    check_product(made)
+    check_presentation(one.present(made, nominal, known))
+    found = made.iterations
+    assert found is not None
+    assert made.norm == "mu"
+    assert made.plants[0].outputs == ("z", "effort", "y")
+    assert found.lower_mu <= found.upper_mu == made.gamma
+    assert made.gamma == pytest.approx(found.upper[found.accepted].min(), rel=5e-3)
+    assert len(ctx.messages) == found.upper.size
+    with pytest.raises(InputError, match="one uncertain model, got 2"):
+        one.run(ctx, nominal, UncertainModels((whole, whole), ("a", "b"), 1, 1))
+
+
+def test_models_need_controls() -> None:
+    closed = LinearModels(
+        MODELS.systems, MODELS.labels, MODELS.parameters, MODELS.units, MODELS.values,
+        MODELS.nominal, 0, 0, (),
+    )  # fmt: skip
+    with pytest.raises(InputError, match="no controls"):
+        stage("hinf").run(RecordingContext(), closed)
