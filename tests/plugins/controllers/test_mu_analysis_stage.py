@@ -1,0 +1,190 @@
+"""The stage ``mu_analysis``: published peaks, worst parameters by hand, faults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from hillsphere.errors import InputError
+from hillsphere.linear_products import LinearModels, UncertainModels
+from hillsphere.lti import LtiSystem
+from hillsphere.plugins import validate
+from hillsphere.products import ControlDesign
+from hillsphere.testing import RecordingContext, check_presentation, check_product, check_stage
+from hillsphere_controllers.mu.blocks import BlockStructure, full
+from hillsphere_controllers.mu.robustness import mu_bounds_on_grid
+from hillsphere_controllers.stages.lft.specs import LftSpec
+from hillsphere_controllers.stages.lft.stage import LftStage
+from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
+from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
+from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
+from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
+from hillsphere_controllers.stages.mu_analysis.stage import MuAnalysisStage
+from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.systems.algebra import gain
+
+# Skogestad and Postlethwaite, Multivariable Feedback Control, Table 8.1; time in minutes
+COLUMN: dict[str, Any] = {
+    "systems": [
+        {"a": [["-1/75", 0], [0, "-1/75"]], "b": [[87.8, -86.4], [108.2, -109.6]],
+         "c": [["1/75", 0], [0, "1/75"]], "inputs": ["v"], "outputs": ["y"]},
+        {"numerator": [1, 0.2], "denominator": [0.5, 1], "channels": 2, "inputs": ["u"],
+         "outputs": ["z"]},
+        {"numerator": [5, 0.5], "denominator": [10, 1e-5], "channels": 2, "inputs": ["e"],
+         "outputs": ["error"]},
+        {"d": [["-1.096/-2.744", "0.864/-2.744"], ["-1.082/-2.744", "0.878/-2.744"]],
+         "inputs": ["e"], "outputs": ["f"]},
+        {"numerator": [52.5, 0.7], "denominator": [1, 0], "channels": 2, "inputs": ["f"],
+         "outputs": ["u"]},
+    ],
+    "junctions": ["v = u + w", "e = r - y"],
+    "inputs": ["w", "r"],
+    "outputs": ["z", "error"],
+}  # fmt: skip
+INPUTS = [{"name": f"input {k}", "outputs": [f"z[{k}]"], "inputs": [f"w[{k}]"]} for k in range(2)]
+
+
+def linear(table: dict[str, Any]) -> LinearModels:
+    spec = validate(LinearModelsSpec, table, where="models")
+    assert isinstance(spec, LinearModelsSpec)
+    return LinearModelsStage(spec).run(RecordingContext())
+
+
+def uncertain(models: LinearModels, **keys: Any) -> UncertainModels:
+    spec = validate(LftSpec, {"needs": {"models": "models"}} | keys, where="lft")
+    assert isinstance(spec, LftSpec)
+    return LftStage(spec).run(RecordingContext(), models)
+
+
+def run(
+    models: UncertainModels, controllers: dict[str, LtiSystem] | None = None, **keys: Any
+) -> MuAnalysis:
+    given = controllers or {}
+    table = {"needs": {"uncertain": "uncertain", "controllers": list(given)}} | keys
+    spec = validate(MuAnalysisSpec, table, where="stage")
+    assert isinstance(spec, MuAnalysisSpec)
+    stage = MuAnalysisStage(spec)
+    designs = tuple(ControlDesign(one) for one in given.values())
+    made = stage.run(RecordingContext(), models, designs)
+    check_product(made)
+    check_presentation(stage.present(made, models, designs))
+    return made
+
+
+def of(made: MuAnalysis, analysis: str, loop: int = 0) -> Analysed:
+    return next(r for r in made.results if (r.analysis, r.loop) == (analysis, loop))
+
+
+@pytest.fixture(scope="module")
+def column() -> UncertainModels:
+    return uncertain(linear(COLUMN), blocks=INPUTS)
+
+
+@pytest.fixture(scope="module")
+def spring() -> UncertainModels:
+    """Return a mass on a spring with damping: ẍ = −k x − 0.2 ẋ + u + d, y = x."""
+    return uncertain(
+        linear(
+            {
+                "parameters": [{"name": "k", "nominal": 1, "values": [0.5, 1.5], "unit": "N/m"}],
+                "systems": [
+                    {"a": [[0, 1], ["-k", -0.2]], "b": [[0], [1]], "c": [[1, 0]],
+                     "inputs": ["f"], "outputs": ["x"]},
+                ],
+                "junctions": ["f = u + d", "y = x"],
+                "inputs": ["d"],
+                "outputs": ["x"],
+                "controls": ["u"],
+                "measurements": ["y"],
+            }
+        ),
+        degree=1,
+    )  # fmt: skip
+
+
+def test_stage_keeps_its_contract() -> None:
+    check_stage("mu_analysis")
+
+
+def test_skogestad_postlethwaite_table_8_1(column: UncertainModels) -> None:
+    """Peaks 5.7726, 0.5242 and 0.500 on the grid of the book's program; true ones are above."""
+    grid = np.logspace(-3, 3, 61)
+    model = column.models[0]
+    whole = BlockStructure([*lft_of(model).blocks, full(2)])
+    lower, upper = mu_bounds_on_grid(model.system, whole, grid)
+    assert upper.max() == pytest.approx(5.7726, abs=1.5e-4)
+    assert lower.max() == pytest.approx(5.7726, abs=1.5e-4)
+    made = run(column, analyses=["robust_stability", "robust_performance"], gap=0.003, points=10)
+    performance, stability = of(made, "robust_performance"), of(made, "robust_stability")
+    assert upper.max() < performance.peak <= performance.upper <= 1.003001 * performance.peak
+    assert performance.lower == pytest.approx(performance.peak, rel=1e-6)
+    assert 0.5242 < stability.peak < 0.5242 * 1.005
+    assert made.nominal[0] == pytest.approx(0.5, abs=1e-4)
+    assert_allclose(performance.shares.sum(), 1.0, rtol=3e-4)
+    # the intervals leave no gap
+    assert performance.interval_low_rad_s[0] == 0.0
+    reach = np.maximum.accumulate(performance.interval_high_rad_s)
+    assert (performance.interval_low_rad_s[1:] <= reach[:-1]).all()
+    assert np.isinf(reach[-1])
+
+
+def test_published_values_stand_beside(column: UncertainModels, tmp_path: Path) -> None:
+    table = tmp_path / "published.csv"
+    table.write_text("# source: a book\ncontroller,robust_stability\nas it is,0.5242\n", "utf-8")
+    keys = {"analyses": ["robust_stability"], "points": 5, "reference": str(table)}
+    spec = validate(MuAnalysisSpec, {"needs": {"uncertain": "u"}} | keys, where="stage")
+    assert isinstance(spec, MuAnalysisSpec)
+    stage = MuAnalysisStage(spec)
+    shown = stage.present(stage.run(RecordingContext(), column, ()), column, ())
+    (row,) = shown.tables["mu_summary"].rows
+    assert row["robust_stability_paper"] == 0.5242
+
+
+def test_worst_stiffness_is_that_of_the_physics(spring: UncertainModels) -> None:
+    # u = −g x with g = −0.4 takes stiffness away: unstable when k falls to 0.4
+    made = run(spring, {"soft": gain(np.array([[0.4]]))}, points=3)
+    stability = of(made, "robust_stability")
+    assert stability.names == ("k",)
+    assert stability.units == ("N/m",)
+    assert stability.values[0] == pytest.approx(0.4, abs=1e-6)
+    assert stability.lower == pytest.approx(0.5 / 0.6, rel=1e-6)
+    assert stability.upper == pytest.approx(0.5 / 0.6, rel=0.02)
+    assert abs(complex(stability.pole_re, stability.pole_im)) < 1e-6
+    gained = of(made, "worst_case_gain")
+    assert gained.values[0] == pytest.approx(0.5, abs=1e-6)
+    # stiffness 0.1 left, damping c = 0.2: the peak is 1/(c sqrt(0.1 − c²/4))
+    assert gained.lower == pytest.approx(1.0 / (0.2 * 0.3), rel=1e-6)
+    assert gained.upper >= gained.lower
+    assert_allclose(stability.shares, [1.0], rtol=1e-3)
+    assert stability.complex_parts.tolist() == [0.01, 0.05]
+    assert (stability.complex_upper >= stability.lower).all()
+
+
+def test_controllers_are_compared_and_unstable_ones_said(spring: UncertainModels) -> None:
+    given = {"none": gain(np.zeros((1, 1))), "bad": gain(np.array([[2.0]]))}
+    made = run(spring, given, analyses=["robust_stability"], points=5)
+    assert made.controllers == ("none", "bad")
+    assert np.isfinite(made.nominal).tolist() == [True, False]
+    assert [one.loop for one in made.results] == [0]
+    # damping, and stiffness above zero: δ = −2 takes it to zero
+    assert made.results[0].lower == pytest.approx(0.5, rel=1e-6)
+
+
+def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> None:
+    with pytest.raises(InputError, match=r"needs\.controllers.*closes their loops"):
+        run(spring)
+    with pytest.raises(InputError, match="takes 2 measurements"):
+        run(spring, {"wide": gain(np.zeros((2, 2)))})
+    with pytest.raises(InputError, match="takes 1 measurements"):
+        run(column, {"one": gain(np.zeros((1, 1)))})
+    nothing = uncertain(
+        linear(COLUMN), blocks=[{"name": "all", "outputs": ["z", "error"], "inputs": ["w", "r"]}]
+    )
+    with pytest.raises(InputError, match="performance"):
+        run(nothing, analyses=["robust_performance"])
+    with pytest.raises(InputError, match="stands twice"):
+        run(spring, analyses=["worst_case_gain", "worst_case_gain"])
