@@ -72,7 +72,10 @@ def run(
     executor: ExecutorType = None,
     scheduler: Scheduler = None,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Neither read nor write stage results.")
+        bool,
+        typer.Option(
+            "--no-cache", help="Neither read nor write stage results; compiled code is kept."
+        ),
     ] = False,
     json: Json = False,
     quiet: Quiet = False,
