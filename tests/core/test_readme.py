@@ -34,6 +34,12 @@ def test_library_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert np.linalg.det(phi) == pytest.approx(1.0, abs=1e-9)
 
 
+def test_robust_control_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = (block for block in blocks("python") if "upper_bound" in block)
+    exec(example, {})
+    assert float(capsys.readouterr().out) == pytest.approx(1.027, abs=5e-4)
+
+
 def test_mission_example_is_short_and_valid(tmp_path: Path) -> None:
     example, _ = blocks("toml")
     assert len(example.splitlines()) <= 30
