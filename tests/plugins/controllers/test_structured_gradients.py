@@ -11,9 +11,11 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
 from hillsphere_controllers.structured.gradients import gain_slopes, h2, h2_slope, pole_slopes
 from hillsphere_controllers.structured.objective import Objective
+from hillsphere_controllers.structured.plant_norms import PlantNorms, part_of
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
 from hillsphere_controllers.structured.structure import controller_of, of_order
 from hillsphere_controllers.systems.algebra import lower_lft
@@ -169,3 +171,26 @@ def test_what_does_not_fit_is_refused() -> None:
         PoleRegion(damping=1.0)
     with pytest.raises(InputError, match="fastest"):
         PoleRegion(decay_1_s=2.0, fastest_rad_s=1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_peak_that_was_missed_is_found(seed: int) -> None:
+    # without direct terms the norm is at a finite frequency, with some seeds at zero
+    open_loop, gains = loop_of(seed, direct=0.0)
+    norms = PlantNorms(open_loop)
+    loop = norms.closed(gains)
+    assert loop is not None
+    norms.measure(loop)
+    rough = norms.highest(loop)
+    norms.refine(loop, -np.inf)
+    level = norms.highest(loop)
+    p, m = loop.closed.d.shape
+    exact = hinf_norm(part_of(loop.closed, np.arange(p), np.arange(m)))
+    assert rough <= level
+    assert_allclose(np.exp(level), exact.value, rtol=1e-7)
+    assert not norms.missed(loop, level + 1e-6)
+    # as if a peak had been overlooked
+    loop.levels[0] -= 0.05
+    assert not norms.missed(loop, level + 1e-6)
+    assert norms.missed(loop, level - 0.05)
+    assert norms.seen_above(loop, level - 0.05)

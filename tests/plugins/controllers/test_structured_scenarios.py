@@ -64,6 +64,7 @@ def test_instability_is_the_worst_case() -> None:
     assert found[0].delta[0] < -0.8
 
 
+@pytest.mark.slow
 def test_robust_design_is_better_where_it_counts() -> None:
     plant, structure = uncertain(), of_order(1, 1, 1)
     nominal = synthesise(plant.at(np.zeros(2)), structure, starts=1)

@@ -27,6 +27,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from hillsphere.errors import InputError
@@ -36,7 +37,7 @@ from hillsphere_controllers.analysis.frequency import Response, largest_gains
 from hillsphere_controllers.systems.balancing import balanced
 from hillsphere_controllers.systems.bilinear import continuous
 
-__all__ = ["HinfNorm", "hinf_norm"]
+__all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hinf_norm"]
 
 _MOST_LEVELS = 40
 _GRID = 40
@@ -171,7 +172,7 @@ class _Search:
             return HinfNorm(0.0, self.frequency, 0.0)
         for _ in range(_MOST_LEVELS):
             level = self.value * (1.0 + tolerance)
-            found = self._eigenvalues(level)
+            found = hamiltonian_eigenvalues(self.system, level)
             near = np.abs(found.real) <= _NEAR * np.abs(found)
             omega = np.unique(np.abs(found[near].imag))
             if omega.size:
@@ -180,17 +181,20 @@ class _Search:
                 return HinfNorm(self.value, self.frequency, level)
         return HinfNorm(self.value, self.frequency, np.inf)
 
-    def _eigenvalues(self, level: float) -> Array:
-        a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
-        # of the system divided by the level: R = I − DᵀD stays of order one
-        b, d = b / np.sqrt(level), d / level
-        c = c / np.sqrt(level)
-        factor = cho_factor(np.eye(d.shape[1]) - d.T @ d, check_finite=False)
-        feed = b @ cho_solve(factor, d.T @ c, check_finite=False)
-        up = a + feed
-        right = b @ cho_solve(factor, b.T, check_finite=False)
-        down = c.T @ c + c.T @ d @ cho_solve(factor, d.T @ c, check_finite=False)
-        return np.asarray(np.linalg.eigvals(np.block([[up, right], [-down, -up.T]])))
+
+def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
+    """Return the eigenvalues (2n,) of H at a level above the largest singular value of D."""
+    a, b, c, d = system.a, system.b, system.c, system.d
+    # of the system divided by the level: R = I − DᵀD stays of order one
+    b, d = b / np.sqrt(level), d / level
+    c = c / np.sqrt(level)
+    factor = cho_factor(np.eye(d.shape[1]) - d.T @ d, check_finite=False)
+    feed = b @ cho_solve(factor, d.T @ c, check_finite=False)
+    up = a + feed
+    right = b @ cho_solve(factor, b.T, check_finite=False)
+    down = c.T @ c + c.T @ d @ cho_solve(factor, d.T @ c, check_finite=False)
+    found = np.linalg.eigvals(np.block([[up, right], [-down, -up.T]]))
+    return np.asarray(found, dtype=complex)
 
 
 def _inverted(system: LtiSystem, scale: float) -> LtiSystem:

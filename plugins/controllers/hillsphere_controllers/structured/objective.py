@@ -23,6 +23,8 @@ __all__ = ["FURTHEST", "Objective", "Piece", "Point"]
 _NEAR = 0.6
 """Peaks of at least this share of the largest are looked at."""
 _MOST = 14
+_ROUGH = 0.95
+"""Peaks that are roughly below this share of the largest so far are not the largest."""
 _NEAR_HARD = -0.3
 """Constraints above this are looked at."""
 FURTHEST = 1e8
@@ -148,7 +150,11 @@ class Objective:
         objective, excess = -np.inf, self._gain_excess(matrix)
         each = np.full(len(self.loops), -np.inf)
         for j, loop in found.items():
-            self.norms[j].measure(loop)
+            norms = self.norms[j]
+            norms.measure(loop)
+            if norms.highest(loop) > above:
+                return no
+            norms.refine(loop, objective + np.log(_ROUGH))
             for c, level in loop.levels.items():
                 if self.loops[j].channels[c][2].limit is None:
                     each[j] = max(each[j], level)
@@ -182,9 +188,9 @@ class Objective:
 
     def certified(self, point: Point) -> Point:
         """Return the point, with peaks added that only the level-set method found."""
-        above = point.objective + np.log(_NEAR)
         missed = [
-            norms.missed(loop, above) for norms, loop in zip(self.norms, point.loops, strict=True)
+            norms.missed(loop, point.objective)
+            for norms, loop in zip(self.norms, point.loops, strict=True)
         ]
         return self.evaluate(point.x) if any(missed) else point
 
@@ -217,17 +223,25 @@ class Objective:
             Peaks elsewhere: their frequencies are looked at too.
         """
         soft: list[Piece] = []
+        peaks: list[tuple[float, int, int, float]] = []
+        least = self._refine(point)
         for j, loop in enumerate(point.loops):
             for c, level in loop.levels.items():
                 channel = self.loops[j].channels[c][2]
-                if channel.limit is not None or level < point.objective + np.log(_NEAR):
+                if channel.limit is not None or level < least:
                     continue
                 if channel.norm == "h2":
                     soft.append(self._h2_piece(point, j, c))
                     continue
-                for omega in _distinct(*loop.peaks[c]):
-                    soft += self._at(point, j, c, omega, None)
-        soft = [p for p in soft if p.level >= point.objective + np.log(_NEAR)]
+                omega, high = loop.peaks[c]
+                share = high / max(float(high.max()), 1e-300)
+                peaks += [
+                    (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
+                    for i in _distinct(omega, high)
+                ]
+        for _, j, c, at in sorted(peaks, key=lambda peak: -peak[0])[:_MOST]:
+            soft += self._at(point, j, c, at, None)
+        soft = [p for p in soft if p.level >= least]
         soft = sorted(soft, key=lambda p: -p.level)[:_MOST]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
@@ -248,6 +262,7 @@ class Objective:
     def followed(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
         """Return what pieces have become at another point; itself where one is gone."""
         found, hard = [], None
+        self._refine(point)
         for piece in pieces:
             j, c = piece.plant, piece.channel
             if c < 0 or piece.hard:
@@ -262,6 +277,13 @@ class Objective:
                 found.append(at[0] if at else piece)
         return found
 
+    def _refine(self, point: Point) -> float:
+        """Refine all peaks near the largest; return the level from which they are."""
+        least = point.objective + float(np.log(_NEAR))
+        for norms, loop in zip(self.norms, point.loops, strict=True):
+            norms.refine(loop, least)
+        return least
+
     def _hard(self, point: Point) -> list[Piece]:
         found: list[Piece] = []
         assert point.gains is not None
@@ -273,8 +295,8 @@ class Objective:
                 if channel.norm == "h2":
                     found.append(self._h2_piece(point, j, c))
                     continue
-                for omega in _distinct(*loop.peaks[c]):
-                    at = self._at(point, j, c, omega, None)
+                for i in _distinct(*loop.peaks[c]):
+                    at = self._at(point, j, c, float(loop.peaks[c][0][i]), None)
                     found += [p for p in at if p.level > _NEAR_HARD]
             if self.region is not None:
                 found += self._pole_pieces(point, j, self.region)
@@ -323,15 +345,15 @@ class Objective:
         return sorted(found, key=lambda piece: -piece.level)[:_MOST]
 
 
-def _distinct(omega: Array, high: Array) -> list[float]:
-    """Return frequencies of peaks near the largest, each once."""
-    found: list[float] = []
+def _distinct(omega: Array, high: Array) -> list[int]:
+    """Return the indices of peaks near the largest, each once."""
+    found: list[int] = []
     for i in np.argsort(-high, kind="stable"):
         if high[i] < _NEAR * high.max():
             break
-        other = [f for f in found if np.isfinite(f)]
+        other = [omega[k] for k in found if np.isfinite(omega[k])]
         if np.isinf(omega[i]) or all(abs(omega[i] - f) > 1e-6 * max(omega[i], f) for f in other):
-            found.append(float(omega[i]))
+            found.append(int(i))
     return found
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.analysis.frequency import Response
 
-__all__ = ["frequencies", "gains", "refined_peaks"]
+__all__ = ["frequencies", "gains", "local_peaks", "refined_peaks"]
 
 Complex = NDArray[np.complex128]
 
@@ -60,16 +60,30 @@ def gains(matrices: Complex) -> Array:
         return np.asarray(np.sqrt(squares))
     found = np.sqrt(squares / rank)
     # σ ≤ ‖G‖_F, and σ at the largest ‖G‖_F is a bound for the largest
-    high = squares >= _KEEP**2 * found.max() ** 2
+    high = np.flatnonzero(squares >= _KEEP**2 * found.max() ** 2)
     some = matrices[high]
     gram = some @ some.conj().swapaxes(1, 2) if p <= m else some.conj().swapaxes(1, 2) @ some
+    if rank > 2:  # tighter: ‖GGᴴ‖_F/‖G‖_F ≤ σ ≤ ‖GGᴴ‖_F^½
+        size = np.sqrt(np.sum(gram.real**2 + gram.imag**2, axis=(1, 2)))
+        found[high] = size / np.sqrt(np.maximum(squares[high], 1e-300))
+        near = size >= _KEEP**2 * found.max() ** 2
+        high, gram = high[near], gram[near]
     if rank == 2:
         half, off = 0.5 * (gram[:, 0, 0] - gram[:, 1, 1]).real, np.abs(gram[:, 0, 1])
         top = 0.5 * (gram[:, 0, 0] + gram[:, 1, 1]).real + np.hypot(half, off)
     else:
-        top = np.linalg.eigvalsh(gram)[:, -1]
+        top = np.asarray(np.linalg.eigvalsh(gram)[:, -1], dtype=float)
     found[high] = np.sqrt(np.maximum(top, 0.0))
     return np.asarray(found)
+
+
+def local_peaks(values: Array) -> Integers:
+    """Return the indices of the largest local maxima of gains (N,), those worth to be refined."""
+    inner = np.flatnonzero(
+        (values >= np.append(values[1:], -1.0)) & (values >= np.insert(values[:-1], 0, -1.0))
+    )
+    inner = inner[np.argsort(values[inner], kind="stable")[-_PEAKS:]]
+    return np.asarray(inner[values[inner] >= _SHARE * values.max()])
 
 
 def refined_peaks(
@@ -86,11 +100,7 @@ def refined_peaks(
     points, values : ndarray, shape (N,)
         Frequencies in order, rad/s, and the gains there.
     """
-    inner = np.flatnonzero(
-        (values >= np.append(values[1:], -1.0)) & (values >= np.insert(values[:-1], 0, -1.0))
-    )
-    inner = inner[np.argsort(values[inner], kind="stable")[-_PEAKS:]]
-    inner = inner[values[inner] >= _SHARE * values.max()]
+    inner = local_peaks(values)
     at, high = points[inner], values[inner]
     left = points[np.maximum(inner - 1, 0)]
     right = points[np.minimum(inner + 1, points.size - 1)]

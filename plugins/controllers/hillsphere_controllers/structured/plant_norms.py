@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,10 +11,15 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
-from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.analysis.hinf_norm import hamiltonian_eigenvalues, hinf_norm
 from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
 from hillsphere_controllers.structured.gradients import h2
-from hillsphere_controllers.structured.peaks import frequencies, gains, refined_peaks
+from hillsphere_controllers.structured.peaks import (
+    frequencies,
+    gains,
+    local_peaks,
+    refined_peaks,
+)
 
 __all__ = ["Loop", "PlantNorms", "part_of"]
 
@@ -22,8 +28,12 @@ Complex = NDArray[np.complex128]
 _STABLE = 1e-11
 """Poles count as stable when their real part is below minus this share of the fastest."""
 _NEAR = 0.6
+_NEAR_LIMIT = -0.5
+"""Logarithms of norms relative to their limits above this are known well."""
 _REMEMBERED = 12
 _ROUNDING = 1e-9
+_IMAGINARY = 1e-2
+"""Eigenvalues this near the imaginary axis, relative to their size, are looked at."""
 
 
 @dataclass
@@ -41,12 +51,15 @@ class Loop:
         direct term, at infinity.
     levels : dict
         Logarithm of each channel's weighted norm.
+    rough : dict
+        Frequencies and gains of the channels whose peaks were not refined yet.
     """
 
     closed: Closed
     response: Response
     peaks: dict[int, tuple[Array, Array]] = field(default_factory=dict)
     levels: dict[int, float] = field(default_factory=dict)
+    rough: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
 
 class PlantNorms:
@@ -61,6 +74,7 @@ class PlantNorms:
     def __init__(self, plant: OpenLoop) -> None:
         self.plant = plant
         self._remembered = np.zeros(0)
+        self._free = [channel.limit is None for _, _, channel in plant.channels]
 
     def closed(self, gains_: Array) -> Loop | None:
         """Return the loop with K; None if it is not stable."""
@@ -86,25 +100,48 @@ class PlantNorms:
         return False
 
     def measure(self, loop: Loop) -> None:
-        """Find the peaks and norms of all channels."""
+        """Find the peaks and norms of all channels, roughly: to the next frequency looked at."""
         points = frequencies(loop.response.poles, self._remembered)
         responses: Complex | None = None
         for c, (rows, columns, channel) in enumerate(self.plant.channels):
             if channel.norm == "h2":
-                high = h2(loop.closed, rows, columns)
-            else:
-                if responses is None:
-                    responses = loop.response((1j * points).astype(complex))
+                loop.levels[c] = self._level(c, h2(loop.closed, rows, columns))
+                continue
+            if responses is None:
+                responses = loop.response((1j * points).astype(complex))
+            values = gains(responses[:, rows][:, :, columns])
+            loop.rough[c] = points, values
+            inner = local_peaks(values)
+            self._take(loop, c, points[inner], values[inner])
 
-                def part(g: Complex, rows: Integers = rows, columns: Integers = columns) -> Complex:
-                    return g[:, rows][:, :, columns]
+    def highest(self, loop: Loop) -> float:
+        """Return the logarithm of the largest weighted norm without a limit, −inf if none is."""
+        free = (level for c, level in loop.levels.items() if self._free[c])
+        return max(free, default=-np.inf)
 
-                values = gains(part(responses))
-                at, peak = refined_peaks(loop.response, part, points, values)
-                direct = np.linalg.norm(loop.closed.d[np.ix_(rows, columns)], 2)
-                loop.peaks[c] = np.append(at, np.inf), np.append(peak, direct)
-                high = float(loop.peaks[c][1].max())
-            loop.levels[c] = float(np.log(max(self.plant.weights[c] * high, 1e-300)))
+    def refine(self, loop: Loop, above: float) -> None:
+        """Refine the peaks of channels whose weighted norm is roughly above a logarithm.
+
+        Those with a limit are refined where they are near it.
+        """
+        for c in list(loop.rough):
+            rows, columns, channel = self.plant.channels[c]
+            if loop.levels[c] < (above if channel.limit is None else _NEAR_LIMIT):
+                continue
+
+            def part(g: Complex, rows: Integers = rows, columns: Integers = columns) -> Complex:
+                return g[:, rows][:, :, columns]
+
+            self._take(loop, c, *refined_peaks(loop.response, part, *loop.rough.pop(c)))
+
+    def _take(self, loop: Loop, c: int, at: Array, high: Array) -> None:
+        rows, columns, _ = self.plant.channels[c]
+        direct = np.linalg.norm(loop.closed.d[np.ix_(rows, columns)], 2)
+        loop.peaks[c] = np.append(at, np.inf), np.append(high, direct)
+        loop.levels[c] = self._level(c, float(loop.peaks[c][1].max()))
+
+    def _level(self, c: int, norm: float) -> float:
+        return float(np.log(max(self.plant.weights[c] * norm, 1e-300)))
 
     def remember(self, loop: Loop, more: bool) -> None:
         """Take the loop's peaks for the next ones, and of those known all if `more`, or half."""
@@ -123,21 +160,51 @@ class PlantNorms:
         self._remembered = np.zeros(0)
 
     def missed(self, loop: Loop, above: float) -> bool:
-        """Say whether a certified norm shows a peak that was not known, and remember it.
+        """Say whether the level-set method shows a gain that was not known, and remember where.
 
-        Channels whose level is below `above` are not looked at.
+        Parameters
+        ----------
+        loop : Loop
+            The loop.
+        above : float
+            Logarithm of the level that weighted norms are tested against, or the channel's own
+            where that is higher; of those with a limit, the limit.
         """
         found = False
         for c, (rows, columns, channel) in enumerate(self.plant.channels):
-            if channel.norm == "h2" or loop.levels[c] < above:
+            if channel.norm == "h2":
                 continue
-            norm = hinf_norm(part_of(loop.closed, rows, columns))
-            known = np.exp(loop.levels[c]) / self.plant.weights[c]
-            if norm.value > known * (1.0 + _ROUNDING) and np.isfinite(norm.frequency_rad_s):
+            least = above if channel.limit is None else 0.0
+            level = np.exp(max(loop.levels[c], least)) / self.plant.weights[c] * (1.0 + _ROUNDING)
+
+            def part(g: Complex, rows: Integers = rows, columns: Integers = columns) -> Complex:
+                return g[:, rows][:, :, columns]
+
+            higher = _higher(part_of(loop.closed, rows, columns), loop.response, part, level)
+            if higher is not None:
                 found = True
                 kept = self._remembered[: _REMEMBERED - 1]
-                self._remembered = np.insert(kept, 0, norm.frequency_rad_s)
+                self._remembered = np.insert(kept, 0, higher)
         return found
+
+
+def _higher(
+    system: LtiSystem, response: Response, part: Callable[[Complex], Complex], level: float
+) -> float | None:
+    """Return a frequency at which the gain of a part is above a level; None if there is none."""
+    if np.linalg.norm(system.d, 2) > (1.0 - 1e-6) * level:  # the method's matrix is singular there
+        norm = hinf_norm(system)
+        above = norm.value > level and np.isfinite(norm.frequency_rad_s)
+        return norm.frequency_rad_s if above else None
+    values = hamiltonian_eigenvalues(system, level)
+    crossed = np.abs(values[np.abs(values.real) <= _IMAGINARY * np.abs(values)].imag)
+    if not crossed.size:
+        return None
+    omega = np.unique(np.append(crossed, 0.0))  # the gain may be above from zero on
+    omega = np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
+    high = gains(part(response((1j * omega).astype(complex))))
+    best = int(np.argmax(high))
+    return float(omega[best]) if high[best] > level else None
 
 
 def part_of(closed: Closed, rows: Integers, columns: Integers) -> LtiSystem:
