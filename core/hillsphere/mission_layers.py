@@ -168,6 +168,8 @@ def _parsed_key(name: str, source: str) -> tuple[str, ...]:
         raise MissionError([Problem(source, None, (), f"not a key: {message}")]) from None
     key: list[str] = []
     while isinstance(tables, dict):
+        if len(tables) != 1:  # a comment, or the head of a table
+            raise MissionError([Problem(source, None, (), f"not a key: {name!r}")])
         ((part, tables),) = tables.items()
         key.append(part)
     return tuple(key)

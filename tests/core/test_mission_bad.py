@@ -401,6 +401,8 @@ SETTINGS: list[tuple[str, Expected]] = [
     ("seed=", (None, "seed", 'an empty string is written ""')),
     ("a..b=1", (None, "", "not a key")),
     ("[a]=1", (None, "", "not a key")),
+    ("#=1", (None, "", "not a key")),
+    ("[a]#=1", (None, "", "not a key")),
     ("a.b\nc=1", (None, "", "one line")),
     ("seed=1\nname='x'", (None, "seed", "one line")),
     (".".join(["stage"] * 40) + "=1", (None, "", "deeper than 32")),
