@@ -647,9 +647,10 @@ class Tracker(Protocol[State]):
     ) -> tuple[Array, Array, Array]:
         """Return what the antenna will show at times (K,) or (K, N), and how surely.
 
-        Azimuth in [0, 2π) and elevation, (K, N), contain the angle biases that the state knows of;
-        without `biased` they are taken off, and it is where the satellite is. The covariance
-        (2, 2, K, N), rad², is that of the answer on the sky, finite at the zenith: of
-        cross-elevation (azimuth times cos h) and elevation.
+        Azimuth in [0, 2π) and elevation up to π/2, (K, N), contain the angle biases that the state
+        knows of, and the times are those by which the measurements are dated, with the clock's bias
+        that it knows of. Without `biased` all that is taken off: it is where the satellite is at
+        the true times. The covariance (2, 2, K, N), rad², is that of the answer on the sky, finite
+        at the zenith: of cross-elevation (azimuth times cos h) and elevation.
         """
         ...

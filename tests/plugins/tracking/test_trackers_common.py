@@ -41,6 +41,7 @@ EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")
 ALCANTARA = Station("Alcântara", -2.18 * DEGREE, -44.26 * DEGREE, 39.0)
 PAPER = np.array([7180e3, 0.0436, *(np.array([23.82, 240.14, 15.47, 350.56]) * DEGREE)])
 RISE = 6036.0
+SIGMA = 0.1 * DEGREE
 SITE = site_of((ALCANTARA,), EPOCH, UT1_IS_UTC)
 TRACKERS = [c for c in hillsphere_components() if c.kind == "tracker"]
 EXAMPLES = [(c, n) for c in TRACKERS for n in range(len(load_object(c.spec).examples))]
@@ -198,6 +199,24 @@ def test_streaming_takes_a_sigma_for_each_angle() -> None:
     assert traces[2] > 2.0 * traces[0]
     with pytest.raises(InputError, match="sigma_rad must be > 0"):
         StreamingTracker(Table(TableSpec()), PAPER, 0.0, ALCANTARA, EPOCH, sigma_rad=0.0)
+
+
+@pytest.mark.parametrize(("sigma", "most"), [(SIGMA, 0.0), (0.1 * SIGMA, 1.0)])
+def test_streaming_tells_of_sigmas_that_do_not_fit(sigma: float, most: float) -> None:
+    t = RISE + np.arange(60.0)
+    angles_shown = np.array(seen(PAPER, t)) + SIGMA * np.random.default_rng(2).standard_normal(
+        (2, t.size)
+    )
+    stream = StreamingTracker(LeastSquares(LeastSquaresSpec()), PAPER, 0.0, ALCANTARA, EPOCH)
+    table = StreamingTracker(Table(TableSpec()), PAPER, 0.0, ALCANTARA, EPOCH)
+    shares = []
+    for k in range(t.size):
+        stream.update(t[k], angles_shown[0, k], angles_shown[1, k], sigma)
+        table.update(t[k], angles_shown[0, k], angles_shown[1, k], sigma)
+        shares.append(stream.outlying)
+    assert max(shares[:19]) == 0.0
+    assert (0.5 * most) <= shares[-1] <= most
+    assert table.outlying == 0.0
 
 
 def test_the_table_learns_nothing() -> None:

@@ -16,8 +16,9 @@ the direction measured, freed of the biases, and the direction u(x) expected,
     R = \mathrm{diag}(σ_A^2 \cos^2 h, σ_h^2),
 
 so that nothing is singular at the zenith. `correction` says how it is taken; one that moves the
-state far is linearised again where it leads [1]_. An orbit that outliers contradict until nothing
-speaks for it any more, as when it began with one, is given up for the nominal one.
+state far is linearised again where it leads [1]_. An orbit with more outliers than measurements
+that agree with it, as when it began with one or on a side lobe of the antenna, is given up for the
+nominal one; a burst of outliers at the end of many good measurements does not reach that.
 
 References
 ----------
@@ -57,9 +58,6 @@ __all__ = ["LeastSquares", "LeastSquaresState"]
 _LARGE = 3e-3
 """Correction on the sky, rad, above which a measurement is linearised again; what its square
 neglects, 1e-5, is below any antenna's noise."""
-_MOST_AGREED = 10.0
-"""Bound of the balance of agreement: so many more outliers than good ones in a row, one by one, and
-the orbit is given up. Where one in ten is wrong this happens once in 10⁹ measurements."""
 _MOST_RESTARTS = 5
 """How often at most: noise told far too small makes outliers of all, and no beginning helps."""
 _LEAST_SIGMA = 1e-7
@@ -83,7 +81,7 @@ class LeastSquaresState(OrbitState):
     outliers : ndarray, shape (N,)
         How many measurements lost weight, or were given up where the orbit began anew.
     agreed : ndarray, shape (N,)
-        How many measurements agreed with those before, less those that did not, from −1 to 10.
+        How many measurements agreed with those before, less those that did not, at least −1.
     restarts : ndarray, shape (N,)
         How often the orbit began anew.
     beginning : LeastSquaresState or None
@@ -128,9 +126,9 @@ class LeastSquares:
         self.size = self.kept.stop + spec.horizon_bias
         # rows of the derivatives of what is measured that are not by elements
         self._others = [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
-        # where both angle biases and the horizon bias stand in the covariance; −1: nowhere
+        # where angle biases, time bias and horizon bias stand in the covariance; −1: nowhere
         self._shown = [*range(n), *([n, n + 1] if spec.angle_biases else [-1, -1])]
-        self._shown.append(-1 if self._horizon is None else self._horizon)
+        self._shown += [-1 if row is None else row for row in (self._clock, self._horizon)]
 
     def initial(
         self,
@@ -248,7 +246,7 @@ class LeastSquares:
         met = self._met(state, t_s, shown, noise)
         outlying = (met.correction.weight > 1.0) & good
         outliers, restarts = state.outliers + outlying, state.restarts
-        agreed = np.minimum(state.agreed + good, _MOST_AGREED)
+        agreed = state.agreed + good
         if outlying.any():
             agreed = np.where(outlying, np.maximum(state.agreed - 1.0, -1.0), agreed)
             anew, met = self._anew(state, outlying, met, t_s, shown, noise)
@@ -284,7 +282,10 @@ class LeastSquares:
     def predict(
         self, state: LeastSquaresState, times_s: Array, biased: bool = True
     ) -> tuple[Array, Array, Array]:
-        """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N)."""
+        """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N).
+
+        Of times of the station's clock; not `biased`, of true times.
+        """
         shown = np.array(self._shown)
         covariance = state.covariance.transpose(2, 0, 1)[:, shown[:, None], shown]
         covariance *= (shown[:, None] >= 0) & (shown >= 0)
@@ -297,6 +298,7 @@ class LeastSquares:
             self._chart.walk(state.elements, self.spec.drift_m),
             short_period=self.short_period,
             biased=biased,
+            clock_s=state.time_bias_s,
             horizon_rad=state.horizon_rad,
         )
 

@@ -38,6 +38,7 @@ __all__ = [
     "cotangent",
     "derivatives",
     "directions",
+    "folded",
     "site_of",
     "tangents",
 ]
@@ -99,6 +100,16 @@ def angles(direction: Array) -> tuple[Array, Array]:
         np.remainder(np.arctan2(east, north), 2.0 * pi),
         np.arctan2(up, np.hypot(east, north)),
     )
+
+
+def folded(azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array]:
+    """Return the same directions with azimuth in [0, 2π) and elevation in [−π/2, π/2].
+
+    An elevation that a bias carries beyond the zenith is on the other side of it.
+    """
+    over = np.abs(elevation_rad) > 0.5 * pi
+    elevation = np.where(over, np.copysign(pi, elevation_rad) - elevation_rad, elevation_rad)
+    return np.remainder(azimuth_rad + pi * over, 2.0 * pi), elevation
 
 
 def tangents(azimuth_rad: Array, elevation_rad: Array) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from hillsphere_tracking.trackers.observation import (
     angles,
     cotangent,
     derivatives,
+    folded,
     site_of,
     tangents,
 )
@@ -115,6 +115,7 @@ def seen_covariance(
     *,
     short_period: bool,
     biased: bool,
+    clock_s: Array | None = None,
     horizon_rad: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return the angles that the antenna will show and their covariance on the sky.
@@ -124,56 +125,62 @@ def seen_covariance(
     state : OrbitState
         N cases.
     times_s : ndarray, shape (K,) or (K, N)
-        When.
+        When, by the station's clock if `biased`, else true.
     field : ZonalField
         Of the planet.
     columns : ndarray, shape (N, 6, n)
         What the n estimated quantities change in the elements.
     covariance : ndarray, shape (N, m, m)
-        Of the n quantities and, if m > n, of the two biases and the horizon bias that follow them;
-        a bias that is not estimated has zeros.
+        Of the n quantities and, if m > n, of the two angle biases, the time bias and the horizon
+        bias that follow them; a bias that is not estimated has zeros.
     walk : ndarray, shape (N, n)
         Growth of the variances of the n quantities with time, 1/s.
     short_period : bool
         Whether the short-period terms are added.
     biased : bool
         Whether the biases are part of the angles and of the covariance.
+    clock_s : ndarray, shape (N,), optional
+        True time minus that of the station's clock; none by default.
     horizon_rad : ndarray, shape (N,), optional
         Factor of cot h in the elevation's bias; none by default.
 
     Returns
     -------
     azimuth, elevation : ndarray, shape (K, N)
-        Azimuth in [0, 2π).
+        Azimuth in [0, 2π); elevation at most π/2: beyond the zenith the other side is shown.
     covariance : ndarray, shape (2, 2, K, N)
         Of cross-elevation (azimuth times cos h) and elevation, rad².
     """
     cases = state.t_s.size
-    u, slopes = derivatives(*_spread(state, times_s), field, short_period=short_period)
-    u, slopes = u.reshape(3, -1, cases), slopes[:, :6].reshape(3, 6, -1, cases)
+    true = _grid(state, times_s)
+    if biased and clock_s is not None:
+        true = true + clock_s
+    u, slopes = derivatives(*_spread(state, true), field, short_period=short_period)
+    u, slopes = u.reshape(3, -1, cases), slopes.reshape(3, 7, -1, cases)
     azimuth, elevation = angles(u)
     axes = tangents(azimuth, elevation)
-    by_elements = np.einsum("dckn,cekn->knde", axes, slopes)
-    by_estimated = by_elements @ columns
+    by_all = np.einsum("dckn,cekn->knde", axes, slopes)
+    by_estimated = by_all[..., :6] @ columns
     n = columns.shape[2]
     total = by_estimated @ covariance[:, :n, :n] @ by_estimated.swapaxes(-1, -2)
-    elapsed = np.abs(_grid(state, times_s) - state.t_s)
+    elapsed = np.abs(true - state.t_s)
     total += (by_estimated * (walk * elapsed[..., None])[..., None, :]) @ by_estimated.swapaxes(
         -1, -2
     )
     if biased and covariance.shape[1] > n:
-        to_sky = np.zeros((*u.shape[1:], 2, 3))
+        to_sky = np.zeros((*u.shape[1:], 2, 4))
         to_sky[..., 0, 0] = np.hypot(u[0], u[1])
         to_sky[..., 1, 1] = 1.0
-        to_sky[..., 1, 2] = cotangent(elevation)
+        to_sky[..., 2] = by_all[..., 6]
+        to_sky[..., 1, 3] = cotangent(elevation)
         crossed = by_estimated @ covariance[:, :n, n:] @ to_sky.swapaxes(-1, -2)
         total += crossed + crossed.swapaxes(-1, -2)
         total += to_sky @ covariance[:, n:, n:] @ to_sky.swapaxes(-1, -2)
     if biased:
         if horizon_rad is not None:
             elevation = elevation + horizon_rad * cotangent(elevation)
-        azimuth = np.remainder(azimuth + state.biases_rad[0], 2.0 * pi)
-        elevation = elevation + state.biases_rad[1]
+        # both axes of the sky turn with the side of the zenith: the covariance stays
+        azimuth, elevation = folded(azimuth + state.biases_rad[0], elevation + state.biases_rad[1])
     return azimuth, elevation, total.transpose(2, 3, 0, 1)
 
 
@@ -187,9 +194,8 @@ def _grid(state: OrbitState, times_s: Array) -> Array:
     return np.broadcast_to(times, (times.shape[0], cases))
 
 
-def _spread(state: OrbitState, times_s: Array) -> tuple[Array, Array, Array, Site]:
-    """Return K·N columns of elements, times since them, times, and sites."""
-    grid = _grid(state, times_s)
+def _spread(state: OrbitState, grid: Array) -> tuple[Array, Array, Array, Site]:
+    """Return K·N columns of elements, times since them, times (K, N), and sites."""
     elements = np.tile(state.elements, grid.shape[0])
     since = (grid - state.t_s).ravel()
     place = state.site.place

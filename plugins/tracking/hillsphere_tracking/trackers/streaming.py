@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,8 +13,12 @@ from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch
+from hillsphere_tracking.trackers.least_squares import LeastSquaresState
 
 __all__ = ["StreamingTracker"]
+
+_RECENT = 20
+"""Measurements of which the share of outliers is told."""
 
 
 class StreamingTracker:
@@ -66,6 +71,16 @@ class StreamingTracker:
         )
         self.is_locked = True
         self._sigma = np.array([sigma_rad])
+        self._recent: deque[bool] = deque(maxlen=_RECENT)
+
+    @property
+    def outlying(self) -> float:
+        """Share of outliers among the last twenty measurements; 0 as long as they are fewer.
+
+        Many mean that the sigmas are too small for what the antenna measures, or that it measures
+        something else, as on a side lobe. 0 of trackers that know of no outliers.
+        """
+        return sum(self._recent) / _RECENT if len(self._recent) == _RECENT else 0.0
 
     def update(
         self,
@@ -95,9 +110,12 @@ class StreamingTracker:
         if sigma_rad is not None:
             sigma = np.asarray(sigma_rad, dtype=float)
             sigma = sigma.reshape(2, 1) if sigma.ndim else sigma.reshape(1)
+        before = self.state
         self.state = self.tracker.update(
             self.state, np.array([t_s]), np.array([az_rad]), np.array([el_rad]), sigma
         )
+        if isinstance(self.state, LeastSquaresState):
+            self._recent.append(bool(self.state.outliers[0] > before.outliers[0]))
         return True
 
     def lost(self) -> None:
@@ -114,7 +132,7 @@ class StreamingTracker:
         Parameters
         ----------
         times_s : ndarray, shape (K,)
-            When.
+            When, by the clock that dates the measurements.
 
         Returns
         -------
