@@ -58,6 +58,7 @@ def tracking(trackers: tuple[str, ...] = tuple(SCALE)) -> AssistedTracking:
         plain_elevation_max_rad=np.radians([30.0, np.nan]),
         earth_shift_rad=np.radians([0.5, -1.0]), acquisition_s=np.array([100.0, 6000.0]),
         duration_s=np.array([300.0, 300.0]), elevation_max_rad=np.radians([34.0, 34.0]),
+        station_error_m=np.array([11e3, 0.0]),
         t_s=np.stack([t, t], axis=-1), true_rad=pair, measured_rad=pair + 0.001 + noise,
         bias_rad=np.full_like(pair, 0.001), sigma_rad=np.full_like(pair, 0.002),
         outage_pass=np.array([0, 0, 1]), outage_s=np.array([60.0, 120.0, 60.0]),
@@ -93,12 +94,18 @@ def errors(seed: int = 1, scale: dict[str, float] = SCALE) -> dict[str, np.ndarr
             for measure in MEASURES:
                 drawn = size * (1.0 + 0.2 * rng.normal(size=CASES))
                 made[str(MetricName(p, o, tracker, measure))] = np.abs(drawn)
+            # Of ten cases one is found by the search, one not at all.
+            found, at_once = np.ones((2, CASES))
+            found[::10], at_once[::10], at_once[1::10] = 0.0, 0.0, 0.0
+            made[str(MetricName(p, o, tracker, "found"))] = found
+            made[str(MetricName(p, o, tracker, "found_at_once"))] = at_once
     return made
 
 
 def stage(**keys: Any) -> TrackingComparisonStage:
     needs = {"tracking": "track", "campaign": "verify", **keys.pop("needs", {})}
-    spec = validate(TrackingComparisonSpec, {"needs": needs, **keys}, where="test")
+    given = {"needs": needs, "resamples": 100, **keys}
+    spec = validate(TrackingComparisonSpec, given, where="test")
     assert isinstance(spec, TrackingComparisonSpec)
     return TrackingComparisonStage(spec)
 
@@ -113,7 +120,7 @@ def compared(table: CaseTable, one: AssistedTracking | None = None, **keys: Any)
 
 
 def test_contract() -> None:
-    keys = {"needs": {"tracking": "track", "campaign": "verify"}}
+    keys = {"needs": {"tracking": "track", "campaign": "verify"}, "resamples": 100}
     inputs = {"tracking": tracking(), "campaign": campaign(errors())}
     check_stage("tracking_comparison", keys, inputs | {"ages": None, "consistency": None})
     assert "tracking_comparison" in [r.component.type for r in default_registry().of_kind("stage")]
@@ -148,6 +155,77 @@ def test_interval_of_the_ratio_covers() -> None:
         assert low < found.ratio[found.trackers.index("same")] < high
     # Fewer than 15 of 20 have a probability below 1e-3 if 95 % are right.
     assert held >= 15
+
+
+def test_interval_of_the_mean_of_medians() -> None:
+    """Against the spread of the mean of medians over campaigns that are drawn anew."""
+    means, widths = [], []
+    for seed in range(30):
+        found, _ = compared(campaign(errors(seed)))
+        t = found.trackers.index("good")
+        low, high = found.mean_interval_rad[:, :, t]
+        assert np.all(low < found.mean_median_rad[:, t])
+        assert np.all(found.mean_median_rad[:, t] < high)
+        means.append(found.mean_median_rad[0, t])
+        widths.append(high[0] - low[0])
+    # Of normal errors a median has √(π/2) times the deviation of a mean.
+    expected = 0.004 * 0.2 * np.sqrt(0.5 * np.pi / CASES / len(OUTAGES))
+    assert np.mean(widths) == pytest.approx(2.0 * 1.96 * expected, rel=0.15)
+    assert np.std(means, ddof=1) == pytest.approx(expected, rel=0.4)
+
+
+def test_what_is_not_found_is_no_time() -> None:
+    values = errors()
+    for p, o in OUTAGES:
+        lost = values[str(MetricName(p, o, "good", "found"))] == 0.0
+        # The time to the set, as long as nothing that is found.
+        values[str(MetricName(p, o, "good", "time_to_reacquire"))][lost] = 1e3
+    found, shown = compared(campaign(values))
+    t = found.trackers.index("good")
+    assert found.reacquired[:, t].tolist() == pytest.approx([0.8, 0.1, 0.1])
+    pooled = np.concatenate(
+        [
+            np.delete(
+                values[str(MetricName(p, o, "good", "time_to_reacquire"))], slice(0, None, 10)
+            )
+            for p, o in OUTAGES
+        ]
+    )
+    assert found.reacquire_s[:, t] == pytest.approx(np.quantile(pooled, [0.5, 0.95]))
+    row = next(r for r in shown.tables["tracking_trackers"].rows if r["tracker"] == "good")
+    assert row["not_found"] == pytest.approx(0.1)
+    assert "does not find before the set: table 10 %, same 10 %, good 10 %" in " ".join(
+        shown.verdict
+    )
+    none = {
+        n: np.zeros(CASES) if n.endswith((".found", "at_once")) else v for n, v in values.items()
+    }
+    found, shown = compared(campaign(none))
+    assert found.reacquired[:, t].tolist() == [0.0, 0.0, 1.0]
+    assert np.isnan(found.reacquire_s).all()
+    assert not presentation_faults(shown)
+
+
+def test_covariances_that_do_not_cover_the_errors() -> None:
+    rng, values = np.random.default_rng(2), errors()
+    for p, o in OUTAGES:
+        for tracker, factor in (("table", 1.0), ("same", 0.01), ("good", 20.0)):
+            name = str(MetricName(p, o, tracker, "nees"))
+            values[name] = factor * rng.chisquare(2, size=CASES)
+    found, shown = compared(campaign(values))
+    limit = chi2.ppf(0.999, 2)
+    assert found.nees_limit == pytest.approx(limit)
+    t = found.trackers.index("good")
+    # 20 χ² beyond the limit: exp(−limit/40).
+    assert np.mean(found.uncovered[t]) == pytest.approx(np.exp(-limit / 40.0), abs=0.06)
+    assert np.mean(found.uncovered[found.trackers.index("table")]) < 0.01
+    (said,) = (one for one in shown.verdict if one.startswith("The covariances"))
+    assert "good 7" in said
+    assert "median in 3" in said
+    assert "table" not in said
+    assert "up to 11 km off" in said
+    row = next(r for r in shown.tables["tracking_trackers"].rows if r["tracker"] == "good")
+    assert row["uncovered_outages"] == 3
 
 
 def test_it_says_what_the_numbers_say() -> None:
@@ -192,11 +270,13 @@ def test_a_tracker_that_diverges_costs_the_others_nothing() -> None:
 
 
 def test_without_a_search_nothing_is_said_of_it() -> None:
-    values = {name: v for name, v in errors().items() if not name.endswith("time_to_reacquire")}
+    gone = ("time_to_reacquire", "found", "found_at_once")
+    values = {name: v for name, v in errors().items() if not name.endswith(gone)}
     _, shown = compared(campaign(values))
     assert not presentation_faults(shown)
     table = shown.tables["tracking_trackers"]
-    assert not any("reacquire" in column.name for column in table.columns)
+    assert not any("reacquire" in column.name or "found" in column.name for column in table.columns)
+    assert "does not find" not in " ".join(shown.verdict)
     assert "outside_s" in {column.name for column in table.columns}
 
 
@@ -236,6 +316,13 @@ def test_inputs_that_do_not_fit() -> None:
         compared(good, tracking(("table", "same")))
     with pytest.raises(InputError, match="is a sweep"):
         compared(replace(good, swept=("stage.track.x",), points=np.zeros((1, 1))))
+    known = stage(needs={"consistency": "consistency"}, consistent=["rihgt"])
+    with pytest.raises(InputError, match="has no tracker 'rihgt'; did you mean 'right'"):
+        known.run(Given(), tracking(), good, consistency=nees())  # type: ignore[arg-type]
+    lacking = errors(scale={"good": 0.004})
+    sweep = replace(swept(), metrics=tuple(lacking), values=np.array(list(lacking.values())))
+    with pytest.raises(InputError, match="'ages' has no tracker 'table', the baseline"):
+        stage(needs={"ages": "ages"}).run(Given(), tracking(), good, ages=sweep)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no sweep over a number"):
         stage(needs={"ages": "ages"}).run(Given(), tracking(), good, ages=good)  # type: ignore[arg-type]
 
@@ -248,28 +335,32 @@ def swept() -> CaseTable:
     name = str(MetricName("P1", "60s", "table", "error_max"))
     values[name] = np.where(np.isin(point, [2, 3]), 10.0, 1.0) * values[name]
     return campaign(
-        values, stage="stale", point=point, swept=("stage.stale.age", "stage.stale.told"),
+        values, stage="stale", point=point,
+        swept=("stage.stale.age", "stage.stale.believed_stations"),
         swept_units=("s", ""), points=np.array([age, [0.0, 1.0, 0.0, 1.0]]),
         point_labels=tuple(
-            f"stage.stale.age = {a:g} s, stage.stale.told = {b}"
+            f"stage.stale.age = {a:g} s, stage.stale.believed_stations = {b}"
             for a, b in zip(age, ["False", "True"] * 2, strict=True)
         ),
     )  # fmt: skip
 
 
 def nees(seed: int = 3) -> CaseTable:
-    """Normalised errors squared: of one tracker as they should be, of one three times too large."""
+    """Normalised errors squared of trackers: as they should be, too large, too small."""
     rng = np.random.default_rng(seed)
     values = {}
     for p, o in OUTAGES:
-        for tracker, factor in (("right", 1.0), ("bold", 3.0)):
+        error = np.abs(rng.normal(size=CASES))
+        for tracker, factor in (("right", 1.0), ("bold", 3.0), ("shy", 0.3)):
             drawn = factor * rng.chisquare(2, size=CASES)
             values[str(MetricName(p, o, tracker, "nees"))] = drawn
+            size = 2.0 if tracker == "shy" else 1.0
+            values[str(MetricName(p, o, tracker, "error_max"))] = size * error
     return campaign(values, stage="consistent")
 
 
 def test_ages_and_consistency() -> None:
-    made = stage(needs={"ages": "ages", "consistency": "consistency"})
+    made = stage(needs={"ages": "ages", "consistency": "consistency"}, consistent=["right"])
     given: dict[str, Any] = {
         "tracking": tracking(), "campaign": campaign(errors()), "ages": swept(),
         "consistency": nees(),
@@ -279,7 +370,8 @@ def test_ages_and_consistency() -> None:
     assert ages is not None
     assert known is not None
     assert (ages.name, ages.unit, ages.value.tolist()) == ("age", "s", [1.0, 1.0, 10.0, 10.0])
-    assert ages.group == ("told = False", "told = True") * 2
+    told = ("stations at their true places", "stations where they are believed")
+    assert ages.group == told * 2
     table = swept()
     for p in range(4):
         middles = [
@@ -291,6 +383,19 @@ def test_ages_and_consistency() -> None:
         first = ages.trackers.index("table")
         assert ages.mean_median_rad[first, p] == pytest.approx(np.mean(middles))
         assert ages.worst_median_rad[first, p] == pytest.approx(np.max(middles))
+        t = ages.trackers.index("good")
+        good = [
+            np.median(
+                table.values[table.metrics.index(f"{a}.{o}.good.error_max"), table.point == p]
+            )
+            for a, o in OUTAGES
+        ]
+        ratios = np.array(good) / np.array(middles)
+        assert ages.worst_ratio[t, p] == pytest.approx(ratios.max())
+        assert ages.worst_ratio_outage[t, p] == np.argmax(ratios)
+        low, high = ages.mean_interval_rad[:, t, p]
+        assert low < ages.mean_median_rad[t, p] < high
+        assert ages.reacquired[:, t, p].tolist() == pytest.approx([0.8, 0.1, 0.1])
     assert ages.count.tolist() == [50] * 4
     # A sum of N χ² variables with two degrees of freedom has 2N of them.
     expected = chi2.ppf([0.025, 0.975], 2 * CASES) / CASES
@@ -298,6 +403,18 @@ def test_ages_and_consistency() -> None:
     shown = made.present(found, **given)
     rows = {row["tracker"]: row for row in shown.tables["tracking_consistency"].rows}
     assert (rows["right"]["inside"], rows["bold"]["inside"]) == (3, 0)
+    said = {one.partition(",")[0]: one for one in shown.verdict}
+    assert "expects errors as they truly are, knows how good it is" in said["right"]
+    assert "expects other errors than there are, is overconfident" in said["bold"]
+    assert "Its error is not changed: 1 times that of right" in said["bold"]
+    assert "is too cautious" in said["shy"]
+    assert "Its error is larger: 2 times that of right" in said["shy"]
+    overall = known.overall[known.trackers.index("bold")]
+    assert overall == pytest.approx(np.mean(known.mean[known.trackers.index("bold")]))
+    over = next(one for one in shown.verdict if one.startswith("Over age, good"))
+    k = int(ages.worst_ratio_outage[ages.trackers.index("good"), 0])
+    assert f"{told[0]}: 1 s 0." in over
+    assert f"({' '.join(OUTAGES[k])})" in over
     assert not presentation_faults(shown)
     assert {"tracking_ages", "tracking_consistency", "tracking_outages"} == set(shown.figures)
 
@@ -335,6 +452,11 @@ def test_case_beside_published_values(tmp_path: Path) -> None:
     assert noise[0]["noise_azimuth_deg"] == pytest.approx(np.degrees(-0.003))
     assert noise[1]["noise_elevation_deg"] == pytest.approx(np.degrees(0.002))
     assert noise[0]["bias_azimuth_deg_paper"] == pytest.approx(0.06)
+    # Two draws stand side by side: no column that a difference is taken of.
+    names = [column.name for column in shown.tables["antenna_errors"].columns]
+    assert names.index("published_noise_azimuth_deg") == names.index("noise_azimuth_deg") + 1
+    assert "noise_azimuth_deg_paper" not in names
+    assert noise[0]["published_noise_azimuth_deg"] == pytest.approx(-0.17)
     rows = shown.tables["tracking"].rows
     assert len(rows) == len(OUTAGES) * len(SCALE)
     assert rows[0]["error_max_deg"] == pytest.approx(np.degrees(0.001))

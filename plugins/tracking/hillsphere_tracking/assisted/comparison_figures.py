@@ -63,22 +63,28 @@ def draw_outages(
 
 
 def draw_ages(figure: Figure, product: AgeComparison, styles: Sequence[str], label: str) -> None:
-    """Draw the mean of the medians of each tracker over what was swept.
+    """Draw the mean of the medians of each tracker over what was swept, and the time to reacquire.
 
     `styles` are the trackers by the order of their colours, `label` names the axis.
     """
-    axes = figure.add_subplot()
+    searched = bool(np.isfinite(product.reacquire_s).any())
+    cells = figure.subplots(1 + searched, squeeze=False, sharex=True)[:, 0].tolist()
     groups = tuple(dict.fromkeys(product.group))
     for t, name in enumerate(product.trackers):
         colour, _ = tracker_style(styles.index(name))
         for g, group in enumerate(groups):
             here = np.flatnonzero([one == group for one in product.group])
             here = here[np.argsort(product.value[here], kind="stable")]
-            axes.plot(
-                product.value[here], np.degrees(product.mean_median_rad[t, here]),
-                _MARKS[g % len(_MARKS)], ls=_AGE_LINES[g % len(_AGE_LINES)], color=colour,
+            x, mark, line = product.value[here], _MARKS[g % len(_MARKS)], _AGE_LINES[g % 4]
+            cells[0].plot(
+                x, np.degrees(product.mean_median_rad[t, here]), mark, ls=line, color=colour,
                 label=f"{name}, {group}" if group else name,
             )  # fmt: skip
+            if searched:
+                median, most = product.reacquire_s[:, t, here]
+                cells[1].plot(x, median, mark, ls=line, color=colour)
+                cells[1].vlines(x, median, most, color=colour, lw=0.9, alpha=0.7)
+    axes = cells[-1]
     positive = product.value[product.value > 0.0]
     if positive.size and product.value.min() >= 0.0 and positive.max() > 10.0 * positive.min():
         # Linear about zero, which a logarithmic axis cannot show.
@@ -86,9 +92,12 @@ def draw_ages(figure: Figure, product: AgeComparison, styles: Sequence[str], lab
         ticks = np.unique(product.value)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
-    logarithmic(axes)
+    for cell in cells:
+        logarithmic(cell)
     axes.set_xlabel(label)
-    axes.set_ylabel("mean over the outages of the\nmedian largest error (deg)")
+    cells[0].set_ylabel("mean over the outages of the\nmedian largest error (deg)")
+    if searched:
+        axes.set_ylabel("time to reacquire\nof those found (s)")
     figure.legend(loc="outside lower center", ncols=2, fontsize=8)
 
 

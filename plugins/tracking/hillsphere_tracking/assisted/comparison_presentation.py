@@ -1,13 +1,12 @@
-"""What the comparison of trackers shows: published values beside bands, trackers side by side."""
+"""What the comparison of trackers shows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
+from hillsphere.presentation import Figure, Metric, Presentation, Printed
 from hillsphere.products import Bands
 from hillsphere.reference import ReferenceTable
 from hillsphere_tracking.assisted.comparison_figures import (
@@ -16,72 +15,24 @@ from hillsphere_tracking.assisted.comparison_figures import (
     draw_consistency,
     draw_outages,
 )
-from hillsphere_tracking.assisted.comparison_products import (
-    AgeComparison,
-    Consistency,
-    TrackingComparison,
+from hillsphere_tracking.assisted.comparison_products import TrackingComparison
+from hillsphere_tracking.assisted.comparison_side_tables import (
+    age_table,
+    knowing_table,
+    nees_table,
 )
+from hillsphere_tracking.assisted.comparison_tables import outage_table, tracker_table, twins_of
 from hillsphere_tracking.assisted.comparison_verdict import (
     age_verdict,
     comparison_verdict,
-    inside_band,
+    cover_verdict,
     knowing_verdict,
+    reacquisition_verdict,
 )
 
 __all__ = ["present_tracking"]
 
 _PANELS = 18
-_WHO = (
-    Column("pass", "", "pass"),
-    Column("outage", "", "outage"),
-    Column("determination_s", "s", "signal lost after", 5),
-    Column("prediction_s", "s", "prediction", 5),
-)
-_BETWEEN = (
-    Column("error_max_p05_deg", "deg", "5 %", 4),
-    Column("error_max_deg", "deg", "median largest √(ΔA² + Δh²)", 4),
-    Column("error_max_p95_deg", "deg", "95 %", 4),
-    Column("sky_error_max_p05_deg", "deg", "5 %", 4),
-    Column("sky_error_max_deg", "deg", "median largest √((ΔA cos h)² + Δh²)", 4),
-    Column("sky_error_max_p95_deg", "deg", "95 %", 4),
-)
-_TRACKERS = (
-    Column("tracker", "", "tracker"),
-    *(
-        Column(f"{which}_{frame}_deg", "deg", f"{word}, {label}", 4)
-        for frame, label in (("true", "true"), ("sky", "sky"), ("encoder", "encoders"))
-        for which, word in (("mean", "mean of medians"), ("worst", "worst median"))
-    ),
-    *(
-        Column(f"locked_{frame}", "-", f"P(ε < lock), {label}", 4)
-        for frame, label in (("true", "true"), ("sky", "sky"), ("encoder", "encoders"))
-    ),
-    Column("outside_s", "s", "time outside the beam, median", 4),
-    Column("outside_p95_s", "s", "95 %", 4),
-    Column("reacquire_s", "s", "time to reacquire, median", 4),
-    Column("reacquire_p95_s", "s", "95 %", 4),
-    Column("ratio", "-", "error over the baseline's", 4),
-    Column("ratio_low", "-", "at least", 4),
-    Column("ratio_high", "-", "at most", 4),
-)
-_NEES = (
-    Column("pass", "", "pass"),
-    Column("outage", "", "outage"),
-    Column("tracker", "", "tracker"),
-    Column("cases", "-", "cases"),
-    Column("nees", "-", "mean NEES", 4),
-    Column("nees_low", "-", "band from", 4),
-    Column("nees_high", "-", "to", 4),
-    Column("inside", "", "inside"),
-)
-_KNOWS = (
-    Column("tracker", "", "tracker"),
-    Column("inside", "-", "outages inside the band"),
-    Column("outages", "-", "of"),
-    Column("nees", "-", "mean NEES", 4),
-    Column("least", "-", "least of an outage", 4),
-    Column("largest", "-", "largest", 4),
-)
 
 
 def present_tracking(
@@ -105,10 +56,10 @@ def present_tracking(
         Tables ``tracking_outages``, ``tracking_trackers``, perhaps ``tracking_ages``,
         ``tracking_nees`` and ``tracking_consistency``, and figures of like names.
     """
-    twins = _twins(product, reference)
+    twins = twins_of(product, reference)
     tables = {
-        "tracking_outages": _outage_table(product, reference, twins),
-        "tracking_trackers": _tracker_table(product, twins),
+        "tracking_outages": outage_table(product, reference, twins),
+        "tracking_trackers": tracker_table(product),
     }
     published = {key: float(row["error_max_deg"]) for key, row in twins.items()
                  if isinstance(row["error_max_deg"], Printed)}  # fmt: skip
@@ -125,20 +76,27 @@ def present_tracking(
         )
     }  # fmt: skip
     said = comparison_verdict(product, reference, published)
+    said += [*cover_verdict(product), *reacquisition_verdict(product)]
     if product.ages is not None:
+        searched = bool(np.isfinite(product.ages.reacquire_s).any())
         label = f"{product.ages.name.replace('_', ' ')} ({product.ages.unit})"
         styles = (*product.trackers, *product.ages.trackers)
-        tables["tracking_ages"] = _age_table(product.ages, product.baseline)
+        tables["tracking_ages"] = age_table(product.ages, product.level)
         figures["tracking_ages"] = Figure(
             f"Trackers over {product.ages.name.replace('_', ' ')}",
             partial(draw_ages, product=product.ages, styles=styles, label=label),
-            "Mean over the outages of the medians over the cases at each point.",
-            size_in=(7.0, 5.2),
+            "Mean over the outages of the medians over the cases at each point."
+            + (
+                " Below: time to reacquire of those that are found, median and up to 95 %."
+                if searched
+                else ""
+            ),
+            size_in=(7.0, 8.0 if searched else 5.2),
         )
-        said += age_verdict(product.ages, product.baseline)
+        said += age_verdict(product.ages)
     if product.consistency is not None:
-        tables["tracking_nees"] = _nees_table(product.consistency, product.level)
-        tables["tracking_consistency"] = _knowing_table(product.consistency, product.level)
+        tables["tracking_nees"] = nees_table(product.consistency, product.level)
+        tables["tracking_consistency"] = knowing_table(product.consistency, product.level)
         figures["tracking_consistency"] = Figure(
             "Whether trackers know how good they are",
             partial(draw_consistency, product=product.consistency, level=product.level),
@@ -164,188 +122,6 @@ def present_tracking(
         if tracker != product.baseline
     }
     return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=said)
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _twins(
-    product: TrackingComparison, reference: ReferenceTable | None
-) -> dict[tuple[str, str], Mapping[str, Printed | str | None]]:
-    """Return the published row of each outage that has one."""
-    keys = set(zip(product.passes, product.outages, strict=True))
-    rows = reference.rows if reference is not None else ()
-    found = {(str(row["pass"]), str(row["outage"])): row for row in rows}
-    return {key: row for key, row in found.items() if key in keys}
-
-
-def _outage_table(
-    product: TrackingComparison,
-    reference: ReferenceTable | None,
-    twins: Mapping[tuple[str, str], Mapping[str, Printed | str | None]],
-) -> Table:
-    columns: list[Column] = []
-    for column in (*_WHO, Column("tracker", "", "tracker"), *_BETWEEN):
-        columns.append(column)
-        if column.name == "error_max_deg" and twins:
-            columns.append(Column("error_max_deg_paper", "deg"))
-            columns.append(Column("paper_inside", "", "paper within 5–95 %"))
-        elif column.name == "prediction_s" and any("prediction_s" in row for row in twins.values()):
-            columns.append(Column("prediction_s_paper", "s"))
-    if any(row.get("note") for row in twins.values()):
-        columns.append(Column("note", "", "note"))
-    names = {column.name for column in columns}
-    rows: list[dict[str, Cell]] = []
-    for k, key in enumerate(zip(product.passes, product.outages, strict=True)):
-        twin = twins.get(key, {})
-        printed = twin.get("error_max_deg")
-        for t, tracker in enumerate(product.trackers):
-            row: dict[str, Cell] = {
-                "pass": key[0],
-                "outage": key[1],
-                "determination_s": float(product.loss_s[k]),
-                "prediction_s": float(product.prediction_s[k]),
-                "prediction_s_paper": twin.get("prediction_s"),
-                "tracker": tracker,
-                "note": twin.get("note"),
-            }
-            for measure in ("error_max", "sky_error_max"):
-                low, middle, high = np.degrees(
-                    product.quantiles[:, product.measures.index(measure), t, k]
-                )
-                row[f"{measure}_p05_deg"] = _number(low)
-                row[f"{measure}_deg"] = _number(middle)
-                row[f"{measure}_p95_deg"] = _number(high)
-                if measure == "error_max" and isinstance(printed, Printed):
-                    row["error_max_deg_paper"] = printed
-                    row["paper_inside"] = bool(low <= printed <= high)
-            rows.append({name: cell for name, cell in row.items() if name in names})
-    notes = [
-        f"Over the {product.ended} of {product.cases} cases that came to their end: median, 5 % "
-        "and 95 % of the largest error of the prediction."
-    ]
-    if reference is not None and twins:
-        notes.append(
-            f"Paper: {reference.source}. Its values are one draw of the errors each, by its own "
-            "tracker; they stand beside every tracker. A difference of a median from one draw is "
-            "no disagreement: see whether the draw lies within 5–95 %."
-        )
-    return Table("Trackers, outage by outage", columns, rows, notes)
-
-
-def _tracker_table(product: TrackingComparison, twins: Mapping[tuple[str, str], object]) -> Table:
-    outside = product.pooled[:, product.measures.index("time_outside")]
-    back = product.pooled[:, product.measures.index("time_to_reacquire")]
-    rows: list[dict[str, Cell]] = []
-    for t, tracker in enumerate(product.trackers):
-        row: dict[str, Cell] = {"tracker": tracker}
-        for k, frame in enumerate(("true", "sky", "encoder")):
-            row[f"mean_{frame}_deg"] = _number(np.degrees(product.mean_median_rad[k, t]))
-            row[f"worst_{frame}_deg"] = _number(np.degrees(product.worst_median_rad[k, t]))
-            row[f"locked_{frame}"] = _number(float(np.mean(product.locked[k, t])))
-        row |= {
-            "outside_s": _number(outside[1, t]),
-            "outside_p95_s": _number(outside[2, t]),
-            "reacquire_s": _number(back[1, t]),
-            "reacquire_p95_s": _number(back[2, t]),
-            "ratio": _number(product.ratio[t]),
-            "ratio_low": _number(product.ratio_interval[0, t]),
-            "ratio_high": _number(product.ratio_interval[1, t]),
-        }
-        rows.append(row)
-    columns = [c for c in _TRACKERS if any(row[c.name] is not None for row in rows)]
-    names = {c.name for c in columns}
-    rows = [{name: cell for name, cell in row.items() if name in names} for row in rows]
-    notes = [
-        f"Over {len(product.outages)} outages and {product.ended} cases. Errors √(ΔA² + Δh²) "
-        "against where the satellite truly is; on the sky, √((ΔA cos h)² + Δh²) for small ones; "
-        "and √(ΔA² + Δh²) against what the encoders would show, which is what reacquisition needs. "
-        f"P: share of cases whose largest error is within the beam of "
-        f"{np.degrees(product.lock_angle_rad):g}°, mean over the outages. Times over all cases and "
-        "outages together.",
-        f"Ratios: of the mean of the medians to that of {product.baseline}, with "
-        f"{100 * product.level:g} % intervals by bootstrap over the cases.",
-    ]
-    return Table("Trackers", columns, rows, notes)
-
-
-def _age_table(ages: AgeComparison, baseline: str) -> Table:
-    middle = np.degrees(ages.mean_median_rad)
-    key = f"{ages.name.lower()}_{ages.unit.replace('/', '_')}" if ages.unit != "-" else ages.name
-    first = ages.trackers.index(baseline) if baseline in ages.trackers else None
-    columns = [Column(key, ages.unit, ages.name.replace("_", " "), 6)]
-    if any(ages.group):
-        columns.append(Column("also", "", "also swept"))
-    columns += [
-        Column("tracker", "", "tracker"),
-        Column("cases", "-", "cases"),
-        Column("mean_deg", "deg", "mean of medians", 4),
-        Column("worst_deg", "deg", "worst median", 4),
-    ]
-    if first is not None:
-        columns.append(Column("ratio", "-", f"mean over that of {baseline}", 4))
-    rows: list[dict[str, Cell]] = []
-    for p in range(ages.value.size):
-        for t, tracker in enumerate(ages.trackers):
-            row: dict[str, Cell] = {key: float(ages.value[p]), "tracker": tracker}
-            if any(ages.group):
-                row["also"] = ages.group[p]
-            row |= {
-                "cases": int(ages.count[p]),
-                "mean_deg": _number(middle[t, p]),
-                "worst_deg": _number(np.degrees(ages.worst_median_rad[t, p])),
-            }
-            if first is not None:
-                row["ratio"] = _number(middle[t, p] / middle[first, p])
-            rows.append(row)
-    return Table(
-        f"Trackers over {ages.name.replace('_', ' ')}", columns, rows,
-        [f"Campaign on stage {ages.stage}: medians over the cases at each point."],
-    )  # fmt: skip
-
-
-def _nees_table(found: Consistency, level: float) -> Table:
-    inside = inside_band(found)
-    rows: list[dict[str, Cell]] = [
-        {
-            "pass": found.passes[k],
-            "outage": found.outages[k],
-            "tracker": tracker,
-            "cases": int(found.count[t, k]),
-            "nees": _number(found.mean[t, k]),
-            "nees_low": float(found.interval[0, t, k]),
-            "nees_high": float(found.interval[1, t, k]),
-            "inside": bool(inside[t, k]),
-        }
-        for k in range(len(found.outages))
-        for t, tracker in enumerate(found.trackers)
-    ]
-    return Table("Normalised errors squared", _NEES, rows, [_band_note(level)])
-
-
-def _band_note(level: float) -> str:
-    return (
-        "Mean over N cases of the normalised error squared, two degrees of freedom, in the middle "
-        f"of the outage; its {100 * level:g} % band is that of χ² with 2N degrees of freedom, over "
-        "N. Outages of the same pass are not independent."
-    )
-
-
-def _knowing_table(found: Consistency, level: float) -> Table:
-    inside = inside_band(found)
-    rows: list[dict[str, Cell]] = [
-        {
-            "tracker": tracker,
-            "inside": int(inside[t].sum()),
-            "outages": len(found.outages),
-            "nees": _number(float(np.mean(found.mean[t]))),
-            "least": _number(float(np.min(found.mean[t]))),
-            "largest": _number(float(np.max(found.mean[t]))),
-        }
-        for t, tracker in enumerate(found.trackers)
-    ]
-    return Table("Whether trackers know how good they are", _KNOWS, rows, [_band_note(level)])
 
 
 def _band_figures(product: TrackingComparison, bands: Bands | None) -> dict[str, Figure]:

@@ -46,6 +46,12 @@ class TrackingComparisonSpec(StageSpec):
     baseline: str = option(
         "tracker that the others are compared with", default="table", min_length=1, max_length=60
     )
+    consistent: tuple[str, ...] = option(
+        "trackers of the campaign needs.consistency that expect errors as they truly are there; "
+        "the others are said to expect others; left out: all",
+        default=(),
+        max_length=60,
+    )
     measure: Literal["error_max", "sky_error_max", "encoder_error_max"] = option(
         "largest error of a prediction that is compared: √(ΔA² + Δh²) against the true place, the "
         "arc on the sky, or √(ΔA² + Δh²) against the encoders",
@@ -53,7 +59,7 @@ class TrackingComparisonSpec(StageSpec):
     )
     confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
     resamples: int = option(
-        "how often the cases are drawn anew for the intervals of ratios (bootstrap)",
+        "how often the cases are drawn anew for the intervals of means and ratios (bootstrap)",
         default=1000,
         ge=100,
         le=100_000,

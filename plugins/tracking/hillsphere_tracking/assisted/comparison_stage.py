@@ -5,23 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Context
+from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable
 from hillsphere.reference import ReferenceTable
+from hillsphere_tracking.assisted.age_statistics import age_comparison
 from hillsphere_tracking.assisted.comparison_presentation import present_tracking
-from hillsphere_tracking.assisted.comparison_products import FRAMES, TrackingComparison
+from hillsphere_tracking.assisted.comparison_products import COVERED, FRAMES, TrackingComparison
 from hillsphere_tracking.assisted.comparison_specs import TrackingComparisonSpec
 from hillsphere_tracking.assisted.comparison_statistics import (
     Outages,
-    age_comparison,
+    beyond_covariance,
     locked_share,
     medians,
-    nees_consistency,
     outages_of,
-    ratio_intervals,
+    reacquisitions,
+    resampled_means,
 )
+from hillsphere_tracking.assisted.consistency_statistics import nees_consistency
 from hillsphere_tracking.assisted.measures import MEASURES
 from hillsphere_tracking.assisted.products import AssistedTracking
 
@@ -104,6 +106,12 @@ class TrackingComparisonStage:
                 zip(tracking.outage_pass, tracking.outage_names, strict=True)]  # fmt: skip
         order = [keys.index(key) for key in found.keys]
         loss = tracking.outage_s[order]
+        drawn = self._drawn_anew(found, ctx)
+        tail = 0.5 * (1.0 - spec.confidence)
+        between = (tail, 1.0 - tail)
+        shares, times = reacquisitions(found, found.ended)
+        limit, uncovered = beyond_covariance(found, COVERED)
+        rng = ctx.rng("bootstrap of ages and consistency")
         return TrackingComparison(
             satellite=tracking.satellite,
             stage=campaign.stage,
@@ -125,22 +133,39 @@ class TrackingComparisonStage:
             locked=locked_share(found, tracking.lock_angle_rad),
             pooled=pooled,
             mean_median_rad=mean,
+            mean_interval_rad=medians(drawn, between),
             worst_median_rad=np.max(middle, axis=-1),
             ratio=mean[f] / mean[f, first],
-            ratio_interval=ratio_intervals(
-                found.values[spec.measure][:, :, found.ended],
-                first,
-                spec.resamples,
-                spec.confidence,
-                ctx.rng("bootstrap"),
-            ),
+            ratio_interval=medians(drawn[f] / drawn[f, first], between),
+            reacquired=shares,
+            reacquire_s=times,
+            nees_limit=limit,
+            uncovered=uncovered,
+            station_error_m=float(np.max(tracking.station_error_m)),
             ages=None
             if ages is None or needs.ages is None
-            else age_comparison(ages, needs.ages.name, spec.measure),
+            else age_comparison(
+                ages, needs.ages.name, spec.measure, spec.baseline, spec.resamples,
+                spec.confidence, rng,
+            ),
             consistency=None
             if consistency is None or needs.consistency is None
-            else nees_consistency(consistency, needs.consistency.name, spec.confidence),
-        )
+            else nees_consistency(
+                consistency, needs.consistency.name, spec.consistent, spec.measure,
+                spec.resamples, spec.confidence, rng,
+            ),
+        )  # fmt: skip
+
+    def _drawn_anew(self, found: Outages, ctx: Context) -> Array:
+        """Return the means of medians in each frame, of cases drawn anew, (3, T, R)."""
+        means = np.full((len(FRAMES), len(found.trackers), self.spec.resamples), np.nan)
+        for f, frame in enumerate(FRAMES):
+            if frame in found.values:
+                # the same cases in each frame
+                rng = ctx.rng("bootstrap")
+                ended = found.values[frame][:, :, found.ended]
+                means[f] = resampled_means(ended, self.spec.resamples, rng)
+        return means
 
     def present(
         self,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +15,18 @@ from hillsphere.campaign.statistics import ended
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
-from hillsphere_tracking.assisted.comparison_products import (
-    FRAMES,
-    LEVELS,
-    AgeComparison,
-    Consistency,
-)
+from hillsphere_tracking.assisted.comparison_products import FRAMES, LEVELS
 from hillsphere_tracking.assisted.measures import MEASURES, MetricName
 
 __all__ = [
     "Outages",
-    "age_comparison",
+    "beyond_covariance",
     "locked_share",
+    "measured",
     "medians",
-    "nees_consistency",
     "outages_of",
-    "ratio_intervals",
+    "reacquisitions",
+    "resampled_means",
 ]
 
 _ROOM = 1 << 22
@@ -114,161 +112,54 @@ def medians(values: Array, levels: tuple[float, ...] = LEVELS) -> Array:
         return np.asarray(np.nanquantile(values, levels, axis=-1))
 
 
-def ratio_intervals(
-    values: Array, baseline: int, resamples: int, level: float, rng: np.random.Generator
+def resampled_means(
+    values: Array,
+    resamples: int,
+    rng: np.random.Generator,
+    statistic: Callable[..., Any] = np.nanmedian,
 ) -> Array:
-    """Return intervals of ratios of means of medians, by bootstrap over the cases.
+    """Return means over the outages of a statistic over the cases, of cases drawn anew.
 
     Parameters
     ----------
     values : ndarray, shape (T, L, N)
-        An error of T trackers in L outages and N cases; NaN where there is none.
-    baseline : int
-        Tracker that the others are divided by.
+        Of T trackers in L outages and N cases; NaN where there is none.
     resamples : int
         How often the cases are drawn anew, with the same cases for all trackers and outages.
-    level : float
-        Confidence level, reached approximately.
     rng : numpy.random.Generator
         Draws them.
+    statistic : callable
+        Numpy's ``nanmedian`` or ``nanmean``.
 
     Returns
     -------
-    ndarray, shape (2, T)
-        Percentile intervals [1]_.
+    ndarray, shape (T, R)
+        Their quantiles, and those of ratios of two trackers, are percentile intervals [1]_.
 
     References
     ----------
     .. [1] B. Efron, R. J. Tibshirani (1993), An Introduction to the Bootstrap, chapter 13.
     """
-    trackers, _, cases = values.shape
-    whole = bool(np.isfinite(values).all())
-    ratios = np.empty((trackers, resamples))
-    step = max(1, _ROOM // (values.shape[1] * cases))
-    for begin in range(0, resamples, step):
-        chosen = rng.integers(cases, size=(min(step, resamples - begin), cases))
-        means = np.empty((trackers, chosen.shape[0]))
-        for t in range(trackers):
-            drawn = values[t][:, chosen]
-            middle = np.median(drawn, axis=-1) if whole else medians(drawn, (0.5,))[0]
-            means[t] = np.mean(middle, axis=0)
-        ratios[:, begin : begin + chosen.shape[0]] = means / means[baseline]
-    tail = 0.5 * (1.0 - level)
-    return medians(ratios, (tail, 1.0 - tail))
+    trackers, outages, cases = values.shape
+    if statistic is np.nanmedian and np.isfinite(values).all():
+        statistic = np.median  # the same, and faster
+    means = np.empty((trackers, resamples))
+    step = max(1, _ROOM // (outages * cases))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice|Mean of empty slice", RuntimeWarning)
+        for begin in range(0, resamples, step):
+            chosen = rng.integers(cases, size=(min(step, resamples - begin), cases))
+            for t in range(trackers):
+                drawn = statistic(values[t][:, chosen], axis=-1)
+                means[t, begin : begin + chosen.shape[0]] = np.mean(drawn, axis=0)
+    return means
 
 
-def age_comparison(table: CaseTable, name: str, measure: str) -> AgeComparison:
-    """Compare trackers at the points of a sweep.
-
-    Parameters
-    ----------
-    table : CaseTable
-        The sweep.
-    name : str
-        Its name, for messages.
-    measure : str
-        Error that is compared.
-
-    Returns
-    -------
-    AgeComparison
-        Over the first swept quantity that is a number with a unit, or else a number.
-
-    Raises
-    ------
-    InputError
-        If it is no sweep over a number, or no sweep of assisted tracking.
-    """
-    found = outages_of(table, name)
-    numbers = [d for d, unit in enumerate(table.swept_units) if unit]
-    if table.points is None or not numbers:
-        raise InputError(
-            f"campaign {name!r} is no sweep over a number; name one that is, or leave needs.ages "
-            "out"
-        )
-    x = next((d for d in numbers if table.swept_units[d] != "-"), numbers[0])
-    points = table.points.shape[1]
-    values = _measured(found, measure, name)
-    middle = np.full((len(found.trackers), len(found.keys), points), np.nan)
-    count = np.zeros(points, dtype=np.int64)
-    for p in range(points):
-        here = table.point == p
-        count[p] = np.count_nonzero(found.ended[here])
-        middle[:, :, p] = medians(values[:, :, here], (0.5,))[0] if here.any() else np.nan
-    return AgeComparison(
-        stage=table.stage,
-        name=table.swept[x].rpartition(".")[2],
-        unit=table.swept_units[x],
-        value=np.array(table.points[x]),
-        group=_groups(table, x),
-        trackers=found.trackers,
-        count=count,
-        mean_median_rad=np.mean(middle, axis=1),
-        worst_median_rad=np.max(middle, axis=1),
-    )
-
-
-def _measured(found: Outages, measure: str, name: str) -> Array:
+def measured(found: Outages, measure: str, name: str) -> Array:
+    """Return the values (T, L, N) of a measure; refuse a campaign that has none."""
     if measure not in found.values:
         raise InputError(f"campaign {name!r} has no metric {measure!r}; it has {[*found.values]}")
     return found.values[measure]
-
-
-def _groups(table: CaseTable, x: int) -> tuple[str, ...]:
-    """Return what stands in each point's label beside the quantity x, without its path."""
-    if len(table.swept) == 1:
-        return ("",) * len(table.point_labels)
-    parts = [label.split(", ") for label in table.point_labels]
-    if any(len(p) != len(table.swept) for p in parts):
-        return table.point_labels
-    short = [[_without_path(one) for one in p[:x] + p[x + 1 :]] for p in parts]
-    return tuple(", ".join(p) for p in short)
-
-
-def _without_path(label: str) -> str:
-    """Return ``"period = 3 s"`` of ``"stage.hover.period = 3 s"``."""
-    name, equals, value = label.partition(" = ")
-    return name.rpartition(".")[2].replace("_", " ") + equals + value
-
-
-def nees_consistency(table: CaseTable, name: str, level: float) -> Consistency:
-    """Judge whether trackers know how good they are.
-
-    Parameters
-    ----------
-    table : CaseTable
-        A campaign of assisted tracking.
-    name : str
-        Its name, for messages.
-    level : float
-        Confidence level of the band of the mean.
-
-    Returns
-    -------
-    Consistency
-        Mean NEES of each outage and tracker, with the band of χ².
-
-    Raises
-    ------
-    InputError
-        If it has no NEES.
-    """
-    found = outages_of(table, name)
-    values = _measured(found, "nees", name)
-    count = np.sum(np.isfinite(values), axis=-1)
-    some = np.maximum(count, 1)
-    mean = np.where(count > 0, np.nansum(values, axis=-1) / some, np.nan)
-    tail = 0.5 * (1.0 - level)
-    interval = np.array([chi2.ppf(q, 2 * some) / some for q in (tail, 1.0 - tail)])
-    return Consistency(
-        stage=table.stage,
-        passes=tuple(key[0] for key in found.keys),
-        outages=tuple(key[1] for key in found.keys),
-        trackers=found.trackers,
-        count=count,
-        mean=mean,
-        interval=interval,
-    )
 
 
 def locked_share(found: Outages, lock_angle_rad: float) -> Array:
@@ -282,3 +173,66 @@ def locked_share(found: Outages, lock_angle_rad: float) -> Array:
             within = np.sum(values <= lock_angle_rad, axis=-1)
             share[f] = np.where(count > 0, within / np.maximum(count, 1), np.nan)
     return share
+
+
+def reacquisitions(found: Outages, cases: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return what came of the searches of some cases, all outages together.
+
+    Parameters
+    ----------
+    found : Outages
+        The campaign.
+    cases : ndarray of bool, shape (N,)
+        Which cases.
+
+    Returns
+    -------
+    shares : ndarray, shape (3, T)
+        Shares that are found at once, found by a search, and not found before the set; NaN without
+        a search.
+    times_s : ndarray, shape (2, T)
+        Median and 95 % of the time to reacquire of those that are found; NaN if none is.
+    """
+    shares = np.full((3, len(found.trackers)), np.nan)
+    times = np.full((2, len(found.trackers)), np.nan)
+    if "found" not in found.values:
+        return shares, times
+    for t in range(len(found.trackers)):
+        again, at_once, time = (
+            found.values[name][t][:, cases].ravel()
+            for name in ("found", "found_at_once", "time_to_reacquire")
+        )
+        known = np.isfinite(again)
+        if known.any():
+            total, now = float(np.mean(again[known])), float(np.mean(at_once[known]))
+            shares[:, t] = now, total - now, 1.0 - total
+        if np.any(again == 1.0):
+            times[:, t] = medians(time[again == 1.0], (0.5, 0.95))
+    return shares, times
+
+
+def beyond_covariance(found: Outages, probability: float) -> tuple[float, Array]:
+    """Return how often errors are larger than a tracker's covariance lets expect.
+
+    Parameters
+    ----------
+    found : Outages
+        The campaign.
+    probability : float
+        Of normal errors with that covariance to lie within the ellipse.
+
+    Returns
+    -------
+    limit : float
+        NEES on that ellipse: quantile of χ² with two degrees of freedom.
+    share : ndarray, shape (T, L)
+        Share of the cases with a larger NEES; NaN without any.
+    """
+    limit = float(chi2.ppf(probability, 2))
+    shape = (len(found.trackers), len(found.keys))
+    if "nees" not in found.values:
+        return limit, np.full(shape, np.nan)
+    values = found.values["nees"]
+    count = np.sum(np.isfinite(values), axis=-1)
+    share = np.sum(values > limit, axis=-1) / np.maximum(count, 1)
+    return limit, np.where(count > 0, share, np.nan)

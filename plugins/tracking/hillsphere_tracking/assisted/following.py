@@ -18,10 +18,11 @@ from hillsphere_tracking.assisted.errors import (
     on_the_sky,
     root_sum_square,
 )
-from hillsphere_tracking.assisted.searching import times_to_reacquire
+from hillsphere_tracking.assisted.searching import reacquired
 from hillsphere_tracking.assisted.specs import SearchSpec
 from hillsphere_tracking.assisted.truth import PassTruth
 from hillsphere_tracking.pointing.reacquisition import time_outside
+from hillsphere_tracking.trackers.observation import folded
 
 __all__ = ["ERRORS", "SPREAD", "Followed", "Seen", "follow"]
 
@@ -168,10 +169,15 @@ def _errors(
     made: dict[str, Callable[[], Array]] = {
         "error": lambda: root_sum_square(found.true, true),
         "sky_error": lambda: arc(found.true, true),
-        "encoder_error": lambda: root_sum_square(found.shown, true + seen.bias_rad[:, at]),
+        "encoder_error": lambda: root_sum_square(found.shown, _encoder(truth, seen, at)),
         SPREAD: lambda: larger_sigma(found.covariance),
     }
     return {name: made[name]() for name in keep}
+
+
+def _encoder(truth: PassTruth, seen: Seen, at: slice) -> Array:
+    """Return what an antenna without noise shows (2, K, N)."""
+    return np.array(folded(*(truth.angles_rad[:, at, None] + seen.bias_rad[:, at])))
 
 
 def _measured(
@@ -185,7 +191,7 @@ def _measured(
     """Return the measures of an outage."""
     times = truth.t_s[begin:] - truth.t_s[begin]
     true = truth.angles_rad[:, begin:, None]
-    encoder = true + seen.bias_rad[:, begin:]
+    encoder = _encoder(truth, seen, slice(begin, None))
     middle = times.size // 2
     made = {
         "error_max": root_sum_square(found.true, true).max(axis=0),
@@ -201,7 +207,7 @@ def _measured(
         and (back := int(np.searchsorted(times, search.signal_back_s))) < times.size
     ):
         off = on_the_sky(encoder[:, back:], found.shown[:, back:])
-        made["time_to_reacquire"] = times_to_reacquire(
-            search, lock_angle_rad, times[back:], off, found.covariance[:, :, back]
-        )
+        again = reacquired(search, lock_angle_rad, times[back:], off, found.covariance[:, :, back])
+        made["time_to_reacquire"] = again.time_s
+        made["found"], made["found_at_once"] = again.found, again.at_once
     return made

@@ -13,6 +13,8 @@ MEASURES = {
     "time_outside": "s",
     "nees": "-",
     "time_to_reacquire": "s",
+    "found": "-",
+    "found_at_once": "-",
 }
 """Measure of an outage → its unit.
 
@@ -26,7 +28,9 @@ MEASURES = {
 - ``nees``: normalised error squared (two degrees of freedom) of the prediction in the middle of the
   outage, against the antenna's angles;
 - ``time_to_reacquire``: from the signal's return until the search finds the satellite (the search
-  goes back and forth until it does, at most to the set); only with a search.
+  goes back and forth until it does); the time to the set if it never does; only with a search;
+- ``found``: 1 if the satellite is found before it sets, else 0; only with a search;
+- ``found_at_once``: 1 if it is found where it is predicted, else 0; only with a search.
 """
 
 

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.reference import (
+    PAPER_SUFFIX,
+    ReferenceTable,
+    beside,
+    difference_notes,
+    with_paper,
+)
 from hillsphere_tracking.assisted.figures import (
     ROWS_PER_FIGURE,
     SKIES_PER_FIGURE,
@@ -34,6 +41,7 @@ _PASSES = (
     Column("tracked_acquisition_s", "s", "acquisition, as tracked", 7),
     Column("tracked_duration_s", "s", "duration, as tracked", 5),
     Column("tracked_elevation_max_deg", "deg", "highest elevation, as tracked", 4),
+    Column("station_error_km", "km", "station told off by", 3),
     Column("note", "", "note"),
 )
 _ERRORS = (
@@ -46,6 +54,8 @@ _ERRORS = (
     Column("sigma_azimuth_deg", "deg", "largest σ, azimuth", 3),
     Column("sigma_elevation_deg", "deg", "largest σ, elevation", 3),
 )
+_DRAWN = ("noise_azimuth_deg", "noise_elevation_deg")
+_PUBLISHED = "published_"
 _SHOWN_IN = {"rad": ("deg", 180.0 / np.pi), "s": ("s", 1.0), "-": ("-", 1.0)}
 _HEADINGS = {
     "error_max": "largest error √(ΔA² + Δh²)",
@@ -53,7 +63,9 @@ _HEADINGS = {
     "encoder_error_max": "largest error at the encoders",
     "time_outside": "time outside the beam",
     "nees": "NEES in the middle of the outage",
-    "time_to_reacquire": "time to reacquire",
+    "time_to_reacquire": "time to reacquire, to the set if not found",
+    "found": "found before the set",
+    "found_at_once": "found at once",
 }
 
 
@@ -138,6 +150,7 @@ def _pass_table(product: AssistedTracking, reference: ReferenceTable | None) -> 
                 "tracked_acquisition_s": float(product.acquisition_s[p]),
                 "tracked_duration_s": float(product.duration_s[p]),
                 "tracked_elevation_max_deg": float(degrees * product.elevation_max_rad[p]),
+                "station_error_km": float(1e-3 * product.station_error_m[p]),
             }
         )
     notes = ["The Earth is turned by the least angle that gives a pass the elevation asked for."]
@@ -166,18 +179,29 @@ def _error_table(product: AssistedTracking, reference: ReferenceTable | None) ->
             for i, angle in enumerate(("azimuth", "elevation")):
                 row[f"{what}_{angle}_deg"] = _number(_largest(angles[i, :, p]))
         rows.append(row)
-    notes = [
-        "Largest by size over the pass, with its sign. The noise is one draw, and so is the "
-        "paper's: only its size can be compared."
-        if reference is not None
-        else "Largest by size over the pass, with its sign. The noise is one draw."
-    ]
+    notes = ["Largest by size over the pass, with its sign. The noise is one draw."]
     columns: list[Column] = list(_ERRORS)
     if reference is not None:
-        rows = beside(rows, reference, on="pass")
+        rows = [_draws_apart(row) for row in beside(rows, reference, on="pass")]
         columns = with_paper(columns, rows)
+        for name in _DRAWN:
+            if any(f"{_PUBLISHED}{name}" in row for row in rows):
+                at = next(k for k, column in enumerate(columns) if column.name == name)
+                label = f"{columns[at].label}, paper's draw"
+                columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
+                notes[0] = (
+                    "Largest by size over the pass, with its sign. The noise is one draw, and so "
+                    "is the paper's: they stand side by side, and no difference of them means "
+                    "anything."
+                )
         notes.append(f"Paper: {reference.source}.")
     return Table("Errors of the antenna", columns, rows, notes)
+
+
+def _draws_apart(row: Mapping[str, Cell]) -> dict[str, Cell]:
+    """Return a row whose published draws are not what a computed value is compared with."""
+    apart = {f"{name}{PAPER_SUFFIX}": f"{_PUBLISHED}{name}" for name in _DRAWN}
+    return {apart.get(name, name): cell for name, cell in row.items()}
 
 
 def _largest(angles: Array) -> float:

@@ -33,6 +33,8 @@ class AssistedTracking:
     acquisition_s, duration_s, elevation_max_rad : ndarray, shape (P,)
         First measurement above the mask, time from there to the last one, highest elevation: as
         tracked.
+    station_error_m : ndarray, shape (P,)
+        How far from its true place the trackers are told that the station is.
     t_s : ndarray, shape (K, P)
         Times since the acquisition of each pass; NaN after its end.
     true_rad, measured_rad : ndarray, shape (2, K, P)
@@ -75,6 +77,7 @@ class AssistedTracking:
     acquisition_s: Array
     duration_s: Array
     elevation_max_rad: Array
+    station_error_m: Array
     t_s: Array
     true_rad: Array
     measured_rad: Array

@@ -316,6 +316,12 @@ class AssistedTrackingStage:
             acquisition_s=np.array([q.tracked.first_s for q in passes]),
             duration_s=np.array([q.tracked.last_s - q.tracked.first_s for q in passes]),
             elevation_max_rad=np.array([q.tracked.highest_rad for q in passes]),
+            station_error_m=np.array(
+                [
+                    np.linalg.norm(s.stations[0].ecef_m - q.sensor.station.ecef_m)
+                    for q, s in zip(passes, block.seen, strict=True)
+                ]
+            ),
             t_s=per_pass([q.t_s - q.t_s[0] for q in passes]),
             true_rad=per_pass([q.angles_rad for q in passes]),
             measured_rad=per_pass([s.measured_rad[:, :, 0] for s in block.seen]),
