@@ -55,6 +55,8 @@ def test_highest_point_and_pass_as_by_looking_at_every_second(angle: float) -> N
     else:
         assert found is not None
         assert (found.first_s, found.last_s) == (above[0], above[-1])
+        edges = np.array([found.rise_s, found.set_s])
+        assert_allclose(elevations(edges, angle), np.radians(5.0), rtol=0, atol=2e-9)
 
 
 def test_a_pass_that_does_not_begin_or_end_in_sight() -> None:

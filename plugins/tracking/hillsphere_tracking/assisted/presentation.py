@@ -153,7 +153,9 @@ def _pass_table(product: AssistedTracking, reference: ReferenceTable | None) -> 
                 "station_error_km": float(1e-3 * product.station_error_m[p]),
             }
         )
-    notes = ["The Earth is turned by the least angle that gives a pass the elevation asked for."]
+    notes = [
+        "The Earth is turned by the least angle, to the side asked for, that gives the elevation."
+    ]
     columns: list[Column] = list(_PASSES)
     if reference is None:
         columns = columns[:-1]

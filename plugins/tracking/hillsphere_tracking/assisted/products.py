@@ -31,8 +31,7 @@ class AssistedTracking:
     earth_shift_rad : ndarray, shape (P,)
         By how much the Earth was turned, eastwards, to reach the elevation asked for.
     acquisition_s, duration_s, elevation_max_rad : ndarray, shape (P,)
-        First measurement above the mask, time from there to the last one, highest elevation: as
-        tracked.
+        First measurement above the mask, time from rise to set, highest elevation: as tracked.
     station_error_m : ndarray, shape (P,)
         How far from its true place the trackers are told that the station is.
     t_s : ndarray, shape (K, P)

@@ -24,6 +24,8 @@ _ROUNDS = 3
 _GRID = 121
 _ANGLE = 1e-10
 _MOST_FLIGHTS = 12
+_HALVINGS = 20
+"""Of a period, to find when a pass begins and ends."""
 _MOST_TIMES = 4_000_000
 
 
@@ -36,12 +38,16 @@ class Visit:
     first_s, last_s : float
         First and last whole multiple of the period at which the sensor sees the satellite, after
         the epoch of its orbit.
+    rise_s, set_s : float
+        When it comes above the sensor's mask, and goes below it.
     highest_s, highest_rad : float
         When it stands highest, and how high.
     """
 
     first_s: float
     last_s: float
+    rise_s: float
+    set_s: float
     highest_s: float
     highest_rad: float
 
@@ -129,7 +135,17 @@ class Sight:
                 "which is as far as it is looked for: name a pass of another revolution, or a "
                 "satellite that rises and sets"
             )
-        return Visit(float(t[first]), float(t[last]), top, height)
+        edges = self._edges(angle_rad, t[[first, last]], t[[first - 1, last + 1]])
+        return Visit(float(t[first]), float(t[last]), edges[0], edges[1], top, height)
+
+    def _edges(self, angle_rad: float, seen_s: Array, hidden_s: Array) -> tuple[float, float]:
+        """Return when the satellite passes the mask, between times at which it is seen or not."""
+        for _ in range(_HALVINGS):
+            t = 0.5 * (seen_s + hidden_s)
+            turned = {"earth_fixed": self.turns(t, angle_rad)}
+            there = self._sensor.visible(self.orbit.states(t), t, turned)
+            seen_s, hidden_s = np.where(there, t, seen_s), np.where(there, hidden_s, t)
+        return float(seen_s[0]), float(seen_s[1])
 
     def turns(self, t_s: Array, angle_rad: float) -> Array:
         """Return what turns positions to the turned Earth, (3, 3, N)."""

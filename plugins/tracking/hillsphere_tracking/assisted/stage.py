@@ -310,11 +310,11 @@ class AssistedTrackingStage:
             revolution=np.array([p.revolution for p in self.spec.passes], dtype=np.int64),
             directions=tuple(q.direction for q in passes),
             plain_acquisition_s=np.array([v.first_s if v else np.nan for v in plain]),
-            plain_duration_s=np.array([v.last_s - v.first_s if v else np.nan for v in plain]),
+            plain_duration_s=np.array([v.set_s - v.rise_s if v else np.nan for v in plain]),
             plain_elevation_max_rad=np.array([v.highest_rad if v else np.nan for v in plain]),
             earth_shift_rad=np.array([q.shift_rad for q in passes]),
             acquisition_s=np.array([q.tracked.first_s for q in passes]),
-            duration_s=np.array([q.tracked.last_s - q.tracked.first_s for q in passes]),
+            duration_s=np.array([q.tracked.set_s - q.tracked.rise_s for q in passes]),
             elevation_max_rad=np.array([q.tracked.highest_rad for q in passes]),
             station_error_m=np.array(
                 [
