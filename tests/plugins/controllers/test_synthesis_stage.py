@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivit
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.stages.step_responses import step_responses
+from hillsphere_controllers.stages.synthesis.presentation import presented
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
 from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
@@ -141,6 +143,26 @@ def test_structured_serves_all_models_and_is_bounded_by_full_order() -> None:
     assert made.search.starts.shape == (2,)
     assert made.lower_bound <= made.gamma == pytest.approx(made.judged.hinf.max(), rel=1e-9)
     assert made.controller.order == 1
+
+
+def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() -> None:
+    table = {"parts": [{"kind": "free"}], "starts": 1}
+    made = run("structured", structured=table, plants=["rate=1"])
+    found = made.search
+    assert found is not None
+
+    def said(residual: float, converged: bool) -> str:
+        search = replace(
+            found, starts=np.array([1.3, np.inf]), shaken=np.array([1.2]),
+            residual=residual, converged=converged,
+        )  # fmt: skip
+        return " ".join(presented(replace(made, search=search), None).verdict)
+
+    assert "1 of 3 searches, 2 from starts and 1 from near" in said(1e-4, True)
+    assert "It is a local minimum (residual 0.0001" in said(1e-4, True)
+    assert "over a range of frequencies" not in said(1e-4, True)
+    assert "not shown to be a local minimum (residual 5.4" in said(5.4, False)
+    assert "over a range of frequencies" in said(5.4, False)
 
 
 def test_structured_channels_are_named_by_their_signals() -> None:

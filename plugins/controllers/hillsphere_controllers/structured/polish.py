@@ -20,6 +20,7 @@ __all__ = ["Active", "Polished", "certificate", "polished"]
 
 _ARMIJO = 0.05
 _TRIALS = 14
+_EVEN = 1e-5
 
 
 @dataclass(frozen=True)
@@ -108,11 +109,22 @@ def polished(
 
 
 def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
-    """Return |Σ λ g| max(1, |x|) of the best multipliers, and what is active."""
+    """Return the least |Σ λ g| max(1, |x|) of the pieces at the top, and what is active.
+
+    At the top is what is within 1e-5 of the largest, or of a constraint's limit. Among these, what
+    is a little higher counts no more than the others: rounding and the tolerance of polishing make
+    such differences.
+    """
     pieces = objective.pieces(point)
     size = max(1.0, float(np.linalg.norm(point.x)))
-    # far from any quadratic: the multipliers that make the gradient smallest
-    found = _step(objective, point, pieces, 1e4 * size**2 * np.eye(point.x.size), 1e-5)
+    even = [
+        replace(p, level=top) if p.level >= top - _EVEN else p
+        for p in pieces
+        for top in [0.0 if p.hard else point.objective]
+    ]
+    steep = max((float(np.linalg.norm(p.slope)) for p in pieces), default=1.0)
+    # with even levels the multipliers make the gradient smallest, whatever the quadratic
+    found = _step(objective, point, even, max(steep, 1e-8) * np.eye(point.x.size), _EVEN)
     if found is None:
         return np.inf, ()
     slopes = np.array([p.slope for p in pieces])

@@ -18,12 +18,15 @@ from hillsphere_controllers.structured.structure import Sizes, Structure
 
 __all__ = ["Found", "Problem", "Search", "Start"]
 
-_SIZES = (10.0, 1.0, 3.0, 0.3)
+_SIZES = (10.0, 1.0, 30.0, 3.0, 100.0, 0.3)
+"""Sizes of random starts in turn, in scaled parameters. Which minimum is reached depends on them,
+and how large the gains of the best one are is not known: from 0.3 to 100 in half decades."""
 _DRAWS = 6
 _OFTEN = 10
 """In the descent, one point in so many is certified, and the last one."""
 _HARDER = 10.0
 _PENALTIES = 4
+_STATIONARY = 1e-2
 _KEPT = 1e-6
 """A constraint counts as kept when it is not exceeded by more than this, relative."""
 
@@ -93,7 +96,7 @@ class Found:
     excess : float
         Largest of the constraints, relative; below zero: all are kept; −inf: there is none.
     converged : bool
-        Whether polishing ended by itself.
+        Whether polishing ended by itself, where the residual is below 1e-2.
     residual : float
         |Σ λ g| max(1, |x|) of the multipliers λ and gradients g of the logarithms of the peaks, in
         scaled parameters x: zero at a local minimum.
@@ -174,7 +177,6 @@ class Search:
         n, best = self.problem.structure.size, (self.middle, np.inf)
         for draw in range(_DRAWS):
             if start.theta is None:
-                # minima with small and with large gains: the size changes from one to the next
                 x = _SIZES[(start.number + draw) % len(_SIZES)] * random.normal(size=n)
             else:
                 x = (np.asarray(start.theta, dtype=float) - self.middle) / self.spread
@@ -208,7 +210,8 @@ class Search:
         )
         return Found(
             start, objective.theta(point.x), float(np.exp(point.objective)), abscissa,
-            point.excess, converged, residual, active, objective.evaluations, interrupted,
+            point.excess, converged and residual < _STATIONARY, residual, active,
+            objective.evaluations, interrupted,
         )  # fmt: skip
 
 

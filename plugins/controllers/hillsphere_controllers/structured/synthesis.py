@@ -33,10 +33,11 @@ from hillsphere.lti import LtiSystem
 from hillsphere.workers import Workers
 from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
 from hillsphere_controllers.structured.polish import Active
+from hillsphere_controllers.structured.reduced import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.search import Found, Problem, Search, Start
 from hillsphere_controllers.structured.structure import Structure, controller_of
-from hillsphere_controllers.structured.verification import Verified, lower_bound, verified
+from hillsphere_controllers.structured.verification import Verified, full_order, verified
 
 __all__ = ["Progress", "StructuredDesign", "synthesise"]
 
@@ -84,13 +85,18 @@ class StructuredDesign:
     verified : Verified
         Norms of all channels and closed loops' largest real parts of poles, computed so.
     residual : float
-        |Σ λ g| max(1, |x|) of the multipliers λ and gradients g of the logarithms of the active
-        peaks in scaled parameters x: zero at a local minimum. It is not small where gains grow
-        without bound, or where the method got stuck.
+        Least |Σ λ g| max(1, |x|) of multipliers λ and gradients g of the logarithms of the peaks
+        that are equally high, in scaled parameters x: zero at a local minimum. A change of x
+        by a share s of |x| lowers γ, to first order, by no more than the share s times this. It is
+        not small where gains grow without bound, or where the method got stuck.
     active : tuple of Active
         Peaks and constraints that hold the minimum, with their multipliers.
     converged : bool
-        Whether the last step promised no more than 1e-7 of γ.
+        Whether the last step promised no more than 1e-7 of γ and the residual is below 1e-2. It is
+        a sign of a local minimum, and no certificate: it says nothing of other minima (see
+        `starts`), nor of whether the gradients were all seen where singular values coincide. It
+        may be False at an optimum whose gain is the same over a range of frequencies, which no few
+        peaks hold, as that of a controller of full order: compare γ with `lower_bound` there.
     lower_bound : float
         No controller of any order or structure reaches a γ below this; 0 if nothing is known, as
         for plants to which the Riccati equations do not apply.
@@ -140,7 +146,8 @@ def synthesise(
         Of the controller.
     starts : int
         How many: those of `initial`, one about the middle of the structure's typical parameters,
-        and random ones.
+        one from the controller of full order if there is one and K is linear in the parameters, and
+        random ones.
     seed : int
         Of all that is random; with it the result is the same, for any number of workers.
     initial : iterable of ndarray, shape (size,)
@@ -180,11 +187,16 @@ def synthesise(
         raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
     problem = Problem(many, structure, region, largest_gain)
     search = Search(problem)
-    least = lower_bound(many, structure)
+    full = full_order(many, structure)
+    least = 0.0 if full is None else full.bound
     run = _Run(search, problem, progress, ctx)
     # zero gains are a saddle for a controller with states: about them
     begun = [(theta, 0.0) for theta in given] + [(search.middle, _ABOUT)]
     count = max(starts, len(begun))
+    if full is not None and len(begun) < count:
+        rate = search.loops[0].rate
+        theta = reduced_start(full.plant, full.controller, structure, search.middle, rate)
+        begun += [] if theta is None else [(theta, 0.0)]
     first = run.all(
         [Start(i, _seed(seed, i), *begun[i] if i < len(begun) else (None,)) for i in range(count)]
     )

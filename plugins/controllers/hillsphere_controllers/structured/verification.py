@@ -21,7 +21,7 @@ from hillsphere_controllers.structured.requirements import Channel, DesignPlant,
 from hillsphere_controllers.structured.structure import Structure
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["Verified", "lower_bound", "verified"]
+__all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verified"]
 
 _LIMITS = 1e-5
 _REGION = 1e-4
@@ -81,6 +81,25 @@ def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
     return Verified(gamma, norms, limits, tuple(spectral_abscissa(loop) for loop in loops), loops)
 
 
+@dataclass(frozen=True)
+class FullOrder:
+    """The controller of full order of the plant and channel that is hardest by itself.
+
+    Parameters
+    ----------
+    bound : float
+        No controller of any structure reaches a γ below this.
+    plant : LtiSystem
+        The plant with no other channel.
+    controller : LtiSystem
+        From y to u.
+    """
+
+    bound: float
+    plant: LtiSystem
+    controller: LtiSystem
+
+
 def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
     """Return a γ that no controller of any structure reaches, by synthesis of full order.
 
@@ -92,20 +111,35 @@ def lower_bound(plants: Sequence[DesignPlant], structure: Structure) -> float:
     NotStabilisableError
         If no controller stabilises one of the plants.
     """
+    found = full_order(plants, structure)
+    return 0.0 if found is None else found.bound
+
+
+def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder | None:
+    """Return what holds γ up; None if the Riccati equations apply to no plant.
+
+    Raises
+    ------
+    NotStabilisableError
+        If no controller stabilises one of the plants.
+    """
     nu, ny = structure.controls, structure.measurements
-    found = 0.0
+    found: FullOrder | None = None
     for plant in plants:
         for channel in plant.channels:
             if channel.norm != "hinf" or channel.limit is not None:
                 continue
             try:
-                design = hinf_synthesis(_channel_plant(plant, channel, nu, ny), nu, ny)
+                alone = _channel_plant(plant, channel, nu, ny)
+                design = hinf_synthesis(alone, nu, ny)
             except (SingularProblemError, SynthesisFailedError):
                 continue
             except NotStabilisableError as error:
                 name = f"plant {plant.name!r}" if plant.name else "the plant"
                 raise NotStabilisableError(f"{name}: {error}") from error
-            found = max(found, plant.weight * channel.weight * design.least)
+            bound = plant.weight * channel.weight * design.least
+            if found is None or bound > found.bound:
+                found = FullOrder(bound, alone, design.controller)
     return found
 
 

@@ -19,6 +19,7 @@ __all__ = ["presented"]
 
 _LISTED = 60
 _CHECK = 1e-6
+_SAME = 1e-3
 _NORMS = (
     Column("model", "", "model"),
     Column("designed", "", "made for it"),
@@ -239,11 +240,18 @@ def _verdict(product: Synthesis) -> list[str]:
         )
     if product.search is not None:
         search = product.search
-        best = np.nanmin(np.concatenate([search.starts, search.shaken]))
-        same = int(np.count_nonzero(search.starts <= best * 1.001))
+        found = np.concatenate([search.starts, search.shaken])
+        same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
         said.append(
-            f"{same} of {search.starts.size} starts end within 0.1 % of the best, which is "
-            f"{'' if search.converged else 'not '}converged (residual {search.residual:.2g}, "
-            f"{search.active} active peaks and constraints)."
+            f"{same} of {found.size} searches, {search.starts.size} from starts and "
+            f"{search.shaken.size} from near the best of these, end within 0.1 % of the best, the "
+            f"best included. It is {'' if search.converged else 'not shown to be '}a local "
+            f"minimum (residual {search.residual:.2g}, {search.active} active peaks and "
+            "constraints)."
         )
+        if not search.converged:
+            said.append(
+                "A gain that is the same over a range of frequencies, or gains that grow without "
+                "bound, leave such a residual: compare γ with its bound, or use more starts."
+            )
     return said

@@ -65,10 +65,11 @@ class SearchResult:
         γ from every start, and from near the best of them; infinite without an allowed controller.
     residual : float
         Zero at a local minimum: length of the multipliers' sum of gradients of the logarithms.
+        Not small where the gain is the same over a range of frequencies.
     active : int
         Number of peaks and constraints that hold the minimum.
     converged : bool
-        Whether the last step promised next to nothing.
+        Whether the last step promised next to nothing, and the residual is small.
     evaluations : int
         How often a set of closed loops was made.
     """

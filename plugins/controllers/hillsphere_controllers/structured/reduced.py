@@ -1,0 +1,90 @@
+"""A start from the controller of full order: what a structure can take over of it.
+
+It solves the same problem without the structure, so that what is left of it is often near a good
+minimum; where it is not, it is one start among others. Its states are cut by balanced truncation. A
+constant gain is the one whose output is nearest, in the mean square, to that of the controller of
+full order in its own closed loop.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
+
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.dk.reduction import balanced_truncation
+from hillsphere_controllers.structured.structure import Structure
+
+__all__ = ["reduced_start"]
+
+_AFFINE = 1e-9
+
+
+def reduced_start(
+    plant: LtiSystem, controller: LtiSystem, structure: Structure, middle: Array, rate: float
+) -> Array | None:
+    """Return parameters (size,) whose K is nearest to the controller's, reduced to the order.
+
+    Parameters
+    ----------
+    plant : LtiSystem
+        Its last inputs are the controls, its last outputs the measurements.
+    controller : LtiSystem
+        From y to u; it stabilises the plant.
+    structure : Structure
+        K is to be linear in its parameters.
+    middle : ndarray, shape (size,)
+        Of its typical parameters.
+    rate : float
+        Of a pole for states that the controller does not have, 1/s.
+
+    Returns
+    -------
+    ndarray or None
+        None if K is not linear in the parameters, or more states are unstable than the order.
+    """
+    order = structure.order
+    if order == 0:
+        wanted = _constant(plant, controller)
+    else:
+        small = balanced_truncation(controller, order)
+        if small.order > order:
+            return None
+        k, (nu, ny) = small.order, small.shape
+        wanted = np.zeros((order + nu, order + ny))
+        wanted[:order, :order] = -rate * np.eye(order)
+        wanted[:k, :k], wanted[:k, order:] = small.a, small.b
+        wanted[order:, :k], wanted[order:, order:] = small.c, small.d
+    start = structure.gains(middle)
+    units = np.eye(wanted.size).reshape(wanted.size, *wanted.shape)
+    slopes = structure.pulled_back(middle, units)
+    step = np.linalg.lstsq(slopes, (wanted - start).ravel(), rcond=None)[0]
+    if not np.isfinite(step).all():
+        return None
+    bent = structure.gains(middle + step).ravel() - start.ravel() - slopes @ step
+    if np.linalg.norm(bent) > _AFFINE * max(1.0, float(np.linalg.norm(slopes @ step))):
+        return None
+    return np.asarray(middle + step)
+
+
+def _constant(plant: LtiSystem, controller: LtiSystem) -> Array:
+    """Return E(u yᵀ) E(y yᵀ)⁻¹ for white noise on w, y without the noise on it."""
+    (nu, ny), n = controller.shape, plant.order
+    p, m = plant.shape
+    b1, b2, c2 = plant.b[:, : m - nu], plant.b[:, m - nu :], plant.c[p - ny :]
+    d21, d22 = plant.d[p - ny :, : m - nu], plant.d[p - ny :, m - nu :]
+    well = np.linalg.inv(np.eye(nu) - controller.d @ d22)
+    u = well @ np.hstack([controller.d @ c2, controller.c])
+    y = np.hstack([c2, np.zeros((ny, controller.order))]) + d22 @ u
+    a = np.block(
+        [
+            [plant.a, np.zeros((n, controller.order))],
+            [np.zeros((controller.order, n)), controller.a],
+        ]
+    )
+    a = a + np.vstack([b2 @ u, controller.b @ y])
+    noise = well @ controller.d @ d21
+    b = np.vstack([b1 + b2 @ noise, controller.b @ (d21 + d22 @ noise)])
+    covariance = solve_continuous_lyapunov(a, -b @ b.T)
+    return np.asarray(np.linalg.lstsq(y @ covariance @ y.T, y @ covariance @ u.T, rcond=1e-10)[0].T)
