@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from math import isfinite, nan, radians
@@ -21,7 +21,10 @@ from hillsphere.formats.tdm_entries import Entry, entries
 from hillsphere.problems import did_you_mean
 from hillsphere.time import SCALES, Epoch
 
-__all__ = ["SCALAR", "AnglePair", "PairedAngles", "TdmMeta", "TdmRecord", "tdm_records"]
+__all__ = [
+    "SCALAR", "AnglePair", "PairedAngles", "TdmMeta", "TdmRecord", "tdm_records",
+    "tdm_records_and_faults",
+]  # fmt: skip
 
 SCALAR = MappingProxyType({"RANGE": 1e3, "DOPPLER_INSTANTANEOUS": 1e3, "DOPPLER_INTEGRATED": 1e3})
 """Keywords besides the angles that are read, with their factors to SI (from km and km/s)."""
@@ -87,10 +90,16 @@ class PairedAngles:
     """Puts together the ANGLE_1 and ANGLE_2 of one time as they arrive.
 
     They may alternate, or all of one keyword may stand before those of the other.
+
+    Parameters
+    ----------
+    tell : callable, optional
+        Is given the fault of an angle that turns out to have no partner; left out: it is raised.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tell: Callable[[InputError], None] | None = None) -> None:
         self._waiting: deque[TdmRecord] = deque()
+        self._tell = tell
 
     def add(self, record: TdmRecord) -> AnglePair | None:
         """Take a record; return a pair once it is complete.
@@ -98,30 +107,40 @@ class PairedAngles:
         Raises
         ------
         InputError
-            If an angle turns out to have no partner.
+            If an angle turns out to have no partner, and nobody is told instead.
         """
         waiting = self._waiting
         if waiting and waiting[0].meta is not record.meta:
             self.finish()
         if record.keyword not in _ANGLES:
             return None
-        if not waiting or waiting[0].keyword == record.keyword:
-            waiting.append(record)
-            return None
-        other = waiting.popleft()
-        apart = record.epoch.seconds_since(other.epoch)
-        if abs(apart) > 1e-9:
+        while waiting and waiting[0].keyword != record.keyword:
+            other = waiting[0]
+            apart = record.epoch.seconds_since(other.epoch)
             # the earlier of both is the one whose partner did not come
-            raise _alone(other if apart > 0.0 else record)
-        angles = {r.keyword: r.value for r in (other, record)}
-        return AnglePair(
-            record.place, record.meta, record.epoch, angles["ANGLE_1"], angles["ANGLE_2"]
-        )
+            if apart < -1e-9:
+                self._alone(record)
+                return None
+            waiting.popleft()
+            if apart <= 1e-9:
+                angles = {r.keyword: r.value for r in (other, record)}
+                return AnglePair(
+                    record.place, record.meta, record.epoch, angles["ANGLE_1"], angles["ANGLE_2"]
+                )
+            self._alone(other)
+        waiting.append(record)
+        return None
 
     def finish(self) -> None:
-        """Raise `InputError` if an angle still waits for its partner at the end."""
-        if self._waiting:
-            raise _alone(self._waiting[0])
+        """Tell of angles that still wait for their partners at the end, as `add` does."""
+        while self._waiting:
+            self._alone(self._waiting.popleft())
+
+    def _alone(self, record: TdmRecord) -> None:
+        fault = _alone(record)
+        if self._tell is None:
+            raise fault
+        self._tell(fault)
 
 
 def _alone(record: TdmRecord) -> InputError:
@@ -155,11 +174,54 @@ def tdm_records(lines: Iterable[str], where: str = "TDM") -> Iterator[TdmRecord]
         than AZEL, another time system or unit than those read here, a value that is not finite or
         out of range, times that do not rise.
     """
+    meta: TdmMeta | None = None
+    latest: dict[str, Epoch] = {}
+    for found in tdm_records_and_faults(lines, where):
+        if isinstance(found, InputError):
+            raise found
+        if found.meta is not meta:
+            latest, meta = {}, found.meta
+        before = latest.get(found.keyword)
+        if before is not None and (step := found.epoch.seconds_since(before)) <= 0.0:
+            fault = (
+                "the time of the record before again"
+                if step == 0.0
+                else (f"{-step:.6g} s before the record before")
+            )
+            raise InputError(
+                f"{found.place}: {found.keyword}: {fault}; times of a keyword must rise"
+            )
+        latest[found.keyword] = found.epoch
+        yield found
+
+
+def tdm_records_and_faults(
+    lines: Iterable[str], where: str = "TDM"
+) -> Iterator[TdmRecord | InputError]:
+    """Read the records of a message as `tdm_records`, but go on after a bad one.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        The message.
+    where : str
+        Name of the file, for errors.
+
+    Yields
+    ------
+    TdmRecord or InputError
+        Records in the order of the message, whatever their times, and the fault of each data line
+        that is none.
+
+    Raises
+    ------
+    InputError
+        If metadata or structure are at fault, after which nothing could be understood.
+    """
     state = ""
     version = False
     gathered: dict[str, str] = {}
     meta: TdmMeta | None = None
-    latest: dict[str, Epoch] = {}
     place = where
     for entry in entries(lines, where):
         place, key = entry.place, entry.key
@@ -172,7 +234,7 @@ def tdm_records(lines: Iterable[str], where: str = "TDM") -> Iterator[TdmRecord]
                 f"{place}: not a tracking data message: CCSDS_TDM_VERS must come first"
             )
         elif key == "META_START":
-            state, gathered, latest, meta = key, {}, {}, None
+            state, gathered, meta = key, {}, None
         elif key == "META_STOP":
             state, meta = key, _meta(gathered, place)
         elif key in ("DATA_START", "DATA_STOP"):
@@ -184,19 +246,13 @@ def tdm_records(lines: Iterable[str], where: str = "TDM") -> Iterator[TdmRecord]
                 raise InputError(f"{place}: {key} stands twice; keep one")
             gathered[key] = entry.value
         elif state == "DATA_START" and meta is not None:
-            record = _record(entry, meta)
-            if record is None:
+            try:
+                record = _record(entry, meta)
+            except InputError as error:
+                yield error
                 continue
-            before = latest.get(key)
-            if before is not None and (step := record.epoch.seconds_since(before)) <= 0.0:
-                fault = (
-                    "the time of the record before again"
-                    if step == 0.0
-                    else (f"{-step:.6g} s before the record before")
-                )
-                raise InputError(f"{place}: {key}: {fault}; times of a keyword must rise")
-            latest[key] = record.epoch
-            yield record
+            if record is not None:
+                yield record
         elif state:
             raise InputError(f"{place}: {key} stands outside of metadata and data")
     if meta is None:

@@ -42,9 +42,9 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
     found: list[Orbit] = []
     for spec in specs:
         if spec.elements is not None:
-            found.append(_mean_elements_orbit(spec.name, spec.elements))
+            found.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
         elif spec.file is not None:
-            found += _of_file(Path(spec.file), spec.name)
+            found += _of_file(Path(spec.file), spec.name, spec.label)
         else:
             orbits = orbits_of(spec.tle, "tle")
             if len(orbits) != 1:
@@ -52,13 +52,15 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
                     f"tle: expected one element set, got {len(orbits)}; write one satellite for "
                     "each, or name a file"
                 )
-            if spec.name:
-                orbits[0].name = spec.name
+            if name := spec.label or spec.name:
+                orbits[0].name = name
             found += orbits
     names = [orbit.name for orbit in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"satellites: {twice[0]!r} stands twice; give every one a name of its own")
+        raise InputError(
+            f"satellites: {twice[0]!r} stands twice; give every one a label of its own"
+        )
     return tuple(found)
 
 
@@ -101,7 +103,7 @@ def _mean_elements_orbit(name: str, spec: MeanElementsSpec) -> MeanElementsOrbit
     return MeanElementsOrbit(name, epoch, elements, earth, short_period=spec.short_period)
 
 
-def _of_file(path: Path, name: str) -> list[Sgp4Orbit]:
+def _of_file(path: Path, name: str, label: str) -> list[Sgp4Orbit]:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise InputError(f"{path.name}: larger than {_LARGEST_FILE // 1_000_000} MB; split it")
@@ -112,7 +114,12 @@ def _of_file(path: Path, name: str) -> list[Sgp4Orbit]:
         raise InputError(f"{path.name}: not a text file: {error}") from error
     orbits = orbits_of(text, path.name)
     if not name:
-        return list(orbits)
+        if label and len(orbits) != 1:
+            raise InputError(
+                f"{path.name}: the label {label!r} would be that of {len(orbits)} satellites; "
+                "choose one with name"
+            )
+        return _labelled(list(orbits), label)
     chosen = [orbit for orbit in orbits if name in (orbit.name, orbit.catalogue_number)]
     if not chosen:
         there = ", ".join(orbit.name for orbit in orbits[:10])
@@ -122,4 +129,10 @@ def _of_file(path: Path, name: str) -> list[Sgp4Orbit]:
         raise InputError(
             f"{path.name}: {len(chosen)} element sets of {name!r} in it; keep the one to be used"
         )
-    return chosen
+    return _labelled(chosen, label)
+
+
+def _labelled(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
+    if label:
+        orbits[0].name = label
+    return orbits

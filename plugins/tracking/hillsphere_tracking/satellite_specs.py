@@ -72,6 +72,9 @@ class SatelliteSpec(Spec):
         default="",
         max_length=60,
     )
+    label: str = option(
+        "name of the satellite in tables; left out: as in its elements", default="", max_length=60
+    )
     tle: str = option(
         "two-line element set, with or without a title line", default="", max_length=400
     )

@@ -149,8 +149,8 @@ class Sgp4Orbit:
         if gone.any():
             first = float(t_s[gone][np.argmin(np.abs(t_s[gone]))])
             raise PropagationError(
-                f"satellite {self.name!r} {self.end_reason(first)}; ask for earlier times, or "
-                "give newer elements"
+                f"satellite {self.name!r} {self.end_reason(first)}; ask for times nearer to the "
+                f"epoch, or give {'newer' if first >= 0.0 else 'older'} elements"
             )
         return x
 
@@ -163,11 +163,14 @@ class Sgp4Orbit:
         """Return why there is no state at a time, as the end of a sentence."""
         when = np.array([min(t_s, self._end_before(np.array([t_s])))])
         code = int(self._propagated(when)[0][0])
+        days = f"{abs(when[0]) / _DAY:.2f} days"
+        if t_s < 0.0:  # the theory's own words, as of a decay, speak of what comes after
+            return (
+                f"has no orbit {days} before the epoch of its elements, which do not reach so far "
+                f"(SGP4: error {code})"
+            )
         why = "has decayed" if code in _DECAYED else "has no orbit"
-        return (
-            f"{why} {when[0] / _DAY:+.2f} days from the epoch of its elements "
-            f"(SGP4: {SGP4_ERRORS.get(code, code)})"
-        )
+        return f"{why} {days} after the epoch of its elements (SGP4: {SGP4_ERRORS.get(code, code)})"
 
     def _end_before(self, t_s: Array) -> float:
         """Return when the orbit ended before the last of some times; infinity if it did not.

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import loadmat, savemat
 
 from hillsphere.errors import InputError
@@ -93,14 +93,73 @@ def test_what_matlab_writes_differently_is_read(tmp_path: Path) -> None:
     assert found[1].blocks == (repeated_real(1), full(1))
 
 
+def test_struct_of_the_fields_of_ss_is_a_system(tmp_path: Path) -> None:
+    """As get(P) has them, no delays, [] for E; and text beside it."""
+    path = tmp_path / "get.mat"
+    fields = {
+        "A": -np.eye(1), "B": np.ones((1, 2)), "C": np.ones((1, 1)), "D": np.zeros((1, 2)),
+        "E": np.zeros((0, 0)), "InputDelay": np.zeros((2, 1)), "TimeUnit": "seconds", "Ts": 0.1,
+        "InputName": np.array([["u"], ["u"]], dtype=object), "Notes": np.zeros((0, 1)),
+        "StateName": np.array([[""]], dtype=object),
+    }  # fmt: skip
+    savemat(path, {"p": fields, "author": "somebody", "empty": ""})
+    found = load_mat(path)
+    assert set(found) == {"p"}
+    expected = LtiSystem(
+        -np.eye(1), np.ones((1, 2)), np.ones((1, 1)), np.zeros((1, 2)), 0.1, ("u[1]", "u[2]")
+    )
+    assert same(expected, found["p"])
+
+
+def test_descriptor_matrix_is_applied(tmp_path: Path) -> None:
+    """E x' = A x + B u; rows and columns in whatever units."""
+    path = tmp_path / "e.mat"
+    plant, units = system(), np.diag([1e9, 1.0, 1e-9])
+    e = units @ np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+    written = {"a": e @ plant.a, "b": e @ plant.b, "c": plant.c, "d": plant.d, "e": e}
+    savemat(path, {"p": written})
+    found = load_mat(path)["p"]
+    assert isinstance(found, LtiSystem)
+    assert_allclose(found.a, plant.a, rtol=1e-12, atol=1e-14)
+    assert_allclose(found.b, plant.b, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (("u", "v", "u"), ("u[1]", "v", "u[2]")),
+        (("u", "", ""), ("u", "input[1]", "input[2]")),
+        (("", "", ""), ()),
+    ],
+)
+def test_names_that_stand_twice(
+    tmp_path: Path, names: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    """MATLAB allows them, and empty ones."""
+    path = tmp_path / "names.mat"
+    static = {"a": [], "b": [], "c": [], "d": np.ones((1, 3))}
+    savemat(path, {"p": {**static, "InputName": np.array(names, dtype=object)}})
+    found = load_mat(path)["p"]
+    assert isinstance(found, LtiSystem)
+    assert found.inputs == expected
+
+
 def test_what_is_not_plain_is_refused(tmp_path: Path) -> None:
     good = {name: np.eye(1) for name in "abcd"}
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"x": "text"}, "neither a matrix"),
+        ({"x": {"note": "text"}}, "neither a matrix"),
+        ({"x": {**good, "e": np.zeros((1, 1))}}, r"x\.e, the descriptor matrix, is singular"),
+        ({"x": {**good, "e": np.eye(2)}}, r"x\.e must be real and of the shape"),
+        ({"x": {**good, "InputDelay": 3.0}}, r"x\.InputDelay: delays are not read"),
+        ({"x": {**good, "OutputDelay": np.ones((1, 1))}}, r"x\.OutputDelay"),
+        ({"x": {**good, "ioDelay": 1.0}}, r"x\.ioDelay"),
+        ({"x": {**good, "TimeUnit": "hours"}}, r"x\.TimeUnit must be seconds"),
+        ({"x": {**good, "A": np.eye(1)}}, "differ in case only"),
         ({"x": np.array([["a"], [np.eye(2)]], dtype=object)}, "neither a matrix"),
         ({"x": {"deep": {"deeper": np.eye(2)}}}, "x.deep is neither"),
         ({"x": {**good, "d": 1j * np.eye(1)}}, "must be real"),
-        ({"x": {**good, "Ts": -1.0}}, "Ts must be a period"),
+        ({"x": {**good, "Ts": -1.0}}, r"without a period; set it in MATLAB .* P\.Ts = "),
+        ({"x": {**good, "Ts": -2.0}}, "Ts must be a period"),
         ({"x": {**good, "b": np.eye(2)}}, "to fit the others"),
         ({"x": {**good, "InputName": np.eye(2)}}, "cell array of names"),
         ({"x": {"M": good, "blocks": np.array([[0, 2]])}}, "no block of mussv"),
@@ -132,6 +191,7 @@ def test_what_matlab_could_not_read_back_is_not_written(tmp_path: Path) -> None:
         ({"1st": np.eye(2)}, "no name for a variable"),
         ({"_x": np.eye(2)}, "no name for a variable"),
         ({"x": {"a": np.eye(1), "b": np.eye(1), "c": np.eye(1), "d": np.eye(1)}}, "as a system"),
+        ({"x": {"A": np.eye(1), "B": np.eye(1), "C": np.eye(1), "D": np.eye(1)}}, "as a system"),
         ({"x": (gain(np.eye(1)), BlockStructure([full(2)]))}, "do not fit"),
     ):
         with pytest.raises(InputError, match=message):

@@ -98,3 +98,30 @@ def test_what_does_not_connect_is_named() -> None:
             connect(systems, sums, inputs, outputs)
     with pytest.raises(InputError, match="2 different names"):
         with_names(system(7, 2, 2), ["a"], "y")
+
+
+def test_numbers_that_leave_a_signal_out_are_refused() -> None:
+    """No signal of a bus is dropped, and none is taken for another."""
+    for first, second, message in (
+        (["y[0]", "y[1]"], ["y(1)", "y(2)"], "in two ways"),
+        (["y[0]", "y[2]"], ["y(2)", "y(3)"], "in two ways"),
+        (["y[0]", "y[00]"], ["w", "x"], "'y\\[00\\]' and 'y\\[0\\]'"),
+        (["y[0]", "y[2]"], ["w", "x"], "have a gap"),
+        (["y(2)", "y(3)"], ["w", "x"], "have a gap"),
+    ):
+        parts = [with_names(gain(np.ones((2, 1))), ["a"], first),
+                 with_names(gain(np.ones((2, 1))), ["b"], second)]  # fmt: skip
+        for sums, outputs in ((["e = y"], ["e"]), ([], ["y"])):
+            with pytest.raises(InputError, match=message):
+                connect(parts, sums, ["a", "b"], outputs)
+
+
+def test_bus_has_the_signals_that_sums_and_inputs_give_it() -> None:
+    """A signal by itself has whatever number; the name alone means all of them."""
+    part = with_names(gain(np.array([[1.0], [2.0]])), ["a"], ["y[1]", "y[2]"])
+    made = connect([part], ["y[0] = a + b", "e = y"], ["a", "b"], ["e"])
+    assert_allclose(made.d, [[1.0, 1.0], [1.0, 0.0], [2.0, 0.0]], rtol=0, atol=0)
+    apart = connect([part], ["e = y[2] - r[5]"], ["a", "r[5]"], ["e"])
+    assert_allclose(apart.d, [[2.0, -1.0]], rtol=0, atol=0)
+    counted = connect([part], ["e = r - y"], ["r", "a"], ["e"])
+    assert counted.inputs == ("r[0]", "r[1]", "a")

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -13,6 +15,7 @@ from hillsphere_controllers.analysis.margins import LoopMargins, loop_margins
 from hillsphere_controllers.systems.algebra import append, feedback, gain, series
 from hillsphere_controllers.systems.conversion import to_control, transfer_function
 from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.sampling import sampled_loop
 
 
 def one(loop: LtiSystem) -> LoopMargins:
@@ -109,7 +112,9 @@ def test_phase_margin_by_the_response_on_a_dense_grid(seed: int, order: int, sam
     assert_allclose(found.phase_rad, least, rtol=0, atol=2e-3)
     lags = np.angle(-response[crossings]) % (2.0 * np.pi)
     delay = (lags / omega[crossings]).min()
-    if np.abs(lags - 2.0 * np.pi).min() > 1e-2 and lags.min() > 1e-2:
+    if sampled and np.abs(response[-1]) >= 1.0:
+        assert found.delay_s == 0.0
+    elif np.abs(lags - 2.0 * np.pi).min() > 1e-2 and lags.min() > 1e-2:
         assert_allclose(found.delay_s, delay, rtol=2e-2)
 
 
@@ -136,6 +141,47 @@ def test_delay_margin_by_whole_delays_of_a_sampled_loop() -> None:
     assert whole > 3
     assert closed(held(plant, dt, whole * dt)).is_stable
     assert not closed(held(plant, dt, (whole + 1) * dt)).is_stable
+
+
+def late(loop: LtiSystem, periods: int) -> LtiSystem:
+    """Return z⁻ᵏ L."""
+    step = LtiSystem(np.zeros((1, 1)), np.eye(1), np.eye(1), np.zeros((1, 1)), loop.dt_s)
+    return series(*[step] * periods, loop) if periods else loop
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.integers(0, 100_000), st.integers(1, 5), st.floats(-1.5, 1.5))
+def test_whole_periods_of_delay_below_the_margin(seed: int, order: int, direct: float) -> None:
+    """By the poles; none is promised where the gain at z = −1 or the direct term reach one."""
+    dt = 0.2
+    loop = replace(random_loop(seed, order, 1, dt), d=np.array([[direct]]))
+    assume(abs(1.0 + direct) > 1e-3 and closed(loop).is_stable)
+    found = one(loop)
+    if found.delay_s == 0.0:
+        assert found.delay_rad_s == pytest.approx(np.pi / dt)
+        at_half_rate = float(abs(loop.response(np.array([np.pi / dt]))[0, 0, 0]))
+        assert max(at_half_rate, abs(direct)) >= 1.0
+    else:
+        most = 30 if found.delay_s == np.inf else min(30, int(np.ceil(found.delay_s / dt)) - 1)
+        for periods in range(most + 1):
+            assert closed(late(loop, periods)).is_stable
+
+
+def test_gain_above_one_at_half_the_sampling_rate_bears_no_delay() -> None:
+    """Constant gain 2; a direct term of 2 and a lag; one without, −0.8/(z + 0.5)."""
+    dt = 0.1
+    lag = LtiSystem(np.array([[0.1]]), np.eye(1), np.array([[0.1]]), np.array([[2.0]]), dt)
+    strict = LtiSystem(np.array([[-0.5]]), np.eye(1), np.array([[-0.8]]), np.zeros((1, 1)), dt)
+    for loop in (gain(np.array([[2.0]]), dt), lag, strict):
+        assert closed(loop).is_stable
+        assert not closed(late(loop, 1)).is_stable
+        found = one(loop)
+        assert found.stable
+        assert found.delay_s == 0.0
+    # the loop of a plant with a direct term that the hold moves by a period
+    plant, fast = transfer_function([2.0, 1.0], [1.0, 1.0]), transfer_function([0.9], [1.0])
+    assert one(sampled_loop(plant, fast, 1.0)).delay_s == 0.0
+    assert not closed(sampled_loop(plant, fast, 1.0, delay_s=1e-6)).is_stable
 
 
 def test_fast_sampling_is_continuous_time_but_for_the_hold() -> None:

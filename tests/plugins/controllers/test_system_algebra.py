@@ -48,6 +48,19 @@ def test_series_parallel_and_append() -> None:
         series(g, k)
 
 
+def test_series_keeps_the_sampling_period() -> None:
+    """Whichever of the two has it: a constant has none."""
+    sampled = LtiSystem(0.5 * np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), 0.1)
+    three = gain(np.array([[3.0]]))
+    for made in (series(three, sampled), series(sampled, three), series(three, three, sampled)):
+        assert made.dt_s == 0.1
+        assert made.is_stable
+    with pytest.raises(InputError, match="different sampling periods"):
+        series(three, sampled, system(1, 1, 1))
+    with pytest.raises(InputError, match="nothing to put in series"):
+        series()
+
+
 def test_feedback() -> None:
     g, h = system(4, 2, 3), system(5, 3, 2)
     gw, hw = g.response(OMEGA), h.response(OMEGA)

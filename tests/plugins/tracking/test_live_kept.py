@@ -181,10 +181,10 @@ def test_a_log_replays_as_the_pass_did_and_is_scored(
 def test_a_log_that_cannot_be_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "log").mkdir()
     assert track(folder, "--log", str(folder / "log")) == ExitCode.BAD_INPUT
-    assert "the log" in capsys.readouterr().err
+    assert "--log: " in capsys.readouterr().err
     memory = ["--memory", str(folder / "log")]
     assert track(folder, *memory) == ExitCode.BAD_INPUT
-    assert "the station memory" in capsys.readouterr().err
+    assert "--memory: " in capsys.readouterr().err
 
 
 def begun(**keys: Any) -> tuple[LeastSquares, LeastSquaresState]:
@@ -222,6 +222,18 @@ def test_from_memory_to_tracker_and_back(
     for group in (kept, rest):  # what is estimated is not correlated with what is not
         expected[np.ix_(group, group)] = KNOWN.covariance[np.ix_(group, group)]
     assert_allclose(back.covariance, expected, rtol=1e-14)
+
+
+def test_a_clock_that_is_remembered_is_part_of_what_is_predicted() -> None:
+    tracker, fresh = begun(angle_biases=False, time_bias=True)
+    slow = Calibration(RISE, np.array([0.0, 0.0, -0.5]), np.diag([1e-8, 1e-8, 1e-6]), 2)
+    state = begun_with(tracker, fresh, slow)
+    t = np.arange(0.0, 300.0, 20.0)
+    # a slow clock: when it says t it is half a second later
+    shown, later = tracker.predict(state, t)[:2], tracker.predict(fresh, t + 0.5)[:2]
+    assert_allclose(shown, later, rtol=0.0, atol=1e-12)
+    where = tracker.predict(state, t, biased=False)[:2]
+    assert_allclose(where, tracker.predict(fresh, t)[:2], rtol=0.0, atol=1e-12)
 
 
 def test_a_pass_of_outliers_is_not_learned(tmp_path: Path) -> None:

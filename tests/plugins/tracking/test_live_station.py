@@ -95,7 +95,7 @@ def miss_deg(a: Array, b: Array) -> Array:
 
 
 def test_search_after_a_loss(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert track(folder, *WIDE, "--lock-angle", "0.2") == ExitCode.SUCCESS
+    assert track(folder, *WIDE, "--lock-angle", "0.1") == ExitCode.SUCCESS
     out, err = capsys.readouterr()
     found = Table(out)
     beside = miss_deg(found.axes, found.predicted)
@@ -120,7 +120,7 @@ def test_search_after_a_loss(folder: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_no_search(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert track(folder, *WIDE, "--lock-angle", "0.2", "--no-search") == ExitCode.SUCCESS
+    assert track(folder, *WIDE, "--lock-angle", "0.1", "--no-search") == ExitCode.SUCCESS
     found = Table(capsys.readouterr().out)
     assert set(found.state) == {"locked", "predicting"}
     up = (found.t > 20.0) & (found.predicted[1] > 0.5)
@@ -235,7 +235,7 @@ def test_the_horizon_and_the_blind_sectors_of_a_mission(
 ) -> None:
     (folder / "m.toml").write_text(MISSION)
     command = ["track", str(folder / "m.csv"), "--mission", str(folder / "m.toml")]
-    assert run([*command, *USUAL, *WIDE, "--lock-angle", "0.1"]) == ExitCode.SUCCESS
+    assert run([*command, *USUAL, *WIDE, "--lock-angle", "0.05"]) == ExitCode.SUCCESS
     out, err = capsys.readouterr()
     found = Table(out)
     behind_tower = [line for line in err.splitlines() if line.endswith("BEHIND: tower")]
@@ -311,12 +311,16 @@ def test_a_tracker_behind_the_air() -> None:
         (["--pressure", "900"], "are for --refraction"),
         (["--refraction", "--pressure", "-3"], "--pressure must be from 0 to 2000 hPa"),
         (["--refraction", "--temperature", "300"], "--temperature must be from -100"),
-        (["--mask", "95"], "between −90° and 90°"),
+        (["--mask", "95"], "--mask must lie between -90° and 90°, got 95°"),
+        (["--mask", "nan"], "--mask must lie between -90° and 90°"),
         (["--rate", "inf"], "--rate must be > 0, got inf"),
         (["--memory", "/nowhere/at/all/memory.json"], "--memory: the directory /nowhere/at/all"),
         (["--log", "/nowhere/at/all/log.csv"], "--log: the directory /nowhere/at/all"),
         (["--memory", "m.json"], "give --station NAME"),
-        (["--memory", "m.json", "--station", "A", "--forget", "-1", "0"], "needs a size ≥ 0"),
+        (
+            ["--memory", "m.json", "--station", "A", "--forget", "-1", "0"],
+            "--forget must be two numbers ≥ 0 and finite, degrees and s, got -1 and 0",
+        ),
     ],
 )
 def test_refuses(
@@ -324,6 +328,79 @@ def test_refuses(
 ) -> None:
     assert track(folder, *arguments) == ExitCode.BAD_INPUT
     assert message in capsys.readouterr().err
+
+
+def test_places_off_the_earth_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["track", str(folder / "m.csv"), "--elements", str(folder / "iss.tle"), *USUAL]
+    for latitude, longitude, message in (
+        ("95", "0", "latitude"),
+        ("5", "900", "--longitude must be from -360° to 360°, got 900°"),
+        ("5", "nan", "--longitude must be from -360° to 360°, got nan°"),
+    ):
+        place = ["--latitude", latitude, "--longitude", longitude]
+        assert run([*command, *place]) == ExitCode.BAD_INPUT
+        assert message in capsys.readouterr().err
+
+
+def test_what_cannot_be_written_is_told_before_the_pass(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert track(folder, *WIDE, "--log", str(folder)) == ExitCode.BAD_INPUT
+    out, err = capsys.readouterr()
+    assert not out
+    assert f"--log: {folder} is a directory; name a file in it" in err
+
+    def refused(**keys: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refused)
+    memory = ["--memory", str(folder / "m.json"), "--station", "A"]
+    assert track(folder, *WIDE, *memory) == ExitCode.BAD_INPUT
+    out, err = capsys.readouterr()
+    assert not out
+    assert f"--memory: nothing can be written in {folder}: Permission denied" in err
+
+
+def test_the_lock_angle_is_the_half_width(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert track(folder, *WIDE, "--no-search", "--lock-angle", "0.2", "--score") == 0
+    assert "(beam ±0.2°)" in capsys.readouterr().err
+
+
+def test_a_pass_under_way_at_the_end_goes_on_to_its_set() -> None:
+    place = Place(STATION, HorizonMask())
+    whole = next_pass(iss(), place, RISE, UT1, 1.0, 3600.0)
+    short = next_pass(iss(), place, RISE, UT1, 1.0, 60.0)
+    assert short.times_s[-1] == whole.times_s[-1] > 500.0
+
+
+def test_a_replay_begins_at_the_rise(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = folder / "m.csv"
+    early = RISE.isot(np.array([-7200.0, -7199.0, -7198.0]), 3)
+    path.write_text("".join(f"{when},10,20\n" for when in early) + path.read_text())
+    assert track(folder, *WIDE) == ExitCode.SUCCESS
+    out, err = capsys.readouterr()
+    found = Table(out)
+    assert -120.0 < found.t[0] < 0.0
+    assert "passed over: 2 more such measurements" in err
+    assert "locked" in found.state
+
+
+def test_elements_that_end_before_the_day_are_bad_input(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / "m.csv"
+    path.write_text(path.read_text().replace("2019-", "1959-"))
+    assert track(folder, *WIDE) == ExitCode.BAD_INPUT
+    err = capsys.readouterr().err
+    assert "days before the epoch of its elements" in err
+    assert "decayed" not in err
+
+
+def test_help_tells_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["track", "--help"]) == ExitCode.SUCCESS
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Exit codes: 0 the pass is over; 1 there is no rotator; 2" in text
+    assert "the beam's half-width" in text
 
 
 def test_help_is_in_groups(capsys: pytest.CaptureFixture[str]) -> None:

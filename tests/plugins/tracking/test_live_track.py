@@ -107,11 +107,20 @@ def test_a_pass_replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
     }
     assert {state for state, when in zip(states, t, strict=True) if when > 204.0} == {"predicting"}
     assert "no measurement for 3 s: the prediction goes on" in err
+    assert "OUTLIERS" not in err
     line = next(line for line in err.splitlines() if "T23:08:20 " in line)
     early = re.search(r"([\d.]+) s early +([\d.]+)° (left|right)", line)
     assert early is not None
     assert abs(float(early.group(1)) - EARLY_S) < 0.15
     assert float(early.group(2)) < 0.1
+
+
+def test_a_sigma_that_does_not_fit_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # noise of 0.05°
+    assert track(folder, "--replay", "--speed", "0", "--period", "2", "--sigma", "0.005") == 0
+    assert "OUTLIERS: side lobe, or sigma too small" in capsys.readouterr().err
 
 
 def test_offsets_along_and_across() -> None:
@@ -267,11 +276,28 @@ def test_refuses(
 
 
 def test_refuses_bad_measurements(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "bad.csv").write_text("2019-12-09T23:05:04,350,5\n2019-12-09T23:05:05,350,91\n")
+    (folder / "bad.csv").write_text("2019-12-09T23:05:04,350,91\n2019-12-09T23:05:05,350,92\n")
     assert track(folder, "--replay", "--speed", "0", source="bad.csv") == ExitCode.BAD_INPUT
-    assert "bad.csv:2: elevation must be from -90° to 90°" in capsys.readouterr().err
+    said = "no measurements to replay: bad.csv:1: elevation must be from -90° to 90°"
+    assert said in " ".join(capsys.readouterr().err.replace(str(folder) + os.sep, "").split())
     assert track(folder, "--replay", source="none.csv") == ExitCode.BAD_INPUT
     assert "none.csv: cannot be read: No such file" in capsys.readouterr().err
+
+
+def test_a_replay_passes_over_bad_lines(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = (folder / "m.csv").read_text().splitlines()
+    far = (*rows[50].partition(",")[1:],)
+    rows[50] = "2021-01-13T23:05:54.000" + "".join(far)
+    rows[100] = "rubbish"
+    (folder / "m.csv").write_text("\n".join(rows))
+    assert track(folder, "--replay", "--speed", "0", "--period", "0.5") == ExitCode.SUCCESS
+    out, err = capsys.readouterr()
+    assert "m.csv:51: its time, 2021-01-13T23:05:54, is far from those around it" in err
+    assert "m.csv:101: expected 3 values, got 1" in err
+    t, _, states = table(out)
+    assert {state for state, when in zip(states, t, strict=True) if 1.0 < when < 202.0} == {
+        "locked"
+    }
 
 
 def test_nobody_at_the_rotator(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -121,7 +121,7 @@ def test_always_never_and_decayed_are_said() -> None:
     said = " ".join(shown.verdict)
     assert "XM-3 always stands over Alcantara." in said
     assert "XM-3 never rises over Svalbard: it reaches -" in said
-    assert "'29141' has decayed +0.29 days" in said
+    assert "'29141' has decayed 0.29 days after" in said
     assert "UT1 is taken" not in said
     assert product.searched_s[0] == 86400.0
     assert product.searched_s[1] < 25400.0

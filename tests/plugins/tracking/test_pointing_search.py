@@ -18,10 +18,43 @@ from hillsphere_tracking.pointing.reacquisition import (
     time_outside,
 )
 from hillsphere_tracking.pointing.search import Search, plan_search, search_now, search_speed
+from hillsphere_tracking.pointing.sky import angles_of, turning
 
 DEGREE = np.pi / 180.0
-BEAM = 0.5 * DEGREE  # a lock angle of 1°
+BEAM = 0.5 * DEGREE
 SPEED = 1.0 * DEGREE
+
+
+def test_a_search_is_not_renewed_by_the_turn_of_the_azimuth() -> None:
+    """Past the zenith at 88°: azimuth swings by half a turn, the ellipse stays along the track."""
+    along = np.linspace(-30.0, 30.0, 601) * DEGREE
+    aside = 2.0 * DEGREE
+    place = np.array([np.cos(aside) * np.sin(along), np.full(601, np.sin(aside)),
+                      np.cos(aside) * np.cos(along)])  # fmt: skip
+    azimuth, elevation = angles_of(place)
+    track = np.gradient(place, axis=1) / np.gradient(along)
+    right = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0 * azimuth])
+    up = np.cross(right, place, axis=0)
+    major = np.array([np.sum(right * track, axis=0), np.sum(up * track, axis=0)])
+    covariance = DEGREE**2 * (
+        np.einsum("ik,jk->ijk", major, major) + 0.01 * np.eye(2)[:, :, np.newaxis]
+    )
+    turned = turning(azimuth, elevation)
+    assert np.ptp(turned) > 2.0  # rad
+    first = search_now(None, covariance[:, :, 0], BEAM, SPEED, 0.0)
+    assert first is not None
+    kept = [
+        search_now(first, covariance[:, :, k], BEAM, SPEED, 1.0 * k, turned_rad=turned[k]) is first
+        for k in range(601)
+    ]
+    assert all(kept)
+    # without the turn it would begin again
+    assert search_now(first, covariance[:, :, 300], BEAM, SPEED, 300.0) is not first
+    # and its path stays along the track
+    arcs = np.array(first.at(np.full(601, 2.0), turned))
+    across = arcs[0] * major[1] - arcs[1] * major[0]
+    assert np.hypot(*arcs).min() > 0.5 * DEGREE
+    np.testing.assert_allclose(across, 0.0, rtol=0, atol=0.05 * np.hypot(*arcs).max())
 
 
 def _covariance(major_deg: float, minor_deg: float, turn: float) -> Array:

@@ -196,6 +196,10 @@ def test_a_plan_follows_what_a_naive_antenna_loses(
     assert worst["dish_outside_max_naive"].value == rows["dish", 14]["outside_naive_s"]
     assert (worst["dish_followed"].value, worst["xy_followed"].value) == (1, 2)
     assert "Mount dish keeps 1 of 2 passes within 1° all the time" in shown.verdict[0]
+    outside = sum(rows["dish", revolution]["outside_s"] for revolution in (8, 14))
+    naive = sum(rows["dish", revolution]["outside_naive_s"] for revolution in (8, 14))
+    told = f"It is outside for {outside:.3g} s in all ({naive:.3g} s without a plan)"
+    assert told in shown.verdict[0]
 
 
 def test_a_slow_mount_halves_its_error_too(a_day: PassList) -> None:
@@ -370,7 +374,10 @@ def test_a_satellite_that_hardly_moves() -> None:
         ({"stations": ["Cuiba"]}, "no passes over 'Cuiba'; did you mean 'Cuiaba'"),
         ({"revolutions": [40]}, r"no pass to follow: none of \d+ .* Alcantara 1 \(17.9°\)"),
         ({"culmination_min_deg": 89}, "rises to 89°"),
-        ({"command_period_s": 0.01}, "commands, at most 2000000; choose fewer"),
+        (
+            {"command_period_s": 0.01, "mounts": [{**DISH, "name": f"dish{n}"} for n in range(6)]},
+            r"which need \d+\.\d GB of memory, at most 2 GB; choose .* command_period_s = 0\.0\d+$",
+        ),
     ],
 )
 def test_what_does_not_fit_the_passes(a_day: PassList, keys: dict[str, Any], match: str) -> None:

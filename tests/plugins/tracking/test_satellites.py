@@ -118,8 +118,10 @@ def test_a_decayed_satellite_is_named_with_its_day() -> None:
         atol=0.01,
     )
     assert np.isfinite(falling.states(np.array([end]))).all()
-    with pytest.raises(PropagationError, match=r"29141.*has decayed \+0\.29 days"):
+    with pytest.raises(PropagationError, match=r"29141.*has decayed 0\.29 days after"):
         falling.states(np.array([0.0, 440.0 * 60.0]))
+    with pytest.raises(PropagationError, match=r"has no orbit .* days before the epoch.*older"):
+        falling.states(np.array([-60.0]) * 365.25 * 86400.0)
     # days later the theory gives numbers again
     assert not falling.exists(np.array([48.0, 96.0]) * 3600.0).any()
     with pytest.raises(PropagationError, match=r"has decayed .*newer elements"):
@@ -240,8 +242,14 @@ def test_satellites_of_a_file_by_name_number_or_all(tmp_path: Path) -> None:
     assert orbits_from(_satellites({"file": file, "name": "8195"}))[0].name == "MOLNIYA 2-14"
     with pytest.raises(InputError, match=r"no satellite 'hubble'.*ISS \(ZARYA\), MOLNIYA"):
         orbits_from(_satellites({"file": file, "name": "hubble"}))
-    with pytest.raises(InputError, match="stands twice"):
+    with pytest.raises(InputError, match="stands twice; give every one a label"):
         orbits_from(_satellites({"file": file}, {"file": file}))
+    twins = _satellites(
+        {"file": file, "name": "25544"}, {"file": file, "name": "25544", "label": "ISS again"}
+    )
+    assert [one.name for one in orbits_from(twins)] == ["ISS (ZARYA)", "ISS again"]
+    with pytest.raises(InputError, match=r"two\.tle: the label 'both' would be that of 2"):
+        orbits_from(_satellites({"file": file, "label": "both"}))
     with pytest.raises(InputError, match="cannot be read"):
         orbits_from(_satellites({"file": str(tmp_path / "none.tle")}))
     path.write_bytes(b"\xff\xfe\x00")

@@ -58,7 +58,11 @@ class LoopMargins:
         Frequency at which the phase is that near; NaN where the gain is one nowhere.
     delay_s : float
         It stays stable for all additional delays below this; infinite where nothing bounds it. Zero
-        if the gain does not fall below one at infinite frequency.
+        if the gain does not fall below one at infinite frequency. In discrete time that holds for
+        delays of whole periods: a part of one changes the gain between the samples too, of which L
+        knows nothing, and a loop may bear less of it (it may even where this is infinite). Such a
+        delay is judged by `hillsphere_controllers.systems.sampling.sampled_loop`. Zero there if L
+        at z = −1, half the sampling rate, or its direct term is one or more in size.
     delay_rad_s : float
         Frequency of the oscillation at that delay; NaN where there is none.
     """
@@ -86,7 +90,7 @@ def loop_margins(loop: LtiSystem) -> tuple[LoopMargins, ...]:
         L, as many outputs as inputs, closed by negative feedback: ``series(plant, controller)``
         for margins at the controls, ``series(controller, plant)`` at the measurements. In discrete
         time, a plant as the computer sees it is given by `hillsphere_controllers.systems.holding`,
-        and delays are those of continuous time: as many seconds.
+        and the delay margin is one of whole periods.
 
     Returns
     -------
@@ -138,7 +142,10 @@ def _of_channel(loop: LtiSystem) -> LoopMargins:
         lag = float(np.angle(-value)) % (2.0 * np.pi)
         phase = min(phase, (min(lag, 2.0 * np.pi - lag), omega), key=lambda pair: pair[0])
         delay = min(delay, (lag / rate(omega), omega), key=lambda pair: pair[0])
-    if loop.dt_s is None and abs(direct) >= 1.0:
+    # In discrete time that is L(−1): z⁻ᵏ turns it by half a turn for each period, all at once at
+    # the end of the curve, so that a gain of one or more there is an encirclement without a
+    # crossing. A direct term comes a period later however short the delay.
+    if max(abs(direct), abs(float(loop.d[0, 0]))) >= 1.0:
         delay = (0.0, np.inf)
     return LoopMargins(
         True, lower[0], upper[0], rate(lower[1]), rate(upper[1]), phase[0], rate(phase[1]),

@@ -106,21 +106,23 @@ def series(*systems: LtiSystem) -> LtiSystem:
     Raises
     ------
     InputError
-        If the numbers of outputs and inputs or the sampling periods do not fit.
+        If there is none, or the numbers of outputs and inputs or the sampling periods do not fit.
     """
+    if not systems:
+        raise InputError("nothing to put in series")
     made = systems[0]
     for after in systems[1:]:
         if after.shape[1] != made.shape[0]:
             raise InputError(
                 f"in series: {made.shape[0]} outputs into {after.shape[1]} inputs do not fit"
             )
-        _common_period((made, after))
+        dt_s = _common_period((made, after))
         made = LtiSystem(
             np.block([[made.a, np.zeros((made.order, after.order))], [after.b @ made.c, after.a]]),
             np.vstack([made.b, after.b @ made.d]),
             np.hstack([after.d @ made.c, after.c]),
             after.d @ made.d,
-            made.dt_s,
+            dt_s,
             made.inputs,
             after.outputs,
         )

@@ -13,8 +13,11 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.systems.balancing import balanced
 
 __all__ = ["continuous", "discrete"]
+
+_POLE = 1e-13
 
 
 def continuous(system: LtiSystem) -> LtiSystem:
@@ -27,18 +30,23 @@ def continuous(system: LtiSystem) -> LtiSystem:
     """
     if system.dt_s is None:
         raise InputError("the system is one in continuous time already")
-    n, root = system.order, np.sqrt(system.dt_s)
-    one = np.eye(n)
-    plus = one + system.a
-    if n and np.linalg.cond(plus) > 1e14:
-        raise InputError("a pole at z = −1 has no image in continuous time")
-    inverse = np.linalg.inv(plus)
+    dt, one = system.dt_s, np.eye(system.order)
+    # the scale of a state decides nothing
+    even, scale = balanced(system)
+    away = np.abs(1.0 + even.poles)
+    if away.size and away.min() <= _POLE:
+        raise InputError(
+            f"a pole at z = −1 (to {away.min():.1e}) has no image in continuous time; it is an "
+            "oscillation at half the sampling rate: damp it a little, or leave it out"
+        )
+    inverse = np.linalg.inv(one + even.a)
+    root = np.sqrt(dt)
     return replace(
         system,
-        a=2.0 / system.dt_s * (inverse @ (system.a - one)),
-        b=2.0 / root * (inverse @ system.b),
-        c=2.0 / root * (system.c @ inverse),
-        d=system.d - system.c @ inverse @ system.b,
+        a=2.0 / dt * (inverse @ (even.a - one)) * scale[:, None] / scale,
+        b=2.0 / root * (inverse @ even.b) * scale[:, None],
+        c=2.0 / root * (even.c @ inverse) / scale,
+        d=system.d - even.c @ inverse @ even.b,
         dt_s=None,
     )
 

@@ -2,10 +2,14 @@
 
 A system is a struct of ``a``, ``b``, ``c``, ``d``, ``Ts`` (0 in continuous time) and, where it has
 names, ``InputName``, ``OutputName``, ``StateName``: in MATLAB ``P = ss(s.a, s.b, s.c, s.d, s.Ts)``,
-and ``struct('a', P.A, …, 'Ts', P.Ts)`` for the other way. An uncertain system is a struct of ``M``,
+and ``struct('a', P.A, …, 'Ts', P.Ts)`` for the other way. In a system, fields may be in upper case
+(``struct('A', P.A, …)``, ``get(P)``), and a regular descriptor matrix ``e`` is applied: E⁻¹A, E⁻¹B.
+Delays, and a unit of time other than seconds, are refused. Of signals of one name, MATLAB's allows
+them, ``u`` twice becomes ``u[1]`` and ``u[2]``. An uncertain system is a struct of ``M``,
 such a system, and ``blocks``, the block structure of ``mussv``, one row each: [−r 0] a real scalar
 repeated r times, [r 0] a complex one, [r c] a full block of r by c; and ``BlockName``. A table is a
-struct of arrays. Nothing else is written or read: no objects, no functions.
+struct of arrays. Nothing else is written or read: no objects, no functions; a variable of text is
+passed over.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ Content = LtiSystem | tuple[LtiSystem, BlockStructure] | Numbers | dict[str, Num
 
 _NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 _SYSTEM = {"a", "b", "c", "d"}
+_REGULAR = 1e-12
 _NAMES = (("InputName", "inputs"), ("OutputName", "outputs"), ("StateName", "states"))
 
 
@@ -59,12 +64,15 @@ def load_mat(path: Path) -> dict[str, Content]:
     Returns
     -------
     dict of str to Content
-        By variable name. Vectors are matrices of one row or column, as in MATLAB.
+        By variable name, without those of text. Vectors are matrices of one row or column, as in
+        MATLAB.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or holds anything but plain arrays and structs of them.
+        If the file cannot be read, or holds anything but plain arrays, structs of them and text;
+        or a system has delays, a singular descriptor matrix, a period that is left open (−1), or
+        another unit of time than seconds.
     """
     try:
         found = loadmat(path, appendmat=False, chars_as_strings=True)
@@ -81,7 +89,11 @@ def load_mat(path: Path) -> dict[str, Content]:
             f"{path} holds objects of MATLAB's, such as ss or uss; save a struct of their matrices "
             "a, b, c, d, Ts instead"
         )
-    return {name: _read(value, name) for name, value in found.items() if not name.startswith("__")}
+    return {
+        name: _read(value, name)
+        for name, value in found.items()
+        if not name.startswith("__") and np.asarray(value).dtype.kind != "U"
+    }
 
 
 def _name(name: str) -> str:
@@ -104,7 +116,7 @@ def _written(name: str, content: Content) -> Any:
             "BlockName": _cell(tuple(block.name for block in structure.blocks)),
         }
     if isinstance(content, Mapping):
-        if set(content) >= _SYSTEM or "M" in content:
+        if {key.lower() for key in content} >= _SYSTEM or "M" in content:
             raise InputError(f"{name}: a table with these columns would be read as a system")
         return {_name(key): _matrix(value, f"{name}.{key}") for key, value in content.items()}
     return _matrix(content, name)
@@ -136,7 +148,7 @@ def _read(value: Any, where: str) -> Content:
         if type(value) is not np.ndarray:  # scipy's class for an object of MATLAB's
             raise InputError(f"{where} is an object of MATLAB's; save a struct of its matrices")
         fields = {name: value[name].ravel()[0] for name in value.dtype.names}
-        if set(fields) >= _SYSTEM:
+        if {name.lower() for name in fields} >= _SYSTEM:
             return _system_read(fields, where)
         if "M" in fields and "blocks" in fields:
             system = _read(fields["M"], f"{where}.M")
@@ -147,26 +159,86 @@ def _read(value: Any, where: str) -> Content:
     return _matrix(value, where)
 
 
-def _system_read(fields: Mapping[str, Any], where: str) -> LtiSystem:
+def _system_read(written: Mapping[str, Any], where: str) -> LtiSystem:
+    fields = {name.lower(): value for name, value in written.items()}
+    if len(fields) < len(written):
+        raise InputError(f"{where} has fields that differ in case only: {', '.join(written)}")
+    _check_time(written, where)
     a, b, c, d = (_matrix(fields[name], f"{where}.{name}") for name in "abcd")
     if any(np.iscomplexobj(matrix) for matrix in (a, b, c, d)):
         raise InputError(f"{where}: the matrices of a system must be real")
     (p, m), n = d.shape, len(a)
     # MATLAB writes [] where a dimension is zero
     b, c = (b if b.size else np.zeros((n, m))), (c if c.size else np.zeros((p, n)))
-    period = _matrix(fields.get("Ts", 0.0), f"{where}.Ts")
+    if "e" in fields:
+        a, b = _explicit(a, b, _matrix(fields["e"], f"{where}.e"), f"{where}.e")
+    period = _matrix(fields.get("ts", 0.0), f"{where}.Ts")
+    if period.size == 1 and period.flat[0] == -1.0:
+        raise InputError(
+            f"{where}.Ts is −1, which is discrete time without a period; set it in MATLAB before "
+            "saving: P.Ts = 0.1, in seconds"
+        )
     if period.size != 1 or np.iscomplexobj(period) or not float(period.flat[0]) >= 0.0:
         raise InputError(
             f"{where}.Ts must be a period in seconds, 0 in continuous time, got {period}"
         )
     names = {
-        attribute: _names_read(fields[field], f"{where}.{field}")
+        attribute: _names_read(fields[field.lower()], f"{where}.{field}")
         for field, attribute in _NAMES
-        if field in fields
+        if field.lower() in fields
     }
-    given = {key: value if any(value) else () for key, value in names.items()}
+    given = {key: _unique(value, key[:-1]) if any(value) else () for key, value in names.items()}
     dt_s = float(period.flat[0]) or None
     return LtiSystem(np.real(a), np.real(b), np.real(c), np.real(d), dt_s, **given)
+
+
+def _check_time(fields: Mapping[str, Any], where: str) -> None:
+    """Raise `InputError` for delays, which `LtiSystem` has none of, and units of time."""
+    for name, value in fields.items():
+        if name.lower().endswith("delay") and np.any(_matrix(value, f"{where}.{name}")):
+            raise InputError(
+                f"{where}.{name}: delays are not read; in MATLAB, replace them by states before "
+                "saving: P = pade(P, 3), or in discrete time P = absorbDelay(P)"
+            )
+        if name.lower() == "timeunit" and set(_names_read(value, f"{where}.{name}")) - {
+            "",
+            "seconds",
+        }:
+            raise InputError(
+                f"{where}.{name} must be seconds; in MATLAB: P = chgTimeUnit(P, 'seconds')"
+            )
+
+
+def _explicit(a: Numbers, b: Numbers, e: Numbers, where: str) -> tuple[Numbers, Numbers]:
+    """Return E⁻¹ A and E⁻¹ B."""
+    if e.size == 0:  # what MATLAB writes for the identity
+        return a, b
+    if e.shape != a.shape or np.iscomplexobj(e):
+        raise InputError(f"{where} must be real and of the shape of a, {a.shape}, got {e.shape}")
+    # the units of equations and states change the singular values, not what is singular
+    rows = np.abs(e).max(axis=1, keepdims=True)
+    even = e / np.where(rows > 0.0, rows, 1.0)
+    columns = np.abs(even).max(axis=0, keepdims=True)
+    even = even / np.where(columns > 0.0, columns, 1.0)
+    if not np.isfinite(even).all() or not 1.0 / np.linalg.cond(even) > _REGULAR:
+        raise InputError(
+            f"{where}, the descriptor matrix, is singular; in MATLAB, bring the system to a form "
+            "without it before saving: P = ss(P, 'explicit'), or minreal(P)"
+        )
+    into = np.linalg.solve(np.real(e), np.hstack([np.real(a), np.real(b)]))
+    return into[:, : len(a)], into[:, len(a) :]
+
+
+def _unique(names: tuple[str, ...], otherwise: str) -> tuple[str, ...]:
+    """Return names of which each stands once: those that stand twice get numbers, from one on."""
+    filled = [name or otherwise for name in names]
+    count: dict[str, int] = {}
+    made = []
+    for name, given in zip(filled, names, strict=True):
+        count[name] = count.get(name, 0) + 1
+        several = not given or filled.count(name) > 1
+        made.append(f"{name}[{count[name]}]" if several else name)
+    return tuple(made)
 
 
 def _blocks_read(fields: Mapping[str, Any], where: str) -> BlockStructure:

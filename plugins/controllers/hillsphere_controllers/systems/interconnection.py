@@ -58,7 +58,7 @@ def connect(
     junctions : sequence of str
         Sums, ``"e = r - y"``. A name without a number means all signals that have it with one, in
         their order: with outputs ``y[0]``, ``y[1]`` (or ``y(1)``, ``y(2)``), that sum makes
-        ``e[0]`` and ``e[1]`` of ``r[0]`` and ``r[1]``.
+        ``e[0]`` and ``e[1]`` of ``r[0]`` and ``r[1]``. Numbers count from 0 or 1 without a gap.
     inputs, outputs : sequence of str
         Signals that are the inputs and outputs of the whole, in this order; for a generalised
         plant, controls and measurements last. An input may be an output too.
@@ -72,14 +72,22 @@ def connect(
     ------
     InputError
         If a signal is made twice or by nothing, an input of the whole is used nowhere, an output
-        unknown, a sum cannot be read, or the connection is not well posed.
+        unknown, a sum cannot be read, the connection is not well posed, or numbered signals of one
+        name are written in two ways, have one number twice, or a gap where that name is used.
     """
     for k, system in enumerate(systems):
         p, m = system.shape
         if len(system.inputs) != m or len(system.outputs) != p:
             raise InputError(f"system {k} has no names for its signals; give them by with_names")
     sums = [_Sum.read(text) for text in junctions]
-    names = _Names(name for s in systems for name in (*s.inputs, *s.outputs))
+    elsewhere = [*inputs, *outputs, *(name for one in sums for name in one.names)]
+    names = _Names(
+        [
+            *(name for s in systems for name in (*s.inputs, *s.outputs)),
+            # a sum or an input of the whole may give a bus one of its signals
+            *(name for name in elsewhere if _NUMBERED.fullmatch(name)),
+        ]
+    )
     names.spread(sums)
     outside = [name for given in inputs for name in names.of(given)]
     parts, into, made = [gain(np.eye(len(outside)))], list[str](), list(outside)
@@ -122,6 +130,11 @@ class _Sum:
     output: str
     terms: tuple[tuple[float, str], ...]
 
+    @property
+    def names(self) -> list[str]:
+        """The output and the terms."""
+        return [self.output, *(name for _, name in self.terms)]
+
     @classmethod
     def read(cls, text: str) -> _Sum:
         found = _SUM.fullmatch(text)
@@ -139,19 +152,36 @@ class _Names:
     def __init__(self, signals: Iterable[str]) -> None:
         numbered: dict[str, dict[int, str]] = {}
         self._known: dict[str, list[str]] = {}
+        self._gaps: set[str] = set()
         for signal in signals:
             self._known[signal] = [signal]
             found = _NUMBERED.fullmatch(signal)
             if found:
-                numbered.setdefault(found[1], {})[int(found[2] or found[3])] = signal
+                group, number = numbered.setdefault(found[1], {}), int(found[2] or found[3])
+                other = group.setdefault(number, signal)
+                first = next(iter(group.values()))
+                if other != signal or first.endswith(")") != signal.endswith(")"):
+                    raise InputError(
+                        f"{signal!r} and {other if other != signal else first!r} number signals "
+                        f"of {found[1]!r} in two ways; write all as {found[1]}[0], {found[1]}[1] … "
+                        f"or all as {found[1]}(1), {found[1]}(2) …"
+                    )
         for name, group in numbered.items():
             if name in self._known:
                 raise InputError(
                     f"{name!r} is a signal and the name of {', '.join(group.values())}"
                 )
-            self._known[name] = [group[k] for k in sorted(group)]
+            places = sorted(group)
+            self._known[name] = [group[k] for k in places]
+            if places[0] > 1 or places[-1] - places[0] >= len(places):
+                self._gaps.add(name)
 
     def of(self, name: str) -> list[str]:
+        if name in self._gaps:
+            raise InputError(
+                f"{name!r} stands for {', '.join(self._known[name])}, whose numbers have a gap; "
+                "number them from 0 or 1 on, or name each signal by itself"
+            )
         return self._known.get(name, [name])
 
     def spread(self, sums: Sequence[_Sum]) -> None:
@@ -160,8 +190,8 @@ class _Names:
         while not settled:
             settled = True
             for one in sums:
-                used = [one.output, *(name for _, name in one.terms)]
-                widths = {name: len(self._known[name]) for name in used if name in self._known}
+                used = one.names
+                widths = {name: len(self.of(name)) for name in used if name in self._known}
                 if len(set(widths.values())) > 1:
                     each = ", ".join(f"{name} {width}" for name, width in widths.items())
                     raise InputError(

@@ -27,6 +27,10 @@ class Clock(Protocol):
         """Return at that time, at once if it has passed."""
         ...
 
+    def skip_to(self, t_s: float) -> None:
+        """Leave out the time until then, where time can be left out."""
+        ...
+
 
 class RealTime:
     """The computer's clock, which should be set by NTP or better."""
@@ -45,6 +49,9 @@ class RealTime:
         if (left := t_s - self.now_s()) > 0.0:
             sleep(left)
 
+    def skip_to(self, t_s: float) -> None:
+        """Do nothing: real time runs."""
+
 
 class Replay:
     """A time that begins at a given date and runs at a given speed.
@@ -60,7 +67,7 @@ class Replay:
     def __init__(self, start: Epoch, speed: float) -> None:
         self.start, self._speed = start, speed
         self._begun: float | None = None
-        self._reached = 0.0
+        self._reached = self._skipped = 0.0
 
     def now_s(self) -> float:
         """Return the seconds since the start; the first call starts it."""
@@ -68,10 +75,14 @@ class Replay:
             return self._reached
         if self._begun is None:
             self._begun = monotonic()
-        return (monotonic() - self._begun) * self._speed
+        return self._skipped + (monotonic() - self._begun) * self._speed
 
     def wait_until(self, t_s: float) -> None:
         """Sleep until a time, unless the speed is 0."""
         self._reached = max(self._reached, t_s)
         if self._speed and (left := t_s - self.now_s()) > 0.0:
             sleep(left / self._speed)
+
+    def skip_to(self, t_s: float) -> None:
+        """Begin then, if that is later; to be called before the time runs."""
+        self._reached = self._skipped = max(t_s, 0.0)

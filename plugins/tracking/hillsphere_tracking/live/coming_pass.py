@@ -24,6 +24,7 @@ from hillsphere_tracking.trackers.streaming import StreamingTracker
 __all__ = ["Seen", "next_pass", "plan_of", "stream_of"]
 
 _COARSE_S = 10.0
+_LONGEST_H = 24
 _AFTER_S = 60.0
 """For how long the antenna is still pointed after the nominal pass: the satellite may be late."""
 
@@ -69,7 +70,8 @@ def next_pass(
     period_s : float
         Between commands.
     within_s : float
-        How long to look ahead.
+        How long to look ahead for the rise. A pass goes on to its set; that of a satellite that
+        does not set for a day ends there.
     air : Air, optional
         That lifts the satellite.
 
@@ -87,6 +89,13 @@ def next_pass(
     grid = np.arange(0.0, within_s + _COARSE_S, _COARSE_S)
     azimuth, elevation = seen(grid)
     height = place.above(azimuth, elevation)
+    if height[-1] >= 0.0:  # it is up at the end: see when it sets
+        for hour in range(_LONGEST_H):
+            beyond = grid[-1] + 3600.0 * hour + _COARSE_S * np.arange(1.0, 361.0)
+            if (place.above(*seen(beyond)) < 0.0).any():
+                grid = np.arange(0.0, beyond[-1] + _COARSE_S, _COARSE_S)
+                height = place.above(*seen(grid))
+                break
     above = np.flatnonzero(height >= 0.0)
     if not above.size:
         mask = degrees(place.mask.lowest_rad)

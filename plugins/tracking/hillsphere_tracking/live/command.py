@@ -11,13 +11,19 @@ from typing import Annotated, Any
 import typer
 
 from hillsphere.cli.streams import say
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Tracker
 from hillsphere.mission import load_mission
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.antenna import antenna_of
-from hillsphere_tracking.live.atmosphere import Air, ThroughAir
+from hillsphere_tracking.live.atmosphere import ThroughAir
 from hillsphere_tracking.live.calibration import StationMemory
+from hillsphere_tracking.live.checks import (
+    air_of,
+    check_positive,
+    check_writable,
+    forgetting_of,
+)
 from hillsphere_tracking.live.coming_pass import next_pass, plan_of, stream_of
 from hillsphere_tracking.live.help_groups import GroupedCommand
 from hillsphere_tracking.live.inputs import input_of, orientation_of
@@ -27,7 +33,6 @@ from hillsphere_tracking.live.session import Outputs, SearchRules, Session, run_
 from hillsphere_tracking.live.setup import orbit_of, place_of, tracker_of
 from hillsphere_tracking.live.status import status_line
 from hillsphere_tracking.live.targets import target_of
-from hillsphere_tracking.memory import Forgetting
 from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.table import Table
 
@@ -204,10 +209,11 @@ def track(
     lock_angle: Annotated[
         float,
         typer.Option(
-            help="Width of the beam in which the signal is found, degrees.",
+            help="Error of pointing up to which the signal is received, degrees: the beam's "
+            "half-width.",
             rich_help_panel=_SEARCH,
         ),
-    ] = 1.0,
+    ] = 0.5,
     dwell: Annotated[
         float,
         typer.Option(
@@ -259,8 +265,13 @@ def track(
     Commands go to stdout as CSV, or to a rotator; stderr shows time, angles and by how much the
     satellite is early and beside its nominal track. Where measurements stop the prediction goes on,
     and the antenna searches around it if its error may be larger than the beam.
+
+    Exit codes: 0 the pass is over; 1 there is no rotator; 2 something given cannot be used; 130
+    interrupted.
     """
-    _check(sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration)
+    check_positive(
+        sigma=sigma, lost_after=lost_after, within=within, rate=rate, acceleration=acceleration
+    )
     if not 0.01 <= period <= 10.0:
         raise InputError(f"--period must be from 0.01 to 10 s, got {period:g}")
     if not 0.0 < lock_angle <= 90.0:
@@ -269,28 +280,31 @@ def track(
         raise InputError(f"--dwell must be ≥ 0, got {dwell:g}")
     if not 0.0 <= speed < inf or (speed != 1.0 and not replay):
         raise InputError("--speed must be ≥ 0, and is for --replay only")
-    for name, path in (("memory", memory), ("log", log)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InputError(f"--{name}: the directory {path.absolute().parent} does not exist")
+    check_writable("--memory", memory)
+    check_writable("--log", log)
     if memory and latitude is not None and not station:
         raise InputError("--memory keeps biases by the station's name: give --station NAME")
     loaded = load_mission(mission) if mission else None
     orbit = orbit_of(loaded, elements, satellite)
     place = place_of(loaded, station, (latitude, longitude, height), mask)
-    air = _air(refraction, pressure, temperature)
+    air = air_of(refraction, pressure, temperature)
     inner = tracker_of(loaded, tracker)
     stops = {"azimuth": azimuth_limits, "elevation": elevation_limits, "x": x_limits, "y": y_limits}
     antenna = antenna_of(mount, stops, rate, acceleration, axis_azimuth)
-    forgetting = Forgetting(radians(forget[0]), forget[1])
+    forgetting = forgetting_of(forget)
     kept = StationMemory(memory, place.station.name, forgetting, say) if memory else None
     counted_from = Epoch.parse(epoch, "UTC") if epoch else None
-    beam = radians(0.5 * lock_angle)
+    beam = radians(lock_angle)
     # what is kept of the pass is seen to after the rotator was stopped
     with ExitStack() as afterwards, ExitStack() as stack:
         feed, clock = input_of(stack, source, counted_from, replay, speed)
         start = clock.start
         orientation = orientation_of(ut1_minus_utc, start)
-        seen = next_pass(orbit, place, start, orientation, period, 3600.0 * within, air)
+        try:
+            seen = next_pass(orbit, place, start, orientation, period, 3600.0 * within, air)
+        except PropagationError as error:  # these elements are not for this day
+            raise InputError(str(error)) from error
+        clock.skip_to(float(seen.times_s[0]))
 
         def streamed(method: Tracker[Any]) -> Any:
             through = method if air is None else ThroughAir(method, air)
@@ -327,22 +341,6 @@ def track(
             lambda status: say(status_line(status, start)), say,
         )  # fmt: skip
         run_session(session, clock, feed, position, outputs)
-
-
-def _check(**positive: float) -> None:
-    for name, value in positive.items():
-        if not 0.0 < value < inf:
-            raise InputError(f"--{name.replace('_', '-')} must be > 0, got {value:g}")
-
-
-def _air(refraction: bool, pressure: float | None, temperature: float | None) -> Air | None:
-    if refraction:
-        return Air(
-            1010.0 if pressure is None else pressure, 10.0 if temperature is None else temperature
-        )
-    if pressure is not None or temperature is not None:
-        raise InputError("--pressure and --temperature are for --refraction")
-    return None
 
 
 def _both(*takers: Callable[[Any], None]) -> Callable[[Any], None]:

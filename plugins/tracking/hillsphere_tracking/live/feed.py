@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import queue
 import select
+import stat
 import threading
 from collections.abc import Callable, Iterator
-from itertools import chain
 from typing import Protocol
+
+import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
@@ -18,6 +20,7 @@ __all__ = ["Arriving", "Feed", "Recorded"]
 
 _LONGEST_LINE = 65536
 _POLL_S = 0.2
+_JUMP_S, _DAY_S = 60.0, 86400.0
 
 
 class Feed(Protocol):
@@ -38,36 +41,95 @@ class Recorded:
     Parameters
     ----------
     source : iterator of Measurement
-        Asked no further than needed.
+        Asked one further than needed: what jumps ahead, and is not followed there, would hold all
+        others up. It is told and passed over, as are bad lines.
+    say : callable
+        Is given a line for each fault.
+
+    Raises
+    ------
+    InputError
+        If there are no measurements.
     """
 
-    def __init__(self, source: Iterator[Measurement]) -> None:
-        first = next(source, None)
-        if first is None:
-            raise InputError("no measurements to replay: the input is empty")
-        self.first = first
-        self._source = chain([first], source)
-        self._next: Measurement | None = None
+    def __init__(self, source: Iterator[Measurement], say: Callable[[str], None]) -> None:
+        self._source = source
+        self._faults: list[InputError] = []
+        self._say: Callable[[str], None] | None = None
+        self._latest: Epoch | None = None
+        self._astray = 0
+        self._after = self._read()
+        if self._after is None:
+            first = f"{self._faults[0]}" if self._faults else "the input is empty"
+            raise InputError(f"no measurements to replay: {first}")
+        self._say = say
+        for fault in self._faults:
+            say(f"passed over: {fault}")
+        found = self._following()
+        assert found is not None
+        self.first: Measurement = found
+        self._next: Measurement | None = found
 
     def until(self, start: Epoch, t_s: float) -> list[Measurement]:
         """Return the measurements whose time has come."""
         found: list[Measurement] = []
-        while True:
-            if self._next is None:
-                self._next = next(self._source, None)
-            if self._next is None or self._next.epoch.seconds_since(start) > t_s:
-                return found
+        while self._next is not None and self._next.epoch.seconds_since(start) <= t_s:
             found.append(self._next)
-            self._next = None
+            self._next = self._following()
+        return found
 
     def close(self) -> None:
-        """Do nothing: nothing is read ahead."""
+        """Do nothing: nothing runs."""
+
+    def _following(self) -> Measurement | None:
+        """Return the next measurement that is in its place."""
+        while (found := self._after) is not None:
+            self._after = self._read()
+            if not _astray(self._latest, found.epoch, self._after and self._after.epoch):
+                self._tell_more()
+                if self._latest is None or found.epoch.seconds_since(self._latest) > 0.0:
+                    self._latest = found.epoch
+                return found
+            if not self._astray and self._say is not None:
+                when = found.epoch.isot(np.zeros(1), 0)[0]
+                self._say(
+                    f"passed over: {found.place}: its time, {when}, is far from those around it"
+                )
+            self._astray += 1
+        self._tell_more()
+        return None
+
+    def _tell_more(self) -> None:
+        if self._astray > 1 and self._say is not None:
+            self._say(f"passed over: {self._astray - 1} more such measurements")
+        self._astray = 0
+
+    def _read(self) -> Measurement | None:
+        while True:
+            try:
+                return next(self._source, None)
+            except InputError as error:
+                if self._say is None:
+                    self._faults.append(error)
+                else:
+                    self._say(f"passed over: {error}")
+
+
+def _astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
+    """Say whether the time of a measurement is far from those before and after it."""
+    if before is None:
+        return after is not None and not -_JUMP_S < after.seconds_since(here) < _DAY_S
+    ahead = here.seconds_since(before)
+    return ahead > _DAY_S or (
+        ahead > _JUMP_S and after is not None and after.seconds_since(here) <= 0.0
+    )
 
 
 class Arriving:
     """Measurements that arrive, read by a thread of its own.
 
-    What cannot be read is told and passed over: one bad line must not end a pass.
+    What cannot be read is told and passed over: one bad line must not end a pass. A regular file
+    is followed as it grows.
 
     Parameters
     ----------
@@ -109,7 +171,7 @@ class Arriving:
                 found = next(source, None)
             except InputError as error:
                 self._say(f"passed over: {error}")
-                continue  # a message, unlike a table, ends here
+                continue
             if found is None:
                 break
             self._arrived.put(found)
@@ -119,6 +181,7 @@ class Arriving:
     def _lines(self) -> Iterator[str]:
         """Yield lines as they come. Not `readline`, from which no thread can be called back."""
         buffer = b""
+        grows = stat.S_ISREG(os.fstat(self._descriptor).st_mode)
         while not self._ending.is_set():
             if not select.select([self._descriptor], [], [], _POLL_S)[0]:
                 continue
@@ -127,6 +190,9 @@ class Arriving:
             except OSError as error:  # a terminal or a serial line that went away
                 self._say(f"{self._where}: {error.strerror or error}")
                 got = b""
+            if grows and not got:
+                self._ending.wait(_POLL_S)
+                continue
             *lines, buffer = (buffer + got).split(b"\n")
             for line in lines:
                 yield line.decode("utf-8", "replace")

@@ -64,7 +64,7 @@ def input_of(
     lines = stack.enter_context(
         os.fdopen(descriptor, encoding="utf-8", errors="replace", closefd=False)
     )
-    recorded = Recorded(measurements(_read(lines), where, epoch))
+    recorded = Recorded(measurements(_read(lines), where, epoch), say)
     return recorded, Replay(recorded.first.epoch, speed)
 
 

@@ -8,13 +8,14 @@ dates in UTC or seconds after a given epoch. Lines that begin with ``#`` are com
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from math import isfinite, nan, radians
 from typing import NamedTuple
 
 from hillsphere.errors import InputError
-from hillsphere.formats.tdm_records import PairedAngles, tdm_records
+from hillsphere.formats.tdm_records import PairedAngles, tdm_records_and_faults
 from hillsphere.time import Epoch
 
 __all__ = ["Measurement", "measurements"]
@@ -52,13 +53,14 @@ def measurements(
     Returns
     -------
     iterator of Measurement
-        Of a table it can be asked on after an error: the bad line is passed over then.
+        In the order of the input, whatever their times. It can be asked on after an error: the bad
+        line is passed over then.
 
     Raises
     ------
     InputError
         With file and line, from the iterator: a line that is no measurement, angles out of range
-        or not finite, times that do not rise.
+        or not finite; a message whose metadata cannot be used, which ends there.
     """
     rest = iter(lines)
     held: list[str] = []
@@ -71,22 +73,34 @@ def measurements(
         text = ""
     whole = chain(held, rest)
     if text.startswith(("CCSDS_", "<", "COMMENT")):
-        return _of_message(whole, where)
+        return _Message(whole, where)
     return _Table(whole, where, epoch)
 
 
-def _of_message(lines: Iterable[str], where: str) -> Iterator[Measurement]:
-    pairing = PairedAngles()
-    latest: Measurement | None = None
-    for record in tdm_records(lines, where):
-        pair = pairing.add(record)
-        if pair is None:
-            continue
-        found = Measurement(pair.place, pair.epoch, pair.azimuth_rad, pair.elevation_rad, None)
-        _check_order(found, latest)
-        latest = found
-        yield found
-    pairing.finish()
+class _Message(Iterator[Measurement]):
+    """Measurements of a tracking data message."""
+
+    def __init__(self, lines: Iterable[str], where: str) -> None:
+        self._records = tdm_records_and_faults(lines, where)
+        self._faults: deque[InputError] = deque()
+        self._pairing = PairedAngles(self._faults.append)
+
+    def __next__(self) -> Measurement:
+        if self._faults:
+            raise self._faults.popleft()
+        for found in self._records:
+            if isinstance(found, InputError):
+                raise found
+            if pair := self._pairing.add(found):
+                return Measurement(
+                    pair.place, pair.epoch, pair.azimuth_rad, pair.elevation_rad, None
+                )
+            if self._faults:
+                raise self._faults.popleft()
+        self._pairing.finish()
+        if self._faults:
+            raise self._faults.popleft()
+        raise StopIteration
 
 
 class _Table(Iterator[Measurement]):
@@ -97,7 +111,6 @@ class _Table(Iterator[Measurement]):
         self._where, self._epoch = where, epoch
         self._columns: dict[str, int] | None = None
         self._width = 0
-        self._latest: Measurement | None = None
 
     def __next__(self) -> Measurement:
         for number, raw in self._lines:
@@ -110,8 +123,6 @@ class _Table(Iterator[Measurement]):
                 continue
             found = self._measurement(cells, place)
             if found is not None:
-                _check_order(found, self._latest)
-                self._latest = found
                 return found
         raise StopIteration
 
@@ -187,11 +198,3 @@ def _number(text: str, what: str, place: str) -> float:
     if not isfinite(value):
         raise InputError(f"{place}: {what}: expected a finite number, got {text[:40]!r}")
     return value
-
-
-def _check_order(found: Measurement, before: Measurement | None) -> None:
-    if before is not None and (step := found.epoch.seconds_since(before.epoch)) <= 0.0:
-        how = "at the same time as" if step == 0.0 else f"{-step:.6g} s before"
-        raise InputError(
-            f"{found.place}: this measurement is {how} that of {before.place}; times must rise"
-        )

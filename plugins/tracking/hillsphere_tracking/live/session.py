@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import degrees, sqrt
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.time import Epoch
 from hillsphere_tracking.live.clock import Clock
 from hillsphere_tracking.live.feed import Feed
+from hillsphere_tracking.live.gate import Gate
 from hillsphere_tracking.live.measurements import Measurement
 from hillsphere_tracking.live.offsets import offsets_of
 from hillsphere_tracking.live.sky import Place
@@ -25,6 +26,7 @@ from hillsphere_tracking.live.status import Status
 from hillsphere_tracking.pointing.commands import PointingState, advance_pointing, begin
 from hillsphere_tracking.pointing.planning import PassPlan
 from hillsphere_tracking.pointing.search import Search, search_now, search_speed
+from hillsphere_tracking.pointing.sky import turning
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
 __all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_session"]
@@ -32,7 +34,6 @@ __all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_s
 SignalState: TypeAlias = Literal["locked", "predicting", "searching"]
 
 _STEP_S = 0.5
-_FAR_OFF_S = 60.0
 
 
 class Command(NamedTuple):
@@ -119,7 +120,9 @@ def run_session(
     tracker, plan, period, place = session.tracker, session.plan, session.period_s, session.place
     nominal = tracker.state
     taken, heard, shown = 0, -np.inf, -np.inf
+    gate = Gate(clock.start, outputs.say)
     search: Search | None = None
+    turned = 0.0
     tracker.lost()
     if position is None:
         position = float(plan.primary_rad[0]), float(plan.secondary_rad[0])
@@ -127,7 +130,7 @@ def run_session(
     while state.time_s < plan.times_s[-1]:
         for found in feed.until(clock.start, state.time_s):
             t_s = found.epoch.seconds_since(clock.start)
-            if _is_usable(found, t_s, state.time_s, clock.start, outputs.say):
+            if gate.lets_in(found, t_s, state.time_s):
                 if not tracker.is_locked:
                     tracker.locked()
                     outputs.say("the signal is there")
@@ -145,12 +148,15 @@ def run_session(
         if tracker.is_locked or not taken or hidden_by:
             search = None
         elif session.search is not None:
-            search = _searched(session, search, covariance[:, :, 1], state, outputs.say)
+            new = _searched(session, search, turned, covariance[:, :, 1], state, outputs.say)
+            search, turned = new, turned if new is search else 0.0
         doing: SignalState = "predicting" if search is None else "searching"
         doing = "locked" if tracker.is_locked else doing
-        beside = None if search is None else search.at
+        # right and up turn near the zenith, the search does not
+        turns = turned + turning(azimuth[1:3], elevation[1:3])
+        beside = None if search is None else partial(_beside, search, times[1:3], turns)
         state = advance_pointing(plan, state, (times, azimuth, elevation), period, beside)
-        predicted = (float(azimuth[2]), float(elevation[2]))
+        predicted, turned = (float(azimuth[2]), float(elevation[2])), float(turns[1])
         outputs.point(Command(state.time_s, *_angles(state), *predicted, doing))
         if now - shown >= 1.0 - 1e-6:
             shown = now
@@ -160,17 +166,21 @@ def run_session(
             sigma = sqrt(max(float(np.trace(covariance[:, :, 1])), 0.0))
             arcs = np.ravel((0.0, 0.0) if beside is None else beside(times[1:2]))
             aside = (float(arcs[0]), float(arcs[1]))
-            outputs.show(Status(now, *here, sigma, offsets, taken, doing, hidden_by, aside))
+            outputs.show(
+                Status(now, *here, sigma, offsets, taken, tracker.outlying, doing, hidden_by, aside)
+            )
         clock.wait_until(state.time_s)
         if (late := clock.now_s() - state.time_s) > 1.0:
             # the computer slept, or is too slow: commands for the past are of no use to anybody
             outputs.say(f"{late:.1f} s behind the clock: commands left out")
             state = begin(plan, clock.now_s(), *_angles(state))
+    gate.end()
 
 
 def _searched(
     session: Session,
     search: Search | None,
+    turned_rad: float,
     covariance: Array,
     state: PointingState,
     say: Callable[[str], None],
@@ -180,7 +190,10 @@ def _searched(
     beam, dwell = session.search
     speed = search_speed(session.plan.mount, float(state.secondary.angle_rad[0]), beam)
     left = float(session.plan.times_s[-1]) - state.time_s
-    found = search_now(search, covariance, beam, speed, state.time_s, within_s=left, dwell_s=dwell)
+    found = search_now(
+        search, covariance, beam, speed, state.time_s,
+        within_s=left, dwell_s=dwell, turned_rad=turned_rad,
+    )  # fmt: skip
     if found is not None and found is not search:
         size = found.sigmas * sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
         say(f"searching up to {degrees(size):.2f}° around it, in {found.duration_s:.0f} s")
@@ -189,18 +202,9 @@ def _searched(
     return found
 
 
+def _beside(search: Search, times: Array, turns: Array, at: Array) -> tuple[Array, Array]:
+    return search.at(at, np.interp(at, times, turns))
+
+
 def _angles(state: PointingState) -> tuple[float, float]:
     return float(state.primary.angle_rad[0]), float(state.secondary.angle_rad[0])
-
-
-def _is_usable(
-    found: Measurement, t_s: float, now_s: float, start: Epoch, say: Callable[[str], None]
-) -> bool:
-    if abs(t_s - now_s) <= _FAR_OFF_S:
-        return True
-    when = start.isot(np.array([t_s]), 0)[0]
-    say(
-        f"passed over: {found.place}: a measurement of {when}, {abs(t_s - now_s):.0f} s "
-        f"{'after' if t_s > now_s else 'before'} now; an earlier pass is tracked with --replay"
-    )
-    return False

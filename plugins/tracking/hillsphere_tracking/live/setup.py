@@ -72,9 +72,13 @@ def place_of(
     InputError
         If it is not clear which station, or something is out of range.
     """
+    if mask_deg is not None and not abs(mask_deg) < 90.0:
+        raise InputError(f"--mask must lie between -90° and 90°, got {mask_deg:g}°")
     mask = None if mask_deg is None else HorizonMask((radians(mask_deg),))
     latitude, longitude, height_m = coordinates
     if latitude is not None and longitude is not None:
+        if not abs(longitude) <= 360.0:
+            raise InputError(f"--longitude must be from -360° to 360°, got {longitude:g}°")
         given = Station(name or "station", radians(latitude), radians(longitude), height_m)
         return Place(given, mask or HorizonMask())
     if mission is None or latitude is not None or longitude is not None:

@@ -308,13 +308,18 @@ def _verdict(product: Pointing) -> list[str]:
     said = []
     for m, name in enumerate(product.mounts):
         planned, naive = (_largest(q, m) for q in (product.error_rad, product.naive_error_rad))
+        lost, lost_naive = (
+            _outside(product, q, m) for q in (product.error_rad, product.naive_error_rad)
+        )
         k = int(np.argmax(planned))
         kept, kept_naive = (int(np.count_nonzero(q <= lock)) for q in (planned, naive))
         said.append(
             f"Mount {name} keeps {kept} of {count} pass{'' if count == 1 else 'es'} within "
             f"{lock:g}° all the time, {kept_naive} without a plan; the worst is "
             f"{product.stations[k]}, revolution {product.revolution[k]}: {planned[k]:.3g}° "
-            f"({naive[k]:.3g}° without a plan)."
+            f"({naive[k]:.3g}° without a plan). It is outside for {lost.sum():.3g} s in all "
+            f"({lost_naive.sum():.3g} s without a plan), {lost.max():.3g} s at most in a pass "
+            f"({lost_naive.max():.3g} s)."
         )
     if product.short:
         said.append(

@@ -32,7 +32,7 @@ def lock_probability(
     covariance_rad2 : ndarray, shape (2, 2, ...)
         Of the error on the sky, rad²: cross-elevation and elevation.
     beam_rad : float
-        Radius of the beam: half of the lock angle.
+        Radius of the beam: the lock angle.
     mean_rad : ndarray, shape (2, ...), optional
         Mean error; none by default.
 

@@ -119,7 +119,7 @@ def score(
     losses_s : iterable of float
         Losses, each counted from the first measurement: one replay each.
     beam_rad : float
-        Radius of the beam: half of the lock angle.
+        Radius of the beam: the lock angle.
 
     Returns
     -------

@@ -15,7 +15,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, cos, inf, isfinite, pi, sqrt
+from math import ceil, cos, inf, isfinite, pi, sin, sqrt
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class Search:
         """How long one search takes; 0 if the beam covers all from the prediction."""
         return float(self.along_rad[-1]) / self.speed_rad_s
 
-    def at(self, times_s: Array) -> tuple[Array, Array]:
+    def at(self, times_s: Array, turned_rad: Array | float = 0.0) -> tuple[Array, Array]:
         """Return where to look, beside the prediction.
 
         At its end the search runs back the same way, and so on; before its beginning it is at the
@@ -82,6 +82,9 @@ class Search:
         ----------
         times_s : ndarray, shape (N,)
             When.
+        turned_rad : ndarray, shape (N,), or float
+            By how much right and up have turned on the sky since the search was planned, as
+            `sky.turning` tells: the path keeps its place on the sky.
 
         Returns
         -------
@@ -93,10 +96,10 @@ class Search:
         if length == 0.0:
             return np.zeros_like(gone), np.zeros_like(gone)
         place = length - np.abs(np.remainder(gone, 2.0 * length) - length)
-        return (
-            np.interp(place, self.along_rad, self.path_rad[0]),
-            np.interp(place, self.along_rad, self.path_rad[1]),
-        )
+        right = np.interp(place, self.along_rad, self.path_rad[0])
+        up = np.interp(place, self.along_rad, self.path_rad[1])
+        c, s = np.cos(turned_rad), np.sin(turned_rad)
+        return c * right - s * up, s * right + c * up
 
 
 def plan_search(
@@ -122,7 +125,7 @@ def plan_search(
         Of the prediction's error on the sky, rad²: cross-elevation and elevation, as a tracker's
         ``predict`` gives it.
     beam_rad : float
-        b, radius within which the signal is found: half of the lock angle.
+        b, radius within which the signal is found: the lock angle.
     speed_rad_s : float
         Largest speed on the sky that the mount allows; in the bends of the path, of about half a
         beam's width, it should not ask more than its acceleration.
@@ -174,6 +177,7 @@ def search_now(
     within_s: float = inf,
     dwell_s: float = 0.0,
     sigmas: float = 3.0,
+    turned_rad: float = 0.0,
 ) -> Search | None:
     """Return the search for a signal that is lost, as its covariance changes.
 
@@ -192,6 +196,8 @@ def search_now(
         When a new one begins.
     within_s : float
         About how long it may take.
+    turned_rad : float
+        See `Search.at`: of the search under way.
 
     Returns
     -------
@@ -208,7 +214,10 @@ def search_now(
         return None
     if search is not None:
         least = (beam_rad / sigmas) ** 2 * np.eye(2)
-        root = np.linalg.inv(np.linalg.cholesky(search.covariance_rad2 + least))
+        c, s = cos(turned_rad), sin(turned_rad)
+        turn = np.array([[c, -s], [s, c]])
+        planned = turn @ search.covariance_rad2 @ turn.T
+        root = np.linalg.inv(np.linalg.cholesky(planned + least))
         growth = np.linalg.eigvalsh(root @ (covariance_rad2 + least) @ root.T)[-1]
         if growth <= _OUTGROWN**2:
             return search

@@ -7,7 +7,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_tracking.topocentric import direction_cosines
 
-__all__ = ["angles_of", "offset", "separation"]
+__all__ = ["angles_of", "offset", "separation", "turning"]
 
 
 def angles_of(direction: Array) -> tuple[Array, Array]:
@@ -76,3 +76,33 @@ def offset(
     # sin(x)/x without its hole at zero; numpy's sinc takes x/π
     step = np.sinc(arc / np.pi) * (right * rightwards + up * upwards)
     return angles_of(np.cos(arc) * direction_cosines(azimuth, elevation) + step)
+
+
+def turning(azimuth_rad: Array, elevation_rad: Array) -> Array:
+    """Return by how much arcs that keep their direction turn against right and up along a course.
+
+    Near the zenith right and up turn with the azimuth, the sky does not. Between neighbours the
+    arcs are carried in parallel along a great circle.
+
+    Parameters
+    ----------
+    azimuth_rad, elevation_rad : ndarray, shape (K,)
+        The course, K ≥ 1.
+
+    Returns
+    -------
+    ndarray, shape (K,)
+        Angles from right towards up since the first direction, rad.
+    """
+    azimuth, elevation = np.asarray(azimuth_rad), np.asarray(elevation_rad)
+    sine, level = np.sin(elevation), np.cos(elevation)
+    right = np.array([np.cos(azimuth), -np.sin(azimuth), np.zeros_like(azimuth)])
+    up = np.array([-np.sin(azimuth) * sine, -np.cos(azimuth) * sine, level])
+    place = direction_cosines(azimuth, elevation)
+    both = place[:, :-1] + place[:, 1:]
+    across = np.sum(right[:, :-1] * place[:, 1:], axis=0)
+    # opposite directions have no great circle of their own
+    apart = np.maximum(0.5 * np.sum(both**2, axis=0), 1e-12)
+    carried = right[:, :-1] - across / apart * both
+    step = np.arctan2(np.sum(carried * up[:, 1:], axis=0), np.sum(carried * right[:, 1:], axis=0))
+    return np.concatenate([[0.0], np.cumsum(step)])

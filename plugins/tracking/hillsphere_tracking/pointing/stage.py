@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil, floor, log10
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from hillsphere_tracking.topocentric import direction_cosines
 __all__ = ["PointingStage"]
 
 _FEWEST_COMMANDS = 8
-_MOST_COMMANDS = 2_000_000
+_BYTES = 200.0
+"""Of memory for each command of a pass and mount, about: angles, errors, marks, copies."""
+_MOST_BYTES = 2e9
 _LISTED = 12
 
 
@@ -162,12 +164,16 @@ class PointingStage:
                 f"than {least:g} s; there are (station, revolution, culmination): "
                 f"{', '.join(there[:_LISTED]) or 'none'}{more}"
             )
-        total = len(self.mounts) * float(np.sum(duration[chosen]) / spec.command_period_s)
-        if total > _MOST_COMMANDS:
+        # tables of all passes are as long as the longest
+        longest = float(duration[chosen].max())
+        total = len(self.mounts) * chosen.size * longest / spec.command_period_s
+        if (part := _BYTES * total / _MOST_BYTES) > 1.0:
+            period = spec.command_period_s * part
             raise InputError(
-                f"{chosen.size} passes and {len(self.mounts)} mounts make {total:.0f} commands, at "
-                f"most {_MOST_COMMANDS}; choose fewer passes (revolutions, culmination_min_deg) or "
-                "a longer command_period_s"
+                f"{chosen.size} passes of up to {longest:.0f} s and {len(self.mounts)} mounts make "
+                f"{total:.0f} commands, which need {_BYTES * total / 1e9:.1f} GB of memory, at "
+                f"most {_MOST_BYTES / 1e9:g} GB; choose fewer passes (revolutions, stations, "
+                f"culmination_min_deg) or mounts, or command_period_s = {_rounded_up(period):g}"
             )
         return chosen, int(np.count_nonzero(asked & ~long))
 
@@ -214,6 +220,12 @@ class PointingStage:
         beyond = [np.count_nonzero(q > self.spec.lock_angle_rad) for q in rest]
         found["unramped_outside_s"] = period * np.array(beyond, dtype=float)
         return found
+
+
+def _rounded_up(number: float) -> float:
+    """Return a number of two digits that is no smaller."""
+    digit = 10.0 ** (floor(log10(number)) - 1)
+    return digit * ceil(number / digit)
 
 
 def _padded(columns: list[Array]) -> Array:
