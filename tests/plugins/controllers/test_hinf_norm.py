@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -85,6 +87,72 @@ def test_never_below_what_the_response_reaches(seed: int, order: int, decades: f
     assert found.value >= sampled * (1.0 - 1e-9)
     at_peak = largest_gains(system.response(np.array([found.frequency_rad_s])))[0]
     assert_allclose(found.value, at_peak, rtol=1e-12)
+
+
+def exact_gain(system: LtiSystem, omega: float) -> float:
+    """Return |G(jω)| of one input and output, solved in fractions."""
+    n, w = system.order, Fraction(omega)
+    a = [[Fraction(float(v)) for v in row] for row in system.a]
+    b, c = ([Fraction(float(v)) for v in part.ravel()] for part in (system.b, system.c))
+    rows = []
+    for i in range(n):  # real and imaginary part of (jω − A) x = b
+        unit = [w if i == j else Fraction(0) for j in range(n)]
+        rows.append([*(-v for v in a[i]), *(-v for v in unit), b[i]])
+        rows.append([*unit, *(-v for v in a[i]), Fraction(0)])
+    for i in range(2 * n):
+        pivot = next(r for r in range(i, 2 * n) if rows[r][i] != 0)
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        for r in range(2 * n):
+            if r != i and rows[r][i] != 0:
+                factor = rows[r][i] / rows[i][i]
+                rows[r] = [x - factor * y for x, y in zip(rows[r], rows[i], strict=True)]
+    x = [rows[i][-1] / rows[i][i] for i in range(2 * n)]
+    real, imaginary = (
+        float(sum(ci * xi for ci, xi in zip(c, x[k : k + n], strict=True))) for k in (0, n)
+    )
+    return float(np.hypot(real, imaginary))
+
+
+def rotated_triangle(seed: int) -> LtiSystem:
+    """Poles from −1e-6 to −1e3 in a triangle of large couplings, turned in every second system."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(2, 7))
+    a = np.diag(-(10.0 ** random.uniform(-6, 3, n)))
+    a += np.triu(random.normal(size=(n, n)) * 10.0 ** random.uniform(-1, 3), 1)
+    if seed % 2:
+        turn = np.linalg.qr(random.normal(size=(n, n)))[0]
+        a = turn @ a @ turn.T
+    b, c = random.normal(size=(n, 1)), random.normal(size=(1, n))
+    return LtiSystem(a, b, c, np.zeros((1, 1)))
+
+
+def test_the_upper_bound_allows_for_rounding() -> None:
+    unsure = 0
+    for seed in range(60):
+        system = rotated_triangle(seed)
+        if not system.is_stable:
+            continue
+        found = hinf_norm(system)
+        exact = [exact_gain(system, w) for w in (0.0, found.frequency_rad_s)]
+        assert max(exact) <= found.upper
+        if np.isfinite(found.error):
+            assert abs(found.value - exact[1]) <= found.error * found.value
+        if seed % 2 == 0:  # a triangle is solved without cancellation
+            assert found.upper <= found.value * (1.0 + 1e-8)
+        unsure += found.error > 0.01
+    assert unsure >= 3
+
+
+def test_rounding_in_discrete_time() -> None:
+    """Of a double pole at 1 − 1e-7 half the digits are lost: the gain at z = 1 is about 1e14."""
+    turn = np.linalg.qr(np.array([[1.0, 2.0], [3.0, 4.0]]))[0]
+    a = turn @ np.array([[1.0 - 1e-7, 1.0], [0.0, 1.0 - 1e-7]]) @ turn.T
+    system = LtiSystem(a, turn[:, 1:], turn[:, :1].T, np.zeros((1, 1)), 0.1)
+    assert system.is_stable
+    at_one = LtiSystem(a - np.eye(2), system.b, system.c, system.d)  # (1 − A)⁻¹, A − 1 being exact
+    found = hinf_norm(system)
+    assert exact_gain(at_one, 0.0) <= found.upper
+    assert 0.01 < found.error < 0.1
 
 
 def test_discrete_time_through_the_bilinear_map() -> None:

@@ -8,11 +8,16 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
-from hillsphere_controllers.errors import NotStabilisableError, SingularProblemError
+from hillsphere_controllers.errors import (
+    NotStabilisableError,
+    SingularProblemError,
+    SynthesisFailedError,
+)
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
+from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.riccati import stabilising_solution
 from hillsphere_controllers.systems.algebra import gain, lower_lft
-from hillsphere_controllers.systems.bilinear import discrete
+from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 
 def random_plant(seed: int, order: int, controls: int, measurements: int) -> LtiSystem:
@@ -209,3 +214,92 @@ def test_riccati_solution_with_an_indefinite_term() -> None:
         assert_allclose(x[0, 0], (-a - root) / s, rtol=1e-12)
     none = stabilising_solution(np.array([[1.0]]), np.array([[1.0]]), np.array([[3.0]]))
     assert none is None  # a² < sq: eigenvalues on the axis
+
+
+def ill_conditioned_plant(seed: int) -> LtiSystem:
+    """Modes over eleven decades, weights and noise over six."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(2, 9))
+    k = seed - 1000
+    if k % 2:
+        a = np.diag(np.where(random.random(n) < 0.3, 1, -1) * 10 ** random.uniform(-7, 4, n))
+    else:
+        a = np.diag(-(10 ** random.uniform(-7, 4, n)))
+    if k % 3 == 0:
+        a[0, 0] = abs(a[0, 0])
+    b = random.normal(size=(n, 3)) * 10 ** random.uniform(-2, 2, (n, 1))
+    c = random.normal(size=(3, n))
+    if k % 4 == 1:
+        a = a + np.triu(random.normal(size=(n, n)), 1)
+    if k % 5 == 0:
+        b[1, 2:] = 0.0
+        a[1, 1] = -abs(a[1, 1])
+    d = np.zeros((3, 3))
+    d[0, 2], d[2, 0] = 10 ** random.uniform(-5, 1), 10 ** random.uniform(-5, 1)
+    if k % 6 == 0:
+        d[1, 1] = 5.0
+    return LtiSystem(a, b, c, d)
+
+
+@pytest.mark.parametrize(
+    ("seed", "reached"),
+    [(1000, 1295.93), (1002, 6209.84), (1070, 261058.0), (1086, 65942.5), (1130, 14665.8)],
+)
+def test_least_is_below_what_another_controller_reaches(seed: int, reached: float) -> None:
+    """Norms of closed loops with controllers of SLICOT's SB10FD, rounded up."""
+    found = hinf_synthesis(ill_conditioned_plant(seed), 1, 1)
+    assert found.least <= min(reached, found.gamma)
+    assert found.gamma <= 1.2 * reached
+
+
+@pytest.mark.parametrize("seed", [1001, 1004, 1006, 1041, 1081, 1089])
+def test_least_is_not_above_gamma_where_rounding_decides(seed: int) -> None:
+    found = hinf_synthesis(ill_conditioned_plant(seed), 1, 1)
+    assert 0.0 <= found.least <= found.gamma
+    assert found.closed_loop.is_stable
+
+
+def test_what_rounding_hinders_is_not_called_a_zero() -> None:
+    with pytest.raises(SynthesisFailedError, match="no zero on the imaginary axis was found"):
+        hinf_synthesis(ill_conditioned_plant(1005), 1, 1)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"tolerance": 0.0}, {"tolerance": np.nan}, {"back_off": -0.1}, {"back_off": np.nan},
+     {"back_off": np.inf}, {"regularisation": np.nan}],
+)  # fmt: skip
+def test_options_out_of_range_are_refused(option: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(option)).replace("_", "-")):
+        hinf_synthesis(scalar_plant(1.0), 1, 1, **option)
+
+
+def test_a_zero_on_the_axis_is_named_with_its_frequency() -> None:
+    """From u to z: 1 − 1/(s + 1) = s/(s + 1)."""
+    plant = LtiSystem(
+        np.array([[-1.0]]),
+        np.array([[1.0, 0.0, 1.0]]),
+        np.array([[-1.0], [0.0], [1.0]]),
+        np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    )
+    with pytest.raises(SingularProblemError, match=r"u to z has a zero .* at 0 rad/s"):
+        hinf_synthesis(plant, 1, 1)
+
+
+def test_a_slow_mode_is_reached_however_fast_the_others() -> None:
+    check_modes(np.diag([1e-7, -1e4]), np.array([[1e-6], [1.0]]), np.array([[1e-6, 1.0]]))
+    with pytest.raises(NotStabilisableError, match="do not reach the mode at s = 1e-07"):
+        check_modes(np.diag([1e-7, -1e4]), np.array([[0.0], [1.0]]), np.array([[1e-6, 1.0]]))
+
+
+def test_the_bilinear_map_does_not_depend_on_units() -> None:
+    random = np.random.default_rng(3)
+    a = 0.3 * random.normal(size=(4, 4))
+    scale = 2.0 ** np.array([-40.0, 0.0, 20.0, 40.0])
+    b, c, d = random.normal(size=(4, 1)), random.normal(size=(1, 4)), np.zeros((1, 1))
+    plain = continuous(LtiSystem(a, b, c, d, 0.1))
+    other = continuous(LtiSystem(a / scale[:, None] * scale, b / scale[:, None], c * scale, d, 0.1))
+    omega = np.array([0.0, 1.0, 30.0])
+    assert_allclose(other.response(omega), plain.response(omega), rtol=1e-9)
+    with pytest.raises(InputError, match="a pole at z = −1"):
+        continuous(LtiSystem(-np.eye(1), np.eye(1), np.eye(1), d, 0.1))

@@ -223,6 +223,75 @@ def test_worst_gain_of_one_uncertain_stiffness() -> None:
     assert_allclose(sampled.lower, exact, rtol=1e-6)
 
 
+def test_a_gain_that_grows_without_end_is_infinite() -> None:
+    """A spring of unit mass that is allowed to become as soft as nothing, and a little more."""
+    a = np.array([[0.0, 1.0], [-1.0, -0.2]])
+    b = np.array([[0.0, 0.0], [-1.0, 1.0]])
+    system = LtiSystem(a, b, np.array([[1.0, 0.0], [1.0, 0.0]]), np.zeros((2, 2)))
+    spring = BlockStructure([repeated_real(name="stiffness")])
+    for size in (1.0, 1.0 + 1e-7, 1.5):
+        found = worst_case_gain(system, spring, size=size)
+        assert found.upper == found.lower == np.inf
+        assert found.values["stiffness"] <= -1.0 + 1e-6
+        assert abs(found.values["stiffness"]) <= size
+    assert not upper_lft(system, found.delta).is_stable
+    assert found.certified.intervals == ()
+    just = worst_case_gain(system, spring, size=0.999)
+    assert_allclose([just.lower, just.upper], 1000.0, rtol=0.02)
+
+
+def test_a_repeated_parameter_just_beyond_its_margin_ends() -> None:
+    """Skewed bounds near 1.4518 rad/s went to infinity by ever smaller intervals."""
+    a = [[0.291303717451812, -0.9451165811625704], [2.2200284510139974, -0.891303717451812]]
+    b = [
+        [0.04374373730763478, -0.08134533701125894, -1.0141990573706041, -0.40196737756487977],
+        [0.5437091481920681, 0.07517606779847247, -0.840002344803521, -0.9270105425018005],
+    ]
+    c = [
+        [-0.11081225358887416, -1.4131231647029436],
+        [0.7382357381447398, -1.8008171011084055],
+        [0.08455887137071662, 0.767322687547113],
+        [0.5090342485752677, 1.8308545525569033],
+    ]
+    d = np.zeros((4, 4))
+    d[2:, 2:] = [
+        [0.23837689696866074, 1.0576467208633515],
+        [-0.5624753251457391, 1.8793001918776162],
+    ]
+    system = LtiSystem(np.array(a), np.array(b), np.array(c), d)
+    twice = BlockStructure([repeated_real(2, "k")])
+    found = worst_case_gain(system, twice, size=2.0)
+    assert found.upper == found.lower == np.inf
+    assert abs(found.values["k"]) <= 2.0
+    assert not upper_lft(system, found.delta).is_stable
+
+
+def test_a_gain_of_a_million_beside_an_unstable_corner_is_infinite() -> None:
+    """The lower bound of µ misses δ = (0.5, −0.5), but the gain is raised up to the border."""
+    random = np.random.default_rng(128)
+    random.integers(1, 3, 6)
+    a = random.normal(size=(4, 4))
+    a -= (np.linalg.eigvals(a).real.max() + 0.3) * np.eye(4)
+    b = np.hstack([0.25 * random.normal(size=(4, 3)), random.normal(size=(4, 1))])
+    c = np.vstack([random.normal(size=(3, 4)), random.normal(size=(2, 4))])
+    system = LtiSystem(a, b, c, np.zeros((5, 4)))
+    corner = gain(np.diag([0.5, 0.5, -0.5]))
+    assert not upper_lft(system, corner).is_stable
+    found = worst_case_gain(system, BlockStructure([repeated_real(2), repeated_real()]), size=0.5)
+    assert found.upper == found.lower == np.inf
+    assert not upper_lft(system, found.delta).is_stable
+
+
+def test_worst_gain_of_an_algebraic_loop_and_of_nothing() -> None:
+    single = BlockStructure([repeated_real(name="k")])
+    closed = worst_case_gain(gain(np.array([[1.0, 1.0], [1.0, 0.2]])), single)
+    assert closed.upper == closed.lower == np.inf
+    assert_allclose(closed.values["k"], 1.0, rtol=1e-9)
+    silent = LtiSystem(-np.eye(1), np.zeros((1, 2)), np.zeros((2, 1)), np.zeros((2, 2)))
+    nothing = worst_case_gain(silent, single)
+    assert nothing.upper == nothing.lower == 0.0
+
+
 def test_errors_say_what_to_do() -> None:
     m = distillation_column()
     with pytest.raises(InputError, match="need 5 outputs and 5 inputs, got 4 and 4"):

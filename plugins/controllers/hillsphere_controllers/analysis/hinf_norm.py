@@ -12,7 +12,9 @@ has no imaginary eigenvalue [1]_; where it has some, they are the frequencies at
 value is γ, and the gain between them is higher [2]_. In floating point an eigenvalue is never quite
 imaginary: all those that are nearly so are looked at through the frequency response, which also has
 the first and the last word. What is returned is a gain that the system has, at a frequency that is
-named, and a bound from above.
+named, and a bound from above, which allows for what rounding can have changed in the response: the
+solution of P (s I − A) X = L U X = P B is that of a matrix which differs by no more than
+:math:`n ε |L| |U|` [3]_.
 
 References
 ----------
@@ -20,6 +22,8 @@ References
    a transfer matrix and related problems, Mathematics of Control, Signals and Systems 2, 207-219.
 .. [2] N. A. Bruinsma, M. Steinbuch (1990), A fast algorithm to compute the H∞-norm of a transfer
    function matrix, Systems & Control Letters 14, 287-293.
+.. [3] N. J. Higham (2002), Accuracy and Stability of Numerical Algorithms, 2nd edition, SIAM,
+   chapter 9.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import zgetrf, zgetri
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -47,6 +52,9 @@ _NEAR = 1e-2
 _CLOSE, _MOST_CLOSE = 1e-3, 20
 """Gains as near the largest as that are computed once more from the system as given: where its
 matrices are badly conditioned, rounding may change the order."""
+_EPS = float(np.finfo(float).eps)
+_ROUNDED = 3
+"""Frequencies, besides the peak and zero, at which the effect of rounding is looked at."""
 
 
 @dataclass(frozen=True)
@@ -56,18 +64,23 @@ class HinfNorm:
     Parameters
     ----------
     value : float
-        The largest gain found: a lower bound that the response at the frequency proves; infinite
+        The largest gain found, which the response has at the frequency but for `error`; infinite
         for a system that is not stable.
     frequency_rad_s : float
         Where; may be 0 or, in continuous time, infinite. NaN for a system that is not stable.
     upper : float
-        A level that the gain exceeds nowhere, as far as the eigenvalues tell; infinite if none was
-        found.
+        A level that the gain exceeds nowhere, as far as the eigenvalues tell, the effect of
+        rounding included; infinite if none was found.
+    error : float
+        Bound of what rounding can have changed in the value, relative to it. Infinite where
+        s I − A is singular but for rounding: its entries do not determine a norm. Above 0.01, scale
+        the states or find the system in better conditioned coordinates.
     """
 
     value: float
     frequency_rad_s: float
     upper: float
+    error: float = 0.0
 
 
 def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
@@ -95,9 +108,14 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     if not system.is_stable:
         return HinfNorm(np.inf, np.nan, np.inf)
     if system.dt_s is not None:
-        found = hinf_norm(continuous(system), tolerance)
-        frequency = 2.0 / system.dt_s * np.arctan(0.5 * system.dt_s * found.frequency_rad_s)
-        return HinfNorm(found.value, float(frequency), found.upper)
+        made, _ = balanced(system)
+        found = hinf_norm(continuous(made), tolerance)
+        frequency = 2.0 / system.dt_s * float(np.arctan(0.5 * system.dt_s * found.frequency_rad_s))
+        if system.order == 0 or 0 in system.shape:
+            return HinfNorm(found.value, frequency, found.upper)
+        # the image was rounded as well
+        high, error = _with_rounding(made, frequency)
+        return HinfNorm(found.value, frequency, max(found.upper, high), max(found.error, error))
     direct = float(largest_gains(system.d[None].astype(complex))[0])
     if system.order == 0 or 0 in system.shape:
         return HinfNorm(direct, 0.0, direct)
@@ -108,7 +126,7 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
     found = _Search(_inverted(system, scale)).climbed(tolerance)
     frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
-    return HinfNorm(found.value, float(frequency), found.upper)
+    return HinfNorm(found.value, float(frequency), found.upper, found.error)
 
 
 class _Search:
@@ -178,8 +196,47 @@ class _Search:
             if omega.size:
                 self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
             if self.value <= level:
-                return HinfNorm(self.value, self.frequency, level)
-        return HinfNorm(self.value, self.frequency, np.inf)
+                return self._widened(level)
+        return self._widened(np.inf)
+
+    def _widened(self, level: float) -> HinfNorm:
+        high, error = _with_rounding(self.given, self.frequency)
+        upper = max(level * (1.0 + error), high)
+        # another frequency may have a lower gain that is less sure
+        others = np.unique(np.append(np.abs(self.response.poles), 0.0))
+        others = others[others != self.frequency]
+        gains = largest_gains(self.response(1j * others))
+        for k in np.argsort(-gains)[:_ROUNDED]:
+            upper = max(upper, _with_rounding(self.given, float(others[k]))[0])
+        return HinfNorm(self.value, self.frequency, upper, error)
+
+
+def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
+    """Return the most that the gain at a frequency can be, and the relative part of rounding."""
+    s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
+    n = system.order
+    factors, swaps, singular = zgetrf(s * np.eye(n) - system.a)
+    if singular:
+        return np.inf, np.inf
+    inverse, _ = zgetri(factors, swaps)
+    size = np.abs(factors)
+    changed = (np.tril(size, -1) + np.eye(n)) @ np.triu(size)
+    for k in range(n - 1, -1, -1):
+        changed[[k, swaps[k]]] = changed[[swaps[k], k]]
+    with np.errstate(all="ignore"):
+        changed *= n * _EPS
+        if system.dt_s is not None:  # exp(jω dt) is rounded itself
+            changed += _EPS * np.eye(n)
+        into, out = np.abs(inverse @ system.b), np.abs(system.c @ inverse)
+        part = np.abs(inverse) @ changed
+    # (I − R E)⁻¹ R B with |E| no larger than `changed`
+    if not np.isfinite(part).all():
+        return np.inf, np.inf
+    if part.sum(axis=0).max() >= 0.5 and np.abs(np.linalg.eigvals(part)).max() >= 0.5:
+        return np.inf, np.inf
+    error = float(np.linalg.norm(out @ changed @ np.linalg.solve(np.eye(n) - part, into)))
+    gain = float(largest_gains((system.c @ inverse @ system.b + system.d)[None])[0])
+    return gain + error, error / gain if gain > 0.0 else 0.0
 
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:

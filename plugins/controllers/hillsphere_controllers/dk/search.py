@@ -173,7 +173,7 @@ class Search:
             return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value
         return hinf_synthesis(
             scaled, *self.channels, tolerance=tolerance, back_off=self._back_off
-        ).least
+        ).solvable
 
     def _made(self, multipliers: Sequence[Multiplier], beta: float) -> tuple[LtiSystem, float]:
         scaled = self._scaled(multipliers, beta)

@@ -30,24 +30,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
-from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
-from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.full_order.riccati import stabilising_solution
+from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.systems.algebra import fed_back, lower_lft
+from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.balancing import balanced
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 __all__ = ["HinfDesign", "hinf_synthesis"]
 
-_RANK = 1e-9
-"""Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
-_ROUNDING = 1e-13
-_HIGHEST = 1e12
 _BACK_OFFS = (1.0, 1.5, 3.0, 10.0, 30.0)
+_TRIED = 16
+"""Values of γ tried where rounding, not proof, ended the bisection."""
+_DECADES = 6.0
+_NEARLY = 0.99
+_STEPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.2, 0.4)
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,13 @@ class HinfDesign:
     norm : HinfNorm
         Of it, with its peak's frequency.
     least : float
-        The largest γ found for which the Riccati equations are not solvable: no controller of any
-        order reaches it. The bisection's tolerance below the least one for which they are.
+        The largest γ of which is proved, beyond the errors of rounding, that no controller of any
+        order reaches it: as a rule the bisection's tolerance below `solvable`, lower (or 0) where
+        the data are so badly conditioned that this cannot be told; 0 with a regularisation, which
+        poses another problem.
+    solvable : float
+        The least γ found for which the Riccati equations are solvable; `gamma` where rounding
+        hides whether they are.
     """
 
     controller: LtiSystem
@@ -74,6 +78,7 @@ class HinfDesign:
     closed_loop: LtiSystem
     norm: HinfNorm
     least: float
+    solvable: float
 
 
 def hinf_synthesis(
@@ -102,8 +107,8 @@ def hinf_synthesis(
     regularisation : float
         Weight that is put on every control, and size of the noise that is put on every measurement,
         for the synthesis only: makes problems solvable in which D12 or D21 lacks full rank, for a γ
-        that is a little larger. The closed loop is that of the plant as given; `HinfDesign.least`
-        then belongs to the problem with them.
+        that is a little larger. The closed loop is that of the plant as given;
+        `HinfDesign.solvable` then belongs to the problem with them.
 
     Returns
     -------
@@ -113,7 +118,7 @@ def hinf_synthesis(
     Raises
     ------
     InputError
-        If the numbers do not fit.
+        If the numbers do not fit, or an option is out of its range.
     NotStabilisableError
         If u cannot stabilise the plant, or y does not show an unstable mode.
     SingularProblemError
@@ -126,15 +131,20 @@ def hinf_synthesis(
     (p, m), (k, q) = plant.shape, (controls, measurements)
     if not (0 < k <= m and 0 < q <= p):
         raise InputError(f"{k} controls and {q} measurements do not fit a plant of {p} × {m}")
-    if not regularisation >= 0.0:
-        raise InputError(f"a regularisation must be ≥ 0, got {regularisation}")
+    if not 1e-12 <= tolerance < 1.0:
+        raise InputError(f"tolerance must be from 1e-12 to 1, got {tolerance}")
+    for what, value in (("back-off", back_off), ("regularisation", regularisation)):
+        if not 0.0 <= value < np.inf:
+            raise InputError(f"a {what} must be ≥ 0 and finite, got {value}")
     units = Units.of(plant, k, q)
     scaled = units.scaled(plant)
     if plant.dt_s is None:
         made = _continuous(scaled, units, tolerance, back_off, regularisation)
     else:
         made = _continuous(continuous(scaled), units, tolerance, back_off, regularisation)
-        made = _checked(scaled, discrete(made.controller, plant.dt_s), made.least)
+        made = _proved(
+            _checked(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
+        )
     return replace(made, controller=units.restored(made.controller))
 
 
@@ -143,176 +153,100 @@ def _continuous(
 ) -> HinfDesign:
     """Return the design for a plant in continuous time, its controls in these units."""
     posed = _regularised(plant, units, regularisation) if regularisation else plant
-    problem = _Problem(balanced(posed)[0], units.controls.size, units.measurements.size)
+    problem = GammaProblem(balanced(posed)[0], units.controls.size, units.measurements.size)
     low, high = problem.bracket()
-    while high > low * (1.0 + tolerance):
-        middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
-        if middle <= 1e-12 * problem.size:
-            break
-        if problem.solve(middle) is None:
-            low = middle
-        else:
-            high = middle
-    return _backed_off(plant, problem, (low, high), back_off)
-
-
-def _backed_off(
-    plant: LtiSystem, problem: _Problem, least: tuple[float, float], back_off: float
-) -> HinfDesign:
-    """Return the best controller whose closed loop is what it should be."""
-    best: HinfDesign | None = None
-    for factor in _BACK_OFFS:
-        gamma = least[1] * (1.0 + back_off * factor)
-        solved = problem.solve(gamma)
-        controller = None if solved is None else problem.controller(gamma, *solved)
-        if controller is None:
-            continue
-        try:
-            design = _checked(plant, controller, least[0])
-        except (SynthesisFailedError, InputError):
-            continue
-        if best is None or design.gamma < best.gamma:
-            best = design
-        if best.gamma <= gamma * (1.0 + 1e-6):
-            return best
-    if best is None:
-        raise SynthesisFailedError(
-            f"the Riccati equations are solvable for γ = {least[1]:.6g}, but no controller near it "
-            "makes a stable closed loop in floating point; scale inputs and outputs to order one, "
-            "or use a larger back_off"
+    best = None
+    if high is None:
+        best = _tried(
+            plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
         )
+        if best is None:
+            raise problem.hindrance()
+    else:
+        while high > low * (1.0 + tolerance):
+            middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
+            if middle <= 1e-12 * problem.size:
+                break
+            if problem.solve(middle) is None:
+                low = middle
+            else:
+                high = middle
+        # where X or Y is nearly infinite, a proof may be had a little below
+        for step in _STEPS:
+            if problem.proved < low * (1.0 - step):
+                problem.solve(low * (1.0 - step))
+        best = _backed_off(plant, problem, high, back_off)
+        if best is None or problem.proved < _NEARLY * low:
+            below = max(problem.proved, 1e-3 * high)
+            best = _better(best, _tried(plant, problem, (below, 10.0 * high)))
+        if best is None:
+            raise SynthesisFailedError(
+                f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
+                "makes a stable closed loop in floating point; scale inputs and outputs to order "
+                "one, or use a larger back_off"
+            )
+    return _proved(best, 0.0 if regularisation else problem.proved)
+
+
+def _proved(design: HinfDesign, least: float) -> HinfDesign:
+    """Return the design with a lower bound, none if the design itself refutes it."""
+    if least > design.gamma * (1.0 + 1e-9):
+        least = 0.0
+    return replace(design, least=min(least, design.gamma))
+
+
+def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | None:
+    if one is None or other is None:
+        return one or other
+    return other if other.gamma < one.gamma else one
+
+
+def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -> HinfDesign | None:
+    """Return the best controller of many γ, whether X and Y look right or not: the loop decides."""
+    best: HinfDesign | None = None
+    at, width = float(np.sqrt(span[0] * span[1])), float(np.sqrt(span[1] / span[0]))
+    for _ in range(2):  # the second time beside the best
+        for gamma in np.geomspace(at / width, at * width, _TRIED):
+            made = _made(plant, problem, float(gamma), checked=False)
+            if made is not None and (best is None or made.gamma < best.gamma):
+                best, at = replace(made, solvable=made.gamma), float(gamma)
+        if best is None:
+            break
+        width **= 2.0 / (_TRIED - 1)
     return best
 
 
-def _checked(plant: LtiSystem, controller: LtiSystem, least: float) -> HinfDesign:
+def _made(
+    plant: LtiSystem, problem: GammaProblem, gamma: float, *, checked: bool = True
+) -> HinfDesign | None:
+    """Return the central controller's design at a γ, None if there is none that works."""
+    try:
+        solved = problem.solve(gamma, checked=checked)
+        controller = None if solved is None else problem.controller(gamma, *solved)
+        return None if controller is None else _checked(plant, controller, gamma)
+    except (SynthesisFailedError, InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _backed_off(
+    plant: LtiSystem, problem: GammaProblem, least: float, back_off: float
+) -> HinfDesign | None:
+    """Return the best controller whose closed loop is what it should be."""
+    best: HinfDesign | None = None
+    for factor in _BACK_OFFS:
+        gamma = least * (1.0 + back_off * factor)
+        best = _better(best, _made(plant, problem, gamma))
+        if best is not None and best.gamma <= gamma * (1.0 + 1e-6):
+            break
+    return None if best is None else replace(best, solvable=least)
+
+
+def _checked(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDesign:
     loop = lower_lft(plant, controller)
     if not loop.is_stable:
         raise SynthesisFailedError("the closed loop is not stable")
     norm = hinf_norm(loop)
-    return HinfDesign(controller, norm.value, loop, norm, least)
-
-
-class _Problem:
-    """The plant with D12 = [0; I], D21 = [0 I], D22 = 0, and how to come back."""
-
-    def __init__(self, plant: LtiSystem, k: int, q: int) -> None:
-        p, m = plant.shape
-        p1, m1 = p - q, m - k
-        self._a = plant.a
-        b1, b2 = plant.b[:, :m1], plant.b[:, m1:]
-        c1, c2 = plant.c[:p1], plant.c[p1:]
-        d11, d12 = plant.d[:p1, :m1], plant.d[:p1, m1:]
-        d21, self._d22 = plant.d[p1:, :m1], plant.d[p1:, m1:]
-        check_modes(plant.a, b2, c2)
-        if k > p1 or q > m1:
-            raise SingularProblemError(
-                f"{k} controls need as many weighted outputs (there are {p1}), {q} measurements as "
-                f"many disturbances ({m1}); add weights on the controls and noise on the "
-                "measurements, or give a regularisation"
-            )
-        u1, s1, v1 = np.linalg.svd(d12)
-        u2, s2, v2 = np.linalg.svd(d21)
-        for what, values in (("control", s1), ("measurement", s2)):
-            if values[-1] <= _RANK:
-                name = "D12" if what == "control" else "D21"
-                remedy = "a weight on it" if what == "control" else "noise on it"
-                raise SingularProblemError(
-                    f"{name} lacks full rank: some combination of the {what}s enters z or shows w "
-                    f"not at all; add a small direct term ({remedy}), or give a regularisation"
-                )
-        # z → Uᵀz with the k weighted rows last, u → R u; w → V w with the q noises last, y → S y
-        rotate_z = np.vstack([u1[:, k:].T, u1[:, :k].T])
-        rotate_w = np.vstack([v2[q:], v2[:q]])
-        self._u = v1.T / s1
-        self._y = (u2 / s2).T
-        self._k, self._q = k, q
-        self._b1, self._b2 = b1 @ rotate_w.T, b2 @ self._u
-        self._c1, self._c2 = rotate_z @ c1, self._y @ c2
-        self._d11 = rotate_z @ d11 @ rotate_w.T
-        self._d12 = np.vstack([np.zeros((p1 - k, k)), np.eye(k)])
-        self._d21 = np.hstack([np.zeros((q, m1 - q)), np.eye(q)])
-        self.size = max(np.abs(plant.c).max(initial=0.0), np.abs(plant.d).max(initial=0.0), 1e-300)
-
-    def bracket(self) -> tuple[float, float]:
-        """Return a γ without and one with a solution."""
-        k, q = self._k, self._q
-        p1, m1 = self._d11.shape
-        low = max(
-            np.linalg.norm(self._d11[: p1 - k], 2) if p1 > k else 0.0,
-            np.linalg.norm(self._d11[:, : m1 - q], 2) if m1 > q else 0.0,
-        )
-        high = max(2.0 * low, self.size)
-        while self.solve(high) is None:
-            low, high = high, 10.0 * high
-            if high > _HIGHEST * self.size:
-                raise SingularProblemError(
-                    "the Riccati equations have no stabilising solution for any γ: a transfer from "
-                    "u to z or from w to y has a zero on the imaginary axis (an integrator outside "
-                    "of the loop, say), or the data are badly scaled; shift the weight's pole or "
-                    "zero slightly off the axis"
-                )
-        return float(low), float(high)
-
-    def solve(self, gamma: float) -> tuple[Array, Array] | None:
-        """Return X and Y for a γ, None if it is too small."""
-        g2 = gamma * gamma
-        r, rt = self._weights(gamma)
-        b = np.hstack([self._b1, self._b2])
-        d1 = np.hstack([self._d11, self._d12])
-        x = _solution(self._a, b, self._c1, d1, r)
-        if x is None:
-            return None
-        c = np.vstack([self._c1, self._c2])
-        d2 = np.vstack([self._d11, self._d21])
-        y = _solution(self._a.T, c.T, self._b1.T, d2.T, rt)
-        if y is None:
-            return None
-        largest = float(np.abs(np.linalg.eigvals(x @ y)).max(initial=0.0))
-        return (x, y) if largest < g2 * (1.0 - 1e-12) else None
-
-    def _weights(self, gamma: float) -> tuple[Array, Array]:
-        p1, m1 = self._d11.shape
-        d1 = np.hstack([self._d11, self._d12])
-        d2 = np.vstack([self._d11, self._d21])
-        r, rt = d1.T @ d1, d2 @ d2.T
-        r[:m1, :m1] -= gamma**2 * np.eye(m1)
-        rt[:p1, :p1] -= gamma**2 * np.eye(p1)
-        return r, rt
-
-    def controller(self, gamma: float, x: Array, y: Array) -> LtiSystem | None:
-        """Return the central controller, None if a factor is singular."""
-        (p1, m1), k, q, g2 = self._d11.shape, self._k, self._q, gamma * gamma
-        r, rt = self._weights(gamma)
-        b = np.hstack([self._b1, self._b2])
-        c = np.vstack([self._c1, self._c2])
-        d1 = np.hstack([self._d11, self._d12])
-        d2 = np.vstack([self._d11, self._d21])
-        f = -np.linalg.solve(r, d1.T @ self._c1 + b.T @ x)
-        h = -np.linalg.solve(rt, (self._b1 @ d2.T + y @ c.T).T).T
-        f12, f2 = f[m1 - q : m1], f[m1:]
-        h12, h2 = h[:, p1 - k : p1], h[:, p1:]
-        d1111, d1112 = self._d11[: p1 - k, : m1 - q], self._d11[: p1 - k, m1 - q :]
-        d1121, d1122 = self._d11[p1 - k :, : m1 - q], self._d11[p1 - k :, m1 - q :]
-        left = g2 * np.eye(p1 - k) - d1111 @ d1111.T
-        right = g2 * np.eye(m1 - q) - d1111.T @ d1111
-        through = -d1121 @ d1111.T @ np.linalg.solve(left, d1112) - d1122
-        try:
-            d12 = np.linalg.cholesky(np.eye(k) - d1121 @ np.linalg.solve(right, d1121.T))
-            d21 = np.linalg.cholesky(np.eye(q) - d1112.T @ np.linalg.solve(left, d1112)).T
-        except np.linalg.LinAlgError:
-            return None
-        z = np.linalg.inv(np.eye(len(x)) - y @ x / g2)
-        b2 = z @ (self._b2 + h12) @ d12
-        c2 = -d21 @ (self._c2 + f12)
-        b1 = -z @ h2 + b2 @ np.linalg.solve(d12, through)
-        back = np.linalg.solve(d21, c2)
-        c1 = f2 + through @ back
-        a = self._a + b @ f + b1 @ back
-        found = (a, b1 @ self._y, self._u @ c1, self._u @ through @ self._y)
-        if not all(np.isfinite(matrix).all() for matrix in found):
-            return None
-        # y − D22 u is what the controller was made for
-        return _behind(LtiSystem(*found), self._d22)
+    return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
 
 
 def _regularised(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
@@ -336,33 +270,3 @@ def _regularised(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
             ]
         ),
     )
-
-
-def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
-    """Return the controller for measurements that contain the controls, y = y₀ + D22 u."""
-    if not d22.any():
-        return controller
-    k, q = controller.shape
-    turned = fed_back(replace(controller, inputs=(), outputs=()), -d22)
-    assert turned.shape == (k, q)
-    return turned
-
-
-def _solution(a: Array, b: Array, c: Array, d: Array, r: Array) -> Array | None:
-    """Return X ≥ 0 of the equation with the weight R (indefinite) and the cross term Dᵀ C."""
-    try:
-        feed = np.linalg.solve(r, d.T @ c)
-        back = np.linalg.solve(r, b.T)
-    except np.linalg.LinAlgError:
-        return None
-    shifted = a - b @ feed
-    s = -b @ back
-    whole = c.T @ c
-    q = whole - c.T @ d @ feed
-    # what rounding leaves of a weight that cancels is none
-    q[np.abs(q) <= _ROUNDING * np.abs(whole).max(initial=0.0)] = 0.0
-    x = stabilising_solution(shifted, 0.5 * (s + s.T), 0.5 * (q + q.T))
-    if x is None:
-        return None
-    least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
-    return x if least >= -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300) else None

@@ -10,6 +10,8 @@ from hillsphere_controllers.errors import NotStabilisableError
 __all__ = ["check_modes"]
 
 _MODE = 1e-9
+_CANCELLED = 1e-15
+_ROUNDS = 3
 
 
 def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None:
@@ -38,10 +40,27 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
         ):
             if matrix.shape[1] == len(a):
                 continue
-            values = np.linalg.svd(matrix, compute_uv=False)
-            if values[-1] <= _MODE * max(values[0], 1e-300):
+            if _lacks_rank(matrix) and _lacks_rank(_even(matrix)):
                 raise NotStabilisableError(
                     f"{what} the mode at {'z' if discrete else 's'} = {value:.6g}, which is not "
                     f"stable; add {remedy}, or take weights with poles on the "
                     f"{'unit circle' if discrete else 'axis'} out of the plant"
                 )
+
+
+def _lacks_rank(matrix: Array) -> bool:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return bool(values[-1] <= _MODE * max(values[0], 1e-300))
+
+
+def _even(matrix: Array) -> Array:
+    """Return [A − λ I, B] with rows and columns of norm one: of a slow mode the row is small."""
+    n = len(matrix)
+    even = matrix.copy()
+    # what rounding leaves of a − λ is nothing
+    size = np.abs(np.diag(even)) <= _CANCELLED * np.abs(np.diag(even)).max()
+    even[np.arange(n)[size], np.arange(n)[size]] = 0.0
+    for axis in (1, 0) * _ROUNDS:
+        norm = np.linalg.norm(even, axis=axis, keepdims=True)
+        even = even / np.where(norm > 0.0, norm, 1.0)
+    return np.asarray(even)

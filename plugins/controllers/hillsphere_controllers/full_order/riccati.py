@@ -20,14 +20,15 @@ from scipy.linalg import schur, solve_sylvester
 
 from hillsphere.interfaces import Array
 
-__all__ = ["stabilising_solution"]
+__all__ = ["axis_frequencies", "stabilising_solution"]
 
 _ON_AXIS = 1e-11
+_NEAR_AXIS = 1e-3
 _RESIDUAL = 1e-6
 _SINGULAR = 1e-13
 
 
-def stabilising_solution(a: Array, s: Array, q: Array) -> Array | None:
+def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) -> Array | None:
     """Return the stabilising solution X (n, n), symmetric, or None if there is none.
 
     Parameters
@@ -36,6 +37,8 @@ def stabilising_solution(a: Array, s: Array, q: Array) -> Array | None:
         A.
     s, q : ndarray, shape (n, n)
         S and Q, symmetric, of any sign.
+    checked : bool
+        Whether None is returned where rounding may have spoilt the solution.
 
     Returns
     -------
@@ -46,27 +49,49 @@ def stabilising_solution(a: Array, s: Array, q: Array) -> Array | None:
     n = len(a)
     if n == 0:
         return np.zeros((0, 0))
-    # x → t x brings S and Q to the same size: the subspace is then well conditioned
-    size_s, size_q = np.abs(s).max(), np.abs(q).max()
-    t = float(np.sqrt(size_q / size_s)) if size_s > 0.0 and size_q > 0.0 else 1.0
-    hamiltonian = np.block([[a, t * s], [-q / t, -a.T]])
+    hamiltonian, t = _hamiltonian(a, s, q)
     try:
         found, vectors, stable = schur(hamiltonian, sort="lhp")
     except np.linalg.LinAlgError:  # eigenvalues too near the axis to be put in order
         return None
     values = np.linalg.eigvals(found)
-    if stable != n or np.abs(values.real).min() <= _ON_AXIS * np.abs(values).max():
+    if stable != n:
+        return None
+    if checked and np.abs(values.real).min() <= _ON_AXIS * np.abs(values).max():
         return None
     upper, lower = vectors[:n, :n], vectors[n:, :n]
-    if np.linalg.svd(upper, compute_uv=False)[-1] <= _SINGULAR:
+    if np.linalg.svd(upper, compute_uv=False)[-1] <= (_SINGULAR if checked else 0.0):
         return None
     x = t * np.linalg.solve(upper.T, lower.T).T
     x = _refined(a, s, q, 0.5 * (x + x.T))
+    if not checked:
+        return x
     rest = _residual(a, s, q, x)
     size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
     if np.abs(rest).max() > _RESIDUAL * size or np.linalg.eigvals(a + s @ x).real.max() >= 0.0:
         return None
     return x
+
+
+def axis_frequencies(a: Array, s: Array, q: Array) -> Array:
+    """Return the frequencies at which eigenvalues of the Hamiltonian matrix may be imaginary.
+
+    And those between them, where the level it belongs to is exceeded if they are.
+    """
+    values = np.linalg.eigvals(_hamiltonian(a, s, q)[0]) if len(a) else np.zeros(0)
+    near = np.abs(values.real) <= _NEAR_AXIS * np.abs(values)
+    omega = np.unique(np.concatenate([np.abs(values[near].imag), np.zeros(1)]))
+    return np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
+
+
+def _hamiltonian(a: Array, s: Array, q: Array) -> tuple[Array, float]:
+    """Return the matrix for t⁻¹ X, and t, which brings S and Q to the same size.
+
+    The subspace is then well conditioned.
+    """
+    size_s, size_q = np.abs(s).max(), np.abs(q).max()
+    t = float(np.sqrt(size_q / size_s)) if size_s > 0.0 and size_q > 0.0 else 1.0
+    return np.block([[a, t * s], [-q / t, -a.T]]), t
 
 
 def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:

@@ -40,6 +40,9 @@ _NARROW = 1e-7
 for both its ends: at a jump of µ none for one frequency reaches the other."""
 _FLOOR = 1e-7
 """Of the bound, relative to the largest gain."""
+_ENDLESS = 1e6
+"""Relative to the largest gain: above it, a skewed bound grows without end as intervals near the
+frequency at which the other blocks take the loop to the border of stability."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +124,8 @@ def certified_peak(
     -------
     CertifiedPeak
         The bound and the intervals that prove it. Infinite, in a skewed problem, if at some
-        frequency the other blocks are not shown to leave the loop stable.
+        frequency the other blocks are not shown to leave the loop stable, or the bound is more than
+        a million times the largest gain of M.
 
     Raises
     ------
@@ -153,7 +157,7 @@ class _Cover:
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
-        while (between := self._widest_gap()) is not None:
+        while not self._endless() and (between := self._widest_gap()) is not None:
             if len(self.intervals) > _MOST_INTERVALS:
                 raise ConvergenceError(
                     f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
@@ -190,7 +194,8 @@ class _Cover:
             )
         matrices = self.loop.structure.squared(self.loop.response(omega))
         gains = np.linalg.norm(matrices, 2, axis=(1, 2))
-        self.floor = _FLOOR * float(gains.max())
+        self.largest = float(gains.max())
+        self.floor = _FLOOR * self.largest
         known, done = gains.copy(), np.zeros(omega.size, dtype=bool)
         if not self.loop.free.all():
             known[:] = np.inf
@@ -249,7 +254,17 @@ class _Cover:
         """Add an interval around a frequency, raising the bound if it does not hold there."""
         while (found := self._bound(omega, self.beta)).value >= self.beta:
             self.beta = (1.0 + self.gap) * found.value
+            if self._endless():
+                return
         self._enter(omega, found.scalings)
+
+    def _endless(self) -> bool:
+        """Return whether a skewed bound is out of reach, and give up those who proved it."""
+        if self.loop.free.all() or self.beta <= _ENDLESS * self.largest:
+            return False
+        self.beta = np.inf
+        self.intervals.clear()
+        return True
 
     def _close(self, low: float, high: float) -> None:
         middle = 0.5 * (low + high)
@@ -260,6 +275,8 @@ class _Cover:
             if found.value < self.beta:
                 break
             self.beta, self.bounds[middle] = (1.0 + self.gap) * found.value, found
+            if self._endless():
+                return
         self._enter(middle, found.scalings)
 
     def _enter(self, omega: float, scalings: Scalings) -> None:
@@ -289,7 +306,7 @@ class _Cover:
             for i in sorted(self.intervals, key=lambda i: i.low_rad_s)
         )  # fmt: skip
         omega = sorted(self.bounds)
-        upper = self.beta if intervals else self.peak
+        upper = self.beta if intervals or np.isinf(self.beta) else self.peak
         return CertifiedPeak(
             upper, self.peak, back(self.where), self.bounds[self.where].scalings, intervals,
             np.array([back(w) for w in omega]), np.array([self.bounds[w].value for w in omega]),

@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.mu.blocks import Block, BlockStructure, repeated_complex
+from hillsphere_controllers.mu.blocks import Block, BlockStructure, full, repeated_complex
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import LowerBound, lower_bound, lower_bound_near
 from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case import WorstCase, worst_case
-from hillsphere_controllers.mu.worst_case_gain import performance_structure
 
 __all__ = [
-    "Complexified", "Robustness", "complexified", "mu_bounds_on_grid", "robust_performance",
-    "robust_stability",
+    "Complexified", "Robustness", "complexified", "mu_bounds_on_grid", "performance_structure",
+    "robust_performance", "robust_stability",
 ]  # fmt: skip
 
 Complex = NDArray[np.complex128]
@@ -79,6 +78,24 @@ class Robustness:
         """Size of Δ that is surely allowed, and size of one that is not."""
         sure, broken = (1.0 / b if b > 0.0 else np.inf for b in (self.upper, self.lower))
         return sure, broken
+
+
+def performance_structure(system: LtiSystem, uncertainty: BlockStructure) -> BlockStructure:
+    """Return the blocks of Δ with a full one for the outputs and inputs that are left.
+
+    Raises
+    ------
+    InputError
+        If none are left.
+    """
+    outputs = system.shape[0] - uncertainty.shape[0]
+    inputs = system.shape[1] - uncertainty.shape[1]
+    if outputs < 1 or inputs < 1:
+        raise InputError(
+            f"the uncertainty takes {uncertainty.shape[0]} outputs and {uncertainty.shape[1]} "
+            f"inputs of {system.shape[0]} and {system.shape[1]}: none is left for performance"
+        )
+    return BlockStructure([*uncertainty.blocks, full(inputs, outputs, "performance")])
 
 
 def robust_stability(

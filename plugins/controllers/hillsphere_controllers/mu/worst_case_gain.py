@@ -18,21 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from hillsphere.errors import InputError
+from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.mu.ascent import FARTHEST
-from hillsphere_controllers.mu.blocks import BlockStructure, full
+from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import lower_bound, moving_response
 from hillsphere_controllers.mu.parameters import UnitPerturbation
+from hillsphere_controllers.mu.robustness import performance_structure, robust_stability
 from hillsphere_controllers.mu.worst_case import interpolated
 from hillsphere_controllers.systems.algebra import upper_lft
 from hillsphere_controllers.systems.bilinear import discrete
 
-__all__ = ["WorstCaseGain", "performance_structure", "worst_case_gain"]
+__all__ = ["WorstCaseGain", "worst_case_gain"]
 
 Complex = NDArray[np.complex128]
 
@@ -40,6 +41,9 @@ _STARTS = 6
 _MOST = 200
 _INSIDE = 1e-9
 """Relative room that Δ leaves to its bound, so that the system built of it stays within."""
+_GROWN = (1.0 + 1e-6, 1.001, 1.03, 1.3, 3.0, 1e3)
+"""A Δ of a very large gain is near the border of stability: with real blocks so much larger, as far
+as they may be, it is looked for beyond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +53,11 @@ class WorstCaseGain:
     Parameters
     ----------
     upper : float
-        The gain is no larger for any Δ(s) of the size allowed; infinite if some may be unstable.
+        The gain is no larger for any Δ(s) of the size allowed; infinite if some may make the loop
+        unstable.
     lower : float
-        The H∞ norm of the loop closed with `delta`; infinite if that is unstable.
+        The H∞ norm of the loop closed with `delta`; infinite if that is unstable or, but for
+        rounding, has a pole on the border of stability.
     frequency_rad_s : float
         Where Δ(s) was chosen.
     delta : LtiSystem
@@ -68,24 +74,6 @@ class WorstCaseGain:
     delta: LtiSystem
     values: dict[str, float]
     certified: CertifiedPeak
-
-
-def performance_structure(system: LtiSystem, uncertainty: BlockStructure) -> BlockStructure:
-    """Return the blocks of Δ with a full one for the outputs and inputs that are left.
-
-    Raises
-    ------
-    InputError
-        If none are left.
-    """
-    outputs = system.shape[0] - uncertainty.shape[0]
-    inputs = system.shape[1] - uncertainty.shape[1]
-    if outputs < 1 or inputs < 1:
-        raise InputError(
-            f"the uncertainty takes {uncertainty.shape[0]} outputs and {uncertainty.shape[1]} "
-            f"inputs of {system.shape[0]} and {system.shape[1]}: none is left for performance"
-        )
-    return BlockStructure([*uncertainty.blocks, full(inputs, outputs, "performance")])
 
 
 def worst_case_gain(
@@ -132,16 +120,66 @@ def worst_case_gain(
     omega = to_image(proof.frequency_rad_s, system.dt_s)
     if not 0.0 < omega < np.inf:
         omega = beside_poles(image, omega)
+    if np.isinf(proof.upper):
+        broken = _unstable(system, scaled, uncertainty, size, proof, gap, seed)
+        if broken is not None:
+            return broken
     delta, omega = _raised(image, structure, uncertainty, omega, proof, seed)
-    delta = (1.0 - _INSIDE) * size * delta
-    block = interpolated(delta, uncertainty, omega)
-    if system.dt_s is not None:
-        block = discrete(block, system.dt_s)
-    reached = hinf_norm(upper_lft(system, block)).value
+
+    def closed(factor: float) -> tuple[float, Complex, LtiSystem]:
+        made = (1.0 - _INSIDE) * size * _grown(delta, uncertainty, factor)
+        block = interpolated(made, uncertainty, omega)
+        if system.dt_s is not None:
+            block = discrete(block, system.dt_s)
+        return hinf_norm(upper_lft(system, block)).value, made, block
+
+    best = closed(1.0)
+    for factor in _GROWN if np.isinf(proof.upper) else ():
+        if np.isinf(best[0]):
+            break
+        best = max(best, closed(factor), key=lambda made: made[0])
+    reached, delta, block = best
     return WorstCaseGain(
         proof.upper, reached, from_image(omega, system.dt_s), block,
         uncertainty.real_values(delta), proof,
     )  # fmt: skip
+
+
+def _unstable(
+    system: LtiSystem,
+    scaled: LtiSystem,
+    uncertainty: BlockStructure,
+    size: float,
+    proof: CertifiedPeak,
+    gap: float,
+    seed: int,
+) -> WorstCaseGain | None:
+    """Return the infinite gain with a Δ that makes the loop unstable, None if none is known."""
+    try:
+        found = robust_stability(scaled, uncertainty, gap=gap, complex_shares=(), seed=seed)
+    except ConvergenceError:  # its Δ did not stand the check
+        return None
+    if found.worst is None or found.lower < 1.0:
+        return None
+    # beyond the border if there is room, else on it
+    most = max((1.0 - _INSIDE) * found.lower, 1.0)
+    for factor in (*(1.0 + (most - 1.0) * np.array([1e-3, 0.1, 1.0])), 1.0):
+        made = found.worst.system
+        grown = float(factor) * size
+        block = LtiSystem(made.a, made.b, grown * made.c, grown * made.d, made.dt_s)
+        if factor == 1.0 or not upper_lft(system, block).is_stable:
+            break
+    values = uncertainty.real_values(grown * found.worst.delta)
+    return WorstCaseGain(np.inf, np.inf, found.frequency_rad_s, block, values, proof)
+
+
+def _grown(delta: Complex, uncertainty: BlockStructure, factor: float) -> Complex:
+    """Return a Δ of unit size with larger real blocks."""
+    made = delta.copy()
+    for block, part in zip(uncertainty.blocks, uncertainty.parts(), strict=True):
+        if block.kind == "real":
+            made[part] = np.clip(factor * made[part].real, -1.0, 1.0)
+    return made
 
 
 def _raised(
@@ -164,10 +202,12 @@ def _raised(
         inner = np.eye(n) - m[:n, :n] @ q
         try:
             right = np.linalg.solve(inner, m[:n, n:])
+            left = np.linalg.solve(inner.T, (m[n:, :n] @ q).T).T  # M₂₁ Q (I − M₁₁ Q)⁻¹
         except np.linalg.LinAlgError:
             return -700.0, np.zeros(x.size)
-        left = np.linalg.solve(inner.T, (m[n:, :n] @ q).T).T  # M₂₁ Q (I − M₁₁ Q)⁻¹
         t = m[n:, n:] + m[n:, :n] @ q @ right
+        if not np.isfinite(t).all():
+            return -700.0, np.zeros(x.size)
         u, s, vh = np.linalg.svd(t)
         if not s[0] > 0.0:
             return 700.0, np.zeros(x.size)
@@ -180,14 +220,14 @@ def _raised(
         return -float(np.log(s[0])), -gradient
 
     starts = []
-    if np.isfinite(proof.upper):
+    if 0.0 < proof.upper < np.inf:
         weight = np.ones(structure.size)
         weight[n:] = 1.0 / proof.upper
         whole = BlockStructure([b.squared() for b in structure.blocks])
         found = lower_bound(weight[:, None] * at(0.0)[0], whole, seed=seed)
         if found.value > 0.0:
             starts.append(unit.parameters(found.delta[:n, :n] * found.value))
-    else:
+    elif proof.upper > 0.0:
         inner = BlockStructure([b.squared() for b in uncertainty.blocks])
         found = lower_bound(at(0.0)[0][:n, :n], inner, seed=seed)
         if found.value > 0.0:

@@ -20,11 +20,12 @@ from hillsphere_controllers.mu.robustness import (
     Robustness,
     complexified,
     mu_bounds_on_grid,
+    performance_structure,
     robust_performance,
     robust_stability,
 )
 from hillsphere_controllers.mu.sensitivities import sensitivities
-from hillsphere_controllers.mu.worst_case_gain import performance_structure, worst_case_gain
+from hillsphere_controllers.mu.worst_case_gain import worst_case_gain
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.presentation import presented
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis

@@ -1,0 +1,266 @@
+"""Both Riccati equations of H∞ synthesis at a given γ, and the central controller."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from hillsphere.errors import HillsphereError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
+from hillsphere_controllers.full_order.modes import check_modes
+from hillsphere_controllers.full_order.riccati import axis_frequencies, stabilising_solution
+from hillsphere_controllers.full_order.unreachable import response_bound, solution_error
+from hillsphere_controllers.systems.algebra import fed_back
+
+__all__ = ["GammaProblem"]
+
+_RANK = 1e-9
+"""Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
+_ROUNDING = 1e-13
+_HIGHEST = 1e12
+_ZERO = 1e-13
+_FLOORS = (1e-15, 1e-10, 1e-6, 1e-2)
+_EPS = float(np.finfo(float).eps)
+
+
+class GammaProblem:
+    """The plant with D12 = [0; I], D21 = [0 I], D22 = 0, and how to come back."""
+
+    def __init__(self, plant: LtiSystem, k: int, q: int) -> None:
+        p, m = plant.shape
+        p1, m1 = p - q, m - k
+        self._plant, self._a = plant, plant.a
+        self.proved = 0.0
+        """The largest γ of which is proved that no controller reaches it."""
+        b1, b2 = plant.b[:, :m1], plant.b[:, m1:]
+        c1, c2 = plant.c[:p1], plant.c[p1:]
+        d11, d12 = plant.d[:p1, :m1], plant.d[:p1, m1:]
+        d21, self._d22 = plant.d[p1:, :m1], plant.d[p1:, m1:]
+        check_modes(plant.a, b2, c2)
+        if k > p1 or q > m1:
+            raise SingularProblemError(
+                f"{k} controls need as many weighted outputs (there are {p1}), {q} measurements as "
+                f"many disturbances ({m1}); add weights on the controls and noise on the "
+                "measurements, or give a regularisation"
+            )
+        u1, s1, v1 = np.linalg.svd(d12)
+        u2, s2, v2 = np.linalg.svd(d21)
+        for what, values in (("control", s1), ("measurement", s2)):
+            if values[-1] <= _RANK:
+                name = "D12" if what == "control" else "D21"
+                remedy = "a weight on it" if what == "control" else "noise on it"
+                raise SingularProblemError(
+                    f"{name} lacks full rank: some combination of the {what}s enters z or shows w "
+                    f"not at all; add a small direct term ({remedy}), or give a regularisation"
+                )
+        # z → Uᵀz with the k weighted rows last, u → R u; w → V w with the q noises last, y → S y
+        rotate_z = np.vstack([u1[:, k:].T, u1[:, :k].T])
+        rotate_w = np.vstack([v2[q:], v2[:q]])
+        self._u = v1.T / s1
+        self._y = (u2 / s2).T
+        self._k, self._q = k, q
+        self._b1, self._b2 = b1 @ rotate_w.T, b2 @ self._u
+        self._c1, self._c2 = rotate_z @ c1, self._y @ c2
+        self._d11 = rotate_z @ d11 @ rotate_w.T
+        self._d12 = np.vstack([np.zeros((p1 - k, k)), np.eye(k)])
+        self._d21 = np.hstack([np.zeros((q, m1 - q)), np.eye(q)])
+        self.size = max(np.abs(plant.c).max(initial=0.0), np.abs(plant.d).max(initial=0.0), 1e-300)
+
+    def bracket(self) -> tuple[float, float | None]:
+        """Return a γ without and one with a solution, None if none with one was found."""
+        k, q = self._k, self._q
+        p1, m1 = self._d11.shape
+        low = max(
+            np.linalg.norm(self._d11[: p1 - k], 2) if p1 > k else 0.0,
+            np.linalg.norm(self._d11[:, : m1 - q], 2) if m1 > q else 0.0,
+        )
+        self.proved = max(self.proved, float(low) * (1.0 - _ROUNDING))
+        high = max(2.0 * low, self.size)
+        while self.solve(high) is None:
+            low, high = high, 10.0 * high
+            if high > _HIGHEST * self.size:
+                return float(low), None
+        return float(low), float(high)
+
+    def hindrance(self) -> HillsphereError:
+        """Return why no γ was found to be solvable, as far as that is known."""
+        for what, b, c, d in (
+            ("u to z", self._b2, self._c1, self._d12), ("w to y", self._b1, self._c2, self._d21),
+        ):  # fmt: skip
+            at = _zero_on_axis(self._a, b, c, d)
+            if at is not None:
+                return SingularProblemError(
+                    f"the transfer from {what} has a zero on the imaginary axis at {at:.6g} rad/s "
+                    "(an integrator outside of the loop, say); shift the weight's pole or zero "
+                    "slightly off the axis"
+                )
+        return SynthesisFailedError(
+            f"the Riccati equations of the plant, of order {len(self._a)}, were solved for no γ, "
+            "though no zero on the imaginary axis was found: its poles and zeros or its units lie "
+            "too many decades apart for double precision; take very slow or fast modes out, or "
+            "enlarge the weights of controls and noise"
+        )
+
+    def solve(self, gamma: float, *, checked: bool = True) -> tuple[Array, Array] | None:
+        """Return X and Y for a γ, None if it is too small or rounding hides them.
+
+        Where it is too small beyond the errors of X and Y, `proved` is raised. Without checks, X
+        and Y are what is found; what a controller made from them does must be seen.
+        """
+        r, rt = self._weights(gamma)
+        sides = (
+            (self._a, np.hstack([self._b1, self._b2]), self._c1,
+             np.hstack([self._d11, self._d12]), r),
+            (self._a.T, np.vstack([self._c1, self._c2]).T, self._b1.T,
+             np.vstack([self._d11, self._d21]).T, rt),
+        )  # fmt: skip
+        found = []
+        for side in sides:
+            posed = _equation(*side)
+            if posed is None:
+                return None
+            matrices, rounding = posed
+            x = stabilising_solution(*matrices, checked=checked)
+            if x is None:
+                if checked and gamma > self.proved:
+                    at = axis_frequencies(*matrices)
+                    bound = response_bound(self._plant, self._k, self._q, at)
+                    self.proved = max(self.proved, bound)
+                return None
+            least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
+            if checked and least < -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300):
+                if gamma > self.proved and any(
+                    solution_error(matrices, rounding, x, floor)[0] < 1.0 for floor in _FLOORS
+                ):
+                    self.proved = gamma
+                return None
+            found.append((matrices, rounding, x))
+        x, y = found[0][2], found[1][2]
+        if not checked:
+            return x, y
+        g2 = gamma * gamma
+        largest = _radius(x, y)
+        if largest < g2 * (1.0 - 1e-12):
+            return x, y
+        if gamma > self.proved:
+            errors = [[solution_error(*one, floor) for floor in _FLOORS] for one in found]
+            for (ex, zx), (ey, zy) in product(*errors):
+                if max(ex, ey) < 1.0:
+                    # of the eigenvalues of √Y X √Y, with X − e Zx and Y − e Zy for X and Y
+                    lost = ex * _radius(zx, y) + ey * _radius(x, zy) + ex * ey * _radius(zx, zy)
+                    if largest * (1.0 - _ROUNDING) - lost > g2:
+                        self.proved = gamma
+                        break
+        return None
+
+    def _weights(self, gamma: float) -> tuple[Array, Array]:
+        p1, m1 = self._d11.shape
+        d1 = np.hstack([self._d11, self._d12])
+        d2 = np.vstack([self._d11, self._d21])
+        r, rt = d1.T @ d1, d2 @ d2.T
+        r[:m1, :m1] -= gamma**2 * np.eye(m1)
+        rt[:p1, :p1] -= gamma**2 * np.eye(p1)
+        return r, rt
+
+    def controller(self, gamma: float, x: Array, y: Array) -> LtiSystem | None:
+        """Return the central controller, None if a factor is singular."""
+        (p1, m1), k, q, g2 = self._d11.shape, self._k, self._q, gamma * gamma
+        r, rt = self._weights(gamma)
+        b = np.hstack([self._b1, self._b2])
+        c = np.vstack([self._c1, self._c2])
+        d1 = np.hstack([self._d11, self._d12])
+        d2 = np.vstack([self._d11, self._d21])
+        f = -np.linalg.solve(r, d1.T @ self._c1 + b.T @ x)
+        h = -np.linalg.solve(rt, (self._b1 @ d2.T + y @ c.T).T).T
+        f12, f2 = f[m1 - q : m1], f[m1:]
+        h12, h2 = h[:, p1 - k : p1], h[:, p1:]
+        d1111, d1112 = self._d11[: p1 - k, : m1 - q], self._d11[: p1 - k, m1 - q :]
+        d1121, d1122 = self._d11[p1 - k :, : m1 - q], self._d11[p1 - k :, m1 - q :]
+        left = g2 * np.eye(p1 - k) - d1111 @ d1111.T
+        right = g2 * np.eye(m1 - q) - d1111.T @ d1111
+        through = -d1121 @ d1111.T @ np.linalg.solve(left, d1112) - d1122
+        try:
+            d12 = np.linalg.cholesky(np.eye(k) - d1121 @ np.linalg.solve(right, d1121.T))
+            d21 = np.linalg.cholesky(np.eye(q) - d1112.T @ np.linalg.solve(left, d1112)).T
+        except np.linalg.LinAlgError:
+            return None
+        z = np.linalg.inv(np.eye(len(x)) - y @ x / g2)
+        b2 = z @ (self._b2 + h12) @ d12
+        c2 = -d21 @ (self._c2 + f12)
+        b1 = -z @ h2 + b2 @ np.linalg.solve(d12, through)
+        back = np.linalg.solve(d21, c2)
+        c1 = f2 + through @ back
+        a = self._a + b @ f + b1 @ back
+        found = (a, b1 @ self._y, self._u @ c1, self._u @ through @ self._y)
+        if not all(np.isfinite(matrix).all() for matrix in found):
+            return None
+        # y − D22 u is what the controller was made for
+        return _behind(LtiSystem(*found), self._d22)
+
+
+def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
+    """Return the controller for measurements that contain the controls, y = y₀ + D22 u."""
+    if not d22.any():
+        return controller
+    k, q = controller.shape
+    turned = fed_back(replace(controller, inputs=(), outputs=()), -d22)
+    assert turned.shape == (k, q)
+    return turned
+
+
+def _zero_on_axis(a: Array, b: Array, c: Array, d: Array) -> float | None:
+    """Return the frequency at which a system with a zero on the axis loses rank, None without."""
+    n, back = len(a), np.linalg.pinv(d)
+    # zeros of the part that d inverts are among these, all if d is square
+    for value in np.concatenate([np.linalg.eigvals(a - b @ back @ c), np.linalg.eigvals(a)]):
+        if abs(value.real) > 1e-6 * abs(value):
+            continue
+        omega = abs(value.imag)
+        pencil = np.block([[a - 1j * omega * np.eye(n), b + 0j], [c + 0j, d + 0j]])
+        for _ in range(3):  # rows and columns of norm one: no unit decides
+            pencil = pencil / np.maximum(np.linalg.norm(pencil, axis=1, keepdims=True), 1e-300)
+            pencil = pencil / np.maximum(np.linalg.norm(pencil, axis=0, keepdims=True), 1e-300)
+        if np.linalg.svd(pencil, compute_uv=False)[-1] <= _ZERO:
+            return float(omega)
+    return None
+
+
+def _radius(one: Array, other: Array) -> float:
+    return float(np.abs(np.linalg.eigvals(one @ other)).max(initial=0.0))
+
+
+_Matrices = tuple[Array, Array, Array]
+
+
+def _equation(
+    a: Array, b: Array, c: Array, d: Array, r: Array
+) -> tuple[_Matrices, _Matrices] | None:
+    """Return A, S, Q for the weight R (indefinite) and the cross term Dᵀ C, and their errors."""
+    # γ may be far from one: columns of w and u in units in which R has a diagonal of size one
+    unit = np.sqrt(np.abs(np.diag(r)))
+    unit[unit == 0.0] = 1.0
+    r, b, cross = r / unit[:, None] / unit, b / unit, (d / unit).T @ c
+    try:
+        feed = np.linalg.solve(r, cross)
+        back = np.linalg.solve(r, b.T)
+    except np.linalg.LinAlgError:
+        return None
+    s = -b @ back
+    whole = c.T @ c
+    q = whole - cross.T @ feed
+    # what rounding leaves of a weight that cancels is none
+    rest = np.abs(q)
+    rest[rest > _ROUNDING * np.abs(whole).max(initial=0.0)] = 0.0
+    q[rest > 0.0] = 0.0
+    small = _EPS * len(r) * float(np.linalg.cond(r))
+    size = [np.abs(one) for one in (b, feed, back, cross, c, a)]
+    rounding = (
+        small * (size[0] @ size[1]) + _EPS * size[5],
+        small * (size[0] @ size[2]),
+        small * (size[4].T @ size[4] + size[3].T @ size[1]) + rest,
+    )
+    return (a - b @ feed, 0.5 * (s + s.T), 0.5 * (q + q.T)), rounding
