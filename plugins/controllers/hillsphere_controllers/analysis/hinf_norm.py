@@ -52,6 +52,10 @@ _NEAR = 1e-2
 _CLOSE, _MOST_CLOSE = 1e-3, 20
 """Gains as near the largest as that are computed once more from the system as given: where its
 matrices are badly conditioned, rounding may change the order."""
+_FLAT = 1e-11
+"""Relative rise of the gain below which a peak is not searched more finely."""
+_SAME = 1e-6
+"""Relative distance of poles whose gains need not be looked at twice."""
 _EPS = float(np.finfo(float).eps)
 _ROUNDED = 3
 """Frequencies, besides the peak and zero, at which the effect of rounding is looked at."""
@@ -139,7 +143,8 @@ class _Search:
         self.response = Response(a, b, c, d)
         self.value, self.frequency = -1.0, 0.0
         size = np.abs(self.response.poles)
-        given = system.poles  # rounding may have moved slow poles of badly scaled systems
+        # rounding may have moved slow poles of badly scaled systems
+        given = _unlike(system.poles, self.response.poles)
         low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
         first = np.concatenate(
             [
@@ -162,11 +167,12 @@ class _Search:
             (gains >= np.append(gains[1:], -1.0)) & (gains >= np.insert(gains[:-1], 0, -1.0))
         )
         inner = inner[np.argsort(gains[inner])[-4:]]
-        inner = inner[gains[inner] >= 0.7 * gains.max()]
+        inner = inner[gains[inner] >= 0.9 * gains.max()]
         at = points[inner]
         left = points[np.maximum(inner - 1, 0)]
         right = np.append(points, 2.0 * points[-1] + 1e-300)[inner + 1]
         share = np.linspace(0.0, 1.0, 7)[1:-1, None]
+        highest = gains[inner]
         for _ in range(5):
             near = np.concatenate([at[None], left + share * (at - left), at + share * (right - at)])
             near.sort(axis=0)
@@ -176,6 +182,9 @@ class _Search:
             left = near[np.maximum(best - 1, 0), column]
             right = near[np.minimum(best + 1, len(near) - 1), column]
             at = near[best, column]
+            if (high[best, column] <= (1.0 + _FLAT) * highest).all():
+                break
+            highest = high[best, column]
         # the last word has the system as it was given, not its scaled Schur form
         close = points[gains >= (1.0 - _CLOSE) * gains.max()][:_MOST_CLOSE]
         tried = np.unique(np.concatenate([at, points[inner], close]))
@@ -209,6 +218,14 @@ class _Search:
         for k in np.argsort(-gains)[:_ROUNDED]:
             upper = max(upper, _with_rounding(self.given, float(others[k]))[0])
         return HinfNorm(self.value, self.frequency, upper, error)
+
+
+def _unlike(
+    poles: NDArray[np.complex128], others: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return the poles that differ from every one of the others by more than their accuracy."""
+    apart = np.abs(poles[:, None] - others).min(axis=1)
+    return np.asarray(poles[apart > _SAME * np.abs(poles)])
 
 
 def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
