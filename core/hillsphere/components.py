@@ -94,6 +94,13 @@ def hillsphere_components() -> list[Component]:
             "campaigns on the same random numbers, compared case by case",
         ),
         Component(
+            "stage",
+            "campaign_summary",
+            "hillsphere.campaign.summary:CampaignSummaryStage",
+            "hillsphere.campaign.summary_specs:CampaignSummarySpec",
+            "campaigns side by side, beside published values, with answers to what is claimed",
+        ),
+        Component(
             "executor",
             "serial",
             "hillsphere.campaign.executors.serial:Serial",

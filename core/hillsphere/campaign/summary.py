@@ -1,0 +1,239 @@
+"""Campaigns side by side, as publications show them, and answers to what these claim."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hillsphere.campaign.comparison import matched, paired_ratio_interval
+from hillsphere.campaign.statistics import ended, mean_interval, metric_statistics, ratio_interval
+from hillsphere.campaign.summary_presentation import present_summary
+from hillsphere.campaign.summary_products import CampaignSummary, Claim
+from hillsphere.campaign.summary_specs import CampaignSummarySpec, ClaimSpec
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Context
+from hillsphere.presentation import Presentation
+from hillsphere.problems import did_you_mean
+from hillsphere.products import CaseTable
+
+__all__ = ["CampaignSummaryStage", "answered", "summary"]
+
+
+class CampaignSummaryStage:
+    """Campaigns side by side.
+
+    Parameters
+    ----------
+    spec : CampaignSummarySpec
+        With its references bound.
+    """
+
+    def __init__(self, spec: CampaignSummarySpec) -> None:
+        self.spec = spec
+
+    def run(
+        self, ctx: Context, campaigns: tuple[CaseTable, ...], worst: tuple[CaseTable, ...] = ()
+    ) -> CampaignSummary:
+        """Sum them up.
+
+        Parameters
+        ----------
+        ctx : Context
+            Not used: it takes no time.
+        campaigns : tuple of CaseTable
+            With random cases.
+        worst : tuple of CaseTable
+            With chosen ones, as many or none.
+
+        Returns
+        -------
+        CampaignSummary
+            In their order.
+
+        Raises
+        ------
+        InputError
+            If a claim names a campaign or metric that is not there, or compares campaigns that did
+            not see the same draws.
+        """
+        spec = self.spec
+        labels = spec.labels or tuple(ref.name for ref in spec.needs.campaigns)
+        found = summary(campaigns, worst, labels, spec.claims, spec.confidence)
+        present_summary(found, spec)
+        return found
+
+    def present(
+        self,
+        product: CampaignSummary,
+        campaigns: tuple[CaseTable, ...] = (),
+        worst: tuple[CaseTable, ...] = (),
+    ) -> Presentation:
+        """Show them."""
+        return present_summary(product, self.spec)
+
+
+def summary(
+    tables: Sequence[CaseTable],
+    worst: Sequence[CaseTable],
+    labels: Sequence[str],
+    claims: Sequence[ClaimSpec],
+    level: float,
+) -> CampaignSummary:
+    """Sum up campaigns.
+
+    Parameters
+    ----------
+    tables : sequence of CaseTable
+        With random cases.
+    worst : sequence of CaseTable
+        With chosen ones, as many or none.
+    labels : sequence of str
+        Their names.
+    claims : sequence of ClaimSpec
+        What is to be answered.
+    level : float
+        Confidence level.
+
+    Returns
+    -------
+    CampaignSummary
+        Of the metrics that all have.
+    """
+    names = [m for m in tables[0].metrics if all(m in table.metrics for table in tables)]
+    units = tuple(tables[0].units[tables[0].metrics.index(m)] for m in names)
+    found = [{one.name: one for one in metric_statistics(table, level=level)} for table in tables]
+    by = [[one[name] for one in found] for name in names]
+    shape = (len(names), len(tables))
+    return CampaignSummary(
+        labels=tuple(labels),
+        level=level,
+        metrics=tuple(names),
+        units=units,
+        count=np.array([[s.count for s in row] for row in by], dtype=np.int64).reshape(shape),
+        mean=np.array([[s.mean for s in row] for row in by]).reshape(shape),
+        deviation=np.array([[s.deviation for s in row] for row in by]).reshape(shape),
+        mean_interval=np.array(
+            [[[s.mean_interval[k] for s in row] for row in by] for k in (0, 1)]
+        ).reshape(2, *shape),
+        deviation_interval=np.array(
+            [[[s.deviation_interval[k] for s in row] for row in by] for k in (0, 1)]
+        ).reshape(2, *shape),
+        cases=np.array([table.case.size for table in tables], dtype=np.int64),
+        failures=np.array([np.count_nonzero(table.failed) for table in tables], dtype=np.int64),
+        worst_cases=np.array(
+            [table.case.size for table in worst] or [0 for _ in tables], dtype=np.int64
+        ),
+        worst_failures=np.array(
+            [int(table.failed.sum()) for table in worst] or [0 for _ in tables],
+            dtype=np.int64,
+        ),
+        claims=tuple(answered(claim, tables, worst, labels, level) for claim in claims),
+    )
+
+
+def answered(
+    claim: ClaimSpec,
+    tables: Sequence[CaseTable],
+    worst: Sequence[CaseTable],
+    labels: Sequence[str],
+    level: float,
+) -> Claim:
+    """Answer a statement: by the interval of a difference, case by case where cases are random.
+
+    Parameters
+    ----------
+    claim : ClaimSpec
+        The statement.
+    tables, worst, labels, level
+        As for `summary`.
+
+    Returns
+    -------
+    Claim
+        Confirmed if the interval lies below zero, refuted if above, else undecidable. Chosen cases
+        are no sample: their ratios are compared as they are.
+
+    Raises
+    ------
+    InputError
+        See `CampaignSummaryStage.run`.
+    """
+    if claim.of == "worst":
+        return _of_worst(claim, tables, worst, labels, level)
+    i, j = _place(claim.less, labels), _place(claim.than, labels)
+    a, b = matched(tables[i], tables[j], claim.less, claim.than)
+    if claim.of == "failures":
+        fa, fb = tables[i].failed[a], tables[j].failed[b]
+        only_a, only_b = int((fa & ~fb).sum()), int((~fa & fb).sum())
+        interval = 100.0 * paired_ratio_interval(only_a, only_b, a.size, level)
+        difference = 100.0 * (only_a - only_b) / a.size
+        reason = (
+            f"{int(fa.sum())} of {a.size} fail instead of {int(fb.sum())}, {difference:+.3g} "
+            f"percentage points ({interval[0]:+.3g} to {interval[1]:+.3g})"
+        )
+        if only_a == only_b == 0:
+            reason += "; no case fails with only one of the two"
+        return _claim(claim, difference, interval, "%", a.size, reason)
+    for table, label in ((tables[i], claim.less), (tables[j], claim.than)):
+        if claim.of not in table.metrics:
+            hint = did_you_mean(claim.of, [*table.metrics, "failures", "worst"], otherwise="it has")
+            raise InputError(f"claims: campaign {label!r} has no metric {claim.of!r}{hint}")
+    x = tables[i].values[tables[i].metrics.index(claim.of), a]
+    y = tables[j].values[tables[j].metrics.index(claim.of), b]
+    unit = tables[i].units[tables[i].metrics.index(claim.of)]
+    kept = ended(tables[i])[a] & ended(tables[j])[b] & np.isfinite(x) & np.isfinite(y)
+    d = x[kept] - y[kept]
+    if d.size < 2:
+        return _claim(
+            claim, np.nan, np.full(2, np.nan), unit, d.size, "too few pairs came to their end"
+        )
+    interval, mean = mean_interval(d, level), float(d.mean())
+    reason = (
+        f"{claim.of} differs by {mean:+.4g} {unit} on average over {d.size} pairs "
+        f"({interval[0]:+.4g} to {interval[1]:+.4g})"
+    )
+    return _claim(claim, mean, interval, unit, d.size, reason)
+
+
+def _of_worst(
+    claim: ClaimSpec,
+    tables: Sequence[CaseTable],
+    worst: Sequence[CaseTable],
+    labels: Sequence[str],
+    level: float,
+) -> Claim:
+    if not worst:
+        raise InputError("claims: of = 'worst' needs campaigns with chosen cases, needs.worst")
+    if claim.above_random:
+        i = _place(claim.above_random, labels)
+        total, chosen = tables[i].case.size, worst[i].case.size
+        random = 100.0 * ratio_interval(int(tables[i].failed.sum()), total, level)
+        ratio = 100.0 * float(worst[i].failed.mean()) if chosen else 0.0
+        reason = (
+            f"{int(worst[i].failed.sum())} of {chosen} chosen cases fail ({ratio:.3g} %), "
+            f"{int(tables[i].failed.sum())} of {total} random ones ({random[0]:.3g} to "
+            f"{random[1]:.3g} %)"
+        )
+        middle = 100.0 * float(tables[i].failed.mean())
+        return _claim(claim, middle - ratio, random - ratio, "%", chosen, reason)
+    i, j = _place(claim.less, labels), _place(claim.than, labels)
+    a, b = (100.0 * float(worst[k].failed.mean()) for k in (i, j))
+    reason = f"{a:.3g} % of {worst[i].case.size} chosen cases fail instead of {b:.3g} % of "
+    reason += f"{worst[j].case.size}"
+    return _claim(claim, a - b, np.full(2, a - b), "%", worst[i].case.size, reason)
+
+
+def _claim(
+    claim: ClaimSpec, difference: float, interval: np.ndarray, unit: str, pairs: int, reason: str
+) -> Claim:
+    low, high = interval
+    answer = "confirmed" if high < 0.0 else "refuted" if low > 0.0 else "undecidable"
+    return Claim(claim.text, answer, float(difference), interval, unit, int(pairs), reason)
+
+
+def _place(label: str, labels: Sequence[str]) -> int:
+    if label not in labels:
+        hint = did_you_mean(label, labels, otherwise="there are")
+        raise InputError(f"claims: no campaign is called {label!r}{hint}")
+    return list(labels).index(label)

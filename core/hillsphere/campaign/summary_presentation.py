@@ -1,0 +1,201 @@
+"""What a summary of campaigns shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hillsphere.campaign.statistics import ratio_interval
+from hillsphere.campaign.summary_products import CampaignSummary
+from hillsphere.campaign.tables import number
+from hillsphere.errors import InputError
+from hillsphere.presentation import Cell, Column, Metric, Presentation, Printed, Table
+from hillsphere.problems import did_you_mean
+from hillsphere.reference import PAPER_SUFFIX, ReferenceTable, difference_notes, with_paper
+from hillsphere.uncertainty.matching import matched
+from hillsphere.units import UNITS, unit_text
+
+if TYPE_CHECKING:
+    from hillsphere.campaign.summary_specs import CampaignSummarySpec
+
+__all__ = ["present_summary"]
+
+_COLUMNS = (
+    Column("name", "", "campaign and metric"),
+    Column("unit", "", "unit"),
+    Column("cases", "-", "cases"),
+    Column("mean", "-", "mean"),
+    Column("mean_low", "-", "at least"),
+    Column("mean_high", "-", "at most"),
+    Column("deviation", "-", "standard deviation"),
+    Column("deviation_low", "-", "at least"),
+    Column("deviation_high", "-", "at most"),
+)
+_CLAIMS = (
+    Column("claim", "", "statement"),
+    Column("answer", "", "answer"),
+    Column("difference", "-", "difference", 4),
+    Column("low", "-", "at least", 4),
+    Column("high", "-", "at most", 4),
+    Column("unit", "", "unit"),
+    Column("cases", "-", "pairs or cases"),
+)
+
+
+def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Presentation:
+    """Return the tables of a summary.
+
+    Parameters
+    ----------
+    product : CampaignSummary
+        The summary.
+    spec : CampaignSummarySpec
+        What is shown, in which units, beside what.
+
+    Returns
+    -------
+    Presentation
+        Its verdict answers the claims.
+
+    Raises
+    ------
+    InputError
+        If `show`, `units` or the reference name what is not there.
+    """
+    names = (
+        matched(spec.show, list(product.metrics), "show: what all campaigns have", "metric")
+        if spec.show
+        else product.metrics
+    )
+    rows = _rows(product, names, _factors(product, spec.units))
+    level = f"{100 * product.level:g} %"
+    notes = [
+        f"Means and deviations over cases that came to their end, with {level} intervals; failures "
+        "in percent of all cases."
+    ]
+    columns: list[Column] = list(_COLUMNS)
+    if spec.reference is not None:
+        reference = ReferenceTable.read(spec.reference)
+        rows = _beside(rows, reference, Path(spec.reference).name)
+        columns = with_paper(_COLUMNS, rows)
+        notes += difference_notes(rows, reference)
+    tables = {"campaign_summary": Table("Campaigns side by side", columns, rows, notes)}
+    if product.claims:
+        tables["campaign_claims"] = Table(
+            "Statements and answers", _CLAIMS, [
+                {
+                    "claim": one.text, "answer": one.answer, "difference": number(one.difference),
+                    "low": number(float(one.interval[0])),
+                    "high": number(float(one.interval[1])), "unit": one.unit, "cases": one.pairs,
+                }
+                for one in product.claims
+            ],
+            [
+                f"Differences case by case, with {level} intervals; below zero they speak for the "
+                "statement. Chosen cases are no sample: their ratios are compared as they are."
+            ],
+        )  # fmt: skip
+    return Presentation(
+        metrics={
+            "summary_campaigns": Metric(len(product.labels)),
+            "summary_failures": Metric(int(product.failures.sum())),
+        },
+        tables=tables,
+        figures={},
+        verdict=[f"“{one.text}”: {one.answer}; {one.reason}." for one in product.claims],
+    )
+
+
+def _factors(product: CampaignSummary, wanted: dict[str, str]) -> dict[str, tuple[str, float]]:
+    """Return the unit and the factor from SI of each metric."""
+    made = {}
+    for name, unit in zip(product.metrics, product.units, strict=True):
+        made[name] = (unit, 1.0)
+    for name, suffix in wanted.items():
+        if name not in made:
+            hint = did_you_mean(name, product.metrics, otherwise="there are")
+            raise InputError(f"units: no metric {name!r}{hint}")
+        si = made[name][0]
+        known = next(
+            (of for of in UNITS.values() if suffix in of and _plain(next(iter(of))) == _plain(si)),
+            None,
+        )
+        if known is None:
+            raise InputError(f"units: {name} is in {si}, which {suffix!r} does not measure")
+        made[name] = (unit_text(suffix), 1.0 / known[suffix])
+    return made
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("/", "_").replace("²", "2").replace("³", "3")
+
+
+def _rows(
+    product: CampaignSummary, names: tuple[str, ...], factors: dict[str, tuple[str, float]]
+) -> list[dict[str, Cell]]:
+    rows: list[dict[str, Cell]] = []
+    for c, label in enumerate(product.labels):
+        for name in names:
+            m = product.metrics.index(name)
+            unit, factor = factors[name]
+            low, high = factor * product.mean_interval[:, m, c]
+            least, most = factor * product.deviation_interval[:, m, c]
+            rows.append(
+                {
+                    "name": f"{label}, {name}",
+                    "unit": unit,
+                    "cases": int(product.count[m, c]),
+                    "mean": number(factor * float(product.mean[m, c])),
+                    "mean_low": number(float(low)),
+                    "mean_high": number(float(high)),
+                    "deviation": number(factor * float(product.deviation[m, c])),
+                    "deviation_low": number(float(least)),
+                    "deviation_high": number(float(most)),
+                }
+            )
+        cases, failures = int(product.cases[c]), int(product.failures[c])
+        low, high = 100.0 * ratio_interval(failures, cases, product.level)
+        rows.append(
+            _ratio(f"{label}, failures", failures, cases)
+            | {"mean_low": float(low), "mean_high": float(high)}
+        )
+        if product.worst_cases[c]:
+            worst, chosen = int(product.worst_failures[c]), int(product.worst_cases[c])
+            rows.append(_ratio(f"{label}, worst_failures", worst, chosen))
+    return rows
+
+
+def _ratio(name: str, failures: int, cases: int) -> dict[str, Cell]:
+    return {
+        "name": name, "unit": "%", "cases": cases,
+        "mean": 100.0 * failures / cases if cases else None, "mean_low": None, "mean_high": None,
+        "deviation": None, "deviation_low": None, "deviation_high": None,
+    }  # fmt: skip
+
+
+def _beside(
+    rows: list[dict[str, Cell]], reference: ReferenceTable, file: str
+) -> list[dict[str, Cell]]:
+    missing = [key for key in ("campaign", "metric", "mean") if key not in reference.columns]
+    if missing:
+        raise InputError(
+            f"{file}: no column {missing[0]!r}; it needs campaign, metric and mean, and may have "
+            "deviation"
+        )
+    known = {f"{row['campaign']}, {row['metric']}": row for row in reference.rows}
+    made = []
+    for row in rows:
+        twin = known.get(str(row["name"]), {})
+        wide: dict[str, Cell] = {}
+        for key, cell in row.items():
+            wide[key] = cell
+            printed = twin.get(key) if key in ("mean", "deviation") else None
+            if isinstance(printed, Printed):
+                wide[key + PAPER_SUFFIX] = printed
+        made.append(wide)
+    if not any(key.endswith(PAPER_SUFFIX) for row in made for key in row):
+        raise InputError(
+            f"{file}: none of its rows is for a campaign and metric of this table; campaigns are "
+            f"called {', '.join(sorted({str(r['name']).partition(',')[0] for r in rows}))}"
+        )
+    return made

@@ -1,0 +1,116 @@
+"""Campaigns side by side: statistics, published values, and claims that are answered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hillsphere.campaign.summary import CampaignSummaryStage, summary
+from hillsphere.campaign.summary_products import CampaignSummary
+from hillsphere.campaign.summary_specs import CampaignSummarySpec, ClaimSpec
+from hillsphere.errors import InputError
+from hillsphere.products import CaseTable
+from hillsphere.testing import RecordingContext, check_presentation, check_product
+
+LABELS = ("A", "B")
+
+
+def campaign(shift: float, fails: float, n: int = 500) -> CaseTable:
+    """Return cases of common draws: the metric moves by `shift`, the share that fails is given."""
+    rng = np.random.default_rng(3)
+    x, u = rng.normal(size=n), rng.uniform(size=n)
+    failed = u < fails
+    return CaseTable(
+        stage="descent", design="random", planned=n, stopped="", case=np.arange(n),
+        draw=np.arange(n), point=np.zeros(n, dtype=np.int64), inputs=("u",), input_units=("-",),
+        input_values=u[None], metrics=("dv", "speed"), units=("m/s", "m/s"),
+        values=np.array([8.0 + x + shift, 1e-3 * (2.0 + x)]),
+        status=np.where(failed, "impact", "completed"), cause=np.full(n, ""), failed=failed,
+        message_case=np.empty(0, dtype=np.int64), messages=(),
+    )  # fmt: skip
+
+
+def made(*claims: dict[str, str], worst: bool = True) -> CampaignSummary:
+    tables = (campaign(0.0, 0.0), campaign(0.3, 0.2))
+    hard = (campaign(0.0, 0.5, 24), campaign(0.0, 0.25, 24)) if worst else ()
+    asked = [ClaimSpec(text="said", **claim) for claim in claims]
+    return summary(tables, hard, LABELS, asked, 0.95)
+
+
+def test_means_and_failures_are_those_of_the_cases() -> None:
+    found, other = made(), campaign(0.3, 0.2)
+    np.testing.assert_allclose(found.mean[0, 1], other.values[0, ~other.failed].mean(), rtol=1e-14)
+    np.testing.assert_allclose(
+        found.deviation[0, 1], other.values[0, ~other.failed].std(ddof=1), rtol=1e-12
+    )
+    assert found.failures.tolist() == [0, int(other.failed.sum())]
+    assert found.worst_cases.tolist() == [24, 24]
+
+
+@pytest.mark.parametrize(
+    ("claim", "answer"),
+    [
+        ({"of": "dv", "less": "A", "than": "B"}, "confirmed"),
+        ({"of": "dv", "less": "B", "than": "A"}, "refuted"),
+        ({"of": "speed", "less": "A", "than": "B"}, "undecidable"),
+        ({"of": "failures", "less": "A", "than": "B"}, "confirmed"),
+        ({"of": "failures", "less": "B", "than": "A"}, "refuted"),
+        ({"of": "worst", "less": "B", "than": "A"}, "confirmed"),
+        ({"of": "worst", "above_random": "A"}, "confirmed"),
+    ],
+)
+def test_claims_are_answered_by_paired_intervals(claim: dict[str, str], answer: str) -> None:
+    assert made(claim).claims[0].answer == answer
+
+
+def test_two_campaigns_without_a_failure_decide_nothing() -> None:
+    claim = ClaimSpec(text="said", of="failures", less="A", than="B")
+    tables = (campaign(0.0, 0.0), campaign(0.3, 0.0))
+    found = summary(tables, (), LABELS, [claim], 0.95).claims[0]
+    assert found.answer == "undecidable"
+    assert found.interval[0] < 0.0 < found.interval[1]
+
+
+def test_published_values_stand_beside_in_their_units(tmp_path: Path) -> None:
+    reference = tmp_path / "paper.csv"
+    reference.write_text(
+        "# source: A paper, Table 1\ncampaign,metric,mean,deviation\nA,speed,2.0,1.0\n"
+        "B,failures,20,\n"
+    )
+    spec = CampaignSummarySpec.model_validate(
+        {
+            "needs": {"campaigns": ["a", "b"]}, "labels": LABELS, "units": {"speed": "mm_s"},
+            "reference": str(reference),
+        }
+    )  # fmt: skip
+    stage = CampaignSummaryStage(spec)
+    tables = (campaign(0.0, 0.0), campaign(0.3, 0.2))
+    product = stage.run(RecordingContext(), tables)
+    check_product(product)
+    shown = stage.present(product, tables)
+    check_presentation(shown)
+    rows = {row["name"]: row for row in shown.tables["campaign_summary"].rows}
+    speed = 1e3 * tables[0].values[1].mean()
+    assert rows["A, speed"]["mean"] == pytest.approx(speed, rel=1e-12)
+    assert rows["A, speed"]["mean_paper"] == 2.0
+    assert rows["A, speed"]["unit"] == "mm/s"
+    assert rows["B, failures"]["mean_paper"] == 20.0
+    reference.write_text("# source: A paper\ncampaign,metric,mean\nC,speed,2.0\n")
+    with pytest.raises(InputError, match="none of its rows"):
+        stage.present(product, tables)
+
+
+def test_faults_name_what_is_there() -> None:
+    with pytest.raises(InputError, match=r"no campaign is called 'C'.*A"):
+        made({"of": "dv", "less": "C", "than": "A"})
+    with pytest.raises(InputError, match="no metric 'dw'"):
+        made({"of": "dw", "less": "A", "than": "B"})
+    with pytest.raises(InputError, match=r"needs\.worst"):
+        made({"of": "worst", "above_random": "A"}, worst=False)
+    others = replace(campaign(0.0, 0.0), input_values=np.zeros((1, 500)))
+    claim = ClaimSpec(text="said", of="dv", less="A", than="B")
+    with pytest.raises(InputError, match="did not see the same draws"):
+        summary((campaign(0.0, 0.0), others), (), LABELS, [claim], 0.95)
