@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -100,6 +101,12 @@ def summary(
     CampaignSummary
         Of the metrics that all have.
     """
+    tables, labels = _by_point(tables, labels)
+    if worst and len(worst) != len(tables):
+        raise InputError(
+            f"needs.worst: {len(worst)} campaigns of chosen cases for {len(tables)} rows; a sweep "
+            "has one row per point"
+        )
     names = [m for m in tables[0].metrics if all(m in table.metrics for table in tables)]
     units = tuple(tables[0].units[tables[0].metrics.index(m)] for m in names)
     found = [{one.name: one for one in metric_statistics(table, level=level)} for table in tables]
@@ -130,6 +137,35 @@ def summary(
         ),
         claims=tuple(answered(claim, tables, worst, labels, level) for claim in claims),
     )
+
+
+def _by_point(
+    tables: Sequence[CaseTable], labels: Sequence[str]
+) -> tuple[list[CaseTable], list[str]]:
+    """Return every campaign, and every point of a sweep for itself, called by its values."""
+    found: list[CaseTable] = []
+    names: list[str] = []
+    for table, label in zip(tables, labels, strict=True):
+        if len(table.point_labels) < 2:
+            found.append(table)
+            names.append(label)
+            continue
+        for p, point in enumerate(table.point_labels):
+            here = table.point == p
+            columns = ("case", "draw", "status", "cause", "failed")
+            found.append(
+                replace(
+                    table,
+                    **{key: getattr(table, key)[here] for key in columns},
+                    input_values=table.input_values[:, here],
+                    values=table.values[:, here],
+                    point=np.zeros(np.count_nonzero(here), dtype=np.int64),
+                    point_labels=(),
+                )
+            )
+            values = [part.rpartition(" = ")[2] for part in point.split(", ")]
+            names.append(f"{label} {', '.join(values)}")
+    return found, names
 
 
 def answered(

@@ -19,7 +19,8 @@ class SummaryNeeds(Spec):
 
     campaigns: tuple[Ref, ...] = need(
         "hillsphere.products:CaseTable",
-        "campaigns with random cases, a row of the table each",
+        "campaigns with random cases; of a sweep each point stands for itself, called by its "
+        "label and its values",
         min_length=1,
         max_length=40,
     )

@@ -74,6 +74,17 @@ def test_two_campaigns_without_a_failure_decide_nothing() -> None:
     assert found.interval[0] < 0.0 < found.interval[1]
 
 
+def test_points_of_a_sweep_stand_for_themselves() -> None:
+    whole = campaign(0.0, 0.1)
+    names = ("stage.d.follow = rt2", "stage.d.follow = rt3")
+    swept = replace(whole, point=np.arange(500) % 2, point_labels=names)
+    found = summary((whole, swept), (), ("K rt1", "K"), (), 0.95)
+    assert found.labels == ("K rt1", "K rt2", "K rt3")
+    assert found.cases.tolist() == [500, 250, 250]
+    odd = whole.values[0, 1::2][~whole.failed[1::2]]
+    assert found.mean[0, 2] == pytest.approx(odd.mean(), rel=1e-14)
+
+
 def test_published_values_stand_beside_in_their_units(tmp_path: Path) -> None:
     reference = tmp_path / "paper.csv"
     reference.write_text(
