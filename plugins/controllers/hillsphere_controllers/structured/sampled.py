@@ -1,0 +1,184 @@
+r"""Structured synthesis for sampled plants, by their images in continuous time.
+
+The bilinear map keeps stability and the H∞ norm; it keeps the H2 norm too if what it yields is
+weighted: with z = exp(jθ) and ω = (2/T) tan(θ/2),
+
+.. math::
+
+    \frac{1}{2\pi}\int_{-\pi}^{\pi} |G|^2 d\theta
+    = \frac{1}{2\pi}\int_{-\infty}^{\infty}
+      \left|\frac{2/\sqrt T}{j\omega + 2/T}\,G\right|^2 d\omega .
+
+A controller of free entries is mapped to one, so the structure survives; those with fixed entries,
+PID and transfer functions do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.structured.requirements import Channel, DesignPlant
+from hillsphere_controllers.structured.structure import Diagonal, FreeEntries, Structure
+from hillsphere_controllers.structured.synthesis import (
+    Progress,
+    StructuredDesign,
+    synthesise,
+)
+from hillsphere_controllers.systems.algebra import lower_lft
+from hillsphere_controllers.systems.bilinear import continuous, discrete
+
+__all__ = ["sampled_norms", "synthesise_sampled"]
+
+_SAME = 1e-5
+"""Share by which a norm of the sampled closed loop may differ from that of its image."""
+
+
+def synthesise_sampled(
+    plants: DesignPlant | Sequence[DesignPlant],
+    structure: Structure,
+    *,
+    starts: int = 10,
+    seed: int = 1,
+    initial: Iterable[Array] = (),
+    largest_gain: float | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    ctx: Context | None = None,
+) -> StructuredDesign:
+    """Return the best controller in discrete time found from several starts.
+
+    Parameters
+    ----------
+    plants : DesignPlant or sequence of DesignPlant
+        In discrete time, of one period. An H2 norm is the root of the sum of squares of the
+        response to unit impulses.
+    structure : Structure
+        All of whose entries are free, or a diagonal of such.
+    starts, seed, initial, largest_gain, progress, ctx
+        As for `synthesise`; parameters and gain are those of the controller's image.
+
+    Returns
+    -------
+    StructuredDesign
+        Its controller in discrete time; `theta` and `verified` are of the images, and γ has been
+        recomputed from the sampled closed loops.
+
+    Raises
+    ------
+    InputError
+        If periods differ, or the structure does not survive the map.
+    NotStabilisableError, SynthesisFailedError
+        As `synthesise`; also if the sampled closed loops do not have the norms of the images.
+    """
+    many = (plants,) if isinstance(plants, DesignPlant) else tuple(plants)
+    periods = {plant.system.dt_s for plant in many}
+    if len(periods) != 1 or None in periods:
+        raise InputError(
+            "plants must be in discrete time and of one period, got "
+            f"{', '.join('continuous' if p is None else f'{p:g} s' for p in periods) or 'none'}"
+        )
+    if not _kept(structure):
+        raise InputError(
+            "in discrete time every entry of the controller must be free: the bilinear map, by "
+            "which it is found, keeps no fixed entries, no PID and no transfer function"
+        )
+    period = next(p for p in periods if p is not None)
+    found = synthesise(
+        [_image(plant, structure) for plant in many], structure, starts=starts, seed=seed,
+        initial=initial, largest_gain=largest_gain, progress=progress, ctx=ctx,
+    )  # fmt: skip
+    controller = discrete(found.controller, period)
+    gamma = 0.0
+    for plant in many:
+        for channel, norm in zip(plant.channels, sampled_norms(plant, controller), strict=True):
+            if channel.limit is None:
+                gamma = max(gamma, plant.weight * norm)
+            elif not norm <= channel.limit * (1.0 + _SAME):
+                raise SynthesisFailedError(
+                    f"{plant.name or 'the plant'}: a limited norm is {norm:.9g} in the sampled "
+                    f"loop, above its limit {channel.limit:.9g}; scale signals and states"
+                )
+    if not abs(gamma - found.gamma) <= _SAME * max(gamma, found.gamma):
+        raise SynthesisFailedError(
+            f"γ is {gamma:.9g} in the sampled loops, {found.gamma:.9g} in their images; scale "
+            "signals and states"
+        )
+    return replace(found, controller=controller, gamma=gamma)
+
+
+def sampled_norms(plant: DesignPlant, controller: LtiSystem) -> list[float]:
+    """Return the weighted norm of every channel of a sampled closed loop.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        In discrete time.
+    controller : LtiSystem
+        Of the same period, u = K(z) y.
+
+    Returns
+    -------
+    list of float
+        In the order of the channels; infinite if the loop is not stable.
+    """
+    loop = lower_lft(plant.system, controller)
+    if loop.order and np.abs(loop.poles).max() >= 1.0:
+        return [np.inf for _ in plant.channels]
+    norms = []
+    for channel in plant.channels:
+        rows = list(range(loop.shape[0]) if channel.outputs is None else channel.outputs)
+        columns = list(range(loop.shape[1]) if channel.inputs is None else channel.inputs)
+        part = LtiSystem(
+            loop.a, loop.b[:, columns], loop.c[rows], loop.d[np.ix_(rows, columns)], loop.dt_s
+        )
+        size = hinf_norm(part).upper if channel.norm == "hinf" else h2_norm(part)
+        norms.append(channel.weight * float(size))
+    return norms
+
+
+def _kept(structure: Structure) -> bool:
+    if isinstance(structure, Diagonal):
+        return all(_kept(part) for part in structure.parts)
+    return isinstance(structure, FreeEntries) and bool(structure.free.all())
+
+
+def _image(plant: DesignPlant, structure: Structure) -> DesignPlant:
+    """Return the image of a plant: filtered copies of the outputs of H2 channels stand first."""
+    period = plant.system.dt_s
+    assert period is not None  # checked by the caller
+    image = continuous(plant.system)
+    p = image.shape[0] - structure.measurements
+    wanted = sorted(
+        {
+            row
+            for channel in plant.channels
+            if channel.norm == "h2"
+            for row in (range(p) if channel.outputs is None else channel.outputs)
+        }
+    )
+    n, k = image.order, len(wanted)
+    a = np.zeros((n + k, n + k))
+    a[:n, :n] = image.a
+    a[n:, :n], a[n:, n:] = image.c[wanted], -2.0 / period * np.eye(k)
+    b = np.concatenate([image.b, image.d[wanted]])
+    c = np.zeros((k + image.shape[0], n + k))
+    c[:k, n:], c[k:, :n] = 2.0 / np.sqrt(period) * np.eye(k), image.c
+    d = np.concatenate([np.zeros((k, image.shape[1])), image.d])
+    channels = []
+    for channel in plant.channels:
+        rows = range(p) if channel.outputs is None else channel.outputs
+        moved = (
+            tuple(wanted.index(row) for row in rows)
+            if channel.norm == "h2"
+            else tuple(k + row for row in rows)
+        )
+        channels.append(Channel(moved, channel.inputs, channel.norm, channel.weight, channel.limit))
+    return replace(plant, system=LtiSystem(a, b, c, d), channels=tuple(channels))
