@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hillsphere.earth.geodetic import Station
     from hillsphere.earth.orientation import EarthOrientation
     from hillsphere.lti import LtiSystem
+    from hillsphere.simulation.protocols import ContinuousLaw
     from hillsphere.symbolic import Expr, Params, Vec3
     from hillsphere.time import Epoch
 
@@ -182,12 +183,43 @@ class Surface(Protocol):
         ...
 
 
+@runtime_checkable
+class ArraySurface(Protocol):
+    """A `Surface` that cannot be written as an expression (a polyhedron, a grid of radii)."""
+
+    def surface_array(self, r: Array) -> Array:
+        """Return the implicit surface function (N,) at body-fixed positions r (3, N), m.
+
+        Without dimension, of order one about the body and continuous.
+        """
+        ...
+
+    def normal_array(self, r: Array) -> Array:
+        """Return the unit outward normals (3, N) where the rays from the centre through r pass."""
+        ...
+
+    def semi_axes_m(self) -> tuple[float, float, float]:
+        """Return half the extent along x, y, z, m, of a box about the centre that holds all."""
+        ...
+
+
+@runtime_checkable
+class Enclosed(Protocol):
+    """A surface of which is known how far from the centre it reaches, in whatever direction."""
+
+    @property
+    def largest_radius_m(self) -> float:
+        """Radius of the smallest sphere about the centre that holds the body, m."""
+        ...
+
+
 class Plant(Protocol):
     """Equations of motion in a named frame, SI.
 
     A plant whose gravity is an `ArrayGravityModel` also offers `ExternalInputs`; one with an
     integral of motion `ConservedQuantity`, with a time-reversal symmetry `MirrorSymmetry`; one
-    whose expressions change branch offers `PiecewisePlant`.
+    whose expressions change branch offers `PiecewisePlant`, and one some of whose events are no
+    expressions `ExternalEvents`.
     `hillsphere.dynamics.system` makes a system of equations of it, normalised or not.
     """
 
@@ -250,6 +282,25 @@ class ExternalInputs(Protocol):
 
     def external_jacobian(self, x: Array, t: Array, p: Array) -> Array:
         """Return the derivatives of the terms by the states, SI, shape (m, n, N)."""
+        ...
+
+
+@runtime_checkable
+class ExternalEvents(Protocol):
+    """A plant some of whose events are functions of arrays (contact with a polyhedron).
+
+    Its `events` use them as plain variables of the names listed in `event_terms`; nothing else of
+    the plant may. The step map evaluates them where it watches events, not at every stage; the
+    Taylor propagator, which needs the events as series in time, refuses such an event.
+    """
+
+    @property
+    def event_terms(self) -> tuple[Variable, ...]:
+        """The m terms in order; empty for a plant whose events are all expressions."""
+        ...
+
+    def event_terms_array(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the terms, SI, shape (m, N); arguments as for `ExternalInputs.external_array`."""
         ...
 
 
@@ -330,6 +381,69 @@ class OrbitFamily(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class GuidanceTask:
+    """From where to where guidance is to plan a flight, and in which time.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n,)
+        All states of the plant at the start, SI.
+    end_position_m, end_velocity_m_s : ndarray, shape (d,)
+        The plant's positions and velocities at the end, in their order.
+    duration_s : float
+        Length of the flight.
+    time_s : float
+        Time at the start.
+    up : ndarray, shape (d,), or None
+        Unit vector away from the ground at the end, if the flight ends on one.
+    """
+
+    start: Array
+    end_position_m: Array
+    end_velocity_m_s: Array
+    duration_s: float
+    time_s: float = 0.0
+    up: Array | None = None
+
+
+@dataclass(frozen=True)
+class GuidedFlight:
+    """A planned flight, as functions of the time since its start.
+
+    Parameters
+    ----------
+    duration_s : float
+        Its length.
+    states : callable
+        t (K,) → the plant's states (n, K), SI.
+    command : callable
+        t (K,) → its controls (p, K), SI, just after t where they jump.
+    breaks_s : ndarray, shape (B,)
+        Times between which the command is smooth, rising from 0 to the duration.
+    account : str
+        How it was found and how well, in a few words.
+    """
+
+    duration_s: float
+    states: Callable[[Array], Array]
+    command: Callable[[Array], Array]
+    breaks_s: Array
+    account: str = ""
+
+
+@runtime_checkable
+class Guidance(Protocol):
+    """Plans a flight between two states of a plant, with the command that flies it.
+
+    Where there is no such flight the method raises, a named error that says what cannot be met.
+    """
+
+    def plan(self, plant: Plant, task: GuidanceTask) -> GuidedFlight:
+        """Return a flight that begins at the start and ends at the end of the task."""
+        ...
+
+
 @runtime_checkable
 class Compensator(Protocol):
     """A run-time law that acts at samples: what it sees to what the actuator is told.
@@ -365,14 +479,14 @@ class Compensator(Protocol):
 
 @runtime_checkable
 class SynthesisedLaw(Protocol):
-    """A `Compensator` that may wait for the controller that an earlier stage makes."""
+    """A law, at samples or continuous, that may wait for the controller of an earlier stage."""
 
     @property
     def complete(self) -> bool:
         """Whether it has a controller of its own; one without takes no step."""
         ...
 
-    def flying(self, controller: LtiSystem) -> Compensator:
+    def flying(self, controller: LtiSystem) -> Compensator | ContinuousLaw:
         """Return the law with this controller; period and actuation stay."""
         ...
 

@@ -30,6 +30,7 @@ ENTRY_POINT_GROUP = "hillsphere"
 KINDS = (
     "body",
     "gravity",
+    "shape",
     "plant",
     "orbit_family",
     "guidance",

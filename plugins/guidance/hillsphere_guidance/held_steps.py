@@ -1,0 +1,98 @@
+"""Steps under a held command with their derivatives, many at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_guidance.motion import Motion
+
+__all__ = ["HeldSteps", "held_steps"]
+
+_TOLERANCE = 1e-11
+_MOST = 256
+
+
+class HeldSteps(NamedTuple):
+    """Where N steps end, and how that depends on where they begin and on the command.
+
+    Parameters
+    ----------
+    end : ndarray, shape (n, N)
+        States at the ends, SI.
+    by_state : ndarray, shape (2d, 2d, N)
+        Derivatives of positions and velocities by those at the start.
+    by_command : ndarray, shape (2d, d, N)
+        By the acceleration held.
+    """
+
+    end: Array
+    by_state: Array
+    by_command: Array
+
+
+def held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSteps:
+    r"""Fly N steps under held accelerations.
+
+    The states are those of the step map; the derivatives follow the variational equations
+    :math:`\dot\Phi = A \Phi`, with the exact A at the states at both ends and in the middle, by the
+    classical Runge-Kutta formula, whose error is of fifth order in the length of the step.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the plant.
+    x : ndarray, shape (n, N)
+        States at the starts, SI.
+    u : ndarray, shape (d, N)
+        Accelerations.
+    h : ndarray, shape (N,)
+        Lengths.
+    t : ndarray, shape (N,)
+        Times at the starts.
+
+    Returns
+    -------
+    HeldSteps
+        Ends and derivatives.
+
+    Raises
+    ------
+    PropagationError
+        If a step meets a singularity.
+    """
+    d, fly = motion.axes, motion.step_map
+    x, u = np.ascontiguousarray(x), np.ascontiguousarray(u)
+    substeps = fly.choose_steps(x, 0.5 * h, _TOLERANCE, u, t, most=_MOST)
+    middle = fly.propagate(x, 0.5 * h, substeps, u, t)
+    end = fly.propagate(middle, 0.5 * h, substeps, u, t + 0.5 * h)
+    slopes = [
+        _slopes(motion, state, time)
+        for state, time in ((x, t), (middle, t + 0.5 * h), (end, t + h))
+    ]
+    table = np.zeros((2 * d, 3 * d, len(h)))
+    table[:, : 2 * d] = np.eye(2 * d)[:, :, None]
+    push = np.zeros_like(table)
+    push[d:, 2 * d :] = np.eye(d)[:, :, None]
+
+    def rate(a: Array, m: Array) -> Array:
+        return np.asarray(np.einsum("ijN,jkN->ikN", a, m) + push)
+
+    k1 = rate(slopes[0], table)
+    k2 = rate(slopes[1], table + 0.5 * h * k1)
+    k3 = rate(slopes[1], table + 0.5 * h * k2)
+    k4 = rate(slopes[2], table + h * k3)
+    table = table + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return HeldSteps(end, table[:, : 2 * d], table[:, 2 * d :])
+
+
+def _slopes(motion: Motion, x: Array, t: Array) -> Array:
+    """Return A (2d, 2d, N) of positions and velocities."""
+    d = motion.axes
+    _, by_r, by_v = motion.field(x, t)
+    a = np.zeros((2 * d, 2 * d, x.shape[1]))
+    a[:d, d:] = np.eye(d)[:, :, None]
+    a[d:, :d], a[d:, d:] = by_r, by_v
+    return a

@@ -1,0 +1,1 @@
+"""The stage ``reference_trajectories``: descents planned by guidance, flown again, handed on."""

@@ -1,0 +1,96 @@
+"""A planned flight flown again, by propagators that had no part in its making."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from hillsphere.errors import PropagationError
+from hillsphere.interfaces import Array, GuidedFlight
+from hillsphere_guidance.motion import Motion
+
+__all__ = ["replay_continuous", "replay_held"]
+
+_RELATIVE = 1e-12
+_ABSOLUTE = 1e-13
+"""In units of the plant's scales."""
+_REFINED = 4
+
+
+def replay_continuous(motion: Motion, flight: GuidedFlight, start: Array, time_s: float) -> Array:
+    """Fly the command of a plan as it is, open loop.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the plant.
+    flight : GuidedFlight
+        The plan.
+    start : ndarray, shape (n,)
+        State at the start.
+    time_s : float
+        Time there.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        State at the end, by SciPy's adaptive DOP853, piece by piece of the command.
+
+    Raises
+    ------
+    PropagationError
+        If the flight cannot be followed.
+    """
+    unit = motion.unit
+    state = np.array(start, dtype=float)
+    for begin, end in pairwise(flight.breaks_s):
+        # the command beyond the end of a piece is that of the next one
+        last = np.nextafter(end, begin)
+
+        def rate(t: float, x: Array, last: float = float(last)) -> Array:
+            u = flight.command(np.array([min(t, last)]))
+            return motion.rate(x[:, None], u, np.array([time_s + t]))[:, 0]
+
+        found = solve_ivp(
+            rate, (begin, end), state, method="DOP853", rtol=_RELATIVE, atol=_ABSOLUTE * unit
+        )
+        if found.status != 0 or not np.isfinite(found.y[:, -1]).all():
+            raise PropagationError(f"the replay of a planned flight stops at {found.t[-1]:g} s")
+        state = found.y[:, -1]
+    return state
+
+
+def replay_held(motion: Motion, t: Array, u: Array, start: Array, time_s: float) -> Array:
+    """Fly a command that is held from each time to the next, open loop.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of the plant.
+    t : ndarray, shape (K,)
+        Times since the start.
+    u : ndarray, shape (d, K - 1)
+        Accelerations.
+    start : ndarray, shape (n,)
+        State at the start.
+    time_s : float
+        Time there.
+
+    Returns
+    -------
+    ndarray, shape (n, K)
+        States at these times: by Taylor series, or where the field is no expression by the step
+        map with steps of a fourth.
+    """
+    x = np.empty((len(start), len(t)))
+    x[:, 0] = start
+    if motion.system.external is None:
+        for k, (begin, end) in enumerate(pairwise(t)):
+            x[:, k + 1] = motion.series.propagate(x[:, k], end - begin, u[:, k], time_s + begin)
+        return x
+    fly = motion.step_map
+    for k, (begin, end) in enumerate(pairwise(t)):
+        x[:, k + 1] = fly.propagate(x[:, k], end - begin, _REFINED, u[:, k], time_s + begin)
+    return x

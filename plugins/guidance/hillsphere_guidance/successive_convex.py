@@ -1,0 +1,335 @@
+"""Successive convex programming: a flight under held commands, requirements linearised in turn."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from hillsphere.errors import ConvergenceError, PropagationError
+from hillsphere.interfaces import Array, GuidanceTask, GuidedFlight, Plant
+from hillsphere_guidance.errors import InfeasibleGuidanceError
+from hillsphere_guidance.held_steps import HeldSteps, held_steps
+from hillsphere_guidance.minimum_energy import MinimumEnergy
+from hillsphere_guidance.motion import Motion, motion_of
+from hillsphere_guidance.requirements import Excess, Requirements, Terms
+from hillsphere_guidance.specs import MinimumEnergySpec
+from hillsphere_guidance.splines import gauss_nodes
+
+__all__ = ["fly_successively"]
+
+_FIRST_PENALTY, _GROWTH, _LARGEST_GROWTH = 20.0, 10.0, 100.0
+"""Of what a requirement is exceeded by, in natural units, per unit of cost and of its steepest
+slope by a command. It is exact as soon as it exceeds the multipliers, which are of the order of
+that slope; larger than needed it makes the rounds creep along curved requirements."""
+_FIRST_RADIUS, _LEAST_RADIUS, _LARGEST_RADIUS = 0.3, 1e-9, 10.0
+"""Of the trust region about the last path, in the plant's units of length and speed."""
+_GAIN = 1e-6
+"""Relative gain of cost that is not worth another round."""
+_ROUNDS = 60
+_MET = 1e-6
+"""What may be left of a violation, natural units, before the flight is closed by shooting."""
+_CLOSED = 1e-11
+_SHOTS = 20
+_START_POINTS = 16
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """A path of N steps that need not be one flight yet.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, N + 1)
+        States at the starts of the steps, and at the end.
+    u : ndarray, shape (d, N)
+        Accelerations held.
+    steps : HeldSteps
+        Each step flown from its own start.
+    """
+
+    x: Array
+    u: Array
+    steps: HeldSteps
+
+
+def fly_successively(plant: Plant, task: GuidanceTask, requirements: Requirements) -> GuidedFlight:
+    """Find the flight of least cost that meets requirements.
+
+    Each round flies every step exactly, linearises it with exact derivatives, and solves a convex
+    second-order cone problem for the change of the path within a trust region; what the linear
+    model cannot meet is taken up by virtual controls at an exact penalty, and the region grows or
+    shrinks as the true cost follows the predicted one [1]_. At last the steps are closed to one
+    flight by shooting, so that the flight is the plant's own to rounding.
+
+    Parameters
+    ----------
+    plant : Plant
+        Equations of motion.
+    task : GuidanceTask
+        From where to where, in which time.
+    requirements : Requirements
+        What is minimised, and what must hold.
+
+    Returns
+    -------
+    GuidedFlight
+        With commands held for `requirements.hold_s` (the last maybe shorter).
+
+    Raises
+    ------
+    InfeasibleGuidanceError
+        If the rounds end at a path that does not meet all.
+    ConvergenceError
+        If they do not end.
+
+    References
+    ----------
+    .. [1] Y. Mao, M. Szmuk, B. Açıkmeşe (2016), Successive convexification of non-convex optimal
+       control problems and its convergence properties, 55th IEEE Conference on Decision and
+       Control, 3636-3641.
+    """
+    return _Search(plant, task, requirements).run()
+
+
+class _Search:
+    def __init__(self, plant: Plant, task: GuidanceTask, requirements: Requirements) -> None:
+        self._plant, self._task, self._wanted = plant, task, requirements
+        self._motion: Motion = motion_of(plant)
+        self._t = requirements.grid(task.duration_s)
+        self._h = np.diff(self._t)
+        scales = self._motion.scales
+        self._acceleration = scales.length_m / scales.time_s**2
+        self._rows = [*self._motion.positions, *self._motion.velocities]
+        self._unit = self._motion.unit[self._rows]
+        self._weights = self._h / scales.time_s
+        # a gap in position is weighed as the speed that mends it in one step
+        step = float(min(1.0, self._weights.min()))
+        self._gap_unit = np.array([step] * self._motion.axes + [1.0] * self._motion.axes)
+        self._terms: Terms = requirements.terms(plant, task, self._t, self._acceleration)
+
+    def run(self) -> GuidedFlight:
+        """Iterate from the path of least energy; the penalty grows until the path is a flight."""
+        best, rounds, growth = self._first(), 0, 1.0
+        slope = self._wanted.slope(best.u / self._acceleration)
+        while True:
+            best, excess, more = self._descended(best, _FIRST_PENALTY * slope * growth)
+            rounds += more
+            if excess.largest <= _MET:
+                break
+            if growth >= _LARGEST_GROWTH:
+                raise InfeasibleGuidanceError(
+                    f"no flight meets all requirements: after {rounds} rounds the best has "
+                    f"{excess.words()}; give more time or thrust, or ask for less"
+                )
+            growth *= _GROWTH
+        flown, shots = self._closed(best)
+        left = self._cost(flown)[1]
+        if left.largest > 10.0 * _MET:
+            raise InfeasibleGuidanceError(
+                f"closed to one flight the path has {left.words()}; take shorter steps (hold_s)"
+            )
+        return self._flight(flown, f"{rounds} convex problems, {shots} shots")
+
+    def _descended(self, best: _Iterate, penalty: float) -> tuple[_Iterate, Excess, int]:
+        """Lower cost and penalised violations until a round gains nothing."""
+        radius, rounds = _FIRST_RADIUS, 0
+        cost, excess = self._cost(best)
+        while radius >= _LEAST_RADIUS:
+            rounds += 1
+            if rounds > _ROUNDS:
+                kind = InfeasibleGuidanceError if excess.largest > _MET else ConvergenceError
+                raise kind(
+                    f"successive convexification: no end after {_ROUNDS} rounds (cost {cost:.6g}, "
+                    f"{excess.words()}); give more time or thrust, or fewer requirements"
+                )
+            merit = cost + penalty * excess.total
+            predicted, x, u = self._solved(best, radius, penalty)
+            gain = merit - predicted
+            if gain <= _GAIN * (1.0 + cost):
+                break
+            ratio = -np.inf
+            for candidate in self._candidates(x, u):
+                new_cost, new_excess = self._cost(candidate)
+                new_ratio = (merit - new_cost - penalty * new_excess.total) / gain
+                if new_ratio > ratio:
+                    ratio, found = new_ratio, (candidate, new_cost, new_excess)
+            if ratio > 0.0:
+                best, cost, excess = found
+            if ratio < 0.25:
+                radius *= 0.3
+            elif ratio > 0.75:
+                radius = min(2.0 * radius, _LARGEST_RADIUS)
+        return best, excess, rounds
+
+    def _first(self) -> _Iterate:
+        """Return the path of least energy, its command averaged over the steps."""
+        task, t = self._task, self._t
+        guess = MinimumEnergy(MinimumEnergySpec(control_points=_START_POINTS)).plan(
+            self._plant, task
+        )
+        place, weights = gauss_nodes(t, 3)
+        a = (guess.command(place) * weights).reshape(self._motion.axes, len(self._h), 3)
+        return self._iterate(guess.states(t), a.sum(axis=2) / self._h)
+
+    def _iterate(self, x: Array, u: Array) -> _Iterate:
+        times = self._task.time_s + self._t[:-1]
+        return _Iterate(x, u, held_steps(self._motion, x[:, :-1], u, self._h, times))
+
+    def _defects(self, it: _Iterate) -> Array:
+        """Return by how far each step misses the start of the next (2d, N), natural units."""
+        return np.asarray((it.steps.end - it.x[:, 1:])[self._rows] / self._unit[:, None])
+
+    def _cost(self, it: _Iterate) -> tuple[float, Excess]:
+        """Return the true cost, and by how much the requirements are exceeded."""
+        u = it.u / self._acceleration
+        excess = self._terms.excess(it.x[self._motion.positions], u)
+        excess.add("gaps between its steps", np.abs(self._defects(it)) / self._gap_unit[:, None])
+        return self._wanted.cost(u, self._weights), excess
+
+    def _solved(self, it: _Iterate, radius: float, penalty: float) -> tuple[float, Array, Array]:
+        """Solve the convex problem about a path; return its cost, states and command."""
+        cp: Any = import_module("cvxpy")  # slow to import, and ships no complete types
+
+        d, n = self._motion.axes, len(self._h)
+        unit, size = self._unit, self._acceleration
+        by_state = it.steps.by_state * (unit / unit[:, None])[:, :, None]
+        by_command = it.steps.by_command * (size / unit)[:, None, None]
+        change = cp.Variable(2 * d * (n - 1))
+        u = cp.Variable((d, n))
+        virtual = cp.Variable(2 * d * n)
+        # both ends stay: the first step has no change before it, the last none after
+        inner = sparse.eye_array(2 * d * n, format="csc")[:, : 2 * d * (n - 1)]
+        before = sparse.block_diag([by_state[:, :, k] for k in range(n)], format="csc")
+        before = before[:, 2 * d :]
+        pushed = sparse.block_diag([by_command[:, :, k] for k in range(n)], format="csc")
+        known = self._defects(it).T.ravel() - pushed @ (it.u / size).T.ravel()
+        virtual_rule = inner @ change - before @ change - pushed @ cp.vec(u, order="F") == (
+            known + cp.multiply(np.tile(self._gap_unit, n), virtual)
+        )
+        rules: list[Any] = [virtual_rule, cp.abs(change) <= radius]
+        moved = cp.reshape(change, (2 * d, n - 1), order="F")
+        cost = self._wanted.convex_cost(cp, u, self._weights, rules)
+        slack = self._terms.convex_rules(
+            cp, it.x[self._motion.positions], moved[:d], it.u / size, u, rules
+        )
+        total = cost + penalty * (cp.norm1(virtual) + slack)
+        problem = cp.Problem(cp.Minimize(total), rules)
+        try:
+            with warnings.catch_warnings():
+                # an inaccurate solution is judged by the flight that comes of it
+                warnings.simplefilter("ignore", UserWarning)
+                problem.solve(solver=cp.CLARABEL)
+        except cp.error.SolverError as error:
+            raise ConvergenceError(f"successive convexification: {error}") from error
+        if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            raise ConvergenceError(
+                f"successive convexification: the convex problem is {problem.status}"
+            )
+        x = it.x.copy()
+        x[self._rows, 1:-1] += np.asarray(moved.value) * unit[:, None]
+        return float(problem.value), x, np.asarray(u.value) * size
+
+    def _candidates(self, x: Array, u: Array) -> Iterator[_Iterate]:
+        """Yield the path of a convex problem, and the same with its gaps taken up."""
+        try:
+            flat = self._iterate(x, u)
+            yield flat
+            yield self._bent(flat)
+        except PropagationError:
+            return  # through the body's centre: a smaller region keeps away from it
+
+    def _bent(self, it: _Iterate) -> _Iterate:
+        """Take up the gaps between the steps, to first order, by the least relative change."""
+        steps, unit = it.steps, self._unit
+        gaps = (steps.end - it.x[:, 1:])[self._rows]
+        reach, carried = self._reach(steps, gaps)
+        bend = self._least(reach, -carried, it.u)
+        x, u = it.x.copy(), it.u + bend
+        moved = np.zeros(len(unit))
+        for k in range(len(self._h) - 1):
+            moved = (
+                steps.by_state[:, :, k] @ moved
+                + steps.by_command[:, :, k] @ bend[:, k]
+                + gaps[:, k]
+            )
+            x[self._rows, k + 1] += moved
+        return self._iterate(x, u)
+
+    def _reach(self, steps: HeldSteps, gaps: Array) -> tuple[Array, Array]:
+        """Return how the end depends on the command (2d, d, N), and where gaps lead to (2d,)."""
+        reach, onwards = np.empty_like(steps.by_command), np.eye(len(self._unit))
+        carried = np.zeros(len(self._unit))
+        for k in range(len(self._h) - 1, -1, -1):
+            reach[:, :, k] = onwards @ steps.by_command[:, :, k]
+            carried += onwards @ gaps[:, k]
+            onwards = onwards @ steps.by_state[:, :, k]
+        return reach, carried
+
+    def _least(self, reach: Array, miss: Array, u: Array) -> Array:
+        """Return the least relative change (d, N) of a command that moves its end by a miss."""
+        weight = np.linalg.norm(u, axis=0) + 1e-9 * self._acceleration
+        table = (reach / self._unit[:, None, None] * weight).reshape(len(miss), -1)
+        bend = np.linalg.lstsq(table, miss / self._unit, rcond=None)[0]
+        return np.asarray(bend.reshape(u.shape) * weight)
+
+    def _closed(self, it: _Iterate) -> tuple[_Iterate, int]:
+        """Fly from the start on, and bend the command until the flight ends where it must.
+
+        Of all changes of the command that do, the least relative one: what is off stays off.
+        """
+        u, goal = np.array(it.u), it.x[self._rows, -1]
+        self._substeps = self._motion.step_map.choose_steps(
+            np.ascontiguousarray(it.x[:, :-1]), self._h, 1e-11, u, self._task.time_s + self._t[:-1]
+        )
+        worst = np.inf
+        for shot in range(_SHOTS):
+            x, steps = self._flown(u)
+            miss = (goal - x[self._rows, -1]) / self._unit
+            if np.abs(miss).max() <= _CLOSED:
+                return _Iterate(x, u, steps), shot + 1
+            worst = float(np.abs(miss).max())
+            reach, _ = self._reach(steps, np.zeros((len(miss), len(self._h))))
+            u = u + self._least(reach, goal - x[self._rows, -1], u)
+        raise ConvergenceError(
+            f"successive convexification: the flight does not close, it misses its end by "
+            f"{worst:.1e} of the plant's scales; take shorter steps (hold_s)"
+        )
+
+    def _flown(self, u: Array) -> tuple[Array, HeldSteps]:
+        """Return the flight under a command, and its steps."""
+        motion, times = self._motion, self._task.time_s + self._t[:-1]
+        x = np.empty((len(motion.states), len(self._t)))
+        x[:, 0] = self._task.start
+        for k, h in enumerate(self._h):
+            x[:, k + 1] = motion.step_map.propagate(
+                x[:, k], h, self._substeps, np.ascontiguousarray(u[:, k]), times[k]
+            )
+        return x, held_steps(motion, x[:, :-1], u, self._h, times)
+
+    def _flight(self, it: _Iterate, account: str) -> GuidedFlight:
+        """Return the flight as functions of time."""
+        motion, task, nodes = self._motion, self._task, self._t
+        last = len(self._h) - 1
+        substeps = self._substeps
+
+        def place(t: Array) -> Any:
+            return np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, last)
+
+        def states(t: Array) -> Array:
+            k = place(t)
+            begun, u = np.ascontiguousarray(it.x[:, k]), np.ascontiguousarray(it.u[:, k])
+            found = motion.step_map.propagate(
+                begun, t - nodes[k], substeps, u, task.time_s + nodes[k]
+            )
+            return np.asarray(found)
+
+        def command(t: Array) -> Array:
+            return np.array(it.u[:, place(t)])
+
+        return GuidedFlight(task.duration_s, states, command, nodes, account)

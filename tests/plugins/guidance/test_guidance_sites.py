@@ -1,0 +1,62 @@
+"""Landing sites: outermost points along rays, and the normals there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hillsphere import create
+from hillsphere.errors import InputError
+from hillsphere_guidance.sites import Ground
+
+AXES = np.array([13030.0, 11400.0, 9140.0])
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon", "place", "down"),
+    [
+        (12, 25, (11028.690721, 5142.762943, 2586.561225), (-0.395495, -0.240931, -0.188511)),
+        (-15, 15, (11653.511524, 3122.549002, -3232.700604), (-0.416612, -0.145836, 0.234875)),
+        (-11, -165, (-12014.966528, -3219.400578, -2417.859472), (0.440259, 0.154113, 0.180058)),
+    ],
+)
+def test_sites_on_phobos(phobos: Any, lat: float, lon: float, place: Any, down: Any) -> None:
+    site = Ground(phobos, np.zeros(7)).site(*np.radians([lat, lon]))
+    np.testing.assert_allclose(site.position_m, place, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(-0.5 * site.up, down, rtol=0, atol=1e-6)
+
+
+def test_sites_turn_with_the_frame() -> None:
+    """In the Hill frame longitude 0 of a locked moon is towards the primary, at −x."""
+    body = create("body", "moon", primary_gm_km3_s2=42828.37, semi_major_axis_km=9377.0)
+    gravity = create("gravity", "ellipsoid", axes_m=tuple(AXES), density_g_cm3=1.86)
+    plant = create("plant", "hill", body=body, gravity=gravity)
+    ground = Ground(plant, np.zeros(6))
+    np.testing.assert_allclose(ground.site(0.0, 0.0).position_m, [-13030, 0, 0], atol=1e-8, rtol=0)
+    site = ground.site(0.3, np.pi / 2)
+    assert site.position_m[1] < 0.0
+    np.testing.assert_allclose(np.sum((site.position_m / AXES) ** 2), 1.0, rtol=1e-13)
+
+
+def test_heights_and_mesh(phobos: Any) -> None:
+    ground = Ground(phobos, np.zeros(7))
+    random = np.random.default_rng(2)
+    way = random.normal(size=(3, 30))
+    way /= np.linalg.norm(way, axis=0)
+    surface = 1.0 / np.sqrt(np.sum((way / AXES[:, None]) ** 2, axis=0))
+    above = random.uniform(-3000.0, 20000.0, 30)
+    np.testing.assert_allclose(ground.heights(way * (surface + above)), above, rtol=0, atol=1e-8)
+    mesh = ground.mesh(7, 13)
+    np.testing.assert_allclose(np.sum((mesh / AXES[:, None, None]) ** 2, axis=0), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(mesh[:, :, 0], mesh[:, :, -1], rtol=0, atol=1e-9)
+
+
+def test_plant_without_a_surface_is_refused() -> None:
+    body = create("body", "moon", primary_gm_km3_s2=42828.37, semi_major_axis_km=9377.0)
+    plant = create(
+        "plant", "hill", body=body, gravity=create("gravity", "point_mass", gm_km3_s2=7.1e-4)
+    )
+    with pytest.raises(InputError, match="no surface to land on"):
+        Ground(plant, np.zeros(6))
