@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi, sqrt
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Spec, Vector3, option, quantity
+from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference
 
-__all__ = ["Moon", "MoonSpec", "Orientation"]
+if TYPE_CHECKING:
+    from hillsphere.interfaces import ArraySurface, Surface
+
+__all__ = ["AsteroidSpec", "Moon", "MoonSpec", "Orientation"]
+
+NOMINAL_SOLAR_GM_M3_S2 = 1.3271244e20
+"""IAU 2015 Resolution B3 (Prša et al. 2016, Astron. J. 152, 41)."""
 
 
 class MoonSpec(Spec):
@@ -63,17 +69,28 @@ class MoonSpec(Spec):
     )
     rotation_rate_rad_s: float | None = quantity(
         "angular_rate",
-        "rate of W, by which it is carried to an epoch; left out: the mean motion",
+        "rate of W, by which it is carried to an epoch, and at which a body with a spin of its own "
+        "turns; left out: the mean motion",
         default=None,
         gt=0,
     )
     semi_axes_m: Vector3 | None = quantity(
         "length",
-        "semi-axes of the body's surface along x, y, z, for impacts; left out: the surface of the "
-        "gravity model, if it has one",
+        "semi-axes of the body's surface along x, y, z, for impacts; left out: that of the shape, "
+        "or else of the gravity model, if it has one",
         default=None,
         gt=0,
     )
+    shape: Ref | None = reference(
+        "shape", "the body's surface, for impacts and landing sites, if not semi-axes", default=None
+    )
+
+    @model_validator(mode="after")
+    def _one_surface(self) -> Self:
+        if self.shape is not None and self.semi_axes_m is not None:
+            text = "shape and semi-axes both give the surface; keep one"
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "shape"})
+        return self
 
     @model_validator(mode="after")
     def _whole_orientation(self) -> Self:
@@ -86,6 +103,45 @@ class MoonSpec(Spec):
             text = f"missing: {missing}_deg (or _rad); an orientation needs {needed}"
             raise PydanticCustomError("rule", "{text}", {"text": text, "key": given[0]})
         return self
+
+
+class AsteroidSpec(MoonSpec):
+    """An asteroid that turns uniformly, on a Keplerian orbit around the Sun."""
+
+    examples = (
+        {
+            "name": "eros",
+            "semi_major_axis_m": 2.18e11,
+            "eccentricity": 0.22,
+            "rotation_rate_deg_d": 1639.389232,
+            "shape": "ellipsoid",
+        },
+        {
+            "semi_major_axis_m": 1.7e11,
+            "rotation_rate_deg_d": 2011.1,
+            "semi_axes_m": [280, 270, 250],
+        },
+    )
+
+    primary_name: str = option("name of the primary, for files", default="sun", min_length=1)
+    primary_gm_m3_s2: float = quantity(
+        "gravitational_parameter",
+        "gravitational parameter of the primary; left out: the Sun's nominal value",
+        default=NOMINAL_SOLAR_GM_M3_S2,
+        gt=0,
+    )
+    rotation_rate_rad_s: float = quantity(
+        "angular_rate", "rate of the spin about +z, among the stars", gt=0
+    )
+    obliquity_rad: float = quantity(
+        "angle", "angle between spin axis and orbit normal", default=0.0, ge=0, le=pi
+    )
+    equinox_anomaly_rad: float = quantity(
+        "angle",
+        "true anomaly at which the primary comes north over the equator; with an obliquity of 0 "
+        "only where the rotation angle is counted from",
+        default=0.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -115,7 +171,7 @@ class Orientation:
 
 
 class Moon:
-    """A small moon on a Keplerian orbit around its primary.
+    """A small body on a Keplerian orbit around its primary: a moon, or an asteroid.
 
     Parameters
     ----------
@@ -129,7 +185,13 @@ class Moon:
         self.semi_major_axis_m = spec.semi_major_axis_m
         self.eccentricity = spec.eccentricity
         self.libration_amplitude_rad = spec.libration_amplitude_rad
-        self.semi_axes_m = spec.semi_axes_m
+        self.shape: Surface | ArraySurface | None = spec.shape.get() if spec.shape else None
+        self.semi_axes_m = spec.semi_axes_m if self.shape is None else self.shape.semi_axes_m()
+        self.rotation_rate_rad_s = spec.rotation_rate_rad_s
+        self.obliquity_rad = self.equinox_anomaly_rad = 0.0
+        if isinstance(spec, AsteroidSpec):
+            self.obliquity_rad = spec.obliquity_rad
+            self.equinox_anomaly_rad = spec.equinox_anomaly_rad
         self.primary_name = spec.primary_name
         self.orientation: Orientation | None = None
         ra, dec, w = (

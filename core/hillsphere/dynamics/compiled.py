@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,10 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, parameter, parameter_names, variable_names
 
-__all__ = ["ArrayFunction"]
+__all__ = ["ArrayFunction", "Terms"]
+
+Terms: TypeAlias = Callable[[Array, Array, Array], Array]
+"""(x (n, N), t (N,), p (k, N)) → (m, N): values of variables that are functions of arrays."""
 
 
 class ArrayFunction:
@@ -29,6 +32,8 @@ class ArrayFunction:
         Names of the k run-time parameters, in the order of the rows of `p`.
     compact : bool
         Compile in compact mode: slower code, far shorter compilation for huge expressions.
+    terms : tuple of (sequence of Expr, Terms), optional
+        Further variables, and what gives their values at each call: functions of arrays.
 
     Raises
     ------
@@ -48,8 +53,11 @@ class ArrayFunction:
         run_time: Sequence[str] = (),
         *,
         compact: bool = False,
+        terms: tuple[Sequence[Expr], Terms] | None = None,
     ) -> None:
-        names = variable_names(inputs)
+        outside = () if terms is None else tuple(terms[0])
+        self._terms = None if terms is None else terms[1]
+        names = variable_names([*inputs, *outside])
         if unknown := sorted(set(variable_names(expressions)) - set(names)):
             raise InputError(f"expressions hold variables that are not inputs: {unknown}")
         if unknown := sorted(set(parameter_names(expressions)) - set(run_time)):
@@ -59,7 +67,7 @@ class ArrayFunction:
         outputs = list(expressions)
         if numbered:
             outputs = _hy.subs(outputs, numbered)
-        self._function: Any = _hy.cfunc(outputs, vars=list(inputs), compact_mode=compact)
+        self._function: Any = _hy.cfunc(outputs, vars=[*inputs, *outside], compact_mode=compact)
 
     def __call__(self, x: ArrayLike, p: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """Evaluate.
@@ -85,6 +93,11 @@ class ArrayFunction:
         if single:
             inputs = inputs[:, None]
         cases = inputs.shape[1]
+        if self._terms is not None:
+            given = np.zeros(0) if p is None and not self.n_par else p
+            times = np.broadcast_to(np.asarray(t, float), (cases,))
+            values = self._terms(inputs, times, spread(given, self.n_par, cases, "p"))
+            inputs = np.concatenate([inputs, values])
         options: dict[str, Any] = {}
         if self._function.nparams:
             options["pars"] = spread(p, self.n_par, cases, "p")[: self._function.nparams]

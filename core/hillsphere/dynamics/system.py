@@ -9,11 +9,12 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.dynamics.compiled import ArrayFunction, spread
+from hillsphere.dynamics.compiled import ArrayFunction, Terms, spread
 from hillsphere.errors import InputError
 from hillsphere.interfaces import (
     Array,
     ConservedQuantity,
+    ExternalEvents,
     ExternalInputs,
     MirrorSymmetry,
     Parameter,
@@ -89,6 +90,9 @@ class System:
         Terms that are functions of arrays.
     switches : tuple of Expr
         Functions that vanish where the right-hand side changes branch (see `PiecewisePlant`).
+    event_terms : tuple of (tuple of Expr, Terms), or None
+        Variables of the events that are functions of arrays (see `ExternalEvents`), and what gives
+        their values, SI, from states and times in the system's units.
     """
 
     states: tuple[Variable, ...]
@@ -104,6 +108,7 @@ class System:
     mirrors: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     external: External | None = None
     switches: tuple[Expr, ...] = ()
+    event_terms: tuple[tuple[Expr, ...], Terms] | None = None
 
     @property
     def run_time_names(self) -> tuple[str, ...]:
@@ -140,14 +145,21 @@ class System:
         Parameters
         ----------
         *expressions : Expr
-            In the symbols of `x`, in the system's units (e.g. `integral`).
+            In the symbols of `x` and of `event_terms`, in the system's units (e.g. `integral`).
 
         Returns
         -------
         ArrayFunction
             f(x (n, N), p, t) → (m, N).
         """
-        return ArrayFunction(expressions, self.x, self.run_time_names)
+        terms = self.event_terms if self.external_events(expressions) else None
+        return ArrayFunction(expressions, self.x, self.run_time_names, terms=terms)
+
+    def external_events(self, expressions: Sequence[Expr]) -> list[str]:
+        """Return the names of the `event_terms` that expressions hold, sorted."""
+        if self.event_terms is None:
+            return []
+        return sorted({*variable_names(expressions)} & {*variable_names(self.event_terms[0])})
 
 
 def system(
@@ -202,11 +214,14 @@ def system(
         raise InputError(f"{kind}: {len(x)} states but {len(rhs)} derivatives")
     outside = plant if isinstance(plant, ExternalInputs) and plant.external else None
     externals = tuple(variable(v.name) for v in outside.external) if outside else ()
+    watched = plant if isinstance(plant, ExternalEvents) and plant.event_terms else None
+    on_events = tuple(variable(v.name) for v in watched.event_terms) if watched else ()
     events = dict(plant.events(x, time, p))
     switches = tuple(plant.switches(x, time, p)) if isinstance(plant, PiecewisePlant) else ()
     integral = plant.integral(x, p) if isinstance(plant, ConservedQuantity) else None
     _check_symbols(kind, "derivative", rhs, names + variable_names(externals), chosen)
-    _check_symbols(kind, "events", tuple(events.values()), names, chosen)
+    in_events = names + variable_names(on_events)
+    _check_symbols(kind, "events", tuple(events.values()), in_events, chosen)
     _check_symbols(kind, "switches", switches, names, chosen)
 
     scales = plant.scales
@@ -226,6 +241,7 @@ def system(
         if integral is not None and isinstance(plant, ConservedQuantity):
             size = float(scales.of([plant.integral_variable])[0])
             integral = substitute([integral], to_si)[0] / size
+    arguments = _Arguments.of(plant.parameters(), kept, unit, time_unit)
     return System(
         states=states,
         x=x,
@@ -238,8 +254,9 @@ def system(
         time_unit_s=time_unit,
         frame=plant.frame,
         mirrors=dict(plant.mirrors) if isinstance(plant, MirrorSymmetry) else {},
-        external=_external(outside, plant.parameters(), kept, unit, time_unit) if outside else None,
+        external=_external(outside, arguments) if outside else None,
         switches=switches,
+        event_terms=_event_terms(watched, on_events, arguments) if watched else None,
     )
 
 
@@ -272,24 +289,42 @@ def _check_symbols(
         raise InputError(f"{kind}: {what} holds parameters that it did not declare: {unknown}")
 
 
+@dataclass(frozen=True)
+class _Arguments:
+    """From a system's arrays to those of its plant: SI, all parameters, the plant's states only."""
+
+    nominal: Array
+    pairs: tuple[tuple[int, int], ...]
+    unit: Array
+    time_unit: float
+
+    @classmethod
+    def of(
+        cls,
+        declared: Sequence[Parameter],
+        kept: Sequence[Parameter],
+        unit: Array,
+        time_unit: float,
+    ) -> _Arguments:
+        nominal = np.array([[q.value] for q in declared]).reshape(len(declared), 1)
+        rows = {q.name: i for i, q in enumerate(declared)}
+        pairs = tuple((rows[q.name], k) for k, q in enumerate(kept) if q.name in rows)
+        return cls(nominal, pairs, unit, time_unit)
+
+    def __call__(self, x: Array, t: Array, p: Array) -> tuple[Array, Array, Array]:
+        full = np.repeat(self.nominal, x.shape[1], axis=1)
+        for row, k in self.pairs:
+            full[row] = p[k]
+        # A law's states may follow those of the plant.
+        return x[: len(self.unit)] * self.unit[:, None], t * self.time_unit, full
+
+
 def _external(
     plant: ExternalInputs,
-    declared: Sequence[Parameter],
-    kept: Sequence[Parameter],
-    unit: Array,
-    time_unit: float,
+    arguments: _Arguments,
 ) -> External:
     """Bring a plant's array terms to the system's units and run-time parameters."""
-    nominal = np.array([[q.value] for q in declared]).reshape(len(declared), 1)
-    rows = {q.name: i for i, q in enumerate(declared)}
-    pairs = [(rows[q.name], k) for k, q in enumerate(kept) if q.name in rows]
-    n, m = len(unit), len(plant.external)
-
-    def arguments(x: Array, t: Array, p: Array) -> tuple[Array, Array, Array]:
-        full = np.repeat(nominal, x.shape[1], axis=1)
-        for row, k in pairs:
-            full[row] = p[k]
-        return x * unit[:, None], t * time_unit, full
+    unit, n, m = arguments.unit, len(arguments.unit), len(plant.external)
 
     def values(x: Array, t: Array, p: Array) -> Array:
         found = np.asarray(plant.external_array(*arguments(x, t, p)), dtype=float)
@@ -306,3 +341,19 @@ def _external(
         return found * unit[None, :, None]
 
     return External(tuple(variable(v.name) for v in plant.external), values, jacobian)
+
+
+def _event_terms(
+    plant: ExternalEvents, variables: tuple[Expr, ...], arguments: _Arguments
+) -> tuple[tuple[Expr, ...], Terms]:
+    """Bring the array terms of a plant's events to the system's units and run-time parameters."""
+
+    def values(x: Array, t: Array, p: Array) -> Array:
+        found = np.asarray(plant.event_terms_array(*arguments(x, t, p)), dtype=float)
+        if found.shape != (len(variables), x.shape[1]):
+            raise InputError(
+                f"event_terms_array must return {(len(variables), x.shape[1])}, got {found.shape}"
+            )
+        return found
+
+    return variables, values

@@ -84,8 +84,8 @@ class Taylor:
     Raises
     ------
     InputError
-        If the system has terms that are functions of arrays, or a name or the tolerance does not
-        fit.
+        If the system, or an event that is asked for, has terms that are functions of arrays, or a
+        name or the tolerance does not fit.
 
     Notes
     -----
@@ -142,6 +142,11 @@ class Taylor:
             if isinstance(record, Mapping)
             else {name: _event(system, name) for name in record}
         )
+        if external := system.external_events((*ends.values(), *recorded.values())):
+            raise InputError(
+                f"an event holds {', '.join(external)}, a function of arrays, of which the Taylor "
+                "propagator has no series in time: use StepMap, or a surface that is an expression"
+            )
         self._ends, self._recorded = tuple(ends), tuple(recorded)
         self._batches = TaylorBatches(
             list(zip(y, _numbered(rate, numbers), strict=True)),

@@ -1,4 +1,4 @@
-"""Built-in gravity: point mass, homogeneous ellipsoid, spherical harmonics, and sums of models.
+"""Built-in gravity: point mass, ellipsoid, polyhedron, spherical harmonics, and sums of models.
 
 Read in this order to write a plugin of your own: this module tells the framework what the package
 brings, `specs` declares the parameters of each model, and one module per model holds its equations,
@@ -36,6 +36,12 @@ def hillsphere_components() -> list[Component]:
             "harmonics:Harmonics",
             "HarmonicsSpec",
             "a spherical-harmonic series from a table, an ICGEM .gfc or a PDS SHADR file",
+        ),
+        _gravity(
+            "polyhedron",
+            "polyhedron:Polyhedron",
+            "PolyhedronSpec",
+            "a homogeneous body of any shape, exact for a mesh of triangles inside and outside",
         ),
         _gravity(
             "sum", "composite:gravity_sum", "SumSpec", "a sum of models, each placed and turned"

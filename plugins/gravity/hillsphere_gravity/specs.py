@@ -25,6 +25,7 @@ __all__ = [
     "HarmonicsSpec",
     "PartSpec",
     "PointMassSpec",
+    "PolyhedronSpec",
     "SumSpec",
     "file_format_of",
 ]
@@ -55,6 +56,21 @@ def _fault(key: str, text: str) -> PydanticCustomError:
     """Make a validation error that the mission reader places at `key`."""
     # The text goes in as a value: pydantic would read braces in a template.
     return PydanticCustomError("gravity", "{text}", {"text": text, "key": key})
+
+
+def _check_mass(
+    density_kg_m3: float | None, gm_m3_s2: float | None, gravitational_constant: float | None
+) -> None:
+    """Refuse a mass that is given twice, or not at all."""
+    if density_kg_m3 is not None and gm_m3_s2 is not None:
+        raise _fault("gm_m3_s2", "density and gm both give the mass; keep one")
+    if density_kg_m3 is None and gm_m3_s2 is None:
+        raise _fault(
+            "density_kg_m3",
+            "the mass is missing; give density_kg_m3 (or density_g_cm3) or gm_m3_s2 (or gm_km3_s2)",
+        )
+    if gm_m3_s2 is not None and gravitational_constant is not None:
+        raise _fault("gravitational_constant", "goes with a density only; gm needs none, remove it")
 
 
 class PointMassSpec(Spec):
@@ -105,18 +121,42 @@ class EllipsoidSpec(Spec):
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:
-        if self.density_kg_m3 is not None and self.gm_m3_s2 is not None:
-            raise _fault("gm_m3_s2", "density and gm both give the mass; keep one")
-        if self.density_kg_m3 is None and self.gm_m3_s2 is None:
-            raise _fault(
-                "density_kg_m3",
-                "the mass is missing; give density_kg_m3 (or density_g_cm3) or gm_m3_s2 "
-                "(or gm_km3_s2)",
-            )
-        if self.gm_m3_s2 is not None and self.gravitational_constant is not None:
-            raise _fault(
-                "gravitational_constant", "goes with a density only; gm needs none, remove it"
-            )
+        _check_mass(self.density_kg_m3, self.gm_m3_s2, self.gravitational_constant)
+        return self
+
+
+class PolyhedronSpec(Spec):
+    """A homogeneous body of any shape; its mass is given as a density or as GM, not both."""
+
+    examples = (
+        {"shape": "polyhedron", "density_g_cm3": 1.9},
+        {"shape": "ellipsoid", "subdivisions": 2, "gm_km3_s2": 7.0875e-4},
+    )
+
+    shape: Ref = reference("shape", "the body's shape: a polyhedron, or one to be triangulated")
+    subdivisions: int | None = option(
+        "triangulate the shape: how often each face of an icosahedron is divided into four "
+        "(4: 5120 faces); for a shape that is no polyhedron itself",
+        default=None,
+        ge=0,
+        le=7,
+    )
+    density_kg_m3: float | None = quantity("density", "density", default=None, **_DENSITY_KG_M3)
+    gm_m3_s2: float | None = quantity(
+        "gravitational_parameter", "gravitational parameter GM", default=None, **_GM_M3_S2
+    )
+    gravitational_constant: float | None = option(
+        "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
+        "2018 value 6.67430e-11",
+        default=None,
+        gt=0,
+        ge=1e-12,
+        le=1.0,
+    )
+
+    @model_validator(mode="after")
+    def _one_mass(self) -> Self:
+        _check_mass(self.density_kg_m3, self.gm_m3_s2, self.gravitational_constant)
         return self
 
 

@@ -19,9 +19,9 @@ def hillsphere_components() -> list[Component]:
         Component(
             "plant",
             "three_body",
-            "hillsphere_plants.three_body:three_body",
+            "hillsphere_plants.factory:three_body",
             "hillsphere_plants.specs:ThreeBodySpec",
-            "circular or elliptic three-body problem about a moon, with any gravity model",
+            "three-body problem about a moon or an asteroid, with any gravity model",
         ),
         Component(
             "plant",

@@ -17,6 +17,8 @@ from hillsphere.gravity import AnyGravityModel, GravityField, acceleration_at, p
 from hillsphere.interfaces import (
     Array,
     ArrayGravityModel,
+    ArraySurface,
+    Enclosed,
     GravityModel,
     Parameter,
     Piecewise,
@@ -26,7 +28,7 @@ from hillsphere.interfaces import (
     Variable,
 )
 from hillsphere.spec import Ref
-from hillsphere.symbolic import Expr, Params, Vec3, constant, dot, sum_of, variables
+from hillsphere.symbolic import Expr, Params, Vec3, constant, dot, sum_of, variable, variables
 from hillsphere_plants.rotation import AxialRotation
 
 __all__ = [
@@ -50,6 +52,7 @@ POSITION_AND_VELOCITY = (
 )
 CONTROLS = (Variable("ax", 1, -2), Variable("ay", 1, -2), Variable("az", 1, -2))
 _PREFIX = "gravity."
+_LEVEL = Variable("surface:level", unit="-")
 
 
 class MoonCentredSpec(Protocol):
@@ -96,6 +99,9 @@ class MoonCentred(ABC):
         body = moon_of(spec.body)
         self._model: AnyGravityModel = spec.gravity.get()
         self._semi_axes_m: tuple[float, float, float] | None = body.semi_axes_m
+        self._shape = body.shape
+        if body.shape is None and body.semi_axes_m is None:
+            self._shape = self._model if isinstance(self._model, Surface | ArraySurface) else None
         self._escape_radius_m = spec.escape_radius_m
         self.moon: Moon = body
         self.body_name: str = body.name
@@ -121,9 +127,12 @@ class MoonCentred(ABC):
 
         Those of the body, or else those of the gravity model.
         """
-        if self._semi_axes_m is not None:
-            return self._semi_axes_m
-        return self._model.semi_axes_m() if isinstance(self._model, Surface) else None
+        return self._semi_axes_m if self._shape is None else self._shape.semi_axes_m()
+
+    @property
+    def surface(self) -> Surface | ArraySurface | None:
+        """The moon's surface in its body-fixed frame, if it is more than `semi_axes_m`."""
+        return self._shape
 
     @property
     def gravity_name(self) -> str:
@@ -134,11 +143,15 @@ class MoonCentred(ABC):
     def series_radius_m(self) -> float | None:
         """Radius inside which the gravity is a harmonic series without guarantee of convergence.
 
-        The Brillouin sphere, that is the largest semi-axis, or where no shape is known the
-        reference radius of the series; None if the gravity is no series.
+        The Brillouin sphere, that is the largest radius of the surface, or where no shape is known
+        the reference radius of the series; None if the gravity is no series.
         """
         series = self._model.series_radius_m if isinstance(self._model, SeriesGravity) else None
-        return series if series is None or self.semi_axes_m is None else max(self.semi_axes_m)
+        if series is None or self.semi_axes_m is None:
+            return series
+        if isinstance(self._shape, Enclosed):
+            return self._shape.largest_radius_m
+        return max(self.semi_axes_m)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of the motion, then those of the gravity model, prefixed."""
@@ -155,18 +168,33 @@ class MoonCentred(ABC):
         """Return ``impact`` (where the moon has a surface) and ``escape`` (where it is asked for).
 
         Both are without dimension and of order one near the body: an ellipsoid's
-        x²/a² + y²/b² + z²/c² − 1, and 1 − r²/R².
+        x²/a² + y²/b² + z²/c² − 1, and 1 − r²/R². Of a surface that is no expression the first is
+        one of the `event_terms`.
         """
         found: dict[str, Expr] = {}
         place = self._place(x)
-        if self._semi_axes_m is not None:
+        if self.event_terms:
+            found["impact"] = variable(_LEVEL.name)
+        elif isinstance(self._shape, Surface):
+            found["impact"] = self._shape.surface(place)
+        elif self._semi_axes_m is not None:
             squares = [q * q / (a * a) for q, a in zip(place, self._semi_axes_m, strict=True)]
             found["impact"] = sum_of([*squares, -1.0])
-        elif isinstance(self._model, Surface):
-            found["impact"] = self._model.surface(place)
         if self._escape_radius_m is not None:
             found["escape"] = 1.0 - dot(x[:3], x[:3]) / self._escape_radius_m**2
         return found
+
+    @property
+    def event_terms(self) -> tuple[Variable, ...]:
+        """The level over a surface that is a function of arrays (see `ExternalEvents`)."""
+        expression = isinstance(self._shape, Surface)
+        return (_LEVEL,) if isinstance(self._shape, ArraySurface) and not expression else ()
+
+    def event_terms_array(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the level (1, N) over that surface at states x (n, N)."""
+        if not isinstance(self._shape, ArraySurface):
+            return np.zeros((0, x.shape[1]))
+        return self._shape.surface_array(self._axes.T @ x[:3])[None]
 
     def _place(self, x: Sequence[Expr]) -> Vec3:
         """Return the position in the moon's body-fixed frame."""
@@ -178,6 +206,12 @@ class MoonCentred(ABC):
         if not nominal:
             return constant(self._model.gm_m3_s2)
         return p[_PREFIX + "gm"] * (self._model.gm_m3_s2 / nominal)
+
+    @cached_property
+    def _axes(self) -> Array:
+        """Columns: the body's axes in the frame of the motion."""
+        c, s = self.rotation
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     @abstractmethod
     def _own_parameters(self) -> tuple[Parameter, ...]:
@@ -258,12 +292,6 @@ class ArrayAttraction(MoonCentred):
     @cached_property
     def _field(self) -> GravityField:
         return GravityField(self.gravity, run_time=[q.name for q in self.gravity.parameters()])
-
-    @cached_property
-    def _axes(self) -> Array:
-        """Columns: the body's axes in the frame of the motion."""
-        c, s = self.rotation
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def moon_of(reference: Ref) -> Moon:

@@ -37,24 +37,28 @@ class ThreeBodySpec(Spec):
     examples = (
         {"body": "phobos", "gravity": "phobos"},
         {"body": "phobos", "gravity": "phobos", "orbit": "elliptic", "rotation": "uniform"},
+        {"body": "asteroid", "gravity": "eros", "orbit": "elliptic", "rotation": "spin"},
     )
 
     body: Ref = reference("body", "the moon that the motion is about: gives orbit and libration")
     gravity: Ref = reference("gravity", "gravity of the moon, in its body-fixed frame")
     orbit: Literal["circular", "elliptic"] = option(
-        "path of the moon: a circle whatever its eccentricity (states in the frame hill:BODY), or "
-        "its ellipse (true anomaly as seventh state, frame body:BODY)",
+        "path of the body: a circle whatever its eccentricity (states in the frame hill:BODY), or "
+        "its ellipse (true anomaly as seventh state, the rotation angle of a spin of its own as "
+        "eighth, frame body:BODY)",
         default="circular",
     )
-    rotation: Literal["locked", "uniform", "libration"] = option(
-        "how the moon turns, on an ellipse: with the line to the primary, uniformly, or uniformly "
-        "with the body's libration in longitude; on a circle it is locked",
+    rotation: Literal["locked", "uniform", "libration", "spin"] = option(
+        "how the body turns, on an ellipse: with the line to the primary; uniformly, once in a "
+        "revolution; so with the body's libration in longitude; or uniformly at the body's own "
+        "rotation rate, as an asteroid does. On a circle it is locked",
         default="locked",
     )
     prime_meridian_rad: float = quantity(
         "angle",
-        "angle about +z from away from the primary to the moon's longitude 0, in the mean; the "
-        "IAU convention puts longitude 0 of a locked moon under the primary, that is at 180°",
+        "angle about +z from away from the primary to the body's longitude 0, in the mean, or with "
+        "a spin of its own where true anomaly and rotation angle are 0; the IAU convention puts "
+        "longitude 0 of a locked moon under the primary, that is at 180°",
         default=pi,
     )
     escape_radius_m: float | None = quantity(

@@ -10,7 +10,6 @@ import numpy as np
 
 from hillsphere.dynamics import ArrayFunction, bracketed_roots
 from hillsphere.errors import InputError
-from hillsphere.gravity import AnyGravityModel, is_array_model
 from hillsphere.interfaces import Array, Parameter, Variable
 from hillsphere.symbolic import (
     Expr,
@@ -43,34 +42,35 @@ from hillsphere_plants.rotation import (
 )
 from hillsphere_plants.specs import ThreeBodySpec
 from hillsphere_plants.tidal import tidal_acceleration, tidal_potential
+from hillsphere_plants.turning import turning_motion
 
 __all__ = [
     "ArrayCircularThreeBody",
     "ArrayEllipticThreeBody",
     "CircularThreeBody",
     "EllipticThreeBody",
-    "three_body",
+    "ThreeBody",
 ]
 
 _ANOMALY = Variable("true_anomaly", unit="rad")
 
 
-def three_body(spec: ThreeBodySpec) -> MoonCentred:
-    """Make the plant: circular or elliptic, of expressions or with array gravity."""
-    gravity: AnyGravityModel = spec.gravity.get()
-    arrays = is_array_model(gravity)
-    if spec.orbit == "circular":
-        return ArrayCircularThreeBody(spec) if arrays else CircularThreeBody(spec)
-    return ArrayEllipticThreeBody(spec) if arrays else EllipticThreeBody(spec)
+class ThreeBody(MoonCentred):
+    """What all three-body problems share.
 
-
-class _ThreeBody(MoonCentred):
-    """What the circular and the elliptic problem share."""
+    Parameters
+    ----------
+    spec : ThreeBodySpec
+        With its references bound.
+    meridian_rad : float
+        Angle about +z from +x to the body's longitude 0.
+    """
 
     def __init__(self, spec: ThreeBodySpec, meridian_rad: float) -> None:
         body = moon_of(spec.body)
         total = body.primary_gm_m3_s2 + spec.gravity.get().gm_m3_s2
         super().__init__(spec, meridian_rad, sqrt(total / body.semi_major_axis_m**3))
+        self.gm_m3_s2: float = spec.gravity.get().gm_m3_s2
         self.primary_gm_m3_s2: float = body.primary_gm_m3_s2
 
     def _own_parameters(self) -> tuple[Parameter, ...]:
@@ -85,7 +85,7 @@ class _ThreeBody(MoonCentred):
         return symbolic_sqrt(total * power(p["semi_major_axis"], -3.0))
 
 
-class _CircularMotion(_ThreeBody):
+class _CircularMotion(ThreeBody):
     """The circular problem, whatever the gravity."""
 
     mirrors: Mapping[str, tuple[int, ...]] = {"xz": (1, -1, 1, -1, 1, -1)}
@@ -176,7 +176,7 @@ class ArrayCircularThreeBody(ArrayAttraction, _CircularMotion):
         return ArrayFunction([self._integral_without_gravity(states, p)], states)
 
 
-class _EllipticMotion(_ThreeBody):
+class _EllipticMotion(ThreeBody):
     """The elliptic problem, whatever the gravity."""
 
     states = (*POSITION_AND_VELOCITY, _ANOMALY)
@@ -270,7 +270,7 @@ class _EllipticMotion(_ThreeBody):
     def _motion(
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], p: Params, pull: Vec3
     ) -> tuple[Expr, ...]:
-        px, py, _, vx, vy, vz, anomaly = x
+        anomaly = x[6]
         e = p["eccentricity"]
         spin = self._spin(anomaly, p)
         ahead, _ = anomaly_rates(anomaly, e, self._mean_motion(p))
@@ -279,16 +279,7 @@ class _EllipticMotion(_ThreeBody):
         direction = self._to_primary.from_body((cos(spin.angle), sin(spin.angle), zero))
         d = (distance * direction[0], distance * direction[1], zero)
         tide = tidal_acceleration(vector(x[:3]), d, distance, p["primary_gm"])
-        w, dw = spin.rate, spin.acceleration
-        return (
-            vx,
-            vy,
-            vz,
-            sum_of([2.0 * w * vy, dw * py, w * w * px, tide[0], pull[0], u[0]]),
-            sum_of([-2.0 * w * vx, -dw * px, w * w * py, tide[1], pull[1], u[1]]),
-            sum_of([tide[2], pull[2], u[2]]),
-            ahead,
-        )
+        return (*turning_motion(x, u, pull, tide, spin.rate, spin.acceleration), ahead)
 
     def _nominal(self) -> tuple[Expr, Params]:
         p = {q.name: constant(q.value) for q in self.parameters()}
@@ -327,7 +318,8 @@ class EllipticThreeBody(SymbolicAttraction, _EllipticMotion):
         \dot\nu = n\frac{(1+e\cos\nu)^2}{(1-e^2)^{3/2}} .
 
     The rotation is ``locked`` (ψ = 0, ω = ν̇), ``uniform`` (ψ = ν − M, ω = n) or that of a
-    ``libration`` in longitude of amplitude A (ψ = ν − M − A sin M, ω = n(1 + A cos M)).
+    ``libration`` in longitude of amplitude A (ψ = ν − M − A sin M, ω = n(1 + A cos M)). With a
+    ``spin`` of the body's own the plant is `hillsphere_plants.spinning.SpinningBody`.
 
     Parameters
     ----------

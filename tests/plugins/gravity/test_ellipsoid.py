@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,12 @@ def chandrasekhar(axes: tuple[float, float, float], r: Array) -> tuple[float, Ar
     return potential, -1.5 * GM * np.array(a) * r
 
 
+@cache
+def gauss_legendre_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t, weights = np.polynomial.legendre.leggauss(count)
+    return np.asarray(t), np.asarray(weights)
+
+
 def gauss_legendre(axes: tuple[float, float, float], r: NDArray[Any], nodes: int) -> NDArray[Any]:
     """Acceleration by R_D on fixed nodes, s + c² = W/t²; r may be complex, the axes fall."""
     a2, b2, c2 = np.array(axes) ** 2
@@ -92,7 +99,7 @@ def gauss_legendre(axes: tuple[float, float, float], r: NDArray[Any], nodes: int
             m = np.array([a2, b2, c2]) + root
             root = root + (np.sum(r**2 / m) - 1.0) / np.sum(r**2 / m**2)
     w = c2 + root
-    t, weights = np.polynomial.legendre.leggauss(nodes)
+    t, weights = gauss_legendre_nodes(nodes)
     t, weights = 0.5 * (t + 1.0), 0.5 * weights
     ta, tb = w + (a2 - c2) * t**2, w + (b2 - c2) * t**2
     rd = [

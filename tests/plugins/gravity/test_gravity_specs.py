@@ -11,6 +11,7 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import InputError
 from hillsphere.plugins import default_registry
+from hillsphere.testing import example as made_example
 from hillsphere_gravity import specs
 from hillsphere_gravity.point_mass import PointMass
 from hillsphere_gravity.specs import HarmonicsSpec, PointMassSpec
@@ -160,6 +161,8 @@ def test_every_type_is_made_from_python() -> None:
             if record.component.type == "sum":
                 keys["parts"] = [{**part, "model": POINT, "name": part["model"]}
                                  for part in keys["parts"]]  # fmt: skip
+            if "shape" in keys:
+                keys["shape"] = made_example("shape", keys["shape"])
             assert create("gravity", record.component.type, **keys).gm_m3_s2 > 0.0
 
 

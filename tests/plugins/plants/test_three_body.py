@@ -116,6 +116,26 @@ def test_propagation_of_an_independent_transcription() -> None:
     np.testing.assert_allclose(found[3:], expected[3:], rtol=0, atol=2e-9)
 
 
+def test_jacobian_of_an_independent_transcription() -> None:
+    """On a descent from above longitude 0 to 12° N 25° E, 6384 s after the pericentre.
+
+    Differentiated symbolically from other code, where a path of the same data is to 0.3 m; the
+    place is that of three of its numbers, the others follow. Its part that is not symmetric is ω̇.
+    """
+    made = plant(degree_four(), orbit="elliptic")
+    anomaly = made.true_anomaly_after(0.0, np.array([6384.0]))[0]
+    x = np.zeros((7, 1))
+    x[:, 0] = [12974.047691, 3224.276671, 1556.481310, -1.531217, 2.090798, 1.346383, anomaly]
+    _, jacobian = Derivatives(system(made)).both(x)
+    expected = [
+        [7.8331598351e-7, 3.1448222033e-7, 2.2684629864e-7],
+        [3.1762346939e-7, -2.3883253369e-7, 8.9190900984e-8],
+        [2.2684629864e-7, 8.9190900984e-8, -4.3995256504e-7],
+    ]
+    found = jacobian[3:6, :3, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.linalg.norm(expected))
+
+
 def inertial_flight(x0: Array, e: float, mode: str, amplitude: float, duration: float) -> Array:
     """Fly Mars, moon (point masses) and particle among the stars; return the moon-fixed state.
 

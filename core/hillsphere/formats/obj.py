@@ -1,0 +1,77 @@
+"""Triangle meshes in the Wavefront OBJ format: vertices ``v x y z`` and faces ``f i j k``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.formats.coefficients import LineReader
+from hillsphere.interfaces import Array, Integers
+
+__all__ = ["read_obj"]
+
+_IGNORED = ("vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib")
+"""Keywords without a bearing on the shape."""
+
+
+def read_obj(path: str | Path) -> tuple[Array, Integers]:
+    """Read a mesh of triangles.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file. Faces may give texture and normal beside each vertex (``1/2/3``), and count
+        vertices from the end by negative numbers; both as the format has it.
+
+    Returns
+    -------
+    vertices : ndarray, shape (V, 3)
+        In the unit of the file, which the format does not state.
+    faces : ndarray of int, shape (F, 3)
+        Rows of `vertices`, counted from 0, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        Names file and line: an unknown keyword, a malformed number, a face that is no triangle or
+        names a vertex that has not been given.
+    """
+    lines = LineReader(Path(path))
+    vertices: list[tuple[float, ...]] = []
+    faces: list[tuple[int, ...]] = []
+    for line in lines:
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        if words[0] == "v":
+            # A fourth number is a weight, further ones are colours.
+            if len(words) < 4:
+                raise lines.fault(f"a vertex has three coordinates, got {len(words) - 1}")
+            vertices.append(tuple(lines.real(w, "coordinate") for w in words[1:4]))
+        elif words[0] == "f":
+            faces.append(_face(lines, words[1:], len(vertices)))
+        elif words[0] not in _IGNORED:
+            raise lines.fault(
+                f"expected 'v x y z' or 'f i j k', got {words[0][:20]!r}: is this an OBJ file?"
+            )
+    if not faces:
+        raise lines.fault("no face 'f i j k': is this an OBJ file?", line=0)
+    numbers: NDArray[np.int64] = np.array(faces, dtype=np.int64)
+    return np.array(vertices), numbers
+
+
+def _face(lines: LineReader, words: Sequence[str], known: int) -> tuple[int, ...]:
+    if len(words) != 3:
+        raise lines.fault(f"faces must be triangles, got {len(words)} corners; triangulate it")
+    found = []
+    for word in words:
+        text = word.partition("/")[0]
+        number = lines.integer(text.removeprefix("-"), "vertex of a face")
+        index = known - number if text.startswith("-") else number - 1
+        if not (number and 0 <= index < known):
+            raise lines.fault(f"a face names vertex {text}, and {known} stand before it")
+        found.append(index)
+    return tuple(found)

@@ -1,0 +1,40 @@
+"""Surface functions on arrays, whether a shape writes them as expressions or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hillsphere.dynamics import ArrayFunction
+from hillsphere.interfaces import Array, ArraySurface, Surface
+from hillsphere.symbolic import variables
+
+__all__ = ["level_of"]
+
+_PLAIN = variables("level:x", "level:y", "level:z")
+
+
+def level_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:
+    """Return the surface function of a shape as (3, N) → (N,).
+
+    Parameters
+    ----------
+    shape : Surface or ArraySurface
+        The shape.
+
+    Returns
+    -------
+    callable
+        At body-fixed positions, m: positive outside, zero on the surface, negative inside.
+    """
+    if not isinstance(shape, Surface):
+        return shape.surface_array
+    x, y, z = _PLAIN
+    compiled = ArrayFunction([shape.surface((x, y, z))], _PLAIN)
+
+    def level(r: Array) -> Array:
+        found: Array = compiled(np.ascontiguousarray(r))[0]
+        return found
+
+    return level

@@ -1,0 +1,261 @@
+"""Gravity of a homogeneous polyhedron."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.gravity import GravityField
+from hillsphere.interfaces import Array, Parameter
+from hillsphere.shapes.mesh import Mesh
+from hillsphere.shapes.polyhedron import MeshSurface
+from hillsphere.shapes.solid_angles import solid_angles, vertex_distances
+from hillsphere.shapes.triangulation import Radial, triangulated
+from hillsphere_gravity.ellipsoid import CODATA_2018_G
+from hillsphere_gravity.quadrupole import Quadrupole
+from hillsphere_gravity.specs import PolyhedronSpec
+
+__all__ = ["Polyhedron"]
+
+_CHUNK = 60_000
+"""Faces times points that are worked on at once: what the arrays take stays in the cache."""
+_FAR = 1000.0
+"""Radii of the body beyond which its second moments do: the sums have lost six digits there."""
+_PLAUSIBLE_KG_M3 = (50.0, 30_000.0)
+
+
+class Polyhedron:
+    r"""A homogeneous polyhedron, exact inside, on and outside its surface.
+
+    With the vectors r_e and r_f from the point to any point of an edge or a face, a, b the
+    distances of an edge's ends and e its length, n the outward normal of a face, n_A the normal
+    of an edge in the plane of its face A, away from it, and ω the solid angle of a face [1]_,
+
+    .. math::
+
+        U = \tfrac12 G\rho\Big[\sum_e r_e\cdot E_e r_e L_e - \sum_f r_f\cdot F_f r_f\omega_f\Big],
+        \quad
+        \nabla U = -G\rho\Big[\sum_e E_e r_e L_e - \sum_f F_f r_f\omega_f\Big],
+
+    .. math::
+
+        \nabla\nabla U = G\rho\Big[\sum_e E_e L_e - \sum_f F_f\omega_f\Big], \quad
+        \nabla^2 U = -G\rho\sum_f\omega_f,
+
+    where E = n n_A + n' n'_B (of both faces), F = n n and L = ln((a+b+e)/(a+b−e)).
+
+    Parameters
+    ----------
+    spec : PolyhedronSpec
+        Its shape and mass. Run-time parameter: ``density`` or ``gm``, whichever the spec gives.
+
+    Raises
+    ------
+    InputError
+        If the shape is no polyhedron and is not to be triangulated, or GM and volume give no
+        density that matter has.
+
+    Notes
+    -----
+    Each point costs about 0.1 µs for each face, acceleration or gradient: 0.5 ms for 5000 faces,
+    where a degree-4 series takes 4 ns as a whole. The terms cancel far out, in the acceleration by
+    the square of the distance in radii: from 1000 radii on, where it is good to 1e-8, mass, centre
+    and second moments of the body serve instead. On an edge the gradient is infinite.
+
+    References
+    ----------
+    .. [1] R. A. Werner, D. J. Scheeres (1997), Exterior gravitation of a polyhedron derived and
+       compared with harmonic and mascon gravitation representations of asteroid 4769 Castalia,
+       Celestial Mechanics and Dynamical Astronomy 65(3), 313-344.
+    """
+
+    frame = "body"
+
+    def __init__(self, spec: PolyhedronSpec) -> None:
+        self.mesh = _mesh(spec)
+        volume = self.mesh.volume_m3
+        constant_g = spec.gravitational_constant or CODATA_2018_G
+        if spec.density_kg_m3 is not None:
+            self._parameter = Parameter("density", spec.density_kg_m3, "kg/m3", positive=True)
+            self._per_unit = constant_g
+        else:
+            gm = spec.gm_m3_s2 or 0.0
+            self._parameter = Parameter("gm", gm, "m3/s2", positive=True)
+            self._per_unit = 1.0 / volume
+            density = gm / (CODATA_2018_G * volume)
+            least, most = _PLAUSIBLE_KG_M3
+            if not least <= density <= most:
+                raise InputError(
+                    f"GM and the volume of {volume:.4g} m³ give a density of {density:.3g} kg/m³; "
+                    "check gm and the length_unit of the shape"
+                )
+        self.gm_m3_s2 = self._per_unit * self._parameter.value * volume
+        self._surface = MeshSurface(self.mesh)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return ``density`` or ``gm``."""
+        return (self._parameter,)
+
+    def semi_axes_m(self) -> tuple[float, float, float]:
+        """Return half the extents along x, y, z of a box about the centre, m."""
+        return self._surface.semi_axes_m()
+
+    @property
+    def largest_radius_m(self) -> float:
+        """Distance of the farthest vertex, m."""
+        return self.mesh.largest_radius_m
+
+    def surface_array(self, r: Array) -> Array:
+        """Return the surface function (N,), see `hillsphere.shapes.polyhedron.MeshSurface`."""
+        return self._surface.surface_array(r)
+
+    def normal_array(self, r: Array) -> Array:
+        """Return the outward normals (3, N) where the rays through r (3, N) meet the surface."""
+        return self._surface.normal_array(r)
+
+    def potential_array(self, r: Array, p: Array) -> Array:
+        """Return +U, m²/s², shape (N,), at r (3, N), m, with parameters p (1, N)."""
+
+        def sums(seen: _Seen) -> Array:
+            edges, faces = self._edges, seen.over_faces
+            to = edges.middle.T[..., None] - seen.r[:, None, :]
+            by_edges = np.zeros_like(seen.potentials)
+            for along, across in edges.dyads:
+                by_edges = by_edges + (_over(along, to) * _over(across, to))
+            return np.asarray(
+                np.sum(by_edges * seen.potentials, axis=0) - np.sum(faces**2 * seen.angles, axis=0)
+            )[None]
+
+        def far(x: Array) -> Array:
+            return 2.0 * self._far.potential(x)[None]
+
+        return np.asarray(0.5 * self._strength(p) * self._summed(r, 1, sums, far)[0])
+
+    def acceleration_array(self, r: Array, p: Array) -> Array:
+        """Return ∇U, m/s², shape (3, N)."""
+
+        def sums(seen: _Seen) -> Array:
+            edges = self._edges
+            total = self.mesh.normals @ (seen.over_faces * seen.angles)
+            for along, across in edges.dyads:
+                offset = np.sum(across * edges.middle.T, axis=0)[:, None] - across.T @ seen.r
+                total = total - along @ (offset * seen.potentials)
+            return total
+
+        return np.asarray(self._strength(p) * self._summed(r, 3, sums, self._far.acceleration))
+
+    def gradient_array(self, r: Array, p: Array) -> Array:
+        """Return ∇∇U, 1/s², shape (3, 3, N)."""
+
+        def sums(seen: _Seen) -> Array:
+            faces = _products(self.mesh.normals, self.mesh.normals) @ seen.angles
+            one, other = self._edges.dyads
+            edges = (_products(*one) + _products(*other)) @ seen.potentials
+            return np.asarray(edges - faces)
+
+        def far(x: Array) -> Array:
+            return self._far.gradient(x).reshape(9, -1)
+
+        return np.asarray(self._strength(p) * self._summed(r, 9, sums, far)).reshape(3, 3, -1)
+
+    def laplacian_array(self, r: Array, p: Array) -> Array:
+        """Return ∇²U, 1/s², shape (N,): −4πGρ inside, 0 outside; on the surface either."""
+
+        def sums(seen: _Seen) -> Array:
+            return np.asarray(-np.sum(seen.angles, axis=0)[None])
+
+        def far(x: Array) -> Array:
+            return np.zeros((1, x.shape[1]))
+
+        return np.asarray(self._strength(p) * self._summed(r, 1, sums, far)[0])
+
+    def _strength(self, p: Array) -> Array:
+        """Return Gρ (N,), 1/s²."""
+        return np.asarray(self._per_unit * p[0])
+
+    def _summed(
+        self,
+        r: Array,
+        rows: int,
+        sums: Callable[[_Seen], Array],
+        far: Callable[[Array], Array],
+    ) -> Array:
+        """Return sums over faces and edges (rows, N), some points at a time."""
+        found = np.empty((rows, r.shape[1]))
+        away = np.sum(r * r, axis=0) > (_FAR * self.largest_radius_m) ** 2
+        if away.any():
+            found[:, away] = far(np.ascontiguousarray(r[:, away]))
+        near = np.flatnonzero(~away)
+        width = max(1, _CHUNK // len(self.mesh.faces))
+        for first in range(0, len(near), width):
+            part = near[first : first + width]
+            found[:, part] = sums(_Seen(self.mesh, self._edges, r[:, part]))
+        return found
+
+    @cached_property
+    def _far(self) -> GravityField:
+        return GravityField(Quadrupole(self.mesh))
+
+    @cached_property
+    def _edges(self) -> _Edges:
+        return _Edges(self.mesh)
+
+
+class _Edges:
+    """The edges of a mesh: ends, lengths, middles, and the two vectors of each half of E."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.ends, faces = mesh.edges
+        first, second = mesh.vertices[self.ends.T]
+        side = second - first
+        self.lengths = np.linalg.norm(side, axis=1)
+        self.middle = 0.5 * (first + second)
+        way = (side / self.lengths[:, None]).T
+        # Each face runs anticlockwise: way × normal points out of it, for the second face back.
+        one, other = mesh.normals[:, faces[:, 0]], mesh.normals[:, faces[:, 1]]
+        self.dyads = (
+            (one, np.cross(way, one, axis=0)),
+            (other, np.cross(-way, other, axis=0)),
+        )
+
+
+class _Seen:
+    """What N points see of a mesh: solid angles, potentials of the edges, heights of the faces."""
+
+    def __init__(self, mesh: Mesh, edges: _Edges, r: Array) -> None:
+        self.r = r
+        distances = vertex_distances(mesh, r)
+        self.angles = solid_angles(mesh, r, distances)
+        self.over_faces = mesh.heights[:, None] - mesh.normals.T @ r
+        a, b = (distances[end] for end in edges.ends.T)
+        # ln((a+b+e)/(a+b−e)); kept finite on the edge itself, where it is multiplied by zero.
+        ratio = np.minimum(edges.lengths[:, None] / (a + b), 1.0 - np.finfo(float).eps)
+        self.potentials = 2.0 * np.arctanh(ratio)
+
+
+def _over(normals: Array, to: Array) -> Array:
+    """Return n·r (E, N) of normals (3, E) and vectors (3, E, N)."""
+    return np.asarray(np.einsum("iE,iEN->EN", normals, to))
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Return the dyads of columns (3, E) as columns, (9, E)."""
+    return np.asarray((a[:, None, :] * b[None, :, :]).reshape(9, -1))
+
+
+def _mesh(spec: PolyhedronSpec) -> Mesh:
+    shape: object = spec.shape.get()
+    mesh: object = getattr(shape, "mesh", None)
+    if isinstance(mesh, Mesh):
+        if spec.subdivisions is not None:
+            raise InputError("subdivisions: the shape is a polyhedron already; leave it out")
+        return mesh
+    if spec.subdivisions is None or not isinstance(shape, Radial):
+        raise InputError(
+            f"the shape is no polyhedron but a {type(shape).__name__}; give subdivisions, by "
+            "which it is triangulated"
+        )
+    return triangulated(shape, spec.subdivisions)
