@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Literal
 
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers, Parameter, Scales, Variable
 from hillsphere.simulation import (
     BLOCK,
     Cases,
     Limit,
+    Moment,
     NavigationErrors,
     PerfectNavigation,
     SeenStates,
@@ -112,20 +112,12 @@ class Largest:
         self.largest = np.full(total, -np.inf)
         self.calls: list[tuple[int, int, bool]] = []
 
-    def recorder(self, first: int, count: int):  # type: ignore[no-untyped-def]
+    def recorder(self, first: int, count: int) -> Callable[[Moment], None]:
         best = np.full(BLOCK, -np.inf)
 
-        def record(
-            k: int,
-            t: Array,
-            x: Array,
-            y: Array | None,
-            ref: Array | None,
-            done: Array | None,
-            flying: NDArray[np.bool_],
-        ) -> None:
-            self.calls.append((first, k, y is None))
-            np.maximum(best, x[0], out=best, where=flying)
+        def record(now: Moment) -> None:
+            self.calls.append((first, now.k, now.y is None))
+            np.maximum(best, now.x[0], out=best, where=now.flying)
             self.largest[first : first + count] = best[:count]
 
         return record

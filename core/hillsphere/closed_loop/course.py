@@ -8,6 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import FlightSet
+from hillsphere.simulation import CommandSteps
 from hillsphere.simulation.flow import thrust_vectors, velocity_rows
 
 __all__ = ["Course", "Rows", "course_along", "course_at"]
@@ -69,7 +70,7 @@ class Course:
     x : ndarray, shape (n, J)
         States there, SI.
     u : ndarray, shape (p, J), or None
-        Command from each time to the next.
+        Command from each time to the next, held; the last beyond the end.
 
     Notes
     -----
@@ -109,7 +110,7 @@ class Course:
             out[row] = np.interp(within, self._t, self._x[row])
         # At the given times the given states, to the last bit.
         near = np.clip(np.searchsorted(self._t, within), 0, len(self._t) - 1)
-        same = np.abs(self._t[near] - within) <= _SAME_TIME * max(self.length_s, 1.0)
+        same = np.abs(self._t[near] - within) <= self._slack
         out[:, same] = self._x[:, near[same]]
         return out
 
@@ -117,9 +118,30 @@ class Course:
         """Return the command (p, N) from times (N,) on; None if there is none."""
         if self._u is None:
             return None
-        slack = _SAME_TIME * max(self.length_s, 1.0)
-        place = np.searchsorted(self._t, t + slack, side="right") - 1
+        place = np.searchsorted(self._t, t + self._slack, side="right") - 1
         return np.ascontiguousarray(self._u[:, np.clip(place, 0, len(self._t) - 1)])
+
+    def steps(self, t: Array, period_s: float) -> list[CommandSteps] | None:
+        """Return the command over the periods that begin at times (K,).
+
+        None if there is none, or if it changes in no period: then `command` says all.
+        """
+        if self._u is None:
+            return None
+        found = []
+        for begin in t.tolist():
+            end = begin + period_s
+            changes = (self._t > begin + self._slack) & (self._t < end - self._slack)
+            times = np.concatenate([[begin], self._t[changes], [end]])
+            u = self.command(times[:-1])
+            assert u is not None
+            found.append(CommandSteps(np.diff(times) / period_s, u.T[:, :, None].copy()))
+        return found if any(len(one.shares) > 1 for one in found) else None
+
+    @property
+    def _slack(self) -> float:
+        """Difference of times that are the same, s."""
+        return _SAME_TIME * max(self.length_s, 1.0)
 
 
 def course_at(rows: Rows, state: Array) -> Course:

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_command", "draw_errors", "draw_path"]
+__all__ = ["draw_accelerations", "draw_command", "draw_errors", "draw_path", "has_accelerations"]
 
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _LONG_H = 72.0
 _NEAR = 3.0
 """A limit is drawn if the flight comes within this factor of it; else it would hide the flight."""
+_ARROWS, _ARROW = 14, 0.35
+"""Accelerations drawn along a path, and the longest of them as a part of its length."""
 _FAR_KM = 1.0
 """Flights that span less are drawn in metres about their reference."""
 
@@ -109,11 +111,70 @@ def draw_path(figure: Figure, product: ClosedLoopFlight) -> None:
     axes.legend(loc="upper left")
 
 
-def _ellipsoid(product: ClosedLoopFlight) -> Array:
+def has_accelerations(product: ClosedLoopFlight) -> bool:
+    """Whether there is a body to draw, and a reference whose command the law adds to."""
+    return (
+        product.semi_axes_m is not None
+        and product.feedforward is not None
+        and len(product.position_rows) == len(product.controls) == 3
+    )
+
+
+def draw_accelerations(figure: Figure, product: ClosedLoopFlight) -> None:
+    """Draw the path over the body, with the accelerations at some of its samples."""
+    assert product.feedforward is not None
+    path = product.x[list(product.position_rows)] / 1e3
+    flown = np.flatnonzero(np.isfinite(product.own[0]) & np.isfinite(path[0, :-1]))
+    at = flown[np.unique(np.linspace(0, len(flown) - 1, _ARROWS).round().astype(int))]
+    own, feed = product.own[:, at], product.feedforward[:, at]
+    kinds = (
+        ("reference", feed, None, "blue", 2.5),
+        ("law", own, feed, "vermillion", 1.5),
+        ("sum", feed + own, None, "black", 0.8),
+    )
+    sizes = [np.sqrt((a * a).sum(axis=0)).max() for _, a, _, _, _ in kinds]
+    span = float(np.max(np.nanmax(path, axis=1) - np.nanmin(path, axis=1)))
+    km = _ARROW * span / max(sizes) if max(sizes) > 0.0 else 0.0
+    axes: Any = figure.add_subplot(projection="3d")
+    axes.plot(*path, color=PALETTE["green"], label="flight")
+    for (name, a, after, colour, width), size in zip(kinds, sizes, strict=True):
+        begin = path[:, at] if after is None else path[:, at] + km * after
+        axes.quiver(
+            *begin, *(km * a), color=PALETTE[colour], linewidth=width, arrow_length_ratio=0.15,
+            label=f"{name}, up to {1e3 * size:.3g} mm/s²",
+        )  # fmt: skip
+    for name in "xyz":
+        getattr(axes, f"set_{name}label")(f"{name} [km]", labelpad=8)
+        axes.locator_params(axis=name, nbins=5)
+    heads = path[:, at] + km * (feed + own)
+    _show_with_body(axes, product, np.concatenate([path[:, :-1][:, flown], heads], axis=1))
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.08))
+
+
+def _show_with_body(axes: Any, product: ClosedLoopFlight, points: Array) -> None:
+    """Show a cube about points (3, J), and of the body what is in it, seen from its limb."""
+    low, high = points.min(axis=1), points.max(axis=1)
+    middle, half = 0.5 * (low + high), 0.52 * float((high - low).max())
+    surface = _ellipsoid(product, 481)
+    inside = (np.abs(surface - middle[:, None, None]) <= half).all(axis=0)
+    surface[:, ~inside] = np.nan
+    with np.errstate(invalid="ignore"):
+        axes.plot_surface(
+            *surface, color="#bbbbbb", alpha=0.5, linewidth=0, rstride=2, cstride=2, shade=False
+        )
+    for name, centre in zip("xyz", middle, strict=True):
+        getattr(axes, f"set_{name}lim")(centre - half, centre + half)
+    axes.set_aspect("equal")
+    axes.view_init(elev=20.0, azim=float(np.degrees(np.arctan2(middle[1], middle[0]))) - 75.0)
+
+
+def _ellipsoid(product: ClosedLoopFlight, points: int = 49) -> Array:
     """Return points of the surface (3, J, K), km, in the frame of the flight."""
     assert product.semi_axes_m is not None
     a, b, c = product.semi_axes_m / 1e3
-    lon, lat = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(-np.pi / 2, np.pi / 2, 25))
+    lon, lat = np.meshgrid(
+        np.linspace(0, 2 * np.pi, points), np.linspace(-np.pi / 2, np.pi / 2, points // 2 + 1)
+    )
     x, y, z = a * np.cos(lat) * np.cos(lon), b * np.cos(lat) * np.sin(lon), c * np.sin(lat)
     cos, sin = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
     return np.array([x * cos - y * sin, x * sin + y * cos, z])

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from hillsphere.closed_loop.course import Rows
 from hillsphere.closed_loop.specs import RequirementsSpec
 from hillsphere.interfaces import Array
-from hillsphere.simulation import BLOCK, Flights
+from hillsphere.simulation import BLOCK, Flights, Moment
 from hillsphere.simulation.block import Recorder
+from hillsphere.simulation.flow import thrust_vectors
 
-__all__ = ["METRICS", "UNITS", "Deviations", "judge", "measure", "requirement"]
+__all__ = ["METRICS", "Largest", "judge", "measure", "metric_units", "requirement"]
 
 METRICS = (
     "dv",
@@ -23,11 +24,22 @@ METRICS = (
     "largest_velocity_error",
     "duration",
     "firings",
+    "final_speed",
+    "early",
+    "largest_command",
 )
-UNITS = ("m/s", "m", "m/s", "m", "m/s", "s", "-")
+"""What sums up a flight.
+
+The speed at the end is that in the plant's frame: of a flight that ends on the surface the one with
+which it touches. Early is how long before its planned end a flight ended: that of the reference, or
+of the last sample if this comes first. The largest command is that of the law alone, without what
+the reference brings, at the samples.
+"""
 
 _REQUIRED = {
     "dv": "dv_m_s",
+    "final_speed": "final_speed_m_s",
+    "early": "early_s",
     "final_position_error": "final_position_error_m",
     "final_velocity_error": "final_velocity_error_m_s",
     "largest_position_error": "largest_position_error_m",
@@ -35,8 +47,16 @@ _REQUIRED = {
 }
 
 
-class Deviations:
-    """Largest deviations from the reference at the samples: an `Observer`, without histories.
+_TOUCHDOWN = "touchdown_speed"
+
+
+def metric_units(command: str) -> tuple[str, ...]:
+    """Return the units of `METRICS` for a law that commands in this unit."""
+    return ("m/s", "m", "m/s", "m", "m/s", "s", "-", "m/s", "s", command)
+
+
+class Largest:
+    """Largest deviations and commands at the samples: an `Observer`, without histories.
 
     Parameters
     ----------
@@ -47,16 +67,21 @@ class Deviations:
     total : int
         Number of cases.
     first : int
-        Sample from which they count.
+        Sample from which deviations count.
+    commands : int
+        Number of rows of a command.
 
     Attributes
     ----------
-    largest : ndarray, shape (2, N)
-        Of position, m, and velocity, m/s.
+    deviations : ndarray, shape (2, N)
+        Of position, m, and velocity, m/s, from the reference; of several spacecraft the largest.
+    command : ndarray, shape (N,)
+        Size of what the law commands, likewise.
     """
 
-    def __init__(self, rows: Rows, goal: Array, total: int, first: int) -> None:
-        self.largest = np.zeros((2, total))
+    def __init__(self, rows: Rows, goal: Array, total: int, first: int, commands: int) -> None:
+        self.deviations, self.command = np.zeros((2, total)), np.zeros(total)
+        self._thrusts = thrust_vectors(commands)
         order = [*rows.positions, *rows.velocities]
         # One row-wise copy per sample; plants whose states are already in this order need none.
         self._order = slice(0, len(order)) if order == list(range(len(order))) else order
@@ -73,27 +98,27 @@ class Deviations:
         goal, order, starts, begin = self._goal, self._order, self._starts, self._first
         last = len(goal) - 1
 
-        def record(
-            k: int,
-            t: Array,
-            x: Array,
-            y: Array | None,
-            ref: Array | None,
-            done: Array | None,
-            flying: NDArray[np.bool_],
-        ) -> None:
-            if k >= begin:
-                gap = x[order] - goal[k]
+        most = np.zeros(BLOCK)
+
+        def record(now: Moment) -> None:
+            if now.k >= begin:
+                gap = now.x[order] - goal[now.k]
                 gap *= gap
-                np.maximum(squares, np.add.reduceat(gap, starts), out=squares, where=flying)
-            if k == last:
+                np.maximum(squares, np.add.reduceat(gap, starts), out=squares, where=now.flying)
+            if now.own is not None:
+                size = np.add.reduce((now.own * now.own).reshape(self._thrusts, -1, BLOCK), axis=1)
+                np.maximum(most, np.maximum.reduce(size, axis=0), out=most, where=now.flying)
+            if now.k == last:
                 each = squares.reshape(2, self._vectors, BLOCK).max(axis=1)
-                self.largest[:, place] = np.sqrt(each)[:, :count]
+                self.deviations[:, place] = np.sqrt(each)[:, :count]
+                self.command[place] = np.sqrt(most)[:count]
 
         return record
 
 
-def measure(rows: Rows, flights: Flights, goal: Array, begun: Array, largest: Array) -> Array:
+def measure(
+    rows: Rows, flights: Flights, goal: Array, begun: Array, planned_s: float, largest: Largest
+) -> Array:
     """Return the metrics of flights.
 
     Parameters
@@ -106,8 +131,10 @@ def measure(rows: Rows, flights: Flights, goal: Array, begun: Array, largest: Ar
         Reference when they ended.
     begun : ndarray, shape (N,)
         When they began, s.
-    largest : ndarray, shape (2, N)
-        Of `Deviations`; the deviation at the end counts too.
+    planned_s : float
+        How long they were to last.
+    largest : Largest
+        At the samples; the deviation at the end counts too.
 
     Returns
     -------
@@ -120,10 +147,13 @@ def measure(rows: Rows, flights: Flights, goal: Array, begun: Array, largest: Ar
             flights.dv_m_s,
             distance,
             speed,
-            np.maximum(largest[0], distance),
-            np.maximum(largest[1], speed),
+            np.maximum(largest.deviations[0], distance),
+            np.maximum(largest.deviations[1], speed),
             flights.time_s - begun,
             flights.firings.astype(float),
+            rows.speed(flights.x),
+            planned_s - (flights.time_s - begun),
+            largest.command,
         ]
     )
 
@@ -148,17 +178,22 @@ def judge(
     -------
     status, cause : tuple of str
         Those of the flights; of one that ended well but beyond what is required
-        ``"requirement"`` and the name of the metric, the first in order.
+        ``"requirement"`` and the name of the metric, the first in order; the last is
+        ``"touchdown_speed"``, the final speed of one that ended by an impact.
     failed : ndarray of bool, shape (N,)
         Whether that counts as a failure.
     """
     status, cause = list(flights.status), list(flights.cause)
     failed = ~np.isin(np.array(status), list(success))
-    for row, metric in enumerate(METRICS):
-        most = requirement(require, metric)
+    touched = np.array(status) == "impact"
+    rules = [(metric, row, requirement(require, metric)) for row, metric in enumerate(METRICS)]
+    rules.append((_TOUCHDOWN, METRICS.index("final_speed"), require.touchdown_speed_m_s))
+    for metric, row, most in rules:
         if most is None:
             continue
         beyond = ~failed & ~(values[row] <= most)
+        if metric == _TOUCHDOWN:
+            beyond &= touched
         for lane in np.flatnonzero(beyond).tolist():
             status[lane], cause[lane] = "requirement", metric
         failed |= beyond
@@ -167,5 +202,8 @@ def judge(
 
 def requirement(require: RequirementsSpec, metric: str) -> float | None:
     """Return the largest value that a metric may have; None for any."""
+    if metric == "largest_command":
+        held: float | None = require.largest_acceleration_m_s2
+        return require.largest_impulse_m_s if held is None else held
     most: float | None = getattr(require, _REQUIRED[metric]) if metric in _REQUIRED else None
     return most

@@ -161,12 +161,14 @@ def actuator_of(
 
 
 class Effectiveness:
-    r"""What part of a command is done, constant over a flight: scale · turn · gain.
+    r"""What part of a command is done, constant over a flight: scale · turn · (gain + coupling).
 
-    Each thrust vector of three components is multiplied by its gains, turned by the rotation
+    Each thrust vector of three components is multiplied by its gains, to which each of its
+    components adds the same part of both others (coupling c: c (1 1ᵀ − I)), turned by the rotation
     vector of its misalignments :math:`\theta` (Rodrigues' formula,
     :math:`R = I + \frac{\sin\theta}{\theta}[\theta]_\times +
-    \frac{1-\cos\theta}{\theta^2}[\theta]_\times^2`), and scaled.
+    \frac{1-\cos\theta}{\theta^2}[\theta]_\times^2`), and scaled. The whole command is: that of
+    the law and that of the reference.
 
     Parameters
     ----------
@@ -184,6 +186,8 @@ class Effectiveness:
         found += [Parameter(f"actuator.gain.{name}", 1.0) for name in self._names]
         if self._turns:
             found += [Parameter(f"actuator.turn.{name}", 0.0, "rad") for name in self._names]
+        if len(self._names) > 1:
+            found.append(Parameter("actuator.coupling", 0.0))
         return tuple(found)
 
     def gain(self, batch: CaseBatch) -> Array | None:
@@ -196,6 +200,11 @@ class Effectiveness:
         matrix = np.zeros((count, count, width))
         for i, name in enumerate(self._names):
             matrix[i, i] = values[f"actuator.gain.{name}"]
+        if "actuator.coupling" in batch.names:
+            size = count // thrust_vectors(count)
+            for i, j in np.ndindex(count, count):
+                if i != j and i // size == j // size:
+                    matrix[i, j] = values["actuator.coupling"]
         if self._turns:
             for first in range(0, count, 3):
                 own = slice(first, first + 3)

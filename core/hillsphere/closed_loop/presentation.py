@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.closed_loop.figures import draw_command, draw_errors, draw_path
+from hillsphere.closed_loop.figures import (
+    draw_accelerations,
+    draw_command,
+    draw_errors,
+    draw_path,
+    has_accelerations,
+)
 from hillsphere.closed_loop.metrics import requirement
 from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import ClosedLoopSpec
@@ -37,8 +43,9 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     Returns
     -------
     Presentation
-        Table ``closed_loop``, figures ``closed_loop_errors``, ``closed_loop_command`` and, for
-        positions in space, ``closed_loop_path``.
+        Table ``closed_loop``, figures ``closed_loop_errors``, ``closed_loop_command``, for
+        positions in space ``closed_loop_path``, and for a reference with a command about a body
+        with a surface ``closed_loop_accelerations``.
     """
 
     def named(name: str) -> str:
@@ -47,6 +54,8 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     rows: list[dict[str, Cell]] = []
     for name, unit, value in zip(product.metrics, product.units, product.values, strict=True):
         most = requirement(spec.require, name)
+        if name == "final_speed" and most is None:
+            most = spec.require.touchdown_speed_m_s
         rows.append(
             {
                 "metric": name.replace("_", " "),
@@ -74,6 +83,14 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
             f"In the frame {product.frame}; Δ: from where the reference begins. Dashed, or a "
             "cross: the reference.",
             size_in=(6.5, 5.5),
+        )
+    if has_accelerations(product):
+        figures["closed_loop_accelerations"] = Figure(
+            "Accelerations along the path",
+            lambda canvas: draw_accelerations(canvas, product),
+            f"In the frame {product.frame}: what the reference commands, what the law adds, and "
+            "their sum, all to one scale, before errors of the actuator.",
+            size_in=(7.0, 6.0),
         )
     metrics = {
         f"closed_loop_{name}": Metric(float(value), unit)

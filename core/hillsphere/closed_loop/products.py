@@ -34,7 +34,13 @@ class ClosedLoopFlight:
     seen : ndarray, shape (q, K)
         What the law saw.
     u : ndarray, shape (p, K)
-        What the actuator did.
+        What the actuator did from each sample on.
+    own : ndarray, shape (p, K)
+        What the law commanded by itself.
+    feedforward : ndarray, shape (p, K), or None
+        What the reference's command is from each sample on; None if it comes with none.
+    dv_m_s : ndarray, shape (K + 1,)
+        Δv spent until then.
     position_error_m, velocity_error_m_s : ndarray, shape (K + 1,)
         Distance and speed from the reference; of several spacecraft the largest.
     end_s : float
@@ -80,6 +86,9 @@ class ClosedLoopFlight:
     goal: Array
     seen: Array
     u: Array
+    own: Array
+    feedforward: Array | None
+    dv_m_s: Array
     position_error_m: Array
     velocity_error_m_s: Array
     end_s: float

@@ -26,7 +26,8 @@ class ClosedLoopNeeds(Spec):
 
     reference: Ref | None = need(
         "hillsphere.products:FlightSet",
-        "a trajectory that is followed, with its command added to the law's if it has one",
+        "a trajectory that is followed, with its command, if it has one, added to the law's, also "
+        "where it changes between samples",
         default=None,
     )
     controller: Ref | None = need(
@@ -158,6 +159,28 @@ class RequirementsSpec(Spec):
     largest_velocity_error_m_s: float | None = quantity(
         "speed", "largest difference in velocity at samples", default=None, gt=0
     )
+    largest_acceleration_m_s2: float | None = quantity(
+        "acceleration",
+        "held and continuous laws: largest command of the law alone at samples",
+        default=None,
+        gt=0,
+    )
+    largest_impulse_m_s: float | None = quantity(
+        "speed", "impulsive laws: the same", default=None, gt=0
+    )
+    final_speed_m_s: float | None = quantity(
+        "speed", "speed in the plant's frame at the end", default=None, gt=0
+    )
+    touchdown_speed_m_s: float | None = quantity(
+        "speed", "the same of flights that end by an impact, no others", default=None, gt=0
+    )
+    early_s: float | None = quantity(
+        "time",
+        "how long before the end of the reference, or before the last sample if this is sooner, a "
+        "flight may end",
+        default=None,
+        gt=0,
+    )
 
 
 class ClosedLoopSpec(StageSpec):
@@ -167,7 +190,8 @@ class ClosedLoopSpec(StageSpec):
     parameters; ``state.NAME`` (the start) or ``offset.NAME`` (added to it) of each state;
     ``start_time``; ``dv_budget`` where one is given; ``actuator.scale``, and for each row of the
     command ``actuator.gain.ROW`` (effectiveness) and ``actuator.turn.ROW`` (misalignment about that
-    axis, rad), all constant over a flight.
+    axis, rad), and ``actuator.coupling`` (what part of each component the others of its thrust
+    vector get), all constant over a flight and of the whole command, the reference's included.
     """
 
     produces = "hillsphere.closed_loop.products:ClosedLoopFlight"
@@ -189,7 +213,11 @@ class ClosedLoopSpec(StageSpec):
             "success": ["impact"],
             "tolerance": 1e-9,
             "limits": {"position_error_m": 500, "dv_m_s": 30},
-            "require": {"final_velocity_error_m_s": 0.2},
+            "require": {
+                "final_velocity_error_m_s": 0.2,
+                "touchdown_speed_m_s": 1,
+                "early_min": 1,
+            },
         },
     )
 
@@ -223,7 +251,8 @@ class ClosedLoopSpec(StageSpec):
     )
     method: Literal["rk6", "dop853"] = option("formula of the step map", default="dop853")
     substeps: int = option(
-        "steps of the step map between two samples; events are watched at their ends",
+        "steps of the step map between two samples; events are watched at their ends; a "
+        "reference's command that changes in between has at least one for each of its steps",
         default=1,
         ge=1,
         le=100_000,

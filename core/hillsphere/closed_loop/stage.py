@@ -10,8 +10,9 @@ import numpy as np
 
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.closed_loop.histories import histories_of
 from hillsphere.closed_loop.limits import limits_of
-from hillsphere.closed_loop.metrics import METRICS, UNITS, Deviations, judge, measure
+from hillsphere.closed_loop.metrics import METRICS, Largest, judge, measure, metric_units
 from hillsphere.closed_loop.parts import (
     Effectiveness,
     actuator_of,
@@ -77,6 +78,12 @@ class _Loop:
     goal: Array
     reference: SampledReference
     simulators: dict[tuple[tuple[str, ...], int], Simulator]
+
+    @property
+    def planned_s(self) -> float:
+        """How long they are to last: until the last sample, or the end of the reference."""
+        whole = self.samples * self.law.period_s
+        return min(whole, self.course.length_s or whole)
 
 
 class ClosedLoopStage:
@@ -166,7 +173,7 @@ class ClosedLoopStage:
     def run_cases(
         self,
         batch: CaseBatch,
-        history: bool = False,
+        history: bool | Sequence[str] = False,
         reference: FlightSet | None = None,
         controller: ControlDesign | None = None,
     ) -> CaseResults:
@@ -176,8 +183,8 @@ class ClosedLoopStage:
         ----------
         batch : CaseBatch
             Inputs by the names of `case_inputs`; noise by its draws.
-        history : bool
-            Whether to keep every sample.
+        history : bool or sequence of str
+            Whether to keep every sample, or of which quantities, see `histories_of`.
         reference : FlightSet, optional
             What is followed.
         controller : ControlDesign, optional
@@ -194,8 +201,8 @@ class ClosedLoopStage:
             If the batch names something that is no input.
         """
         loop = self._loop(reference, controller)
-        flights, largest = self._fly(loop, batch, history=history)
-        return self._results(loop, flights, largest, batch)
+        flights, largest = self._fly(loop, batch, history=bool(history))
+        return self._results(loop, flights, largest, batch, history)
 
     def prepare_cases(
         self,
@@ -244,6 +251,9 @@ class ClosedLoopStage:
             )
         if spec.needs.controller and not waits:
             raise InputError("needs.controller: the law has all that it needs; leave it out")
+        wrong = "largest_acceleration_m_s2" if self._kind() == "impulses" else "largest_impulse_m_s"
+        if getattr(spec.require, wrong) is not None:
+            raise InputError(f"require.{wrong}: the law commands {self._kind()}; limit those")
         missing = [name for name in others if name not in spec.start.others]
         if missing and not spec.needs.reference:
             raise InputError(f"start.others: give the value of {', '.join(missing)}")
@@ -277,8 +287,10 @@ class ClosedLoopStage:
             samples = max(1, ceil(duration / period * (1.0 - _ENDS)))
         times: Array = np.arange(samples + 1, dtype=float) * period
         goal = course.at(times)
-        command = course.command(times[:-1])
-        loop = _Loop(law, course, samples, goal, SampledReference(goal[self._seen], command), {})
+        steps = course.steps(times[:-1], period)
+        command = course.command(times[:-1]) if steps is None else None
+        reference = SampledReference(goal[self._seen], command, steps)
+        loop = _Loop(law, course, samples, goal, reference, {})
         self._known = (product, controller, loop)
         return loop
 
@@ -330,8 +342,8 @@ class ClosedLoopStage:
 
     def _fly(
         self, loop: _Loop, batch: CaseBatch, *, history: bool = False, finer: bool = False
-    ) -> tuple[Flights, Array]:
-        """Fly a batch; return the flights and the largest deviations (2, N)."""
+    ) -> tuple[Flights, Largest]:
+        """Fly a batch; return the flights, and what was largest in them."""
         spec = self.spec
         known = {q.name for q in self.case_inputs()}
         if unknown := [name for name in batch.names if name not in known]:
@@ -358,7 +370,7 @@ class ClosedLoopStage:
             dv_budget_m_s=None if budget is None else batch.value("dv_budget", budget),
         )
         first = ceil(spec.errors_from_s / self.law.period_s * (1.0 - _ENDS))
-        seen = Deviations(self.rows, loop.goal, width, first)
+        seen = Largest(self.rows, loop.goal, width, first, len(self.commands))
         flights = self._simulator(loop, names, spec.substeps * (1 + finer)).fly(
             cases,
             loop.samples,
@@ -368,36 +380,49 @@ class ClosedLoopStage:
             limits=limits_of(spec.limits, self.rows, loop.course, begun),
             observer=seen,
         )
-        return flights, seen.largest
+        return flights, seen
 
     def _results(
-        self, loop: _Loop, flights: Flights, largest: Array, batch: CaseBatch
+        self,
+        loop: _Loop,
+        flights: Flights,
+        largest: Largest,
+        batch: CaseBatch,
+        history: bool | Sequence[str] = False,
     ) -> CaseResults:
         begun = batch.value("start_time", self.spec.start.time_s)
         goal = np.repeat(loop.goal[:, -1:], len(begun), axis=1)
         short = np.array(flights.status) != "completed"
         if short.any():
             goal[:, short] = loop.course.at((flights.time_s - begun)[short])
-        values = measure(self.rows, flights, goal, begun, largest)
+        values = measure(self.rows, flights, goal, begun, loop.planned_s, largest)
         status, cause, failed = judge(flights, values, self.spec.success, self.spec.require)
         return CaseResults(
-            METRICS, UNITS, values, status, cause, failed, self._histories(loop, flights)
+            METRICS,
+            metric_units(self._command_units()[0]),
+            values,
+            status,
+            cause,
+            failed,
+            self._histories(loop, flights, history),
         )
 
-    def _histories(self, loop: _Loop, flights: Flights) -> Histories | None:
-        """Return everything that was kept, by name."""
-        history = flights.history
-        if history is None:
+    def _histories(
+        self, loop: _Loop, flights: Flights, history: bool | Sequence[str]
+    ) -> Histories | None:
+        """Return what was kept of the quantities that are wanted."""
+        if flights.history is None or not history:
             return None
-        units = [unit_of(v) for v in self.plant.states]
-        names = [*self.rows.names]
-        names += [f"{kind}.{self.rows.names[i]}" for kind in ("seen", "ref") for i in self._seen]
-        names += [f"u.{name}" for name in self.commands]
-        units += [units[i] for _ in range(2) for i in self._seen] + self._command_units()
-        acted = np.concatenate([history.y, history.ref, history.u])
-        last = np.full((len(acted), 1, acted.shape[2]), np.nan)
-        values = np.concatenate([history.x, np.concatenate([acted, last], axis=1)])
-        return Histories(history.time_s, tuple(names), tuple(units), values)
+        return histories_of(
+            flights.history,
+            self.rows,
+            loop.goal,
+            self._seen,
+            self.commands,
+            [unit_of(v) for v in self.plant.states],
+            self._command_units(),
+            history,
+        )
 
     def _command_units(self) -> list[str]:
         if self._kind() == "impulses":
@@ -427,6 +452,11 @@ class ClosedLoopStage:
             goal=loop.goal,
             seen=history.y[:, :, 0],
             u=history.u[:, :, 0],
+            own=history.own[:, :, 0],
+            feedforward=loop.course.command(
+                np.arange(loop.samples, dtype=float) * self.law.period_s
+            ),
+            dv_m_s=history.dv_m_s[:, 0],
             position_error_m=self.rows.distance(gap),
             velocity_error_m_s=self.rows.speed(gap),
             end_s=float(flights.time_s[0]),

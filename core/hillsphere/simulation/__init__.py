@@ -14,8 +14,15 @@ from hillsphere.simulation.driver import Simulator, simulate
 from hillsphere.simulation.ends import Limit
 from hillsphere.simulation.navigation import NavigationErrors, PerfectNavigation, SeenStates
 from hillsphere.simulation.outcomes import STATUSES, Flights, History
-from hillsphere.simulation.protocols import Actuator, ContinuousLaw, Navigation, Reference
-from hillsphere.simulation.recording import Observer
+from hillsphere.simulation.protocols import (
+    Actuator,
+    CommandSteps,
+    ContinuousLaw,
+    KnownPoles,
+    Navigation,
+    Reference,
+)
+from hillsphere.simulation.recording import Moment, Observer
 from hillsphere.simulation.references import (
     FixedReference,
     PhaseReference,
@@ -28,11 +35,14 @@ __all__ = [
     "STATUSES",
     "Actuator",
     "Cases",
+    "CommandSteps",
     "ContinuousLaw",
     "FixedReference",
     "Flights",
     "History",
+    "KnownPoles",
     "Limit",
+    "Moment",
     "Navigation",
     "NavigationErrors",
     "Observer",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,9 +12,29 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Compensator
 from hillsphere.simulation.flow import thrust_vectors
-from hillsphere.simulation.protocols import Actuator, ContinuousLaw
+from hillsphere.simulation.protocols import Actuator, CommandSteps, ContinuousLaw
 
-__all__ = ["Act", "ByEquations", "ByHold", "ByImpulse", "Done", "Extra", "magnitude"]
+__all__ = ["Act", "ByEquations", "ByHold", "ByImpulse", "Done", "Extra", "Later", "magnitude"]
+
+
+@dataclass(frozen=True)
+class Later:
+    """A later part of a period, in which something else is held.
+
+    Parameters
+    ----------
+    begin, end : float
+        What part of the period has passed when it begins, and when it ends.
+    value : ndarray, shape (p, B) or (p, 1)
+        For `Act.hold`.
+    rate : ndarray, shape (B,), or None
+        As in `Done`.
+    """
+
+    begin: float
+    end: float
+    value: Array
+    rate: Array | None
 
 
 @dataclass(frozen=True)
@@ -24,26 +45,31 @@ class Done:
     ----------
     y : ndarray, shape (rows, B)
         State after it.
-    command, done : ndarray, shape (p, B)
-        What was asked of the actuator, and what it did.
+    own, command, done : ndarray, shape (p, B)
+        What the law commanded by itself, what was asked of the actuator with the feedforward in
+        its mean over the period, and what it did.
     spent : ndarray, shape (B,), or None
         Δv spent at once; None for none.
     rate : ndarray, shape (B,), or None
-        Δv spent per second until the next sample; None if a state of the system counts it.
+        Δv spent per second from then on; None if a state of the system counts it.
+    later : tuple of Later
+        Further parts of the period, in their order; from the first one on it is theirs.
     """
 
     y: Array
+    own: Array
     command: Array
     done: Array
     spent: Array | None
     rate: Array | None
+    later: tuple[Later, ...] = ()
 
 
 @dataclass(frozen=True)
 class Extra:
-    """Feedforward (p, B) or (p, 1) or None, and normal numbers (noise, B) of the actuator."""
+    """Feedforward (p, B) or (p, 1), in steps or None; normal numbers (noise, B) of the actuator."""
 
-    feedforward: Array | None
+    feedforward: Array | CommandSteps | None
     w: Array
 
 
@@ -63,6 +89,10 @@ class Act(Protocol):
         """Act at sample k."""
         ...
 
+    def hold(self, value: Array) -> None:
+        """Put in place what is held in a later part of the period."""
+        ...
+
 
 class _ByCompensator:
     """What held and impulsive actuation share."""
@@ -79,9 +109,8 @@ class _ByCompensator:
         """Return the states."""
         return x
 
-    def _acted(
-        self, k: int, t: Array, seen: Array, ref: Array, extra: Extra
-    ) -> tuple[Array, Array]:
+    def _own(self, k: int, t: Array, seen: Array, ref: Array) -> Array:
+        """Return what the law commands."""
         command, self._xc = self._law.step(k, t, seen, ref, self._xc)
         if command.shape != (self._rows, len(t)):
             what = "velocities" if self._law.actuation == "impulse" else "controls"
@@ -89,12 +118,12 @@ class _ByCompensator:
                 f"{type(self._law).__name__} commands {command.shape}; the plant has "
                 f"{self._rows} {what} and {len(t)} lanes"
             )
-        if extra.feedforward is not None:
-            command = command + extra.feedforward
-        done = command if self._actuator is None else self._actuator.execute(command, extra.w)
-        if self._gain is not None:
-            done = np.einsum("ijN,jN->iN", self._gain, done)
-        return command, done
+        return command
+
+    def _did(self, command: Array, w: Array) -> Array:
+        """Return what the actuator does: its errors are those of the whole command."""
+        done = command if self._actuator is None else self._actuator.execute(command, w)
+        return done if self._gain is None else np.einsum("ijN,jN->iN", self._gain, done)
 
 
 class ByHold(_ByCompensator):
@@ -115,9 +144,21 @@ class ByHold(_ByCompensator):
 
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
         """Hold what the law says."""
-        command, done = self._acted(k, t, seen, ref, extra)
+        own, feed = self._own(k, t, seen, ref), extra.feedforward
+        if isinstance(feed, CommandSteps):
+            done = self._did(own + feed.u[0], extra.w)
+            self.p[self._held] = done
+            rest = [self._did(own + u, extra.w) for u in feed.u[1:]]
+            later = _later(feed, rest, [magnitude(one) for one in rest])
+            return Done(y, own, own + feed.mean(), done, None, magnitude(done), later)
+        command = own if feed is None else own + feed
+        done = self._did(command, extra.w)
         self.p[self._held] = done
-        return Done(y, command, done, None, magnitude(done))
+        return Done(y, own, command, done, None, magnitude(done))
+
+    def hold(self, value: Array) -> None:
+        """Hold another command."""
+        self.p[self._held] = value
 
 
 class ByImpulse(_ByCompensator):
@@ -139,10 +180,19 @@ class ByImpulse(_ByCompensator):
 
     def at(self, k: int, t: Array, y: Array, seen: Array, ref: Array, extra: Extra) -> Done:
         """Change the velocities by what the law says."""
-        command, done = self._acted(k, t, seen, ref, extra)
+        own, feed = self._own(k, t, seen, ref), extra.feedforward
+        if isinstance(feed, CommandSteps):
+            raise InputError(
+                "the reference's command changes between samples; an impulse cannot do that"
+            )
+        command = own if feed is None else own + feed
+        done = self._did(command, extra.w)
         after = y.copy()
         after[self._velocities] += done
-        return Done(after, command, done, magnitude(done), self._idle)
+        return Done(after, own, command, done, magnitude(done), self._idle)
+
+    def hold(self, value: Array) -> None:
+        """Do nothing: nothing is held."""
 
 
 class ByEquations:
@@ -196,13 +246,35 @@ class ByEquations:
         if renewed is not own:
             y = y.copy()
             y[-1 - m : -1] = renewed
-        if extra.feedforward is not None:
-            self.p[self._feed] = extra.feedforward
+        feed = extra.feedforward
+        later: tuple[Later, ...] = ()
+        to_mean: Array | float = 0.0
+        if isinstance(feed, CommandSteps):
+            later = _later(feed, feed.u[1:], [None] * len(feed.u[1:]))
+            to_mean = feed.mean() - feed.u[0]
+            feed = feed.u[0]
+        if feed is not None:
+            self.p[self._feed] = feed
         self.p[self._ref] = ref
         if self._held:
             self.p[self._seen] = seen
-        command = self._command(y, self.p, t)[: self._controls]
-        return Done(y, command, command, None, None)
+        done = self._command(y, self.p, t)[: self._controls]
+        own = done if feed is None else done - self.p[self._feed]
+        command = done + to_mean if later else done
+        return Done(y, own, command, done, None, None, later)
+
+    def hold(self, value: Array) -> None:
+        """Change the feedforward."""
+        self.p[self._feed] = value
+
+
+def _later(
+    feed: CommandSteps, values: Sequence[Array] | Array, rates: Sequence[Array | None]
+) -> tuple[Later, ...]:
+    """Return the parts of a period after the first step, with what is held in them."""
+    ends = np.cumsum(feed.shares).tolist()
+    ends[-1] = 1.0
+    return tuple(map(Later, ends[:-1], ends[1:], values, rates))
 
 
 def magnitude(u: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
+from math import ceil, isfinite
 from time import perf_counter
 
 import numpy as np
@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
-from hillsphere.simulation.acting import Act, Extra
+from hillsphere.simulation.acting import Act, Done, Extra
 from hillsphere.simulation.ends import End, Leg, Watch
 from hillsphere.simulation.protocols import Navigation, Reference
 
-__all__ = ["BLOCK", "CAUSES", "Part", "Recorder", "Result", "Settings", "fly_block"]
+__all__ = ["BLOCK", "CAUSES", "Moment", "Part", "Recorder", "Result", "Settings", "fly_block"]
 
 BLOCK = 64
 """Lanes that go through the loop together, always: another width would give other last bits."""
 
 _HEARTBEAT = 64
+_WHOLE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,42 @@ CAUSES = {
 """Status and cause beside those of the watch."""
 
 Flags = NDArray[np.bool_]
-Recorder = Callable[[int, Array, Array, Array | None, Array | None, Array | None, Flags], None]
-"""(k, t (B,), x (n, B), y, ref, done, flying (B,)): called at each sample, and at the end."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A sample of a block before it acts, or the end of the block.
+
+    Parameters
+    ----------
+    k : int
+        Number of the sample; at the end, of the one that would follow the last.
+    t, dv : ndarray, shape (B,)
+        Time, and Δv spent until then.
+    x : ndarray, shape (n, B)
+        True states.
+    flying : ndarray of bool, shape (B,)
+        Lanes that fly; at the end those that reached their last sample.
+    y, ref : ndarray, shape (q, B), or None
+        What the law sees and what it should see; None at the end.
+    own, done : ndarray, shape (p, B), or None
+        What the law commands by itself, without feedforward, and what the actuator then does; at
+        the end None.
+    """
+
+    k: int
+    t: Array
+    dv: Array
+    x: Array
+    flying: Flags
+    y: Array | None = None
+    ref: Array | None = None
+    own: Array | None = None
+    done: Array | None = None
+
+
+Recorder = Callable[[Moment], None]
+"""Called at each sample while a lane of the block flies, and at the end."""
 
 
 def fly_block(
@@ -145,11 +180,10 @@ def fly_block(
             block.stop(block.flying, TIME_LIMIT, block.t)
         if block.over:
             break
-        rate = block.sample(k, record)
-        block.leg(k, rate)
+        block.leg(k, block.sample(k, record))
     result = block.result()
     if record is not None:
-        record(last, result.t, result.x, None, None, None, result.cause == COMPLETED)
+        record(Moment(last, result.t, result.dv, result.x, result.cause == COMPLETED))
     return result
 
 
@@ -169,7 +203,7 @@ class _Block:
         self._end_t = part.t0 + part.samples * part.period
         self.flying: Flags = np.ones(width, dtype=bool)
         self._whole, self.over = True, False
-        first = s.watch.start(self._next_leg(None))
+        first = s.watch.start(self._next_leg(part.period, None))
         for row in np.unique(first[first >= 0]).tolist():
             self.stop(first == row, row, self.t)
         self._alone(self.flying & (part.samples > 0))
@@ -183,8 +217,8 @@ class _Block:
         self.flying = flying
         self._whole, self.over = bool(flying.all()), not flying.any()
 
-    def sample(self, k: int, record: Recorder | None) -> Array | None:
-        """Let the law act, and return the rate at which it spends Δv."""
+    def sample(self, k: int, record: Recorder | None) -> Done:
+        """Let the law act, and return what it did."""
         s, part, t, y = self._s, self._part, self.t, self._y
         x = y[: s.n]
         seen, self._memory = s.navigation.observe(
@@ -200,23 +234,46 @@ class _Block:
         self._command = now.command
         if not isfinite(np.add.reduce(now.done, axis=None)):
             self.stop(self.flying & ~np.isfinite(now.done).all(axis=0), COMMAND, t)
+        before = self._spent() if record is not None else self._dv
         if now.spent is not None:
             if s.budget:
                 beyond = self.flying & (self._dv + now.spent > part.budget)
                 self.stop(beyond, s.watch.budget_row, t)
             self._dv = self._dv + np.where(self.flying, now.spent, 0.0)
         if record is not None:
-            record(k, t, x, seen, ref, now.done, self.flying)
+            record(Moment(k, t, before, x, self.flying, seen, ref, now.own, now.done))
         self._y = now.y if self._whole else np.where(self.flying, now.y, y)
         self._acted += self.flying
         size = now.spent if now.spent is not None else now.rate
+        for one in now.later:
+            size = None if size is None or one.rate is None else np.maximum(size, one.rate)
         self._firings += self.flying if size is None else self.flying & (size > 0)
-        return now.rate
+        return now
 
-    def leg(self, k: int, rate: Array | None) -> None:
+    def leg(self, k: int, now: Done) -> None:
         """Fly to the next sample."""
-        part, y, whole = self._part, self._y, self._whole
-        end, coarse = _fly(self._s, self._next_leg(rate))
+        part, substeps = self._part, self._s.substeps
+        if not now.later:
+            self._advance(part.period, now.rate, substeps)
+        else:
+            begun = self.t
+            first = now.later[0].begin
+            self._advance(first * part.period, now.rate, _share(substeps, first))
+            for one in now.later:
+                if self.over:
+                    break
+                self.t = begun + one.begin * part.period
+                self._act.hold(one.value)
+                share = one.end - one.begin
+                self._advance(share * part.period, one.rate, _share(substeps, share))
+        self.t = part.t0 + (k + 1) * part.period
+        if not self._even:
+            self._alone(self.flying & (k + 1 < part.samples))
+
+    def _advance(self, duration: Array, rate: Array | None, steps: int) -> None:
+        """Fly on, under what is held."""
+        y, whole = self._y, self._whole
+        end, coarse = _fly(self._s, self._next_leg(duration, rate), steps)
         if coarse is not None and coarse.any():
             self.stop(coarse, STEP_SIZE, self.t)
             whole = False
@@ -231,17 +288,16 @@ class _Block:
         if end.cause is not None:
             for row in np.unique(end.cause[end.cause >= 0]).tolist():
                 self.stop(self.flying & (end.cause == row), row, end.t)
-        self.t = part.t0 + (k + 1) * part.period
-        if not self._even:
-            self._alone(self.flying & (k + 1 < part.samples))
 
     def result(self) -> Result:
         """Return how it ended."""
-        dv = self._y[-1] if self._act.counts else self._dv
         x = self._y[: self._s.n]
-        return Result(self._cause, self._end_t, x, dv, self._firings, self._acted)
+        return Result(self._cause, self._end_t, x, self._spent(), self._firings, self._acted)
 
-    def _next_leg(self, rate: Array | None) -> Leg:
+    def _spent(self) -> Array:
+        return self._y[-1] if self._act.counts else self._dv
+
+    def _next_leg(self, duration: Array, rate: Array | None) -> Leg:
         part, left = self._part, None
         if self._s.budget:
             left = part.budget if self._act.counts else part.budget - self._dv
@@ -250,7 +306,7 @@ class _Block:
         return Leg(
             self.t,
             self._y,
-            part.period,
+            duration,
             self._act.p,
             part.cases,
             self.flying,
@@ -260,15 +316,20 @@ class _Block:
         )
 
 
-def _fly(s: Settings, leg: Leg) -> tuple[End, Flags | None]:
+def _share(steps: int, share: float) -> int:
+    """Return how many of the steps of a period a part of it takes."""
+    return max(1, ceil(share * steps - _WHOLE))
+
+
+def _fly(s: Settings, leg: Leg, steps: int) -> tuple[End, Flags | None]:
     """Fly a leg; with a tolerance, lane by lane with as many steps as it asks for.
 
     Then the lanes follow for which the most steps were not enough.
     """
-    end = s.watch.fly(leg, s.substeps)
+    end = s.watch.fly(leg, steps)
     if s.tolerance is None:
         return end, None
-    steps, coarse = s.substeps, leg.flying
+    coarse = leg.flying
     none = np.full(len(leg.t), COMPLETED)
     while 2 * steps <= s.most_substeps and coarse.any():
         steps *= 2

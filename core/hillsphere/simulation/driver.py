@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import ceil, inf
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,20 @@ from hillsphere.simulation.ends import Limit, Watch
 from hillsphere.simulation.flow import closed_system, compiled, velocity_rows
 from hillsphere.simulation.navigation import PerfectNavigation
 from hillsphere.simulation.outcomes import Flights
-from hillsphere.simulation.protocols import Actuator, ContinuousLaw, Navigation, Reference
-from hillsphere.simulation.recording import Observer, Table
+from hillsphere.simulation.protocols import (
+    Actuator,
+    ContinuousLaw,
+    KnownPoles,
+    Navigation,
+    Reference,
+)
+from hillsphere.simulation.recording import Moment, Observer, Table
 from hillsphere.simulation.references import FixedReference, ZeroReference
 
-__all__ = ["Simulator", "simulate"]
+__all__ = ["STEP_REACH", "Simulator", "simulate"]
+
+STEP_REACH = {"rk6": 1.07, "dop853": 3.5}
+"""Largest step times pole with which a decay is followed to 1e-3, see `ContinuousLaw`."""
 
 
 class Simulator:
@@ -49,7 +59,8 @@ class Simulator:
     method : {"dop853", "rk6"}
         Formula of the step map.
     substeps : int
-        Steps between two samples. Events are watched at their ends.
+        Steps between two samples. Events are watched at their ends. A feedforward in steps has
+        as many in each as its share asks for, and at least one.
     tolerance : float, optional
         Check each leg against twice as many steps and double them, lane by lane, until the
         difference in units of the plant's scales is below; at least three times the work.
@@ -106,6 +117,8 @@ class Simulator:
         self._substeps, self._most, self._tolerance = substeps, most_substeps, tolerance
         self._wall_limit_s = wall_limit_s
         self._velocities = velocity_rows(plant)
+        if tolerance is None:
+            _check_poles(law, method, substeps)
         self.map = self._compile()
         events = self.map.system.events
         self._events = self.map.system.function(*events.values()) if events else None
@@ -135,7 +148,7 @@ class Simulator:
         stage : str
             Name by which the noise of different stages differs.
         history : bool
-            Whether to keep every sample: (n + 2 q + p + 1)·8 bytes each, for each case.
+            Whether to keep every sample: (n + 2 q + 2 p + 2)·8 bytes each, for each case.
         limits : sequence of Limit
             Further conditions that end these flights.
         observer : Observer, optional
@@ -355,11 +368,25 @@ def _together(recorders: Sequence[Recorder]) -> Recorder | None:
     if len(recorders) < 2:
         return recorders[0] if recorders else None
 
-    def record(*sample: Any) -> None:
+    def record(now: Moment) -> None:
         for one in recorders:
-            one(*sample)
+            one(now)
 
     return record
+
+
+def _check_poles(law: Compensator | ContinuousLaw, method: str, substeps: int) -> None:
+    """Raise if the sub-steps are too long for the poles that a continuous law tells."""
+    if not isinstance(law, ContinuousLaw) or not isinstance(law, KnownPoles):
+        return
+    reach, fastest = STEP_REACH.get(method, inf), law.fastest_rad_s
+    if fastest * law.period_s > reach * substeps * (1.0 + 1e-9):
+        raise InputError(
+            f"substeps: the fastest pole of the law, {fastest:.4g} 1/s, asks {method} for steps "
+            f"of at most {reach / fastest:.4g} s between its samples, so for at least "
+            f"{ceil(fastest * law.period_s / reach)}; got {substeps}. Raise it, or give a "
+            "tolerance"
+        )
 
 
 def _reference(given: Reference | ArrayLike | None) -> Reference:

@@ -48,7 +48,12 @@ class History:
         What it should have seen.
     u : ndarray, shape (p, K, N)
         What the actuator did: m/s² held, m/s at an impulse; for a continuous law its command at
-        the sample (after `sample`, before errors of the actuator).
+        the sample (after `sample`, before errors of the actuator). With a feedforward in steps,
+        that of the first.
+    own : ndarray, shape (p, K, N)
+        What the law commanded by itself, without feedforward and before errors of the actuator.
+    dv_m_s : ndarray, shape (K + 1, N)
+        Δv spent until then.
     """
 
     time_s: Array
@@ -56,6 +61,8 @@ class History:
     y: Array
     ref: Array
     u: Array
+    own: Array
+    dv_m_s: Array
 
 
 @dataclass(frozen=True)

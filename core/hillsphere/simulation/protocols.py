@@ -7,12 +7,16 @@ no case depends on its neighbours.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
+import numpy as np
+
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers, Variable
 from hillsphere.symbolic import Expr
 
-__all__ = ["Actuator", "ContinuousLaw", "Navigation", "Reference"]
+__all__ = ["Actuator", "CommandSteps", "ContinuousLaw", "KnownPoles", "Navigation", "Reference"]
 
 
 class Navigation(Protocol):
@@ -44,6 +48,34 @@ class Navigation(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class CommandSteps:
+    """A command that changes between two samples, in steps.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (J,)
+        What part of the period each step lasts, in their order; their sum is one.
+    u : ndarray, shape (J, p, N) or (J, p, 1)
+        The command of each, SI.
+    """
+
+    shares: Array
+    u: Array
+
+    def __post_init__(self) -> None:
+        fits = self.shares.shape == (len(self.u),) and self.u.ndim == 3
+        if not fits or not (self.shares > 0).all() or abs(self.shares.sum() - 1.0) > 1e-9:
+            raise InputError(
+                f"steps of a command need shares (J,) above zero whose sum is one, and u "
+                f"(J, p, N); got {self.shares.tolist()} and {self.u.shape}"
+            )
+
+    def mean(self) -> Array:
+        """Return the mean over the period, (p, N) or (p, 1)."""
+        return np.asarray(np.tensordot(self.shares, self.u, axes=1))
+
+
 @runtime_checkable
 class Reference(Protocol):
     """What the law should see, and what it is told to do besides."""
@@ -56,8 +88,12 @@ class Reference(Protocol):
         """
         ...
 
-    def feedforward(self, k: int, t_s: Array, cases: Integers) -> Array | None:
-        """Return what is added to the law's command at sample k, (p, N) or (p, 1); or None."""
+    def feedforward(self, k: int, t_s: Array, cases: Integers) -> Array | CommandSteps | None:
+        """Return what is added to the law's command from sample k on, or None.
+
+        (p, N) or (p, 1), held until the next sample; or in steps, for laws that do not command
+        impulses.
+        """
         ...
 
 
@@ -81,7 +117,8 @@ class ContinuousLaw(Protocol):
     Its states ẋ_c = f(x_c, y, r, t) join those of the plant, and its command u = g(x_c, y, r, t)
     stands in the plant's equations. Sub-steps must be short beside its fastest pole λ: on the real
     axis the step map is stable up to |λ| h = 2.85 (rk6) and 6.39 (dop853), and follows the decay
-    to 1e-3 up to 1.07 and 3.5; a filter of 0.05 Hz asks for h ≤ 3.4 s and 11 s.
+    to 1e-3 up to 1.07 and 3.5; a filter of 0.05 Hz asks for h ≤ 3.4 s and 11 s. `Simulator`
+    refuses longer ones of a law that tells its poles (`KnownPoles`).
     """
 
     @property
@@ -125,4 +162,14 @@ class ContinuousLaw(Protocol):
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return the command u, one per control of the plant, SI."""
+        ...
+
+
+@runtime_checkable
+class KnownPoles(Protocol):
+    """A `ContinuousLaw` that can say how short its sub-steps must be."""
+
+    @property
+    def fastest_rad_s(self) -> float:
+        """Size of the fastest pole of its own equations, 1/s; zero without states."""
         ...

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere.simulation.block import Recorder
+from hillsphere.simulation.block import Moment, Recorder
 from hillsphere.simulation.outcomes import History
 
-__all__ = ["Observer", "Table"]
+__all__ = ["Moment", "Observer", "Table"]
 
 
 class Observer(Protocol):
@@ -20,10 +19,8 @@ class Observer(Protocol):
     def recorder(self, first: int, count: int) -> Recorder:
         """Return what is told of one block: the `count` cases from place `first` on.
 
-        It is called as ``(k, t (B,), x (n, B), y, ref, done, flying (B,))`` at every sample k while
-        a lane flies, and once at the end with None for y, ref and done and with the final states;
-        flying then marks the lanes that reached their last sample. Lanes beyond `count` only fill
-        the block.
+        It is called with a `Moment` at every sample while a lane flies, and once at the end with
+        the final states. Lanes beyond `count` only fill the block.
         """
         ...
 
@@ -45,20 +42,15 @@ class Table:
         """Return what takes the samples of the `count` cases from number `first` on."""
         cases = slice(first, first + count)
 
-        def record(
-            k: int,
-            t: Array,
-            x: Array,
-            y: Array | None,
-            ref: Array | None,
-            done: Array | None,
-            flying: NDArray[np.bool_],
-        ) -> None:
-            rows = {"time_s": t[None], "x": x, "y": y, "ref": ref, "u": done}
+        def record(now: Moment) -> None:
+            rows = {"time_s": now.t[None], "dv_m_s": now.dv[None], "x": now.x}
+            if now.y is not None and now.ref is not None:
+                rows |= {"y": now.y, "ref": now.ref}
+            if now.own is not None and now.done is not None:
+                rows |= {"own": now.own, "u": now.done}
             for name, row in rows.items():
-                if row is not None:
-                    values = np.where(flying, row, np.nan)[:, :count]
-                    self._array(name, len(row))[:, k, cases] = values
+                values = np.where(now.flying, row, np.nan)[:, :count]
+                self._array(name, len(row))[:, now.k, cases] = values
 
         return record
 
@@ -70,10 +62,12 @@ class Table:
             y=self._array("y", 0),
             ref=self._array("ref", 0),
             u=self._array("u", 0),
+            own=self._array("own", 0),
+            dv_m_s=self._array("dv_m_s", 1)[0],
         )
 
     def _array(self, name: str, rows: int) -> Array:
         if name not in self._arrays:
-            samples = self._samples + (name in ("time_s", "x"))
+            samples = self._samples + (name in ("time_s", "dv_m_s", "x"))
             self._arrays[name] = np.full((rows, samples, self._total), np.nan)
         return self._arrays[name]

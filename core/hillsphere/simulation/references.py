@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
+from hillsphere.simulation.protocols import CommandSteps
 
 __all__ = ["FixedReference", "PhaseReference", "SampledReference", "ZeroReference"]
 
@@ -54,12 +55,19 @@ class SampledReference:
     table : array_like, shape (q, K) or (q, K, C)
         Reference at each sample, common to all cases or one per number of a case, SI.
     feedforward : array_like, shape (p, K) or (p, K, C), optional
-        Command that is added to the law's.
+        Command that is added to the law's, held from sample to sample.
+    steps : sequence of CommandSteps, optional
+        Instead of `feedforward`: one per sample, for a command that changes between them.
     """
 
-    def __init__(self, table: Any, feedforward: Any = None) -> None:
+    def __init__(
+        self, table: Any, feedforward: Any = None, steps: Sequence[CommandSteps] | None = None
+    ) -> None:
+        if feedforward is not None and steps is not None:
+            raise InputError("give feedforward or steps, not both")
         self.table = np.array(table, dtype=float)
         self.command = None if feedforward is None else np.array(feedforward, dtype=float)
+        self.steps = None if steps is None else tuple(steps)
         for name, array in (("table", self.table), ("feedforward", self.command)):
             if array is not None and array.ndim not in (2, 3):
                 raise InputError(f"{name} must be (rows, K) or (rows, K, C), got {array.shape}")
@@ -68,8 +76,11 @@ class SampledReference:
         """Return the reference (q, N)."""
         return _of_cases(_of_sample(self.table, k, "table"), cases, "table")
 
-    def feedforward(self, k: int, t_s: Array, cases: Integers) -> Array | None:
-        """Return the command to add, (p, N)."""
+    def feedforward(self, k: int, t_s: Array, cases: Integers) -> Array | CommandSteps | None:
+        """Return the command to add, (p, N), or its steps."""
+        if self.steps is not None:
+            _check_sample(len(self.steps), k, "steps")
+            return self.steps[k]
         if self.command is None:
             return None
         return _of_cases(_of_sample(self.command, k, "feedforward"), cases, "feedforward")
@@ -102,9 +113,13 @@ class PhaseReference:
         """Return nothing to add."""
 
 
+def _check_sample(samples: int, k: int, name: str) -> None:
+    if k >= samples:
+        raise InputError(f"{name} has {samples} samples; sample {k} was asked for")
+
+
 def _of_sample(table: Array, k: int, name: str) -> Array:
-    if k >= table.shape[1]:
-        raise InputError(f"{name} has {table.shape[1]} samples; sample {k} was asked for")
+    _check_sample(table.shape[1], k, name)
     column: Array = table[:, k]
     return column
 

@@ -21,7 +21,11 @@ _SIZES = {"state_sizes": [10, 10, 10, 0.1, 0.1, 0.1], "control_sizes": [1e-4, 1e
 
 
 class LtiSpec(Spec):
-    """Linear controller u = K e, from a synthesis, a file or matrices, of either time."""
+    """Linear controller u = K e, from a synthesis, a file or matrices, of either time.
+
+    At samples a controller in continuous time is brought to their period and u is held; with
+    continuous states it runs with the plant, and the flight needs sub-steps that fit its poles.
+    """
 
     examples = (
         {
@@ -37,6 +41,14 @@ class LtiSpec(Spec):
             "d": [[-3e-4, 0, 0, -0.03, 0, 0], [0, -3e-4, 0, 0, -0.03, 0],
                   [0, 0, -3e-4, 0, 0, -0.03]],
         },
+        {
+            "period_s": 60,
+            "sees": "deviation",
+            "states": "continuous",
+            "low_pass_hz": 0.05,
+            "d": [[-3e-5, 0, 0, -0.01, 0, 0], [0, -3e-5, 0, 0, -0.01, 0],
+                  [0, 0, -3e-5, 0, 0, -0.01]],
+        },
     )  # fmt: skip
 
     period_s: float = quantity("time", "time between samples", gt=0)
@@ -46,10 +58,29 @@ class LtiSpec(Spec):
         "a change of sign",
         default="error",
     )
-    method: Literal["bilinear", "held"] = option(
+    measurements: tuple[str, ...] = option(
+        "which inputs of the controller are what the law sees, by name, in the order in which it "
+        "sees them; one name y stands for y[0], y[1] …; the others, commands that a flight does "
+        "not give, stay zero; left out: all",
+        default=(),
+    )
+    low_pass_hz: float | None = quantity(
+        "frequency",
+        "corner of a first-order low-pass filter before every input, for a controller in "
+        "continuous time, but not with method = 'bilinear'; left out: none",
+        default=None,
+        gt=0,
+    )
+    states: Literal["sampled", "continuous"] = option(
+        "'sampled': filter and controller are brought to the samples, and u is held; 'continuous': "
+        "they run between samples, too, on the error that is held",
+        default="sampled",
+    )
+    method: Literal["bilinear", "held", "mean"] = option(
         "how a controller in continuous time is brought to samples: 'bilinear', whose phase is "
         "that of K but for the hold, half a period; 'held', exact for inputs that are held, which "
-        "costs a strictly proper K another half period",
+        "costs a strictly proper K another period; 'mean', likewise, but u is the mean over the "
+        "period of what K would then command, which costs none",
         default="bilinear",
     )
     file: DataPath | None = data_path(
@@ -74,6 +105,25 @@ class LtiSpec(Spec):
             raise rule("file", "matrices are given, too; keep one of the two")
         if given:
             check_system(self.a, self.b, self.c, self.d)
+            if self.measurements:
+                raise rule("measurements", "inputs of matrices have no names; leave out columns")
+        return self
+
+    @model_validator(mode="after")
+    def _one_time(self) -> Self:
+        discrete = self.form == "discrete"
+        if self.states == "continuous" and discrete:
+            raise rule("states", "continuous states need form = 'continuous'")
+        if self.states == "continuous" and "method" in self.model_fields_set:
+            raise rule("method", "continuous states are not brought to samples; leave it out")
+        if self.low_pass_hz is not None and discrete:
+            raise rule("low_pass_hz", "a filter of form = 'discrete' belongs into its matrices")
+        if self.low_pass_hz is not None and self.states == "sampled" and self.method == "bilinear":
+            raise rule(
+                "low_pass_hz",
+                "the bilinear map makes a filter that is fast beside the period ring from sample "
+                "to sample; take states = 'continuous' or method = 'mean'",
+            )
         return self
 
 

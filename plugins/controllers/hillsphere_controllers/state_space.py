@@ -12,7 +12,9 @@ from hillsphere.symbolic import Expr, constant, sum_of
 from hillsphere_controllers.specs import Matrix, StateSpaceSpec
 from hillsphere_controllers.systems.holding import discretised
 
-__all__ = ["ContinuousStateSpace", "SampledStateSpace", "discretised", "state_space"]
+__all__ = [
+    "ContinuousStateSpace", "SampledStateSpace", "discretised", "of_error", "state_space",
+]  # fmt: skip
 
 
 def state_space(spec: StateSpaceSpec) -> SampledStateSpace | ContinuousStateSpace:
@@ -70,6 +72,7 @@ class ContinuousStateSpace:
         self._a, self._b, self._c, self._d = _matrices(spec)
         self.inputs: int = self._b.shape[1]
         self.states = tuple(Variable(f"law:x{i}") for i in range(len(self._a)))
+        self.fastest_rad_s = float(np.abs(np.linalg.eigvals(self._a)).max(initial=0.0))
 
     def initial(self, n_cases: int) -> Array:
         """Return the states (m, N), zero."""
@@ -83,13 +86,13 @@ class ContinuousStateSpace:
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return A x + B e."""
-        return _linear(self._a, self._b, xc, y, ref)
+        return of_error(self._a, self._b, xc, y, ref)
 
     def control(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return C x + D e."""
-        return _linear(self._c, self._d, xc, y, ref)
+        return of_error(self._c, self._d, xc, y, ref)
 
 
 def _matrices(spec: StateSpaceSpec) -> tuple[Array, Array, Array, Array]:
@@ -102,7 +105,7 @@ def _matrices(spec: StateSpaceSpec) -> tuple[Array, Array, Array, Array]:
     return made(spec.a, m, m), made(spec.b, m, q), made(spec.c, p, m), made(spec.d, p, q)
 
 
-def _linear(
+def of_error(
     left: Array,
     right: Array,
     xc: tuple[Expr, ...],
