@@ -33,9 +33,9 @@ def hillsphere_components() -> list[Component]:
         Component(
             "compensator",
             "lti",
-            "hillsphere_controllers.lti:Lti",
+            "hillsphere_controllers.lti:lti",
             "hillsphere_controllers.law_specs:LtiSpec",
-            "linear controller from a synthesis, a .mat file or matrices, brought to the samples",
+            "linear controller from a synthesis, a .mat file or matrices, at samples or between",
         ),
         Component(
             "compensator",
@@ -57,6 +57,13 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_controllers.lyapunov:Lyapunov",
             "hillsphere_controllers.law_specs:LyapunovSpec",
             "command that lets a Lyapunov function of the deviation fall most in each period",
+        ),
+        Component(
+            "stage",
+            "linearise",
+            "hillsphere_controllers.stages.linearise.stage:LineariseStage",
+            "hillsphere_controllers.stages.linearise.specs:LineariseSpec",
+            "linear models of a plant at points of a trajectory, and what its parameters do there",
         ),
         Component(
             "stage",
@@ -85,5 +92,26 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_controllers.stages.mu_analysis.stage:MuAnalysisStage",
             "hillsphere_controllers.stages.mu_analysis.specs:MuAnalysisSpec",
             "robustness of loops by the structured singular value, certified over frequency",
+        ),
+        Component(
+            "stage",
+            "sampled_loops",
+            "hillsphere_controllers.stages.sampled_loops.stage:SampledLoopsStage",
+            "hillsphere_controllers.stages.sampled_loops.specs:SampledLoopsSpec",
+            "stability and margins of linear loops at their sample rates, exactly",
+        ),
+        Component(
+            "stage",
+            "worst_cases",
+            "hillsphere_controllers.stages.worst_cases.stage:WorstCasesStage",
+            "hillsphere_controllers.stages.worst_cases.specs:WorstCasesSpec",
+            "worst cases that an analysis by mu has found, for a sweep of the flight",
+        ),
+        Component(
+            "command",
+            "mat",
+            "hillsphere_controllers.stages.mat:app",
+            "",
+            "write the systems in a product of a run to a file for MATLAB",
         ),
     ]

@@ -89,6 +89,19 @@ def test_a_parameter_that_stays_nominal_gives_no_terms() -> None:
     assert all(e[1] == 0 for e in fit.terms)
 
 
+def test_entries_that_never_change_cost_no_copies() -> None:
+    """Beside ones, small changes of rank one: rounding in the ones would look like copies."""
+    at = points(20)
+    made = np.zeros((20, 3, 4))
+    made[:, 0, 2], made[:, 1, 3], made[:, 2, 0] = 1.0, 1.0 / 3.0, 0.7
+    made[:, 2, 1] = 1e-7 * at[0]
+    made[:, 2, 3] = 1e-7 * at[1]
+    fit = fitted(at, made, TWO, degree=1, tolerance=1e-12)
+    assert fit.lft().times == (1, 1)
+    for matrix in fit.terms.values():
+        assert np.count_nonzero(matrix[:2]) in (0, 2)
+
+
 def test_too_few_terms_are_said() -> None:
     at = points(50)
     with pytest.raises(InputError, match="raise the degree"):

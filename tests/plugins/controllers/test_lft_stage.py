@@ -13,7 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.testing import RecordingContext, check_presentation, check_product, check_stage
+from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere.uncertainty.distributions import Uniform
 from hillsphere.uncertainty.specs import UniformSpec
 from hillsphere_controllers.stages.lft.products import FittedModels
@@ -55,10 +55,6 @@ def run(product: LinearModels, **keys: Any) -> FittedModels:
     check_product(made)
     check_presentation(stage.present(made, product))
     return made
-
-
-def test_stage_keeps_its_contract() -> None:
-    check_stage("lft")
 
 
 def test_polynomials_are_found_exactly_and_hold_between_the_models() -> None:
@@ -154,5 +150,96 @@ def test_a_bound_needs_models_that_differ() -> None:
     ],
 )
 def test_faults_are_found_before_anything_runs(keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        validate(LftSpec, {"needs": {"models": "m"}} | keys, where="stage")
+
+
+def along(positions: Sequence[float], *, bent: float = 0.0) -> LinearModels:
+    """Return oscillators at points, whose damping and stiffness are each known to 10 %."""
+    values = [(0.0, 0.0), (0.1, 0.0), (0.0, 0.1), (-0.1, 0.1), (0.1, -0.1)]
+    points = np.array([(p, *v) for p in positions for v in values]).T
+    systems = []
+    for place, k, c in points.T:
+        a = np.array([[0.0, 1.0], [-1.0 - k - bent * k * c, -0.5 - place * c]])
+        systems.append(LtiSystem(a, np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1)), None,
+                                 ("u",), ("y[0]", "y[1]")))  # fmt: skip
+    return LinearModels(
+        tuple(systems), tuple(map(str, range(len(systems)))),
+        ("point", "spring.own.k", "spring.own.c"), ("-", "N/m", "-"), points,
+        np.array([1.0, 0.0, 0.0]), 1, 2, (),
+    )  # fmt: skip
+
+
+SPRING = Uniform(
+    UniformSpec.model_validate(
+        {"of": "spring.own", "parameters": ["k", "c"], "lower": -0.1, "upper": 0.1}
+    )
+)
+
+
+def test_affine_models_along_points_are_met_to_the_last_digit() -> None:
+    keys = {"known": ["point"], "fit": "affine", "dispersions": [SPRING]}
+    made = run(along([1.0, 2.0]), **keys)
+    assert made.labels == ("point=1", "point=2")
+    assert made.exponents == ()
+    for model, place in zip(made.models, (1.0, 2.0), strict=True):
+        # the dispersion's own table tells which parameters are meant
+        assert model.names == ("spring.own.k", "spring.own.c")
+        assert model.times.tolist() == [1, 1]
+        at = lft_of(model).at({"spring.own.k": 0.07, "spring.own.c": -0.03})
+        assert_allclose(at.a, [[0.0, 1.0], [-1.07, -0.5 + 0.03 * place]], rtol=1e-14)
+
+
+def test_affine_models_lose_their_weakest_directions() -> None:
+    keys = {"known": ["point"], "fit": "affine", "dispersions": [SPRING], "sigmas": 1}
+    size = 0.1 / 3**0.5 / float(np.hypot(1.0, 0.5))  # one σ of each, relative to the lower row
+    made = run(along([0.1, 10.0]), truncation=1.001 * size, compare_sigmas=[0.5, 1.0, 1.5], **keys)
+    # near the start the damping hardly matters, near the end the stiffness
+    assert made.after.tolist() == [[1, 0], [0, 1]]
+    assert made.sizes.tolist() == [[0, 1], [1, 1], [1, 2]]
+    assert made.size_sigmas.tolist() == [0.5, 1.0, 1.5]
+
+
+def test_models_that_are_not_affine_are_refused() -> None:
+    with pytest.raises(InputError, match="not affine"):
+        run(along([1.0], bent=1e-3), known=["point"], fit="affine")
+
+
+def test_one_number_may_stand_on_several_channels() -> None:
+    blocks = [
+        {"name": "gain", "kind": "real", "lower": 0.9, "upper": 1.1, "outputs": ["rate", "z"],
+         "inputs": ["d", "w"]},
+    ]  # fmt: skip
+    made = run(models([1.0], [0.5]), blocks=blocks)
+    model = made.models[0]
+    assert (model.kinds, model.times.tolist(), model.rows.tolist()) == (("real",), [2], [1])
+    assert_allclose([model.lower[0], model.nominal[0], model.upper[0]], [0.9, 1.0, 1.1], rtol=1e-15)
+    # its value stands for δ = 0.5 on both channels: rate → 0.3 of the rate's equation, z → all
+    closed = lft_of(model).at({"gain": 1.05})
+    expected = plant(1.0, 0.5).a + 0.5 * np.array([[0.0, 0.0], [1.0, 0.3]])
+    assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_a_complex_number_stands_on_the_diagonal() -> None:
+    blocks = [{"name": "lag", "kind": "complex", "outputs": ["rate"], "inputs": ["d"]}]
+    model = run(models([1.0], [0.5]), blocks=blocks).models[0]
+    assert (model.kinds, model.dynamic.tolist()) == (("complex",), [True])
+    with pytest.raises(InputError, match=r"blocks\[0\].*as many outputs"):
+        run(models([1.0], [0.5]), blocks=[blocks[0] | {"outputs": ["rate", "z"]}])
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"fit": "affine", "degree": 2}, "degree.*fit = 'polynomial'"),
+        ({"truncation": 0.1}, "truncation.*fit = 'affine'"),
+        ({"fit": "affine", "compare_sigmas": [2]}, "needs dispersions"),
+        ({"blocks": [{"name": "a", "outputs": ["y"], "inputs": ["d"], "lower": 0.5}]},
+         "only a real number"),
+        ({"blocks": [{"name": "a", "kind": "real", "outputs": ["y"], "inputs": ["d"],
+                      "lower": 2.0}]}, "above lower"),
+    ],
+)  # fmt: skip
+def test_faults_of_fits_and_blocks(keys: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         validate(LftSpec, {"needs": {"models": "m"}} | keys, where="stage")

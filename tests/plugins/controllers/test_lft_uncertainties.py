@@ -14,6 +14,7 @@ from hillsphere_controllers.lft.uncertainties import (
     Uncertainty,
     corners,
     dispersed,
+    physical_values,
     random_values,
     real_parameter,
 )
@@ -113,3 +114,13 @@ def test_corners() -> None:
 def test_what_does_not_fit_is_said(wrong: Callable[[], object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         wrong()
+
+
+def test_worst_values_in_their_units() -> None:
+    skew = real_parameter("k", 0.5, 2.0, 1.25)
+    off = real_parameter("m", 1.0, 4.0, 1.5)  # c = −2/3: no value beyond δ = 1.5
+    found = physical_values([skew, off], {"k": -1.0, "m": 1.0})
+    assert_allclose([found["k"], found["m"]], [0.5, 4.0], rtol=1e-14)
+    assert np.isnan(physical_values([off], {"m": 1.6})["m"])
+    with pytest.raises(InputError, match="no real parameter 'q'; there are k, m"):
+        physical_values([skew, off], {"q": 1.0})

@@ -14,7 +14,7 @@ from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import save_product
-from hillsphere.testing import RecordingContext, check_stage
+from hillsphere.testing import RecordingContext, check_presentation, check_stage
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
 from hillsphere_controllers.systems.exchange import save_mat
@@ -133,3 +133,123 @@ def test_faults_are_found_before_anything_runs(table: dict[str, Any], said: str)
 def test_faults_of_values_are_said_with_their_key(table: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         run(table)
+
+
+def moving(stiffness: float) -> LtiSystem:
+    """Return two independent oscillators with positions and velocities as outputs."""
+    a = np.kron(np.array([[0.0, 1.0], [-stiffness, 0.0]]), np.eye(2))
+    b = np.kron(np.array([[0.0], [1.0]]), np.eye(2))
+    return LtiSystem(
+        a, np.hstack([2.0 * b, b]), np.eye(4), np.zeros((4, 4)), None,
+        ("d[0]", "d[1]", "a[0]", "a[1]"), ("r[0]", "r[1]", "v[0]", "v[1]"),
+    )  # fmt: skip
+
+
+GIVEN = LinearModels(
+    (moving(1.0), moving(2.0), moving(3.0)), ("nominal, point 1", "k up", "nominal, point 2"),
+    ("point", "field.own.k"), ("-", "N/m"), np.array([[1.0, 1.0, 2.0], [1.0, 2.0, 3.0]]),
+    np.array([1.0, 1.0]), 2, 4, (),
+)  # fmt: skip
+LOOP: dict[str, Any] = {
+    "needs": {"models": "given"},
+    "systems": [
+        {"model": True, "inputs": ["a"], "outputs": ["v", "r"]},
+        {"low_pass": {"frequency_hz": 0.5, "order": 2}, "channels": 2, "inputs": ["r"],
+         "outputs": ["r_hat"]},
+        {"delay": {"time_s": 0.2}, "channels": 2, "inputs": ["u"], "outputs": ["a"]},
+        {"d": [[0.5, 0], [0, 0.5]], "inputs": ["v"], "outputs": ["z"]},
+    ],
+    "inputs": [],
+    "outputs": ["z"],
+    "controls": ["u"],
+    "measurements": ["r_hat"],
+}  # fmt: skip
+
+
+def run_on(given: LinearModels, table: dict[str, Any]) -> LinearModels:
+    spec = validate(LinearModelsSpec, table, where="stage")
+    assert isinstance(spec, LinearModelsSpec)
+    stage = LinearModelsStage(spec)
+    made = stage.run(RecordingContext(), models=given)
+    check_presentation(stage.present(made, models=given))
+    return made
+
+
+def test_every_model_of_an_earlier_stage_is_connected() -> None:
+    made = run_on(GIVEN, LOOP)
+    assert made.labels == GIVEN.labels
+    assert (made.parameters, made.units) == (GIVEN.parameters, GIVEN.units)
+    assert_allclose(made.values, GIVEN.values, rtol=0.0)
+    assert (made.controls, made.measurements) == (2, 2)
+    assert [weight.outputs for weight in made.weights] == [("z[0]", "z[1]")]
+    omega = np.array([0.3, 2.0])
+    s = 1j * omega
+    corner = 2.0 * np.pi * 0.5
+    for system, k in zip(made.systems, (1.0, 2.0, 3.0), strict=True):
+        late = (1 - 0.1 * s) / (1 + 0.1 * s) / (s * s + k)
+        response = system.response(omega)
+        assert_allclose(response[:, 0, 0], 0.5 * s * late, rtol=1e-12)
+        assert_allclose(response[:, 3, 1], late * (corner / (s + corner)) ** 2, rtol=1e-12)
+
+
+def test_some_models_are_taken_by_name_and_combined_with_formulas() -> None:
+    weight = LOOP["systems"][-1] | {"d": [["w", 0], [0, "w"]]}
+    table = LOOP | {
+        "which": ["nominal*"],
+        "systems": [*LOOP["systems"][:-1], weight],
+        "parameters": [{"name": "w", "nominal": 1.0, "values": [1.0, 4.0]}],
+    }
+    made = run_on(GIVEN, table)
+    assert made.labels == (
+        "nominal, point 1, w=1", "nominal, point 2, w=1", "nominal, point 1, w=4",
+        "nominal, point 2, w=4",
+    )  # fmt: skip
+    assert made.parameters == ("point", "field.own.k", "w")
+    assert_allclose(
+        made.values, [[1, 2, 1, 2], [1, 3, 1, 3], [1, 1, 4, 4]], rtol=0.0
+    )  # fmt: skip
+
+
+def test_models_are_discretised_for_inputs_that_are_held() -> None:
+    table = LOOP | {
+        "systems": [{"model": True, "inputs": ["a"], "outputs": ["r"]}],
+        "outputs": [],
+        "controls": ["a"],
+        "measurements": ["r"],
+        "period_s": 0.5,
+    }
+    made = run_on(GIVEN, table).systems[0]
+    assert made.dt_s == 0.5
+    pole = np.exp(0.5j)
+    found = made.poles[np.argsort(made.poles.imag)]
+    assert_allclose(found, [pole.conjugate()] * 2 + [pole] * 2, rtol=1e-12)
+    with pytest.raises(InputError, match="low_pass is one in continuous time"):
+        run_on(GIVEN, LOOP | {"period_s": 0.5})
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({k: v for k, v in LOOP.items() if k != "needs"}, "given together"),
+        (keys(needs={"models": "given"}), "given together"),
+        (keys(which=["nominal*"]), "which"),
+        (LOOP | {"systems": [LOOP["systems"][0] | {"channels": 2}]}, "stands there once"),
+    ],
+)
+def test_models_and_their_place_are_given_together(table: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        validate(LinearModelsSpec, table, where="stage")
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (LOOP | {"which": ["mean*"]}, "which.*no model 'mean"),
+        (LOOP | {"systems": [{"model": True, "inputs": ["b"], "outputs": ["r"]}]},
+         r"systems\[0\].inputs.*no signal 'b'"),
+        (LOOP | {"parameters": [{"name": "point", "nominal": 1.0}]}, "'point' already"),
+    ],
+)  # fmt: skip
+def test_faults_of_given_models_are_said(table: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        run_on(GIVEN, table)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -142,6 +143,10 @@ def fitted(
             f"more than {tolerance:.3g}; raise the degree, take more samples or allow more"
         )
     coefficients = np.linalg.lstsq(monomials[:, chosen], y.reshape(len(y), -1), rcond=None)[0]
+    # rounding in entries that never change would look like copies
+    same = ~_changing(y).ravel()
+    coefficients[:, same] = 0.0
+    coefficients[chosen.index(0), same] = y[0].ravel()[same]
     terms = {
         exponents[t]: row.reshape(y.shape[1:]) for t, row in zip(chosen, coefficients, strict=True)
     }
@@ -198,7 +203,10 @@ def _scaled(points: Array, uncertainties: Sequence[Uncertainty]) -> Array:
 
 
 def _weights(samples: Array) -> Array:
-    spread = np.ptp(samples, axis=0)
-    size = np.abs(samples).max(axis=0)
-    there = spread > 1e-14 * size
+    spread, there = np.ptp(samples, axis=0), _changing(samples)
     return np.asarray(np.where(there, 1.0 / np.where(there, spread, 1.0), 0.0))
+
+
+def _changing(samples: Array) -> NDArray[np.bool_]:
+    """Return which entries (p, m) differ between samples by more than rounding."""
+    return np.asarray(np.ptp(samples, axis=0) > 1e-14 * np.abs(samples).max(axis=0))

@@ -30,6 +30,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.lti import real_matrix
 from hillsphere_controllers.lft.reduction import minimal
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
@@ -76,11 +77,11 @@ def affine(
         As `polynomial`; or if a name is unknown.
     """
     names = [u.name for u in uncertainties]
-    terms: dict[tuple[int, ...], Array] = {(0,) * len(names): np.asarray(constant, dtype=float)}
+    terms: dict[tuple[int, ...], Array] = {(0,) * len(names): real_matrix(constant, "P₀")}
     for name, matrix in slopes.items():
         if name not in names:
             raise InputError(f"no uncertainty {name!r}; there are: {', '.join(names)}")
-        terms[tuple(int(name == n) for n in names)] = np.asarray(matrix, dtype=float)
+        terms[tuple(int(name == n) for n in names)] = real_matrix(matrix, name)
     return polynomial(terms, uncertainties)
 
 
@@ -307,9 +308,9 @@ def _checked(terms: Terms, uncertainties: Sequence[Uncertainty]) -> dict[tuple[i
         raise InputError(f"a polynomial needs different real parameters, got {', '.join(names)}")
     made: dict[tuple[int, ...], Array] = {}
     for e, matrix in terms.items():
-        if len(e) != len(names) or any(k < 0 for k in e):
-            raise InputError(f"{len(names)} exponents ≥ 0 are needed for each term, got {e}")
-        made[tuple(int(k) for k in e)] = np.asarray(matrix, dtype=float)
+        if len(e) != len(names) or any(k < 0 or k != int(k) for k in e):
+            raise InputError(f"{len(names)} whole exponents ≥ 0 are needed for a term, got {e}")
+        made[tuple(int(k) for k in e)] = real_matrix(matrix, f"the coefficient of {e}")
     shapes = {matrix.shape for matrix in made.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise InputError(f"coefficients must be matrices of one shape, got {sorted(shapes)}")

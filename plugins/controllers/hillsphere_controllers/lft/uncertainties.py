@@ -2,7 +2,7 @@ r"""What is uncertain, and the normalised block that stands for it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal
@@ -13,7 +13,9 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion
 from hillsphere.uncertainty.uncertain import Parametric, uncertain
 
-__all__ = ["Uncertainty", "corners", "dispersed", "random_values", "real_parameter"]
+__all__ = [
+    "Uncertainty", "corners", "dispersed", "physical_values", "random_values", "real_parameter",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,43 @@ def dispersed(
             real_parameter(name, float(lower), float(upper), float(nominal if inside else mean))
         )
     return tuple(made)
+
+
+def physical_values(
+    uncertainties: Sequence[Uncertainty], normalised: Mapping[str, float]
+) -> dict[str, float]:
+    """Return normalised values of real parameters, such as those of a worst case, in their units.
+
+    Parameters
+    ----------
+    uncertainties : sequence of Uncertainty
+        All of an LFT, say.
+    normalised : mapping of str to float
+        δ by name, as of `WorstCase.values` and `WorstCaseGain.values`.
+
+    Returns
+    -------
+    dict of str to float
+        Values by name, in the parameters' units; NaN beyond the pole of a parameter whose nominal
+        value is not in the middle, where no value belongs to δ.
+
+    Raises
+    ------
+    InputError
+        If a name is that of no real parameter.
+    """
+    known = {one.name: one for one in uncertainties if one.kind == "real"}
+    made = {}
+    for name, small in normalised.items():
+        if name not in known:
+            raise InputError(
+                f"no real parameter {name!r}; there {'are' if len(known) > 1 else 'is'} "
+                f"{', '.join(known) or 'none'}"
+            )
+        one = known[name]
+        sensible = 1.0 + one.curvature * small > 0.0
+        made[name] = float(one.physical(np.array(small))) if sensible else np.nan
+    return made
 
 
 def corners(uncertainties: Sequence[Uncertainty]) -> dict[str, Array]:

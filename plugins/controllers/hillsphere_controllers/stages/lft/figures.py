@@ -17,7 +17,7 @@ from hillsphere_controllers.stages.uncertain import lft_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_errors", "draw_responses"]
+__all__ = ["draw_errors", "draw_responses", "draw_sizes"]
 
 _FLOOR = 1e-17
 _DRAWN = 6
@@ -39,6 +39,25 @@ def draw_errors(figure: Figure, product: FittedModels) -> None:
         axes.legend()
 
 
+def draw_sizes(figure: Figure, product: FittedModels) -> None:
+    """Draw the copies of all parameters, one line for each number of standard deviations."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes = figure.add_subplot()
+    alone = len(product.known) == 1
+    along = product.known_values[0] if alone else np.arange(1.0, len(product.models) + 1)
+    lines = list(zip((f"{s:g} σ" for s in product.size_sigmas), product.sizes, strict=True))
+    lines = lines or [("as declared", product.after.sum(axis=1))]
+    for (label, sizes), marker in zip(lines, "osD^v<>" * len(lines), strict=False):
+        axes.plot(along, sizes, marker=marker, label=label)
+    axes.set_xlabel(product.known[0] if alone else "uncertain model")
+    axes.set_ylabel("copies of uncertain parameters")
+    axes.set_ylim(bottom=0.0)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend()
+
+
 def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) -> None:
     """Draw gains of a few models, and of the uncertain model at their parameters."""
     axes = figure.add_subplot()
@@ -51,8 +70,8 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
         lft = lft_of(model)
         values = {
             name: float(models.values[models.parameters.index(name), k])
-            for name, kind in zip(model.names, model.kinds, strict=True)
-            if kind == "real"
+            for name in model.names
+            if name in product.parameters
         }
         system = models.systems[int(k)]
         axes.loglog(

@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.linear_products import LinearModels
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses
+from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses, draw_sizes
 from hillsphere_controllers.stages.lft.products import FittedModels
 
 __all__ = ["presented"]
@@ -30,10 +30,20 @@ def presented(product: FittedModels, models: LinearModels) -> Presentation:
     worst = float(seen.max()) if seen.size else 0.0
     metrics = {
         "lft_size": Metric(max(int((m.times * m.rows).sum()) for m in product.models)),
-        "lft_response_error": Metric(worst),
     }
+    if seen.size:
+        metrics["lft_response_error"] = Metric(worst)
     tables = {"lft_blocks": _blocks(product)}
     figures = {}
+    if not product.exponents and product.parameters:
+        metrics["lft_left_out"] = Metric(float(product.sampled.max()))
+    if len(product.models) > 1 and product.parameters:
+        tables["lft_sizes"] = _sizes(product)
+        figures["lft_sizes"] = Figure(
+            "Size of the uncertain models",
+            partial(draw_sizes, product=product),
+            "Copies of all uncertain parameters together.",
+        )
     if product.exponents:
         metrics["lft_fit_error"] = Metric(max(float(e[-1]) for e in product.errors))
         tables["lft_terms"] = _terms(product)
@@ -43,6 +53,7 @@ def presented(product: FittedModels, models: LinearModels) -> Presentation:
             "Largest error of an entry of [A B; C D] relative to its range over the models; an "
             "exact fit ends in rounding.",
         )
+    if product.parameters and seen.size:
         figures["lft_responses"] = Figure(
             "Models and the uncertain model at their parameters",
             partial(draw_responses, product=product, models=models),
@@ -56,8 +67,8 @@ def _blocks(product: FittedModels) -> Table:
     rows: list[dict[str, Cell]] = []
     for g, model in enumerate(product.models):
         for k, name in enumerate(model.names):
-            real = model.kinds[k] == "real"
-            place = product.parameters.index(name) if real else -1
+            real, fitted = model.kinds[k] == "real", name in product.parameters
+            place = product.parameters.index(name) if fitted else -1
             rows.append(
                 {
                     "model": product.labels[g],
@@ -65,7 +76,7 @@ def _blocks(product: FittedModels) -> Table:
                     "kind": "dynamic" if model.dynamic[k] else model.kinds[k],
                     "rows": int(model.rows[k]),
                     "columns": int(model.columns[k]),
-                    "copies_before": int(product.before[g, place]) if real else 1,
+                    "copies_before": int(product.before[g, place] if fitted else model.times[k]),
                     "copies": int(model.times[k]),
                     "lower": float(model.lower[k]) if real else None,
                     "nominal": float(model.nominal[k]) if real else None,
@@ -95,6 +106,47 @@ def _blocks(product: FittedModels) -> Table:
         if bound > 0.0
     ]
     return Table("Uncertainties", columns, rows, notes or ["No copy with any effect was left out."])
+
+
+def _sizes(product: FittedModels) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for g, label in enumerate(product.labels):
+        row: dict[str, Cell] = {
+            "model": label,
+            "before": int(product.before[g].sum()),
+            "after": int(product.after[g].sum()),
+            "parameters": int(np.count_nonzero(product.after[g])),
+            "dropped": float(product.dropped[g]),
+            "bound": float(product.bound[g]),
+            "sampled": float(product.sampled[g]),
+        }
+        for sigmas, sizes in zip(product.size_sigmas, product.sizes, strict=True):
+            row[_at_sigmas(float(sigmas))] = int(sizes[g])
+        rows.append(row)
+    columns = (
+        Column("model", "", "uncertain model"),
+        Column("before", "-", "copies before reduction"),
+        Column("after", "-", "copies"),
+        Column("parameters", "-", "parameters left"),
+        Column("dropped", "-", "left out, relative to the nominal matrix", 3),
+        Column("bound", "-", "bound of it, relative to the change", 3),
+        Column("sampled", "-", "largest found of it, likewise", 3),
+        *(
+            Column(_at_sigmas(float(sigmas)), "-", f"copies for {sigmas:g} σ")
+            for sigmas in product.size_sigmas
+        ),
+    )
+    notes = [
+        "What is left out: root of the sum of squares of its directions, relative to the nominal "
+        "matrix where parameters change it; largest singular value, relative to that of the "
+        "largest change of [A B; C D], bounded for all values of the parameters, and found at "
+        "random ones. The uncertain models do not cover it."
+    ]
+    return Table("Sizes of the uncertain models", columns, rows, notes)
+
+
+def _at_sigmas(sigmas: float) -> str:
+    return f"copies_{sigmas:g}_sigma".replace(".", "p")
 
 
 def _terms(product: FittedModels) -> Table:
@@ -138,6 +190,11 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
             f"Polynomials stand for the models' matrices to {fit:.2g} of each entry's range; the "
             f"uncertain models' responses are those of {checked} models to {worst:.2g} of their "
             "largest gain."
+        )
+    elif product.parameters:
+        said.append(
+            f"All models are affine in the {len(product.parameters)} uncertain parameters; the "
+            "uncertain models keep their strongest directions."
         )
     if product.beyond:
         said.append(

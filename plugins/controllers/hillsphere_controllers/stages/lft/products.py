@@ -19,7 +19,8 @@ class FittedModels(UncertainModels):
     parameters : tuple of str
         The uncertain parameters, k.
     exponents : tuple of ndarray of int, shape (T, k)
-        Terms of each model's polynomial, in the order of their choice.
+        Terms of each model's polynomial, in the order of their choice; none for affine fits, as are
+        shares, errors and left_out_error.
     shares, errors : tuple of ndarray, shape (T,)
         What each term adds to the explained share of the sum of squares, and the largest error of
         an entry relative to its range with the terms up to each.
@@ -30,15 +31,27 @@ class FittedModels(UncertainModels):
     bound, sampled : ndarray, shape (G,)
         What the reduction costs, relative to the largest change of the matrix [A B; C D]: a bound
         for all Δ, and the largest found at random.
+    dropped : ndarray, shape (G,)
+        Of affine fits: root of the sum of squares of the directions left out, relative to the
+        nominal matrix on the rows and columns that change; zero for others.
     group : ndarray of int, shape (N,)
         Which uncertain model stands for each of the models.
     response_error : ndarray, shape (N,)
         Largest singular value of the difference of the frequency responses, relative to the
-        largest of the model; NaN if its parameters are beyond the bounds.
+        largest of the model; NaN if its parameters are beyond the bounds, and for affine fits,
+        which meet the matrices of all models before anything is left out.
     beyond : float
         By how much the bounds reach beyond the models, relative to these models' range.
     tolerance : float
         What was asked of the fit.
+    known : tuple of str
+        The j known parameters.
+    known_values : ndarray, shape (j, G)
+        Their values, of each uncertain model.
+    size_sigmas : ndarray, shape (s,)
+        Standard deviations for which sizes were compared.
+    sizes : ndarray of int, shape (s, G)
+        Copies of all parameters together with bounds at so many.
     """
 
     parameters: tuple[str, ...]
@@ -50,7 +63,12 @@ class FittedModels(UncertainModels):
     after: Integers
     bound: Array
     sampled: Array
+    dropped: Array
     group: Integers
     response_error: Array
     beyond: float
     tolerance: float
+    known: tuple[str, ...]
+    known_values: Array
+    size_sigmas: Array
+    sizes: Integers

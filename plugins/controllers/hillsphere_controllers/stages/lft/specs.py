@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import model_validator
 
@@ -32,16 +32,39 @@ class BoundSpec(Spec):
 
 
 class UncertainBlockSpec(Spec):
-    """Anything of norm one at most, between signals of the models."""
+    """Anything of norm one at most, or one number on all channels, between models' signals."""
 
-    examples = ({"name": "actuator", "outputs": ["z_delta"], "inputs": ["w_delta"]},)
+    examples = (
+        {"name": "actuator", "outputs": ["z_delta"], "inputs": ["w_delta"]},
+        {"name": "coupling", "kind": "real", "outputs": ["z_od"], "inputs": ["w_od"]},
+        {"name": "actuator.gain.ax", "kind": "real", "lower": 0.95, "upper": 1.05,
+         "outputs": ["z_act[0]"], "inputs": ["w_act[0]"]},
+    )  # fmt: skip
 
     name: str = option("of the uncertainty")
     outputs: tuple[str, ...] = option("outputs of the models that it takes", min_length=1)
     inputs: tuple[str, ...] = option("inputs of the models that it gives", min_length=1)
-    dynamic: bool = option(
-        "whether it may be any stable system, or a matrix of complex numbers only", default=True
+    kind: Literal["full", "complex", "real"] = option(
+        "a matrix of norm one at most; or one number of modulus one at most, complex or real, "
+        "times the identity: as many inputs as outputs, a copy of it for each",
+        default="full",
     )
+    dynamic: bool = option(
+        "'full', 'complex': whether it may be any stable system, or complex numbers only",
+        default=True,
+    )
+    lower: float = option(
+        "'real': what the number -1 stands for, for tables and worst cases", default=-1.0
+    )
+    upper: float = option("'real': what the number 1 stands for", default=1.0)
+
+    @model_validator(mode="after")
+    def _of_its_kind(self) -> Self:
+        if not self.lower < self.upper:
+            raise rule("upper", f"must be above lower, {self.lower:g}")
+        if self.kind != "real" and (self.lower, self.upper) != (-1.0, 1.0):
+            raise rule("lower", "only a real number has bounds; leave them out")
+        return self
 
 
 class LftNeeds(Spec):
@@ -66,6 +89,14 @@ class LftSpec(StageSpec):
             "reduction": 0.01,
         },
         {"needs": {"models": "models"}, "dispersions": ["rates"], "sigmas": 2},
+        {
+            "needs": {"models": "models"},
+            "known": ["point"],
+            "dispersions": ["field"],
+            "fit": "affine",
+            "truncation": 0.05,
+            "compare_sigmas": [2, 3],
+        },
     )
 
     needs: LftNeeds = option("products of earlier stages")
@@ -87,18 +118,51 @@ class LftSpec(StageSpec):
     blocks: tuple[UncertainBlockSpec, ...] = option(
         "uncertainties between signals of the models, beside the parameters", default=()
     )
-    degree: int = option("largest sum of exponents of a term", default=3, ge=0, le=12)
+    fit: Literal["polynomial", "affine"] = option(
+        "how the matrices depend on the parameters: polynomials by least squares; or affine, exact "
+        "from the nominal model and one for each parameter, and refused if another model "
+        "contradicts",
+        default="polynomial",
+    )
+    degree: int = option("'polynomial': largest sum of exponents of a term", default=3, ge=0, le=12)
     tolerance: float = option(
-        "error of an entry, relative to its range over the models, at which no more terms are "
-        "added",
+        "'polynomial': error of an entry, relative to its range over the models, at which no more "
+        "terms are added",
         default=1e-6, gt=0,
     )  # fmt: skip
-    most_terms: int | None = option("so many terms suffice, whatever the error", default=None, ge=1)
+    most_terms: int | None = option(
+        "'polynomial': so many terms suffice, whatever the error", default=None, ge=1
+    )
     reduction: float = option(
-        "error that fewer copies of parameters may cost, relative to the largest change of the "
-        "matrices over the models; 0: only copies without effect are taken out",
+        "'polynomial': error that fewer copies of parameters may cost, relative to the largest "
+        "change of the matrices over the models; 0: only copies without effect are taken out",
         default=0.0, ge=0, lt=1,
     )  # fmt: skip
+    truncation: float = option(
+        "'affine': the weakest directions of all parameters are left out as long as the root of "
+        "the sum of their squares is no more than this share of the nominal matrix, on the rows "
+        "and columns that change; 0: none are",
+        default=0.0, ge=0, lt=1,
+    )  # fmt: skip
+    compare_sigmas: tuple[float, ...] = option(
+        "'affine': numbers of standard deviations of the dispersions for which the copies are "
+        "counted, for a table and a figure",
+        default=(), gt=0,
+    )  # fmt: skip
+
+    @model_validator(mode="after")
+    def _of_its_fit(self) -> Self:
+        own = {
+            "polynomial": ("degree", "tolerance", "most_terms", "reduction"),
+            "affine": ("truncation", "compare_sigmas"),
+        }
+        for fit, keys in own.items():
+            for key in keys:
+                if fit != self.fit and key in self.model_fields_set:
+                    raise rule(key, f"belongs to fit = {fit!r}; leave it out")
+        if self.compare_sigmas and not self.dispersions:
+            raise rule("compare_sigmas", "needs dispersions, whose standard deviations are meant")
+        return self
 
     @model_validator(mode="after")
     def _once(self) -> Self:

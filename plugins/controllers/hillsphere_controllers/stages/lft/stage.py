@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Context, Integers, Parameter
+from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
-from hillsphere.problems import did_you_mean
-from hillsphere_controllers.lft.algebra import state_space
-from hillsphere_controllers.lft.fitting import PolynomialFit, fitted
-from hillsphere_controllers.lft.reduction import Reduced, reduced
 from hillsphere_controllers.lft.transformation import Lft
-from hillsphere_controllers.lft.uncertainties import Uncertainty, dispersed, real_parameter
+from hillsphere_controllers.lft.uncertainties import Uncertainty, real_parameter
 from hillsphere_controllers.stages.frequencies import frequencies
+from hillsphere_controllers.stages.lft.fits import Fit, by_affine, by_polynomial, certain
+from hillsphere_controllers.stages.lft.parameters import (
+    grouped,
+    reaching_beyond,
+    uncertain_parameters,
+)
 from hillsphere_controllers.stages.lft.presentation import presented
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.lft.specs import LftSpec, UncertainBlockSpec
@@ -28,34 +30,6 @@ from hillsphere_controllers.stages.uncertain import uncertain_model
 __all__ = ["LftStage"]
 
 _BEYOND = 1e-9
-
-
-@dataclass(frozen=True)
-class _Parameters:
-    """Parameters of linear models, for dispersions."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    nominal: Array
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return them."""
-        return tuple(
-            Parameter(name, float(value), unit)
-            for name, value, unit in zip(self.names, self.nominal, self.units, strict=True)
-        )
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """One uncertain model."""
-
-    lft: Lft
-    fit: PolynomialFit | None
-    before: Integers
-    after: Integers
-    bound: float
-    sampled: float
 
 
 class LftStage:
@@ -91,28 +65,33 @@ class LftStage:
             If a name is unknown, a bound does not fit, or the models cannot be fitted so well.
         """
         spec = self.spec
-        parameters = self._uncertain(models)
+        parameters = uncertain_parameters(models, spec)
         if not (parameters or spec.blocks):
             raise InputError(
                 "nothing is uncertain: all parameters of the models are known or have one value "
                 "only; vary one, or name blocks"
             )
-        groups, labels, group = self._groups(models)
-        advance = ctx.track("uncertain models", len(groups))
-        found: list[_Fit] = []
+        others = [uncertain_parameters(models, spec, sigmas) for sigmas in spec.compare_sigmas]
+        groups = grouped(models, spec.known)
+        advance = ctx.track("uncertain models", len(groups.members))
+        found: list[Fit] = []
         response_error = np.full(len(models.systems), np.nan)
-        for members in groups:
-            found.append(self._fitted(models, members, parameters))
-            response_error[members] = _response_errors(found[-1].lft, models, members, parameters)
+        for members in groups.members:
+            found.append(self._fitted(models, members, parameters, others))
+            if spec.fit == "polynomial":
+                # an affine fit was compared with all matrices already
+                response_error[members] = _response_errors(
+                    found[-1].lft, models, members, parameters
+                )
             advance(1)
         signals = models.systems[0]
         blocks = [_with_blocks(one.lft, signals, spec.blocks, models) for one in found]
         units = dict(zip(models.parameters, models.units, strict=True))
-        fits = [one.fit for one in found if one.fit is not None]
+        fits = [one.polynomial for one in found if one.polynomial is not None]
         count = len(parameters)
         return FittedModels(
             models=tuple(uncertain_model(lft, units) for lft in blocks),
-            labels=labels,
+            labels=groups.labels,
             controls=models.controls,
             measurements=models.measurements,
             parameters=tuple(u.name for u in parameters),
@@ -128,101 +107,38 @@ class LftStage:
             after=np.array([one.after for one in found], dtype=np.int64).reshape(len(found), count),
             bound=np.array([one.bound for one in found]),
             sampled=np.array([one.sampled for one in found]),
-            group=group,
+            dropped=np.array([one.dropped for one in found]),
+            group=groups.group,
             response_error=response_error,
-            beyond=_beyond(models, parameters),
+            beyond=reaching_beyond(models, parameters) if spec.fit == "polynomial" else 0.0,
             tolerance=spec.tolerance,
+            known=spec.known,
+            known_values=groups.values,
+            size_sigmas=np.array(spec.compare_sigmas),
+            sizes=np.array([one.sizes for one in found], dtype=np.int64).T.reshape(
+                len(spec.compare_sigmas), len(found)
+            ),
         )
 
     def present(self, product: FittedModels, models: LinearModels) -> Presentation:
-        """Show blocks, terms, errors, and frequency responses beside those of the models."""
+        """Show blocks, terms, errors, sizes, and responses beside those of the models."""
         return presented(product, models)
 
-    def _uncertain(self, models: LinearModels) -> tuple[Uncertainty, ...]:
-        """Return the uncertain parameters with their bounds, in the order of the models."""
-        spec = self.spec
-        for key, names in (
-            ("bounds", [bound.parameter for bound in spec.bounds]),
-            ("known", list(spec.known)),
-        ):
-            for name in names:
-                if name not in models.parameters:
-                    raise InputError(
-                        f"{key}: the models have no parameter {name!r}"
-                        f"{did_you_mean(name, models.parameters, otherwise='there are')}"
-                    )
-        own = _Parameters(models.parameters, models.units, models.nominal)
-        bounded = {
-            u.name: u
-            for ref in spec.dispersions
-            for u in dispersed(own, ref.get(), sigmas=spec.sigmas)
-        }
-        for bound in spec.bounds:
-            bounded[bound.parameter] = real_parameter(
-                bound.parameter, bound.lower, bound.upper, bound.nominal
-            )
-        found = []
-        for k, name in enumerate(models.parameters):
-            low, high = float(models.values[k].min()), float(models.values[k].max())
-            if name in spec.known or (low == high and name not in bounded):
-                continue
-            if low == high:
-                raise InputError(
-                    f"{name} has bounds, but all models have the same value of it, {low:.6g}; make "
-                    "models at several values"
-                )
-            nominal = float(models.nominal[k])
-            inside = low < nominal < high
-            found.append(
-                bounded.get(name) or real_parameter(name, low, high, nominal if inside else None)
-            )
-        return tuple(found)
-
-    def _groups(self, models: LinearModels) -> tuple[list[Integers], tuple[str, ...], Integers]:
-        """Return the models of each combination of known parameters, names, and all groups."""
-        rows = [models.parameters.index(name) for name in self.spec.known]
-        if not rows:
-            all_models = np.arange(len(models.systems), dtype=np.int64)
-            return [all_models], ("uncertain",), np.zeros(len(all_models), dtype=np.int64)
-        points, group = np.unique(models.values[rows], axis=1, return_inverse=True)
-        group = np.asarray(group, dtype=np.int64).ravel()
-        labels = tuple(
-            ", ".join(f"{models.parameters[r]}={v:.6g}" for r, v in zip(rows, point, strict=True))
-            for point in points.T
-        )
-        return [np.flatnonzero(group == g) for g in range(points.shape[1])], labels, group
-
     def _fitted(
-        self, models: LinearModels, members: Integers, parameters: tuple[Uncertainty, ...]
-    ) -> _Fit:
-        spec, first = self.spec, models.systems[int(members[0])]
-        samples = np.array([_matrix(models.systems[int(k)]) for k in members])
+        self,
+        models: LinearModels,
+        members: Integers,
+        parameters: tuple[Uncertainty, ...],
+        others: Sequence[tuple[Uncertainty, ...]],
+    ) -> Fit:
+        systems = [models.systems[int(k)] for k in members]
         if not parameters:
-            none = np.zeros(0, dtype=np.int64)
-            return _Fit(Lft(first), None, none, none, 0.0, 0.0)
+            return certain(systems[0])
         rows = [models.parameters.index(u.name) for u in parameters]
-        fit = fitted(
-            models.values[rows][:, members], samples, parameters, degree=spec.degree,
-            tolerance=spec.tolerance, most_terms=spec.most_terms,
-        )  # fmt: skip
-        lft = fit.lft()
-        middle = fit(np.array([[u.nominal] for u in parameters]))[0]
-        size = float(np.linalg.norm(samples - middle, 2, axis=(1, 2)).max())
-        less: Reduced = reduced(lft, spec.reduction * size)
-        one = state_space(less.lft, first.order, first.dt_s)
-        return _Fit(
-            one, fit, _copies(lft, parameters), _copies(less.lft, parameters),
-            less.bound / size, less.sampled / size,
-        )  # fmt: skip
-
-
-def _matrix(system: LtiSystem) -> Array:
-    return np.block([[system.a, system.b], [system.c, system.d]])
-
-
-def _copies(lft: Lft, parameters: Sequence[Uncertainty]) -> Integers:
-    times = dict(zip((u.name for u in lft.uncertainties), lft.times, strict=True))
-    return np.array([times.get(u.name, 0) for u in parameters], dtype=np.int64)
+        points = models.values[rows][:, members]
+        if self.spec.fit == "affine":
+            return by_affine(points, systems, parameters, others, self.spec)
+        return by_polynomial(points, systems, parameters, self.spec)
 
 
 def _response_errors(
@@ -251,16 +167,6 @@ def _response_errors(
     return made
 
 
-def _beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
-    """Return by how much bounds reach beyond the models, relative to their range."""
-    most = 0.0
-    for one in parameters:
-        values = models.values[models.parameters.index(one.name)]
-        low, high = float(values.min()), float(values.max())
-        most = max(most, (low - one.lower) / (high - low), (one.upper - high) / (high - low))
-    return most if most > _BEYOND else 0.0
-
-
 def _with_blocks(
     lft: Lft, signals: LtiSystem, blocks: Sequence[UncertainBlockSpec], models: LinearModels
 ) -> Lft:
@@ -270,12 +176,15 @@ def _with_blocks(
     rows: list[int] = []
     columns: list[int] = []
     more: list[Uncertainty] = []
+    times: list[int] = []
     for k, block in enumerate(blocks):
         of = places(signals.outputs[: p - models.measurements], block.outputs, f"blocks[{k}]")
         to = places(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
         rows += of
         columns += to
-        more.append(Uncertainty(block.name, "full", len(to), len(of), dynamic=block.dynamic))
+        one, copies = _uncertainty(block, len(to), len(of), f"blocks[{k}]")
+        more.append(one)
+        times.append(copies)
     if len(set(rows)) < len(rows) or len(set(columns)) < len(columns):
         raise InputError("blocks: a signal belongs to two blocks")
     left_rows = [i for i in range(p) if i not in rows]
@@ -292,8 +201,24 @@ def _with_blocks(
         lft,
         system=system,
         uncertainties=(*lft.uncertainties, *more),
-        times=(*lft.times, *(1 for _ in more)),
+        times=(*lft.times, *times),
     )
+
+
+def _uncertainty(
+    block: UncertainBlockSpec, rows: int, columns: int, key: str
+) -> tuple[Uncertainty, int]:
+    """Return what a block is, and how often it stands there."""
+    if block.kind == "full":
+        return Uncertainty(block.name, "full", rows, columns, dynamic=block.dynamic), 1
+    if rows != columns:
+        raise InputError(
+            f"{key}: a {block.kind} number takes as many outputs as it gives inputs, got {columns} "
+            f"and {rows}"
+        )
+    if block.kind == "real":
+        return real_parameter(block.name, block.lower, block.upper), rows
+    return Uncertainty(block.name, "complex", dynamic=block.dynamic), rows
 
 
 def _inner_names(lft: Lft) -> tuple[list[str], list[str]]:

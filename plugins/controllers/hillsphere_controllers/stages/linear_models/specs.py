@@ -8,13 +8,13 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hillsphere.errors import InputError
-from hillsphere.spec import DataPath, Spec, StageSpec, data_path, option, quantity
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity
 from hillsphere_controllers.stages.faults import only_one, rule
 from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, names_in
 
 __all__ = [
-    "InterconnectionSpec", "LinearModelsSpec", "ParameterSpec", "PerformanceSpec", "ShelvingSpec",
-    "SystemSpec",
+    "DelaySpec", "InterconnectionSpec", "LinearModelsNeeds", "LinearModelsSpec", "LowPassSpec",
+    "ParameterSpec", "PerformanceSpec", "ShelvingSpec", "SystemSpec",
 ]  # fmt: skip
 
 Entry = float | str
@@ -61,8 +61,28 @@ class PerformanceSpec(Spec):
         return self
 
 
+class DelaySpec(Spec):
+    """A delay, as a rational function of s (Padé)."""
+
+    examples = ({"time_s": 30, "order": 2},)
+
+    time_s: float = quantity(
+        "time", "how late; half a period stands for a hold between samples", gt=0
+    )
+    order: int = option("of the rational function", default=1, ge=1, le=8)
+
+
+class LowPassSpec(Spec):
+    """Equal first-order filters one after the other, gain one at zero frequency."""
+
+    examples = ({"frequency_hz": 0.05},)
+
+    frequency_hz: float = quantity("frequency", "corner of each filter", gt=0)
+    order: int = option("how many", default=1, ge=1, le=10)
+
+
 class SystemSpec(Spec):
-    """One linear system, by matrices, a transfer function, a weight, or a file."""
+    """One linear system: by matrices, transfer function, weight, filter or file, or a model."""
 
     examples = (
         {"a": [["-rate"]], "b": [[1]], "c": [[1]], "inputs": ["v"], "outputs": ["y"]},
@@ -71,12 +91,18 @@ class SystemSpec(Spec):
         {"shelving": {"low": 100, "high": 0.5, "frequency_rad_s": 1}, "inputs": ["e"],
          "outputs": ["z"], "channels": 2},
         {"file": "plant.mat", "variable": "P", "inputs": ["u"], "outputs": ["y"]},
+        {"low_pass": {"frequency_hz": 0.05}, "inputs": ["r"], "outputs": ["r_hat"], "channels": 3},
+        {"delay": {"time_s": 30}, "inputs": ["u"], "outputs": ["a"], "channels": 3},
+        {"model": True, "inputs": ["a"], "outputs": ["r", "v"]},
     )  # fmt: skip
 
     inputs: tuple[str, ...] = option(
-        "names of its inputs; one name u stands for u[0], u[1] … if there are several", min_length=1
+        "names of its inputs; one name u stands for u[0], u[1] … if there are several; of a model "
+        "those inputs of its own that are used",
+        min_length=1,
     )
     outputs: tuple[str, ...] = option("names of its outputs, likewise", min_length=1)
+    model: bool = option("whether it is the model of needs.models, each in turn", default=False)
     a: EntryMatrix = option(
         "A, row by row; an entry is a number or a formula of parameters; left out: no states",
         default=(),
@@ -94,6 +120,8 @@ class SystemSpec(Spec):
     performance: PerformanceSpec | None = option(
         "a weight of the sensitivity by bandwidth, peak and steady error", default=None
     )
+    low_pass: LowPassSpec | None = option("a filter without gain", default=None)
+    delay: DelaySpec | None = option("a delay", default=None)
     file: DataPath | None = data_path(
         "a file .mat or .npz with the matrices a, b, c, d", default=None
     )
@@ -109,11 +137,16 @@ class SystemSpec(Spec):
             "numerator": bool(self.numerator or self.denominator),
             "shelving": self.shelving is not None,
             "performance": self.performance is not None,
+            "low_pass": self.low_pass is not None,
+            "delay": self.delay is not None,
             "file": self.file is not None,
+            "model": self.model,
         }
         only_one([key for key, given in ways.items() if given], ways, "d")
         if ways["numerator"] and not (self.numerator and self.denominator):
             raise rule("denominator", "a transfer function needs numerator and denominator")
+        if self.model and self.channels > 1:
+            raise rule("channels", "a model stands there once")
         if ways["d"]:
             self._check_shapes()
         for key, entry in self.entries():
@@ -205,6 +238,17 @@ class InterconnectionSpec(Spec):
         return self
 
 
+class LinearModelsNeeds(Spec):
+    """Products of earlier stages that ``linear_models`` takes."""
+
+    models: Ref | None = need(
+        "hillsphere.linear_products:LinearModels",
+        "models, such as those of a plant along a trajectory, each of which takes the place of the "
+        "system with model = true",
+        default=None,
+    )
+
+
 class LinearModelsSpec(InterconnectionSpec, StageSpec):
     """Linear models of one plant, weights and all, at one or more values of its parameters."""
 
@@ -234,8 +278,27 @@ class LinearModelsSpec(InterconnectionSpec, StageSpec):
             "controls": ["u"],
             "measurements": ["y"],
         },
-    )
+        {
+            "needs": {"models": "models"},
+            "which": ["nominal*"],
+            "systems": [
+                {"model": True, "inputs": ["a"], "outputs": ["r", "v"]},
+                {"low_pass": {"frequency_hz": 0.05}, "channels": 3, "inputs": ["r"],
+                 "outputs": ["r_hat"]},
+            ],
+            "inputs": [],
+            "outputs": ["v"],
+            "controls": ["a"],
+            "measurements": ["r_hat"],
+        },
+    )  # fmt: skip
 
+    needs: LinearModelsNeeds = option("products of earlier stages", default=LinearModelsNeeds())
+    which: tuple[str, ...] = option(
+        "names of the models of needs.models that are taken; * stands for any characters; left "
+        "out: all",
+        default=(),
+    )
     parameters: tuple[ParameterSpec, ...] = option(
         "what the formulas may name", default=(), max_length=50
     )
@@ -247,7 +310,8 @@ class LinearModelsSpec(InterconnectionSpec, StageSpec):
     controls: tuple[str, ...] = option("signals that a controller commands", default=())
     measurements: tuple[str, ...] = option("signals that a controller sees", default=())
     period_s: float | None = quantity(
-        "time", "sampling period of systems in discrete time; left out: continuous time",
+        "time", "sampling period of systems in discrete time; models in continuous time are "
+        "discretised exactly, for inputs that are held; left out: continuous time",
         default=None, gt=0,
     )  # fmt: skip
 
@@ -265,6 +329,12 @@ class LinearModelsSpec(InterconnectionSpec, StageSpec):
                         f"{entry!r}: no parameter {min(unknown)!r}; there are: "
                         f"{', '.join(names) or 'none'}",
                     )
+        taken = sum(system.model for system in self.systems)
+        if taken > 1 or bool(taken) != (self.needs.models is not None):
+            text = "needs.models and just one system with model = true are given together"
+            raise rule("systems", text)
+        if self.which and not taken:
+            raise rule("which", "names models of needs.models; leave it out")
         if bool(self.controls) != bool(self.measurements):
             key = "measurements" if self.controls else "controls"
             raise rule(key, "controls and measurements are given together, or neither")

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product as combinations
 
 import numpy as np
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
 from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
+from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.stages.linear_models.presentation import presented
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
-from hillsphere_controllers.stages.linear_models.systems import connected_of
+from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of
 
 __all__ = ["LinearModelsStage"]
 
@@ -29,13 +32,15 @@ class LinearModelsStage:
     def __init__(self, spec: LinearModelsSpec) -> None:
         self.spec = spec
 
-    def run(self, ctx: Context) -> LinearModels:
+    def run(self, ctx: Context, models: LinearModels | None = None) -> LinearModels:
         """Make the models.
 
         Parameters
         ----------
         ctx : Context
             Progress.
+        models : LinearModels, optional
+            Each of which is connected to the other systems.
 
         Returns
         -------
@@ -49,46 +54,90 @@ class LinearModelsStage:
             If a system cannot be made, or they do not connect.
         """
         spec = self.spec
+        given = _taken(models, spec.which)
+        points = _points(spec)
         names = [parameter.name for parameter in spec.parameters]
-        axes = [parameter.values or (parameter.nominal,) for parameter in spec.parameters]
-        if spec.combine == "list":
-            count = max((len(axis) for axis in axes), default=1)
-            points = list(
-                zip(*(axis if len(axis) == count else axis * count for axis in axes), strict=True)
-            ) or [()]
-        else:
-            points = list(combinations(*axes))
-        advance = ctx.track("models", len(points))
+        if models is not None and (both := set(names) & set(models.parameters)):
+            raise InputError(f"parameters: the models of needs.models have {min(both)!r} already")
+        advance = ctx.track("models", len(points) * len(given))
         systems: list[LtiSystem] = []
         parts: list[tuple[LtiSystem, ...]] = []
         for point in points:
-            made, beside = connected_of(spec, dict(zip(names, point, strict=True)), spec.period_s)
-            systems.append(made)
-            parts.append(beside)
-            advance(1)
-        varying = [k for k, axis in enumerate(axes) if len(axis) > 1]
-        labels = [
-            ", ".join(f"{names[k]}={point[k]:.6g}" for k in varying) or "nominal"
-            for point in points
-        ]
-        if len(set(labels)) < len(labels):
-            labels = [f"{label} ({k})" for k, label in enumerate(labels)]
+            values = dict(zip(names, point, strict=True))
+            own: tuple[LtiSystem, ...] | None = None
+            for one in given:
+                made = parts_of(spec, values, spec.period_s, one.system, own)
+                own = own or made
+                parts.append(made)
+                systems.append(connected_of(spec, made))
+                advance(1)
         controls, measurements = _width(spec, systems[0])
+        units = tuple(parameter.unit for parameter in spec.parameters)
+        nominal = np.array([parameter.nominal for parameter in spec.parameters])
         return LinearModels(
             systems=tuple(systems),
-            labels=tuple(labels),
-            parameters=tuple(names),
-            units=tuple(parameter.unit for parameter in spec.parameters),
-            values=np.array(points, dtype=float).reshape(len(points), len(names)).T,
-            nominal=np.array([parameter.nominal for parameter in spec.parameters]),
+            labels=_labels(spec, points, [one.label for one in given]),
+            parameters=(*(models.parameters if models else ()), *names),
+            units=(*(models.units if models else ()), *units),
+            values=np.array([(*one.values, *point) for point in points for one in given])
+            .reshape(len(systems), -1)
+            .T,
+            nominal=np.concatenate([models.nominal if models else np.zeros(0), nominal]),
             controls=controls,
             measurements=measurements,
-            weights=_weights(parts, systems[0], measurements),
+            weights=_weights(parts, systems[0], measurements, models),
         )
 
-    def present(self, product: LinearModels) -> Presentation:
+    def present(self, product: LinearModels, models: LinearModels | None = None) -> Presentation:
         """Show orders, poles and the gains from controls to measurements."""
         return presented(product)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """A model that the others are connected to, or none."""
+
+    system: LtiSystem | None
+    label: str
+    values: tuple[float, ...]
+
+
+def _taken(models: LinearModels | None, which: tuple[str, ...]) -> list[_Given]:
+    if models is None:
+        return [_Given(None, "", ())]
+    names = matched(which, models.labels, "which: needs.models", "model") if which else ()
+    return [
+        _Given(system, label, tuple(values))
+        for system, label, values in zip(
+            models.systems, models.labels, models.values.T.tolist(), strict=True
+        )
+        if not which or label in names
+    ]
+
+
+def _points(spec: LinearModelsSpec) -> list[tuple[float, ...]]:
+    """Return the values of the parameters, model by model."""
+    axes = [parameter.values or (parameter.nominal,) for parameter in spec.parameters]
+    if spec.combine == "grid":
+        return list(combinations(*axes))
+    count = max((len(axis) for axis in axes), default=1)
+    spread = (axis if len(axis) == count else axis * count for axis in axes)
+    return list(zip(*spread, strict=True)) or [()]
+
+
+def _labels(
+    spec: LinearModelsSpec, points: list[tuple[float, ...]], given: list[str]
+) -> tuple[str, ...]:
+    varying = [k for k, one in enumerate(spec.parameters) if len(one.values) > 1]
+    own = [
+        ", ".join(f"{spec.parameters[k].name}={point[k]:.6g}" for k in varying) for point in points
+    ]
+    labels = [
+        ", ".join(filter(None, (label, text))) or "nominal" for text in own for label in given
+    ]
+    if len(set(labels)) < len(labels):
+        labels = [f"{label} ({k})" for k, label in enumerate(labels)]
+    return tuple(labels)
 
 
 def _width(spec: LinearModelsSpec, system: LtiSystem) -> tuple[int, int]:
@@ -104,16 +153,20 @@ def _width(spec: LinearModelsSpec, system: LtiSystem) -> tuple[int, int]:
 
 
 def _weights(
-    parts: list[tuple[LtiSystem, ...]], system: LtiSystem, measurements: int
+    parts: list[tuple[LtiSystem, ...]],
+    system: LtiSystem,
+    measurements: int,
+    models: LinearModels | None,
 ) -> tuple[LtiSystem, ...]:
+    """Return square systems whose outputs are the models', the same in all of them."""
     seen = set(system.outputs[: len(system.outputs) - measurements])
-    found = []
+    found = [one for one in (models.weights if models else ()) if set(one.outputs) <= seen]
     for versions in zip(*parts, strict=True):
         one = versions[0]
         same = all(
-            np.array_equal(getattr(one, key), getattr(other, key))
+            one is other
+            or all(np.array_equal(getattr(one, key), getattr(other, key)) for key in "abcd")
             for other in versions[1:]
-            for key in "abcd"
         )
         if same and one.shape[0] == one.shape[1] and set(one.outputs) <= seen:
             found.append(one)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import pi
 from pathlib import Path
 
 import numpy as np
@@ -16,47 +17,110 @@ from hillsphere_controllers.stages.linear_models.expressions import value_of
 from hillsphere_controllers.stages.linear_models.specs import (
     EntryMatrix,
     InterconnectionSpec,
+    LowPassSpec,
     PerformanceSpec,
     ShelvingSpec,
     SystemSpec,
 )
-from hillsphere_controllers.systems.algebra import append
+from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.systems.algebra import append, series
 from hillsphere_controllers.systems.conversion import transfer_function
+from hillsphere_controllers.systems.delay import pade_delay
 from hillsphere_controllers.systems.exchange import load_mat
+from hillsphere_controllers.systems.holding import held
 from hillsphere_controllers.systems.interconnection import connect, with_names
 from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
 
-__all__ = ["connected_of", "performance_of", "shelving_of", "system_of"]
+__all__ = ["connected_of", "model_part", "parts_of", "performance_of", "shelving_of", "system_of"]
 
 Values = Mapping[str, float]
 
 
-def connected_of(
-    spec: InterconnectionSpec, values: Values, period_s: float | None = None
-) -> tuple[LtiSystem, tuple[LtiSystem, ...]]:
-    """Return systems connected as a mission says, and the systems themselves with their names.
+def connected_of(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSystem:
+    """Return systems connected as a mission says.
 
     Parameters
     ----------
     spec : InterconnectionSpec
-        Systems, junctions, signals; of a `LinearModelsSpec` the controls are the last inputs, the
+        Junctions and signals; of a `LinearModelsSpec` the controls are the last inputs, the
         measurements the last outputs.
-    values : mapping of str to float
-        Of the parameters.
-    period_s : float or None
-        Sampling period, s.
+    parts : sequence of LtiSystem
+        Its systems with their names.
 
     Raises
     ------
     InputError
-        If a system cannot be made, or they do not connect; the key is named.
+        If they do not connect.
     """
-    parts = tuple(
-        system_of(one, values, period_s, f"systems[{k}]") for k, one in enumerate(spec.systems)
-    )
     inputs = [*spec.inputs, *getattr(spec, "controls", ())]
     outputs = [*spec.outputs, *getattr(spec, "measurements", ())]
-    return connect(parts, spec.junctions, inputs, outputs), parts
+    return connect(parts, spec.junctions, inputs, outputs)
+
+
+def parts_of(
+    spec: InterconnectionSpec,
+    values: Values,
+    period_s: float | None = None,
+    model: LtiSystem | None = None,
+    known: Sequence[LtiSystem] | None = None,
+) -> tuple[LtiSystem, ...]:
+    """Return the systems that a mission names, with the names of their signals.
+
+    Parameters
+    ----------
+    spec : InterconnectionSpec
+        The systems.
+    values : mapping of str to float
+        Of the parameters.
+    period_s : float or None
+        Sampling period, s.
+    model : LtiSystem, optional
+        For the system with ``model = true``.
+    known : sequence of LtiSystem, optional
+        The same systems with another model: all others are taken from there.
+
+    Raises
+    ------
+    InputError
+        If a system cannot be made; the key is named.
+    """
+    return tuple(
+        model_part(one, model, period_s, f"systems[{k}]")
+        if one.model
+        else known[k]
+        if known is not None
+        else system_of(one, values, period_s, f"systems[{k}]")
+        for k, one in enumerate(spec.systems)
+    )
+
+
+def model_part(
+    spec: SystemSpec, model: LtiSystem | None, period_s: float | None = None, key: str = "system"
+) -> LtiSystem:
+    """Return what a mission uses of a model.
+
+    Parameters
+    ----------
+    spec : SystemSpec
+        Which inputs and outputs.
+    model : LtiSystem or None
+        The model.
+    period_s : float or None
+        Sampling period, s, to which a model in continuous time is brought, its inputs held.
+    key : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        If there is no model, or no such signal.
+    """
+    if model is None:
+        raise InputError(f"{key}: no models are there; they come with needs.models")
+    rows = places(model.outputs, spec.outputs, f"{key}.outputs")
+    columns = places(model.inputs, spec.inputs, f"{key}.inputs")
+    used = model.of([model.outputs[i] for i in rows], [model.inputs[j] for j in columns])
+    return held(used, period_s) if period_s is not None and used.dt_s is None else used
 
 
 def system_of(
@@ -106,6 +170,11 @@ def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem
         return shelving_of(spec.shelving, period_s)
     if spec.performance is not None:
         return performance_of(spec.performance, period_s)
+    if spec.low_pass is not None:
+        return _low_pass(spec.low_pass, period_s)
+    if spec.delay is not None:
+        _only_continuous("delay", period_s)
+        return pade_delay(spec.delay.time_s, spec.delay.order)
     if spec.numerator:
         top, bottom = (
             [value_of(entry, values) for entry in polynomial]
@@ -122,6 +191,17 @@ def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem
     return LtiSystem(
         made(spec.a, n, n), made(spec.b, n, m), made(spec.c, p, n), made(spec.d, p, m), period_s
     )
+
+
+def _low_pass(spec: LowPassSpec, period_s: float | None) -> LtiSystem:
+    _only_continuous("low_pass", period_s)
+    corner = 2.0 * pi * spec.frequency_hz
+    return series(*[transfer_function([corner], [1.0, corner])] * spec.order)
+
+
+def _only_continuous(key: str, period_s: float | None) -> None:
+    if period_s is not None:
+        raise InputError(f"{key} is one in continuous time; write its transfer function of z")
 
 
 def _names(given: tuple[str, ...]) -> str | tuple[str, ...]:

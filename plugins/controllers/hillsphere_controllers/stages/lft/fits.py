@@ -1,0 +1,140 @@
+"""From matrices of models over their parameters to an uncertain matrix, by one way or the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.interfaces import Array, Integers
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.lft.affine import affine_fit, affine_lft
+from hillsphere_controllers.lft.algebra import state_space
+from hillsphere_controllers.lft.fitting import PolynomialFit, fitted
+from hillsphere_controllers.lft.reduction import Reduced, reduced
+from hillsphere_controllers.lft.transformation import Lft
+from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.stages.lft.specs import LftSpec
+
+__all__ = ["Fit", "by_affine", "by_polynomial", "certain"]
+
+_AFFINE = 1e-9
+"""Error of an entry, relative to its range, up to which models are affine in their parameters."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One uncertain model.
+
+    Parameters
+    ----------
+    lft : Lft
+        The model.
+    polynomial : PolynomialFit or None
+        What it was made of, if that is a polynomial.
+    before, after : ndarray of int, shape (k,)
+        Copies of each parameter before and after what was left out.
+    bound, sampled : float
+        What that costs, relative to the largest change of the matrix.
+    dropped : float
+        Of an affine fit, see `AffineLft.dropped`; else zero.
+    sizes : ndarray of int, shape (s,)
+        Copies of all parameters together with other bounds.
+    """
+
+    lft: Lft
+    polynomial: PolynomialFit | None
+    before: Integers
+    after: Integers
+    bound: float
+    sampled: float
+    dropped: float
+    sizes: Integers
+
+
+def certain(system: LtiSystem) -> Fit:
+    """Return a model without uncertain parameters."""
+    none = np.zeros(0, dtype=np.int64)
+    return Fit(Lft(system), None, none, none, 0.0, 0.0, 0.0, none)
+
+
+def by_polynomial(
+    points: Array, systems: Sequence[LtiSystem], parameters: Sequence[Uncertainty], spec: LftSpec
+) -> Fit:
+    """Fit polynomials.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, N)
+        Values of the parameters.
+    systems : sequence of LtiSystem
+        The models there.
+    parameters : sequence of Uncertainty
+        With their bounds.
+    spec : LftSpec
+        Degree and tolerances.
+
+    Raises
+    ------
+    InputError
+        If the models cannot be fitted so well.
+    """
+    samples = np.array([_matrix(one) for one in systems])
+    fit = fitted(
+        points, samples, parameters, degree=spec.degree, tolerance=spec.tolerance,
+        most_terms=spec.most_terms,
+    )  # fmt: skip
+    lft = fit.lft()
+    middle = fit(np.array([[u.nominal] for u in parameters]))[0]
+    size = float(np.linalg.norm(samples - middle, 2, axis=(1, 2)).max())
+    less: Reduced = reduced(lft, spec.reduction * size)
+    return Fit(
+        state_space(less.lft, systems[0].order, systems[0].dt_s), fit, _copies(lft, parameters),
+        _copies(less.lft, parameters), less.bound / size, less.sampled / size,
+        0.0, np.zeros(0, dtype=np.int64),
+    )  # fmt: skip
+
+
+def by_affine(
+    points: Array,
+    systems: Sequence[LtiSystem],
+    parameters: Sequence[Uncertainty],
+    others: Sequence[Sequence[Uncertainty]],
+    spec: LftSpec,
+) -> Fit:
+    """Take the models as affine in their parameters.
+
+    Parameters
+    ----------
+    points, systems, parameters, spec
+        As for `by_polynomial`.
+    others : sequence of sequence of Uncertainty
+        The same parameters with other bounds, for which sizes are wanted.
+
+    Raises
+    ------
+    InputError
+        If the models are not affine, or too few to tell.
+    """
+    middle = np.array([[u.nominal] for u in parameters])
+    width = np.array([[u.upper - u.lower] for u in parameters])
+    nearest = int(np.argmin((((points - middle) / width) ** 2).sum(axis=0)))
+    order = [nearest, *(k for k in range(len(systems)) if k != nearest)]
+    samples = np.array([_matrix(systems[k]) for k in order])
+    fit, first = affine_fit(points[:, order], samples, tolerance=_AFFINE), systems[0]
+    made = affine_lft(fit, parameters, truncation=spec.truncation)
+    sizes = [affine_lft(fit, one, truncation=spec.truncation).lft.size for one in others]
+    return Fit(
+        state_space(made.lft, first.order, first.dt_s), None, made.before, made.after, made.bound,
+        made.sampled, made.dropped, np.array(sizes, dtype=np.int64),
+    )  # fmt: skip
+
+
+def _matrix(system: LtiSystem) -> Array:
+    return np.block([[system.a, system.b], [system.c, system.d]])
+
+
+def _copies(lft: Lft, parameters: Sequence[Uncertainty]) -> Integers:
+    times = dict(zip((u.name for u in lft.uncertainties), lft.times, strict=True))
+    return np.array([times.get(u.name, 0) for u in parameters], dtype=np.int64)

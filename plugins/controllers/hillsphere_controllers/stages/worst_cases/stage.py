@@ -1,0 +1,174 @@
+"""The stage ``worst_cases``: from what µ finds to be worst to points of a sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.errors import InputError, StageError
+from hillsphere.interfaces import Array, Context
+from hillsphere.linear_products import UncertainModel, UncertainModels
+from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
+from hillsphere.problems import did_you_mean
+from hillsphere_controllers.stages.linearise.products import LinearisedFlight
+from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
+from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.worst_cases.products import WorstCases
+from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
+
+__all__ = ["WorstCasesStage"]
+
+_SHOWN = 60
+
+
+class WorstCasesStage:
+    """The worst cases of an analysis by µ.
+
+    Parameters
+    ----------
+    spec : WorstCasesSpec
+        Which, and what they set.
+    """
+
+    def __init__(self, spec: WorstCasesSpec) -> None:
+        self.spec = spec
+
+    def run(
+        self,
+        ctx: Context,
+        analysis: MuAnalysis,
+        uncertain: UncertainModels,
+        flight: LinearisedFlight,
+    ) -> WorstCases:
+        """Collect them.
+
+        Parameters
+        ----------
+        ctx : Context
+            Not used: it takes no time.
+        analysis : MuAnalysis
+            With worst perturbations.
+        uncertain : UncertainModels
+            That were analysed.
+        flight : LinearisedFlight
+            With all parameters.
+
+        Returns
+        -------
+        WorstCases
+            One point for each controller, model, analysis and place of the remaining parameters.
+
+        Raises
+        ------
+        InputError
+            If a controller or block is not there.
+        StageError
+            If the analysis is not that of these models, or has found no worst case.
+        """
+        spec = self.spec
+        if analysis.models != uncertain.labels:
+            raise StageError("needs.analysis: it is not one of the models of needs.uncertain")
+        for name in spec.controllers:
+            if name not in analysis.controllers:
+                hint = did_you_mean(name, analysis.controllers, otherwise="there are")
+                raise InputError(f"controllers: none is called {name!r}{hint}")
+        blocks = {name for model in uncertain.models for name in model.names}
+        for name in spec.inputs:
+            if name not in blocks:
+                hint = did_you_mean(name, sorted(blocks), otherwise="there are")
+                raise InputError(f"inputs: the models have no block {name!r}{hint}")
+        nominal = {
+            name: float(value)
+            for model in uncertain.models
+            for name, value in zip(model.names, model.nominal, strict=True)
+        }
+        names = (*flight.dispersed, *spec.inputs.values())
+        columns: list[Array] = []
+        found: list[tuple[str, str, Analysed, float]] = []
+        for one in analysis.results:
+            controller = analysis.controllers[int(analysis.controller[one.loop])]
+            place = int(analysis.model[one.loop])
+            if one.analysis not in spec.analyses or not one.normalised.size:
+                continue
+            if spec.controllers and controller not in spec.controllers:
+                continue
+            worst = _at_the_bounds(uncertain.models[place], one)
+            for away in spec.remaining:
+                values = flight.nominal[1:] + away * flight.sigma
+                kept = [k for k, name in enumerate(flight.dispersed) if name in worst]
+                values[kept] = [worst[flight.dispersed[k]] for k in kept]
+                others = [worst.get(name, nominal[name]) for name in spec.inputs]
+                columns.append(np.array([*values, *others]))
+                found.append((controller, analysis.models[place], one, away))
+        if not found:
+            raise StageError("needs.analysis: it has no worst case of what is asked for")
+        return WorstCases(
+            names=names,
+            units=(*flight.units[1:], *("" for _ in spec.inputs)),
+            values=np.array(columns).T,
+            labels=tuple(
+                f"{controller}, {model}, {one.analysis.replace('_', ' ')}, others {away:+g} σ"
+                for controller, model, one, away in found
+            ),
+            controller=tuple(entry[0] for entry in found),
+            model=tuple(entry[1] for entry in found),
+            analysis=tuple(entry[2].analysis for entry in found),
+            mu=np.array([entry[2].lower for entry in found]),
+            frequency_rad_s=np.array([entry[2].frequency_rad_s for entry in found]),
+            remaining=np.array([entry[3] for entry in found]),
+        )
+
+    def present(
+        self,
+        product: WorstCases,
+        analysis: MuAnalysis,
+        uncertain: UncertainModels,
+        flight: LinearisedFlight,
+    ) -> Presentation:
+        """Show them, in standard deviations."""
+        count = len(flight.dispersed)
+        sigma = np.where(flight.sigma > 0.0, flight.sigma, np.inf)
+        size = (product.values[:count] - flight.nominal[1:, None]) / sigma[:, None]
+        rows: list[dict[str, Cell]] = []
+        for k in range(min(len(product.labels), _SHOWN)):
+            far = int(np.argmax(np.abs(size[:, k]))) if count else -1
+            rows.append(
+                {
+                    "case": product.labels[k],
+                    "mu": float(product.mu[k]),
+                    "frequency_rad_s": float(product.frequency_rad_s[k]),
+                    "farthest": flight.dispersed[far] if count else "",
+                    "sigmas": float(size[far, k]) if count else None,
+                    "norm_sigmas": float(np.sqrt(np.sum(size[:, k] ** 2))),
+                }
+            )
+        columns = (
+            Column("case", "", "case"),
+            Column("mu", "-", "lower bound of µ or gain", 4),
+            Column("frequency_rad_s", "rad/s", "at", 4),
+            Column("farthest", "", "parameter farthest from nominal"),
+            Column("sigmas", "-", "its standard deviations", 4),
+            Column("norm_sigmas", "-", "all together", 4),
+        )
+        notes = [
+            "Worst perturbations, brought to the size of the declared bounds (their largest entry "
+            "at its bound). Taken together they are far less probable than each: the last column "
+            "is the root of the sum of squares, in standard deviations."
+        ]
+        if len(product.labels) > _SHOWN:
+            notes.append(f"The first {_SHOWN} of {len(product.labels)} cases.")
+        return Presentation(
+            metrics={"worst_cases": Metric(len(product.labels))},
+            tables={"worst_cases": Table("Worst cases", columns, rows, notes)},
+            figures={},
+        )
+
+
+def _at_the_bounds(model: UncertainModel, one: Analysed) -> dict[str, float]:
+    """Return the worst values by name, scaled so that the largest normalised one is a bound."""
+    size = float(np.abs(one.normalised).max())
+    small = one.normalised / size if size > 0.0 else one.normalised
+    by_name = {u.name: u for u in lft_of(model).uncertainties}
+    return {
+        name: float(by_name[name].physical(np.array(value)))
+        for name, value in zip(one.names, small, strict=True)
+    }
