@@ -62,7 +62,7 @@ def two_masses() -> LtiSystem:
 def timed(plant: LtiSystem, structure: BlockStructure, channels: int) -> tuple[DkDesign, float]:
     """Return a design and its seconds."""
     begin = process_time()
-    design = dk_synthesis(plant, structure, channels, channels, reduction=0.0)
+    design = dk_synthesis(plant, channels, channels, structure, reduction=0.0)
     return design, process_time() - begin
 
 

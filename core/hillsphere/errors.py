@@ -36,4 +36,16 @@ class StageError(HillsphereError, RuntimeError):
 
 
 class Interrupted(HillsphereError):  # noqa: N818 - a state of affairs, not a fault
-    """The run was asked to stop; what was finished is kept."""
+    """The run was asked to stop; what was finished is kept.
+
+    Parameters
+    ----------
+    message : str
+        What was stopped.
+    kept : str
+        What the stage that was stopped has already, part of a sentence for the user.
+    """
+
+    def __init__(self, message: str = "", *, kept: str = "") -> None:
+        super().__init__(message)
+        self.kept = kept

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 
-__all__ = ["LtiSystem", "named"]
+__all__ = ["LtiSystem", "named", "real_matrix"]
 
 Complex = NDArray[np.complex128]
 
@@ -54,12 +54,7 @@ class LtiSystem:
     def __post_init__(self) -> None:
         matrices = {}
         for name in ("a", "b", "c", "d"):
-            matrix = np.array(getattr(self, name), dtype=float)
-            if matrix.ndim != 2 or not np.isfinite(matrix).all():
-                raise InputError(
-                    f"{name.upper()} must be a matrix of finite numbers, got shape {matrix.shape}"
-                    + ("" if matrix.ndim != 2 else " with nan or inf")
-                )
+            matrix = real_matrix(getattr(self, name), name.upper())
             matrices[name] = matrix
             object.__setattr__(self, name, matrix)
         (p, m), n = matrices["d"].shape, len(matrices["a"])
@@ -75,6 +70,9 @@ class LtiSystem:
         for what, names, count in (
             ("inputs", self.inputs, m), ("outputs", self.outputs, p), ("states", self.states, n),
         ):  # fmt: skip
+            if isinstance(names, str):
+                raise InputError(f"{what}: a tuple of names is needed, got the text {names!r}")
+            object.__setattr__(self, what, tuple(names))
             if names and (len(names) != count or len(set(names)) < count):
                 raise InputError(f"{what}: {count} different names are needed, got {names}")
 
@@ -114,8 +112,19 @@ class LtiSystem:
         -------
         ndarray, shape (K, p, m)
             C (s I − A)⁻¹ B + D at s = jω, or at exp(jω dt).
+
+        Raises
+        ------
+        InputError
+            If a frequency is no real number, is infinite in discrete time, or is that of a pole.
         """
+        if np.iscomplexobj(omega_rad_s):
+            raise InputError("frequencies must be real, in rad/s; s = jω is made of them")
         omega = np.atleast_1d(np.asarray(omega_rad_s, dtype=float))
+        if omega.ndim != 1 or np.isnan(omega).any():
+            raise InputError(f"frequencies must be one row of numbers, got {omega}")
+        if self.dt_s is not None and np.isinf(omega).any():
+            raise InputError("in discrete time the response has no value at infinite frequency")
         made = np.empty((omega.size, *self.shape), dtype=complex)
         made[:] = self.d
         if self.order == 0:
@@ -123,7 +132,13 @@ class LtiSystem:
         there = np.isfinite(omega)
         s = 1j * omega[there] if self.dt_s is None else np.exp(1j * omega[there] * self.dt_s)
         away = s[:, None, None] * np.eye(self.order) - self.a
-        made[there] += self.c @ np.linalg.solve(away, self.b + 0j)
+        try:
+            made[there] += self.c @ np.linalg.solve(away, self.b + 0j)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "a frequency is that of a pole on the stability boundary, where the response is "
+                "infinite; ask beside it"
+            ) from None
         return made
 
     def of(self, outputs: Sequence[str], inputs: Sequence[str]) -> LtiSystem:
@@ -139,6 +154,25 @@ class LtiSystem:
             self, b=self.b[:, columns], c=self.c[rows], d=self.d[np.ix_(rows, columns)],
             inputs=tuple(inputs), outputs=tuple(outputs),
         )  # fmt: skip
+
+
+def real_matrix(given: object, name: str) -> Array:
+    """Return a copy of a matrix; of what is none of finite real numbers, `InputError` by name."""
+    try:
+        matrix = np.array(given)
+        if matrix.dtype.kind not in "biuf":
+            kind = "complex" if matrix.dtype.kind == "c" else "no"
+            raise InputError(f"{name} must be a matrix of real numbers, got {kind} numbers")
+        matrix = matrix.astype(float)
+    except (ValueError, OverflowError):
+        raise InputError(f"{name} must be a matrix of real numbers, got rows of different lengths"
+                         " or numbers too large") from None
+    if matrix.ndim != 2 or not np.isfinite(matrix).all():
+        raise InputError(
+            f"{name} must be a matrix of finite numbers, got shape {matrix.shape}"
+            + ("" if matrix.ndim != 2 else " with nan or inf")
+        )
+    return matrix
 
 
 def named(known: Sequence[str], wanted: Sequence[str], what: str) -> list[int]:

@@ -211,13 +211,14 @@ class _Run:
                 self._put_manifest("running")
             state = "failed" if self.record.failures() else "success"
             summary = self._finish(state)
-        except (KeyboardInterrupt, Interrupted):
+        except (KeyboardInterrupt, Interrupted) as stop:
             self.stopped.set()
             self._stopped()
             done = [s.name for s in self.record.stages.values() if s.state == "done"]
+            kept = f"{stop.kept}; " if isinstance(stop, Interrupted) and stop.kept else ""
             raise Interrupted(
-                f"interrupted; finished stages: {', '.join(done) or 'none'}; results so far are in "
-                f"{directory.path}; continue with: hillsphere resume "
+                f"interrupted; finished stages: {', '.join(done) or 'none'}; {kept}results so far "
+                f"are in {directory.path}; continue with: hillsphere resume "
                 f"{shlex.quote(str(directory.path))}"
             ) from None
         return RunResult(

@@ -118,6 +118,17 @@ class Workers(Generic[T, R]):
                 yield value
                 following += 1
 
+    def ended(self, items: Sequence[T]) -> Generator[R, None, None]:
+        """Yield what the work's function returns for every item, as they end.
+
+        For results that say whose they are and are kept at once; otherwise as `map`. What the
+        function raises is raised as soon as it did.
+        """
+        for _, (value, error) in self._results(items):
+            if error is not None:
+                raise error
+            yield value
+
     def _results(self, items: Sequence[T]) -> Iterator[tuple[int, _Result]]:
         """Yield number and result of every piece, as they end."""
         left, until = len(items), monotonic() + HERE_S

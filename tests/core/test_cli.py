@@ -11,10 +11,17 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from hillsphere.cli.endings import run
+from hillsphere.plugins import default_registry
 
 FAULTY = Path(__file__).parent / "faulty"
 MISSION = """format = 1
@@ -29,6 +36,7 @@ type = "step"
 
 @pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
+    """Return the environment of the processes that are started."""
     # A test that imported heyoka in this process has set HEYOKA_CACHE_DIR.
     ours = ("HILLSPHERE_", "HEYOKA_", "PYTHONIO")
     kept = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
@@ -42,14 +50,29 @@ def mission(tmp_path: Path) -> Path:
     return path
 
 
+@dataclass(frozen=True)
+class Done:
+    """How a command ended."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
 class Runner:
-    """Runs the command line in a process of its own."""
+    """Runs the command line: in this process, or, which takes longer, in one of its own."""
 
     def __init__(self, environment: dict[str, str], directory: Path) -> None:
         self.environment = environment
         self.directory = directory
 
-    def __call__(self, *arguments: object, **extra: str) -> subprocess.CompletedProcess[str]:
+    def __call__(self, *arguments: object) -> Done:
+        out, err = StringIO(), StringIO()
+        with chdir(self.directory), redirect_stdout(out), redirect_stderr(err):
+            code = run([str(argument) for argument in arguments])
+        return Done(int(code), out.getvalue(), err.getvalue())
+
+    def apart(self, *arguments: object, **extra: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [sys.executable, "-m", "hillsphere", *map(str, arguments)],
             cwd=self.directory, env={**self.environment, **extra}, capture_output=True,
@@ -65,8 +88,14 @@ class Runner:
 
 
 @pytest.fixture
-def hillsphere(environment: dict[str, str], tmp_path: Path) -> Runner:
-    return Runner(environment, tmp_path)
+def hillsphere(
+    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Runner]:
+    monkeypatch.syspath_prepend(str(FAULTY))
+    monkeypatch.setenv("HILLSPHERE_CACHE", environment["HILLSPHERE_CACHE"])
+    default_registry.cache_clear()
+    yield Runner(environment, tmp_path)
+    default_registry.cache_clear()
 
 
 def test_help_names_the_commands_of_plugins_without_importing_them(hillsphere: Runner) -> None:
@@ -85,7 +114,7 @@ def test_help_takes_at_most_three_tenths_of_a_second_of_cpu(hillsphere: Runner) 
 
     def cpu_s() -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        assert hillsphere("--help").returncode == 0
+        assert hillsphere.apart("--help").returncode == 0
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -122,7 +151,7 @@ def test_usage_errors_are_one_line(hillsphere: Runner, arguments: list[str], mes
 
 
 def test_run_prints_metrics_and_the_report(hillsphere: Runner, mission: Path) -> None:
-    done = hillsphere("run", mission, "--out", "out")
+    done = hillsphere.apart("run", mission, "--out", "out")
     assert done.returncode == 0
     assert done.stderr == ""  # not a terminal: no progress
     assert done.stdout.splitlines() == [
@@ -152,7 +181,7 @@ def test_run_json(hillsphere: Runner, mission: Path) -> None:
 
 
 def test_output_survives_a_terminal_without_unicode(hillsphere: Runner, mission: Path) -> None:
-    done = hillsphere("run", mission, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    done = hillsphere.apart("run", mission, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.returncode == 0
     assert "m\\xb2/s\\xb2" in done.stdout
 
@@ -222,13 +251,18 @@ def test_validate_says_what_is_valid(hillsphere: Runner, mission: Path) -> None:
     assert set(problem) == {"source", "line", "key", "message"}
 
 
-def test_plugins_lists_what_is_broken_and_disabled(hillsphere: Runner) -> None:
-    done = hillsphere("plugins", HILLSPHERE_DISABLE_PLUGINS="hillsphere_orbits")
+def test_plugins_lists_what_is_broken_and_disabled(
+    hillsphere: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HILLSPHERE_DISABLE_PLUGINS", "hillsphere_orbits")
+    done = hillsphere("plugins")
     assert done.returncode == 0
     assert re.search(r"stage +step", done.stdout)
     assert "qso_family" not in done.stdout
     assert "broken: shattered: ModuleNotFoundError" in done.stdout
     assert "disabled: hillsphere_orbits" in done.stdout
+    monkeypatch.delenv("HILLSPHERE_DISABLE_PLUGINS")
+    default_registry.cache_clear()
     shown = json.loads(hillsphere("plugins", "--json").stdout)
     assert list(shown["broken"]) == ["shattered"]
     assert {c["kind"] for c in shown["components"]} >= {"gravity", "plant", "stage", "command"}
@@ -283,7 +317,7 @@ def test_a_broken_command_says_so_when_called(
 
 
 def test_an_error_in_a_plugins_command_is_logged_under_its_name(hillsphere: Runner) -> None:
-    done = hillsphere("explode")
+    done = hillsphere.apart("explode")
     assert (done.returncode, done.stdout) == (3, "")
     start = (
         "plugin 'faulty_plugin': its command 'explode' failed: RuntimeError: the fuse was short; "
@@ -312,8 +346,11 @@ def test_an_internal_error_is_ours(
     assert capsys.readouterr().err.startswith("internal error: PermissionError: [Errno 13]")
 
 
-def test_an_internal_error_can_be_shown(hillsphere: Runner) -> None:
-    done = hillsphere("explode", HILLSPHERE_TRACEBACK="1")
+def test_an_internal_error_can_be_shown(
+    hillsphere: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HILLSPHERE_TRACEBACK", "1")
+    done = hillsphere("explode")
     assert done.returncode == 3
     assert "Traceback" in done.stderr
     assert done.stderr.splitlines()[-1] == (
@@ -321,8 +358,11 @@ def test_an_internal_error_can_be_shown(hillsphere: Runner) -> None:
     )
 
 
-def test_an_internal_error_without_a_place_for_its_log(hillsphere: Runner, mission: Path) -> None:
-    done = hillsphere("explode", HILLSPHERE_CACHE=str(mission))
+def test_an_internal_error_without_a_place_for_its_log(
+    hillsphere: Runner, mission: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HILLSPHERE_CACHE", str(mission))
+    done = hillsphere("explode")
     assert done.returncode == 3
     assert "no log could be written" in done.stderr
     assert done.stderr.count("\n") == 1
@@ -482,7 +522,7 @@ def test_a_stage_whose_product_is_stored_is_finished(hillsphere: Runner, mission
         ("2>&-", 0, ""),
     ],
 )
-@pytest.mark.parametrize("command", ["plugins", "--help", "greet you"])
+@pytest.mark.parametrize("command", ["plugins", "greet you"])
 def test_streams_that_cannot_be_used(
     hillsphere: Runner, command: str, redirections: str, code: int, message: str
 ) -> None:
@@ -517,7 +557,7 @@ def test_a_working_directory_that_is_gone(hillsphere: Runner) -> None:
 
 
 def test_a_compile_cache_that_cannot_be_written(hillsphere: Runner, mission: Path) -> None:
-    done = hillsphere("doctor", "--json", HILLSPHERE_CACHE=str(mission), PYTHONPATH="")
+    done = hillsphere.apart("doctor", "--json", HILLSPHERE_CACHE=str(mission), PYTHONPATH="")
     checks = json.loads(done.stdout)["checks"]
     assert {c["state"] for c in checks if c["group"] == "self-test"} == {"ok"}
     assert done.stderr.startswith(f"compiled code is not kept: {mission}/compiled cannot be")
@@ -541,7 +581,7 @@ def test_validate_checks_every_profile(hillsphere: Runner, mission: Path) -> Non
 
 
 @pytest.fixture
-def rival(hillsphere: Runner, tmp_path: Path) -> None:
+def rival(hillsphere: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Install a second plugin that offers what the faulty one offers."""
     place = tmp_path / "rival"
     info = place / "rival_plugin-1.0.dist-info"
@@ -555,7 +595,8 @@ def rival(hillsphere: Runner, tmp_path: Path) -> None:
         "    return [Component('stage', 'step', 'a:B', 'a:C', 'a rival'),\n"
         "            Component('command', 'greet', 'a:d', '', 'another rival')]\n"
     )
-    hillsphere.environment["PYTHONPATH"] += f"{os.pathsep}{place}"
+    monkeypatch.syspath_prepend(str(place))
+    monkeypatch.syspath_prepend(str(FAULTY))  # the first of the two
 
 
 @pytest.mark.usefixtures("rival")
@@ -595,7 +636,7 @@ def test_a_reader_that_has_gone_is_no_error(
     assert (process.returncode, stderr) == (0, "")
 
 
-def test_doctor(hillsphere: Runner) -> None:
+def test_doctor(hillsphere: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     done = hillsphere("doctor", "--json")
     shown = json.loads(done.stdout)
     failed = [c for c in shown["checks"] if c["state"] == "fail"]
@@ -606,6 +647,8 @@ def test_doctor(hillsphere: Runner) -> None:
     assert (done.returncode, shown["ok"]) == (1, False)
     groups = {c["group"] for c in shown["checks"]}
     assert {"version", "plugin", "compile cache", "self-test"} <= groups
-    done = hillsphere("doctor", PYTHONPATH="")
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place != str(FAULTY)])
+    default_registry.cache_clear()
+    done = hillsphere("doctor")
     assert done.returncode == 0, done.stdout
     assert done.stdout.count("self-test") == 3

@@ -2,31 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module, metadata
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hillsphere.earth.rotation import earth_fixed
-from hillsphere.interfaces import Array
-from hillsphere.plugins import Registered, default_registry
+from hillsphere.interfaces import Array, GuidanceTask
+from hillsphere.plugins import Registered, Registry, default_registry
 from hillsphere.testing import (
     check_case_stage,
     check_compensator,
     check_gravity,
+    check_guidance,
     check_orbit_family,
     check_plant,
     check_plugin,
     check_sensor,
+    check_shape,
     check_spec,
     check_stage,
     check_tracker,
     example,
+    examples,
 )
 from hillsphere.time import Epoch
 
 PLUGINS = ["hillsphere.components", *(p.value for p in metadata.entry_points(group="hillsphere"))]
 COMPONENTS = [r for r in default_registry() if r.component.kind != "command"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _products_of_examples_are_made_once() -> Iterator[None]:
+    """Products are frozen: stages that need the same one may share it, as in a mission."""
+    make, made = examples.example_product, dict[str, Any]()
+
+    types = {record.component.type for record in default_registry().of_kind("stage")}
+
+    def once(path: str, name: str = "", *, registry: Registry | None = None) -> Any:
+        key = f"{path} {name if name in types else ''}"
+        if key not in made:
+            made[key] = make(path, name, registry=registry)
+        return made[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(examples, "example_product", once)
+        yield
 
 
 def named(record: Registered) -> str:
@@ -78,6 +101,11 @@ def test_gravity(type_: str, number: int) -> None:
     check_gravity(model, outside(model, 30))
 
 
+@pytest.mark.parametrize(("type_", "number"), of_kind("shape"))
+def test_shape(type_: str, number: int) -> None:
+    check_shape(example("shape", type_, number), directions(60))
+
+
 @pytest.mark.parametrize(("type_", "number"), of_kind("plant"))
 def test_plant(type_: str, number: int) -> None:
     plant = example("plant", type_, number)
@@ -101,7 +129,16 @@ def test_orbit_family(type_: str, number: int) -> None:
 @pytest.mark.parametrize(("type_", "number"), of_kind("compensator"))
 def test_compensator(type_: str, number: int) -> None:
     # Six rows seen, three commanded: a spacecraft near a body.
-    check_compensator(example("compensator", type_, number), 6, 3)
+    law = example("compensator", type_, number)
+    check_compensator(law, 6, 3, reacts=type_ != "open_loop")
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("guidance"))
+def test_guidance(type_: str, number: int) -> None:
+    plant = example("plant", "hill")
+    start = np.array([24e3, 5e3, 2e3, 0.0, 0.0, 0.0])
+    end = np.array([16e3, 8e3, 1e3]), np.array([-0.3, 0.1, 0.0])
+    check_guidance(example("guidance", type_, number), plant, GuidanceTask(start, *end, 7200.0))
 
 
 @pytest.mark.parametrize(("type_", "number"), of_kind("sensor"))

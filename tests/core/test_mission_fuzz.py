@@ -115,7 +115,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 _SETTINGS = settings(
-    max_examples=2000,
+    max_examples=800,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
@@ -135,7 +135,7 @@ def test_mutated_toys(
 REGISTRY = discover()
 
 
-@settings(_SETTINGS, max_examples=1000)
+@settings(_SETTINGS, max_examples=400)
 @given(mutations=st.lists(_mutations(), min_size=1, max_size=3))
 def test_mutated_real_models(mutations: list[Mutation], scratch: Path) -> None:
     data = REAL.encode()
@@ -144,7 +144,7 @@ def test_mutated_real_models(mutations: list[Mutation], scratch: Path) -> None:
     _load(scratch, REGISTRY, data, None)
 
 
-@settings(_SETTINGS, max_examples=500)
+@settings(_SETTINGS, max_examples=250)
 @given(
     setting=st.one_of(
         st.text(max_size=40),
@@ -161,7 +161,7 @@ def test_any_setting(setting: str, scratch: Path, toys: Registry, sound_mission:
     _load(scratch, toys, sound_mission.encode(), setting)
 
 
-@settings(_SETTINGS, max_examples=300)
+@settings(_SETTINGS, max_examples=150)
 @given(data=st.binary(max_size=200))
 def test_any_bytes(data: bytes, scratch: Path, toys: Registry) -> None:
     assert not _load(scratch, toys, data, None)

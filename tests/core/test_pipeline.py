@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -239,6 +240,8 @@ type = "make"
 type = "offset"
 value = 1.0
 """
+PLAIN = re.sub('type = "(make|double)"', r"\g<0>\nfigures = false", CHAIN)
+"""The same without figures, which take longer to draw than all else."""
 
 
 @pytest.fixture(autouse=True)
@@ -332,7 +335,7 @@ def test_manifest_says_what_was_run_and_nothing_of_the_host(tmp_path: Path) -> N
 
 
 def test_run_directories_have_names_of_their_own() -> None:
-    one, two = (run_mission(mission(), use_cache=False) for _ in range(2))
+    one, two = (run_mission(mission(PLAIN), use_cache=False) for _ in range(2))
     assert one.directory != two.directory
     assert one.directory.parent == Path("runs")
     mission_name, stamp, token = one.directory.name.split("-")
@@ -364,17 +367,17 @@ def test_output_directory_that_cannot_be_made(out: str) -> None:
 
 def test_empty_directory_is_accepted() -> None:
     Path("out").mkdir()
-    assert run_mission(mission(), out=Path("out")).directory == Path("out")
+    assert run_mission(mission(PLAIN), out=Path("out")).directory == Path("out")
 
 
 def test_random_numbers_depend_on_seed_stage_and_stream_only() -> None:
-    product = run_mission(mission(), out="a", use_cache=False).product("alone").values
-    again = run_mission(mission(CHAIN.replace("value = 1.0", "")), out="b").product("alone").values
+    product = run_mission(mission(PLAIN), out="a", use_cache=False).product("alone").values
+    again = run_mission(mission(PLAIN.replace("value = 1.0", "")), out="b").product("alone").values
     np.testing.assert_array_equal(product, again)
     # first differs from alone by its offset only if both drew the same numbers
-    first = run_mission(mission(), out="c").product("first").values
+    first = run_mission(mission(PLAIN), out="c").product("first").values
     assert not np.allclose(first - 1.0, product)
-    other = run_mission(mission(sets=["seed=6"]), out="d").product("alone").values
+    other = run_mission(mission(PLAIN, sets=["seed=6"]), out="d").product("alone").values
     assert not np.allclose(other, product)
 
 
@@ -506,7 +509,7 @@ def test_full_disk_fails_the_stage_and_tears_nothing(monkeypatch: pytest.MonkeyP
         true_replace(source, target)
 
     monkeypatch.setattr(os, "replace", full)
-    result = run_mission(mission(), out="out", use_cache=False)
+    result = run_mission(mission(PLAIN), out="out", use_cache=False)
     assert result.failures[0].message.startswith(
         "first.npz cannot be written to 'out': No space left on device; free space"
     )
@@ -542,11 +545,11 @@ def test_unchanged_stages_come_from_the_cache_and_are_equal() -> None:
 
 
 def test_no_cache_neither_reads_nor_writes(tmp_path: Path) -> None:
-    run_mission(mission(), out="a", use_cache=False)
+    run_mission(mission(PLAIN), out="a", use_cache=False)
     assert not (tmp_path / "cache" / "stages").exists()
-    run_mission(mission(), out="b")
+    run_mission(mission(PLAIN), out="b")
     entries = {p: p.stat().st_mtime_ns for p in (tmp_path / "cache" / "stages").iterdir()}
-    result = run_mission(mission(), out="c", use_cache=False)
+    result = run_mission(mission(PLAIN), out="c", use_cache=False)
     assert not any(cached(result).values())
     assert {p: p.stat().st_mtime_ns for p in entries} == entries
 
@@ -615,14 +618,14 @@ def test_a_key_depends_on_the_source_of_the_plugin(
 def test_code_that_is_in_no_file_is_not_cached(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(sys.modules[HERE], "__file__")
     assert keys() == dict.fromkeys(("first", "alone", "twice"))
-    result = run_mission(mission(), out="out")
+    result = run_mission(mission(PLAIN), out="out")
     assert result.ok
     assert not any(cached(result).values())
 
 
 @pytest.mark.parametrize("damage", ["torn", "foreign"])
 def test_damaged_entry_is_computed_again(tmp_path: Path, damage: str) -> None:
-    one = run_mission(mission(), out="a")
+    one = run_mission(mission(PLAIN), out="a")
     key = read(one, "manifest.json")["stages"]["first"]["key"]
     entry = tmp_path / "cache" / "stages" / f"{key}.npz"
     whole = entry.read_bytes()
@@ -632,7 +635,7 @@ def test_damaged_entry_is_computed_again(tmp_path: Path, damage: str) -> None:
         from hillsphere.products import save_product
 
         save_product(entry, Word("not numbers"))
-    two = run_mission(mission(), out="b")
+    two = run_mission(mission(PLAIN), out="b")
     assert cached(two) == {"first": False, "alone": True, "twice": True}
     assert "damaged and computed again" in (two.directory / "log.txt").read_text()
     assert entry.read_bytes() == whole
@@ -643,7 +646,7 @@ def test_cache_that_cannot_be_written_is_no_failure(
 ) -> None:
     (tmp_path / "not-a-directory").touch()
     monkeypatch.setenv("HILLSPHERE_CACHE", str(tmp_path / "not-a-directory"))
-    result = run_mission(mission(), out="out")
+    result = run_mission(mission(PLAIN), out="out")
     assert result.ok
     assert "could not be kept in the cache" in (result.directory / "log.txt").read_text()
 

@@ -254,7 +254,11 @@ def test_figures(run: Path) -> None:
 
 def test_a_resonance_that_was_not_found(tmp_path: Path) -> None:
     """The stage fails with a sentence, and the run says so."""
-    sets = ['stage.bifurcations.vertical=["1:17"]', 'stage.families.resonances=["1:16"]']
+    sets = [
+        "stage.family.curve_members=41",
+        'stage.bifurcations.vertical=["1:17"]',
+        'stage.families.resonances=["1:16"]',
+    ]
     mission = hillsphere.load_mission("phobos-3d-qso", sets=sets)
     hillsphere.run_mission(mission, out=tmp_path / "run", use_cache=False)
     failures = json.loads((tmp_path / "run" / "summary.json").read_text("utf-8"))["failures"]

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.special import sph_legendre_p
+from scipy.special import sph_legendre_p_all
 
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
@@ -81,13 +81,13 @@ def potential(place: Array, given: dict[str, float]) -> float:
     x, y, z = -place[0], -place[1], place[2]
     r = float(np.sqrt(x * x + y * y + z * z))
     longitude, colatitude = np.arctan2(y, x), np.arccos(z / r)
-    total = 0.0
+    total, legendre = 0.0, sph_legendre_p_all(4, 4, colatitude)[0]
     for n in range(1, 5):
         for m in range(n + 1):
             c = given.get(f"gravity.phobos.C{n},{m}", 0.0)
             s = given.get(f"gravity.phobos.S{n},{m}", 0.0) if m else 0.0
             size = np.sqrt(4 * np.pi * (1 if m == 0 else 2)) * (-1.0) ** m
-            p = size * float(np.ravel(sph_legendre_p(n, m, colatitude))[0])
+            p = size * float(legendre[n, m])
             wave = c * np.cos(m * longitude) + s * np.sin(m * longitude)
             total += (RADIUS / r) ** n * p * wave
     return given["gravity.phobos.gm"] / r * total

@@ -24,10 +24,12 @@ from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import ContractViolation
 from hillsphere.testing.examples import example, example_product
 from hillsphere.testing.gravity import check_gravity
+from hillsphere.testing.guidance import check_guidance
 from hillsphere.testing.orbit_families import check_orbit_family
 from hillsphere.testing.plants import check_plant
 from hillsphere.testing.plugins import HEAVY_MODULES, check_plugin, check_spec
 from hillsphere.testing.sensors import check_sensor
+from hillsphere.testing.shapes import check_shape
 from hillsphere.testing.stages import check_presentation, check_product, check_stage
 from hillsphere.testing.trackers import check_tracker
 
@@ -38,12 +40,14 @@ __all__ = [
     "check_case_stage",
     "check_compensator",
     "check_gravity",
+    "check_guidance",
     "check_orbit_family",
     "check_plant",
     "check_plugin",
     "check_presentation",
     "check_product",
     "check_sensor",
+    "check_shape",
     "check_spec",
     "check_stage",
     "check_tracker",

@@ -17,7 +17,12 @@ _SAMPLES = 4
 
 
 def check_compensator(
-    law: Compensator | ContinuousLaw, inputs: int, outputs: int, *, tol: float = 1e-12
+    law: Compensator | ContinuousLaw,
+    inputs: int,
+    outputs: int,
+    *,
+    tol: float = 1e-12,
+    reacts: bool = True,
 ) -> None:
     """Check a compensator, sampled or continuous.
 
@@ -29,6 +34,8 @@ def check_compensator(
         Numbers q of rows that it sees and p that it commands, on the plant it is made for.
     tol : float
         Largest relative difference between a lane and the same lane in another place.
+    reacts : bool
+        Whether it commands other things for other errors; an open loop does not.
 
     Raises
     ------
@@ -41,7 +48,7 @@ def check_compensator(
           are finite;
         - the same call gives the same bits, and no argument is changed;
         - each lane's result depends on that lane only;
-        - it commands other things for other errors;
+        - it commands other things for other errors, if it is to react;
         - the expressions of a continuous law hold no symbols but those they were given.
     """
     what = type(law).__name__
@@ -72,7 +79,7 @@ def check_compensator(
                 f"{what}: {name} of a lane depend on its neighbours (by {worst:.1e} at sample {k})",
             )
         commands.append(u)
-    if not isinstance(law, ContinuousLaw):
+    if reacts and not isinstance(law, ContinuousLaw):
         told = np.array(commands)
         require(np.ptp(told), f"{what} commands {told.flat[0]:g} whatever it sees")
 

@@ -73,7 +73,7 @@ def example_inputs(spec: Spec, registry: Registry | None = None) -> dict[str, An
 
     def made(value: Any, path: str) -> Any:
         if isinstance(value, Ref):
-            return example_product(path, registry=registry)
+            return example_product(path, value.name, registry=registry)
         if isinstance(value, tuple):
             return tuple(made(item, path) for item in value)
         return value
@@ -84,13 +84,16 @@ def example_inputs(spec: Spec, registry: Registry | None = None) -> dict[str, An
     }
 
 
-def example_product(path: str, *, registry: Registry | None = None) -> Any:
+def example_product(path: str, name: str = "", *, registry: Registry | None = None) -> Any:
     """Make a product by running the stage that yields it and needs least, on its first example.
 
     Parameters
     ----------
     path : str
         Import path of the product's class, ``"package.module:Class"``.
+    name : str
+        Type of a stage that is taken instead if it yields it: an example that needs the product of
+        a certain stage calls it by its type.
     registry : Registry, optional
         Where the stage is found; by default all installed plugins.
 
@@ -111,9 +114,9 @@ def example_product(path: str, *, registry: Registry | None = None) -> Any:
         spec = record.load_spec()
         if issubclass(spec, StageSpec) and issubclass(load_object(spec.produces), wanted):
             needs = len(list(_example_spec(record, 0).needs_of()))
-            candidates.append((needs, record.component.type, record))
+            candidates.append((record.component.type != name, needs, record.component.type, record))
     require(candidates, f"no installed stage yields {path}")
-    record = min(candidates, key=lambda candidate: candidate[:2])[2]
+    record = min(candidates, key=lambda candidate: candidate[:3])[3]
     bound = bound_example(record, registry)
     inputs = example_inputs(bound, registry) | example_repeated(bound, registry)
     return record.load_target()(bound).run(RecordingContext(), **inputs)

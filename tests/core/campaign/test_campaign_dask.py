@@ -370,7 +370,7 @@ def advance(count):
     if count:
         print("begun", flush=True)
 
-work = StageWork((Toy({7: "print", 70: "loop"}),))
+work = StageWork((Toy({7: "print", 70: "wait"}),))
 run_campaign(ToyPlan(128), work, executor=Dask(DaskSpec(workers=2)), advance=advance)
 """
 

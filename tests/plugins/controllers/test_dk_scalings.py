@@ -15,7 +15,6 @@ from hillsphere_controllers.dk.fitting import Goal, dips, fitted, levels_of, lif
 from hillsphere_controllers.dk.goals import bounds_of, core_size, reference_block
 from hillsphere_controllers.dk.joint import descended
 from hillsphere_controllers.dk.multipliers import Multiplier
-from hillsphere_controllers.dk.reduction import balanced_truncation
 from hillsphere_controllers.dk.starting import constants_like
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.mu.blocks import (
@@ -27,6 +26,7 @@ from hillsphere_controllers.mu.blocks import (
 )
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.bilinear import discrete
+from hillsphere_controllers.systems.truncation import balanced_truncation
 
 Complex = NDArray[np.complex128]
 

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,7 +100,7 @@ def assert_sound(design: DkDesign, structure: BlockStructure, omega: Array) -> N
 
 def test_a_lag_with_uncertain_input_gets_nearly_flat_mu() -> None:
     """D–K gains on H∞ synthesis without scalings, and the bounds meet."""
-    design = dk_synthesis(LAG, PAIR, 1, 1, reduction=0.02)
+    design = dk_synthesis(LAG, 1, 1, PAIR, reduction=0.02)
     assert_sound(design, PAIR, np.logspace(-4, 3, 60))
     plain = robust_stability(hinf_synthesis(LAG, 1, 1).closed_loop, PAIR)
     assert design.robustness.upper < 0.9 * plain.upper
@@ -110,11 +113,16 @@ def test_a_lag_with_uncertain_input_gets_nearly_flat_mu() -> None:
 
 def test_one_full_block_leaves_nothing_to_scale() -> None:
     structure = BlockStructure([full(2)])
-    design = dk_synthesis(LAG, structure, 1, 1, reduction=0.0, gap=1e-4)
+    design = dk_synthesis(LAG, 1, 1, structure, reduction=0.0, gap=1e-4)
     assert "nothing to scale" in design.reason
     assert_allclose(design.robustness.upper, hinf_norm(design.closed_loop).value, rtol=1.1e-4)
     least = hinf_synthesis(LAG, 1, 1).least
     assert least <= design.robustness.upper <= 1.01 * least
+
+
+@cache
+def one_step() -> DkDesign:
+    return dk_synthesis(LAG, 1, 1, PAIR, iterations=1, joint_steps=0, reduction=0.0)
 
 
 def test_a_given_synthesis_makes_the_k_step() -> None:
@@ -125,21 +133,21 @@ def test_a_given_synthesis_makes_the_k_step() -> None:
         return hinf_synthesis(scaled, 1, 1, back_off=0.01).controller
 
     design = dk_synthesis(
-        LAG, PAIR, 1, 1, iterations=1, joint_steps=0, reduction=0.0, k_step=k_step
+        LAG, 1, 1, PAIR, iterations=1, joint_steps=0, reduction=0.0, k_step=k_step
     )
     assert seen
     assert set(seen) == {LAG.shape}
-    own = dk_synthesis(LAG, PAIR, 1, 1, iterations=1, joint_steps=0, reduction=0.0)
+    own = one_step()
     assert_allclose(design.robustness.upper, own.robustness.upper, rtol=0.03)
 
 
 def test_a_first_controller_is_improved_or_kept() -> None:
     first = hinf_synthesis(LAG, 1, 1).controller
     begun = robust_stability(lower_lft(LAG, first), PAIR).upper
-    kept = dk_synthesis(LAG, PAIR, 1, 1, controller=first, iterations=0, reduction=0.0)
+    kept = dk_synthesis(LAG, 1, 1, PAIR, controller=first, iterations=0, reduction=0.0)
     assert_allclose(kept.controller.a, first.a)
     better = dk_synthesis(
-        LAG, PAIR, 1, 1, controller=first, iterations=2, joint_steps=0, reduction=0.0
+        LAG, 1, 1, PAIR, controller=first, iterations=2, joint_steps=0, reduction=0.0
     )
     assert better.robustness.upper < 0.95 * begun
 
@@ -154,7 +162,7 @@ def test_a_step_that_does_harm_is_refused() -> None:
             return made
 
         design = dk_synthesis(
-            LAG, PAIR, 1, 1, controller=first, iterations=1, joint_steps=0, reduction=0.0,
+            LAG, 1, 1, PAIR, controller=first, iterations=1, joint_steps=0, reduction=0.0,
             k_step=k_step,
         )  # fmt: skip
         assert words in design.iterations[1].refusal
@@ -163,15 +171,15 @@ def test_a_step_that_does_harm_is_refused() -> None:
 
 def test_discrete_time_by_the_bilinear_image() -> None:
     sampled = discrete(LAG, 0.05)
-    design = dk_synthesis(sampled, PAIR, 1, 1, iterations=1, joint_steps=0, reduction=0.0)
-    image = dk_synthesis(LAG, PAIR, 1, 1, iterations=1, joint_steps=0, reduction=0.0)
+    design = dk_synthesis(sampled, 1, 1, PAIR, iterations=1, joint_steps=0, reduction=0.0)
+    image = one_step()
     assert design.controller.dt_s == 0.05
     assert design.closed_loop.is_stable
     assert_allclose(design.robustness.upper, image.robustness.upper, rtol=0.01)
 
 
 def test_it_ends_at_its_target() -> None:
-    design = dk_synthesis(LAG, PAIR, 1, 1, target=10.0, reduction=0.0)
+    design = dk_synthesis(LAG, 1, 1, PAIR, target=10.0, reduction=0.0)
     assert design.reason == "the target 10 is met"
     assert len(design.iterations) == 1
 
@@ -184,7 +192,7 @@ def test_the_best_is_returned_when_it_is_stopped() -> None:
         if len(seen) == 2:
             raise Interrupted("stopped")
 
-    design = dk_synthesis(LAG, PAIR, 1, 1, progress=stop)
+    design = dk_synthesis(LAG, 1, 1, PAIR, progress=stop)
     assert design.interrupted
     assert design.reason == "interrupted"
     assert design.iterations == tuple(seen)
@@ -194,23 +202,64 @@ def test_the_best_is_returned_when_it_is_stopped() -> None:
         raise ValueError(step.kind)
 
     with pytest.raises(ValueError, match="start"):
-        dk_synthesis(LAG, PAIR, 1, 1, progress=fail)
+        dk_synthesis(LAG, 1, 1, PAIR, progress=fail)
+
+
+def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+    whole = dk_synthesis(LAG, 1, 1, PAIR, iterations=2, joint_steps=1, reduction=0.0)
+    path, seen = tmp_path / "state.npz", set[float]()
+
+    def stop(step: DkIteration) -> None:
+        """Stop after each step that was not seen before; those that were kept are told again."""
+        if step.seconds not in seen:
+            seen.add(step.seconds)
+            raise Interrupted("stopped")
+
+    for count in (1, 2):
+        stopped = dk_synthesis(
+            LAG,
+            1,
+            1,
+            PAIR,
+            iterations=2,
+            joint_steps=1,
+            reduction=0.0,
+            progress=stop,
+            checkpoint=path,
+        )
+        assert stopped.interrupted
+        assert len(stopped.iterations) == count
+    found = dk_synthesis(
+        LAG, 1, 1, PAIR, iterations=2, joint_steps=1, reduction=0.0, checkpoint=path
+    )
+    assert not found.interrupted
+    assert found.reason == whole.reason
+    assert found.controller.a.tobytes() == whole.controller.a.tobytes()
+    assert found.robustness.upper == whole.robustness.upper
+    assert [replace(step, seconds=0.0) for step in found.iterations] == [
+        replace(step, seconds=0.0) for step in whole.iterations
+    ]
+    with pytest.raises(InputError, match="another synthesis"):
+        dk_synthesis(LAG, 1, 1, PAIR, iterations=3, checkpoint=path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match="to begin anew"):
+        dk_synthesis(LAG, 1, 1, PAIR, iterations=2, joint_steps=1, reduction=0.0, checkpoint=path)
 
 
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="do not make a plant"):
-        dk_synthesis(LAG, BlockStructure([full(1), full(2)]), 1, 1)
+        dk_synthesis(LAG, 1, 1, BlockStructure([full(1), full(2)]))
     with pytest.raises(InputError, match="first controller must be"):
-        dk_synthesis(LAG, PAIR, 1, 1, controller=gain(np.ones((2, 1))))
+        dk_synthesis(LAG, 1, 1, PAIR, controller=gain(np.ones((2, 1))))
     with pytest.raises(InputError, match="must be ≥ 0"):
-        dk_synthesis(LAG, PAIR, 1, 1, iterations=-1)
+        dk_synthesis(LAG, 1, 1, PAIR, iterations=-1)
 
 
 def test_real_stiffness_is_worth_less_gain() -> None:
     """D,G–K for the two masses is certified below what D–K reaches in as many steps."""
     structures = (REAL_SPRING, COMPLEX_SPRING)
     mixed, of_complex = (
-        dk_synthesis(two_masses(), s, 1, 1, iterations=2, joint_steps=0, reduction=0.0)
+        dk_synthesis(two_masses(), 1, 1, s, iterations=2, joint_steps=0, reduction=0.0)
         for s in structures
     )
     assert_sound(mixed, REAL_SPRING, np.logspace(-2, 3, 30))
@@ -221,8 +270,8 @@ def test_real_stiffness_is_worth_less_gain() -> None:
 
 @pytest.mark.slow
 def test_real_stiffness_is_worth_much_less_gain_in_the_end() -> None:
-    mixed = dk_synthesis(two_masses(), REAL_SPRING, 1, 1, reduction=0.0)
-    of_complex = dk_synthesis(two_masses(), COMPLEX_SPRING, 1, 1, reduction=0.0)
+    mixed = dk_synthesis(two_masses(), 1, 1, REAL_SPRING, reduction=0.0)
+    of_complex = dk_synthesis(two_masses(), 1, 1, COMPLEX_SPRING, reduction=0.0)
     assert_sound(mixed, REAL_SPRING, np.logspace(-2, 3, 60))
     judged = robust_stability(of_complex.closed_loop, REAL_SPRING, complex_shares=())
     assert mixed.robustness.upper < 0.9 * min(judged.upper, of_complex.robustness.upper)
@@ -253,7 +302,7 @@ def shifted(plant: LtiSystem, delta: float) -> LtiSystem:
 @pytest.mark.slow
 def test_distillation_column_of_skogestad_morari_doyle() -> None:
     structure = BlockStructure([full(1), full(1), full(2)])
-    design = dk_synthesis(column(), structure, 2, 2)
+    design = dk_synthesis(column(), 2, 2, structure)
     assert_sound(design, structure, np.logspace(-7, 3, 120))
     # 1.02 is where D–K iteration usually ends, 0.974 the best in the literature
     assert 0.95 < design.robustness.lower <= design.robustness.upper <= 0.99

@@ -76,17 +76,37 @@ def random_system(seed: int, order: int, decades: float) -> LtiSystem:
 @given(st.integers(0, 10**6), st.integers(1, 8), st.sampled_from([2.0, 9.0]))
 def test_never_below_what_the_response_reaches(seed: int, order: int, decades: float) -> None:
     """Poles from 1e-5 to 3e4 rad/s among them."""
+    check_against_samples(seed, order, decades, 20_000)
+
+
+@pytest.mark.slow
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6), st.integers(1, 8), st.sampled_from([2.0, 9.0]))
+def test_never_below_a_hundred_thousand_samples(seed: int, order: int, decades: float) -> None:
+    check_against_samples(seed, order, decades, 100_000)
+
+
+def check_against_samples(seed: int, order: int, decades: float, count: int) -> None:
     system = random_system(seed, order, decades)
     if not system.is_stable:  # rounding may move a slow pole of a badly scaled system
         return
     found = hinf_norm(system)
     poles = np.abs(system.poles)
     ends = np.log10(poles.min()) - 2.0, np.log10(poles.max()) + 2.0
-    omega = np.concatenate([[0.0], poles, np.abs(system.poles.imag), np.logspace(*ends, 20_000)])
+    omega = np.concatenate([[0.0], poles, np.abs(system.poles.imag), np.logspace(*ends, count)])
     sampled = largest_gains(system.response(omega)).max()
-    assert found.value >= sampled * (1.0 - 1e-9)
+    # rounding changes what is sampled as it does the norm
+    assert found.value * (1.0 + 2.0 * min(found.error, 0.5)) >= sampled * (1.0 - 1e-9)
     at_peak = largest_gains(system.response(np.array([found.frequency_rad_s])))[0]
     assert_allclose(found.value, at_peak, rtol=1e-12)
+
+
+def test_the_peak_is_found_where_the_schur_form_is_too_rough() -> None:
+    """Of a broad peak at 3e-4 rad/s beside poles of 9e2: its gains by the Schur form are noise."""
+    system = random_system(1, 4, 9.0)
+    found = hinf_norm(system)
+    omega = found.frequency_rad_s * (1.0 + np.linspace(-1e-2, 1e-2, 2001))
+    assert found.value >= largest_gains(system.response(omega)).max() * (1.0 - 1e-9)
 
 
 def exact_gain(system: LtiSystem, omega: float) -> float:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -15,7 +17,7 @@ from hillsphere_controllers.errors import (
 )
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.full_order.riccati import stabilising_solution
+from hillsphere_controllers.full_order.riccati import solution_by_pencil, stabilising_solution
 from hillsphere_controllers.systems.algebra import gain, lower_lft
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
@@ -259,9 +261,35 @@ def test_least_is_not_above_gamma_where_rounding_decides(seed: int) -> None:
     assert found.closed_loop.is_stable
 
 
+@pytest.mark.parametrize(
+    ("seed", "reached"),
+    [(1020, 1.275e7), (1028, 24114.0), (1056, 148532.0), (1090, 215214.0), (1142, 225017.0)],
+)
+def test_uneven_plants_are_solved_by_the_pencil(seed: int, reached: float) -> None:
+    """The Hamiltonian matrices of these show no solution; SB10FD's norms, rounded up."""
+    found = hinf_synthesis(ill_conditioned_plant(seed), 1, 1)
+    assert found.closed_loop.is_stable
+    assert 0.0 < found.least <= found.gamma <= 1.01 * reached
+    assert found.norm.upper <= 1.001 * found.gamma
+
+
 def test_what_rounding_hinders_is_not_called_a_zero() -> None:
     with pytest.raises(SynthesisFailedError, match="no zero on the imaginary axis was found"):
-        hinf_synthesis(ill_conditioned_plant(1005), 1, 1)
+        hinf_synthesis(ill_conditioned_plant(1084), 1, 1)
+
+
+def test_the_pencil_has_the_same_solution() -> None:
+    random = np.random.default_rng(5)
+    a, b, c = random.normal(size=(4, 4)), random.normal(size=(4, 2)), random.normal(size=(3, 4))
+    r, cross = np.diag([-1e4, 1.0]), np.zeros((4, 2))
+    formed = a, -b @ np.linalg.solve(r, b.T), c.T @ c
+    x = stabilising_solution(*formed)
+    assert x is not None
+    same = solution_by_pencil((a, b, c.T @ c, r, cross), formed)
+    assert same is not None
+    assert_allclose(same, x, rtol=1e-9)
+    one = np.ones((1, 1))  # eigenvalues on the axis
+    assert solution_by_pencil((one, one, 3.0 * one, -one, 0.0 * one), (one, one, 3.0 * one)) is None
 
 
 @pytest.mark.parametrize(
@@ -269,7 +297,7 @@ def test_what_rounding_hinders_is_not_called_a_zero() -> None:
     [{"tolerance": 0.0}, {"tolerance": np.nan}, {"back_off": -0.1}, {"back_off": np.nan},
      {"back_off": np.inf}, {"regularisation": np.nan}],
 )  # fmt: skip
-def test_options_out_of_range_are_refused(option: dict[str, float]) -> None:
+def test_options_out_of_range_are_refused(option: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(option)).replace("_", "-")):
         hinf_synthesis(scalar_plant(1.0), 1, 1, **option)
 
@@ -301,5 +329,12 @@ def test_the_bilinear_map_does_not_depend_on_units() -> None:
     other = continuous(LtiSystem(a / scale[:, None] * scale, b / scale[:, None], c * scale, d, 0.1))
     omega = np.array([0.0, 1.0, 30.0])
     assert_allclose(other.response(omega), plain.response(omega), rtol=1e-9)
+    fast = np.array([[-1e15, 3.0], [0.0, -1e-6]])  # far from 2/dt, and well determined
+    image = discrete(LtiSystem(fast, np.ones((2, 1)), np.ones((1, 2)), d), 1.0)
+    assert_allclose(np.sort(image.poles.real), [-1.0, (1 - 5e-7) / (1 + 5e-7)], rtol=1e-9)
+    turn = np.linalg.qr(np.array([[1.0, 2.0], [3.0, 4.0]]))[0]
+    for near in (np.diag([2.0, -1e5]), turn @ np.diag([2.0 + 1e-12, -1e5]) @ turn.T):
+        with pytest.raises(InputError, match="a pole at 2/dt = 2 1/s has no image"):
+            discrete(LtiSystem(near, np.ones((2, 1)), np.ones((1, 2)), d), 1.0)
     with pytest.raises(InputError, match="a pole at z = −1"):
         continuous(LtiSystem(-np.eye(1), np.eye(1), np.eye(1), d, 0.1))

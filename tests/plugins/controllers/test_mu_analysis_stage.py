@@ -14,7 +14,7 @@ from hillsphere.linear_products import LinearModels, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import ControlDesign
-from hillsphere.testing import RecordingContext, check_presentation, check_product, check_stage
+from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import mu_bounds_on_grid
 from hillsphere_controllers.stages.lft.specs import LftSpec
@@ -104,10 +104,6 @@ def spring() -> UncertainModels:
         ),
         degree=1,
     )  # fmt: skip
-
-
-def test_stage_keeps_its_contract() -> None:
-    check_stage("mu_analysis")
 
 
 def test_skogestad_postlethwaite_table_8_1(column: UncertainModels) -> None:

@@ -304,3 +304,5 @@ def test_errors_say_what_to_do() -> None:
         complexified(m, BlockStructure([full(4)]), 0.1)
     with pytest.raises(InputError, match="between 0 and 1"):
         complexified(cubic(2.0, 3.0, 2.0), REAL, 1.0)
+    with pytest.raises(InputError, match="leave those of performance out"):
+        complexified(m, BlockStructure([repeated_real()]), 0.1)

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.testing import RecordingContext
@@ -16,7 +18,7 @@ from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
 from hillsphere_controllers.structured.single_loop import Pid
 from hillsphere_controllers.structured.structure import of_order, static
-from hillsphere_controllers.structured.synthesis import Progress, synthesise
+from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import lower_lft
 
 
@@ -207,8 +209,12 @@ def test_progress_and_interruption() -> None:
     assert found.interrupted
     assert found.starts.size == 2
     assert found.shaken.size == 0
-    assert [(p.done, p.total) for p in told] == [(1, 5), (2, 5)]
+    assert [(p.done, p.total) for p in told if p.latest is not None] == [(1, 5), (2, 5)]
     assert_allclose(found.gamma, told[-1].gamma, rtol=1e-6)
+    # the γ of a search that goes on is told as it falls
+    second = [p.current for p in told if p.done == 1 and p.latest is None]
+    assert len(second) >= 3
+    assert second == sorted(second, reverse=True)
 
     def at_once(progress: Progress) -> None:
         raise KeyboardInterrupt
@@ -217,6 +223,50 @@ def test_progress_and_interruption() -> None:
         synthesise(double_integrator(), static(1, 1), starts=1)
     with pytest.raises(KeyboardInterrupt):
         synthesise(double_integrator(), static(1, 1), starts=3, progress=at_once)
+
+
+def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+    plant, structure = DesignPlant(oscillator()), of_order(1, 1, 1)
+    whole = synthesise(plant, structure, starts=3, ctx=RecordingContext())
+    ended: list[int] = []
+
+    def synthesised(last: int) -> StructuredDesign:
+        def tell(progress: Progress) -> None:
+            if progress.latest is not None:
+                ended.append(progress.latest.start.number)
+            elif len(ended) == last:  # while the next one goes on
+                raise Interrupted("stopped")
+
+        ctx = RecordingContext(workspace=tmp_path)
+        return synthesise(plant, structure, starts=3, progress=tell, ctx=ctx)
+
+    stopped = synthesised(2)
+    assert stopped.interrupted
+    assert stopped.starts.size == 3  # the one that was stopped counts, but is not kept
+    assert len(list(tmp_path.glob("*/search-*.npz"))) == 2
+    begun, ended = ended, []
+    found = synthesised(99)
+    assert ended[:2] == sorted(begun[:2])
+    assert not found.interrupted
+    for one, other in ((found.theta, whole.theta), (found.starts, whole.starts),
+                       (found.shaken, whole.shaken)):  # fmt: skip
+        assert one.tobytes() == other.tobytes()
+    assert (found.gamma, found.evaluations) == (whole.gamma, whole.evaluations)
+
+
+def test_kept_searches_that_cannot_be_used_are_done_once_more(tmp_path: Path) -> None:
+    plant, structure = DesignPlant(oscillator()), of_order(0, 1, 1)
+    first = synthesise(plant, structure, starts=2, ctx=RecordingContext(workspace=tmp_path))
+    path = next(tmp_path.glob("*/search-00001.npz"))
+    path.write_bytes(path.read_bytes()[:-100])
+    ctx = RecordingContext(workspace=tmp_path)
+    again = synthesise(plant, structure, starts=2, ctx=ctx)
+    assert again.theta.tobytes() == first.theta.tobytes()
+    assert any("search-00001.npz" in message for message in ctx.messages)
+    ctx = RecordingContext(workspace=tmp_path)
+    other = synthesise(plant, structure, starts=2, seed=2, ctx=ctx)  # of other seeds
+    assert np.isfinite(other.gamma)
+    assert any("of another search" in message for message in ctx.messages)
 
 
 def test_interruption_within_a_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +16,8 @@ from hillsphere.errors import InputError, Interrupted
 from hillsphere.linear_products import LinearModels, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.testing import RecordingContext, check_presentation, check_product, check_stage
+from hillsphere.product_codec import load_product
+from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity
@@ -77,10 +81,6 @@ def run(method: str, product: LinearModels = MODELS, **keys: Any) -> Synthesis:
     check_product(made)
     check_presentation(one.present(made, product))
     return made
-
-
-def test_stage_keeps_its_contract() -> None:
-    check_stage("synthesis")
 
 
 def test_hinf_is_made_for_the_model_nearest_to_nominal_and_judged_on_all() -> None:
@@ -224,19 +224,45 @@ def test_steps_settle_at_their_end() -> None:
     assert 0.9 < times[-1] < 3.0
 
 
-def test_an_interrupted_search_leaves_its_best_in_the_log() -> None:
-    class Stopped(RecordingContext):
-        def track(self, *args: Any, **kwargs: Any) -> Any:
-            def advance(count: int) -> None:
+class Stopped(RecordingContext):
+    """A run that is stopped after so many searches, or steps."""
+
+    def __init__(self, workspace: Path, left: int) -> None:
+        super().__init__(workspace=workspace)
+        self.left, self.notes = left, list[str]()
+
+    def track(
+        self, description: str, total: int | None = None, note: Callable[[], str] | None = None
+    ) -> Callable[[int], None]:
+        def advance(count: int) -> None:
+            self.left -= count
+            if note is not None:
+                self.notes.append(note())
+            if not self.left:
                 raise Interrupted("stopped")
 
-            return advance
+        return advance
 
-    ctx = Stopped()
+
+def test_an_interrupted_search_leaves_its_best_and_goes_on_from_there(tmp_path: Path) -> None:
     table = {"parts": [{"kind": "free"}], "starts": 3}
-    with pytest.raises(Interrupted, match="the log has"):
-        stage("structured", structured=table).run(ctx, MODELS)
-    assert "the best controller until then" in ctx.messages[-1]
+    one = stage("structured", structured=table)
+    whole = one.run(RecordingContext(), MODELS)
+    assert whole.search is not None
+    ctx = Stopped(tmp_path, 2)
+    with pytest.raises(Interrupted) as stopped:
+        one.run(ctx, MODELS)
+    assert re.search(r"has γ = 0\.\d+ \(2 searches\) and is in ", stopped.value.kept)
+    assert stopped.value.kept in ctx.messages[-1]
+    assert sum("best γ = " in message for message in ctx.messages[:-1]) == 2
+    assert any(re.match(r"search 2 of 3 at γ = .*, best γ = ", note) for note in ctx.notes)
+    best = load_product(tmp_path / "best-controller.npz")
+    assert all(lower_lft(plant, best).is_stable for plant in MODELS.systems)
+    again = one.run(RecordingContext(workspace=tmp_path), MODELS)
+    assert again.search is not None
+    assert again.gamma == whole.gamma
+    assert again.search.starts.tobytes() == whole.search.starts.tobytes()
+    assert again.search.theta.tobytes() == whole.search.theta.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -283,7 +309,7 @@ def test_faults_of_models_are_said(method: str, keys: dict[str, Any], said: str)
         stage(method, **keys).run(RecordingContext(), MODELS)
 
 
-def test_iteration_lowers_mu_and_says_its_steps() -> None:
+def test_iteration_lowers_mu_and_says_its_steps(tmp_path: Path) -> None:
     # the gain of the plant from u is not known to 40 %
     plants = tuple(
         LtiSystem(
@@ -311,6 +337,14 @@ def test_iteration_lowers_mu_and_says_its_steps() -> None:
     assert found.lower_mu <= found.upper_mu == made.gamma
     assert made.gamma == pytest.approx(found.upper[found.accepted].min(), rel=5e-3)
     assert len(ctx.messages) == found.upper.size
+    with pytest.raises(Interrupted) as stopped:
+        one.run(Stopped(tmp_path, 2), nominal, known)
+    assert re.search(r"has µ ≤ [\d.]+ \(2 steps\) and is in ", stopped.value.kept)
+    assert load_product(tmp_path / "best-controller.npz").shape == (1, 1)
+    again = one.run(RecordingContext(workspace=tmp_path), nominal, known)
+    assert again.iterations is not None
+    assert again.controller.a.tobytes() == made.controller.a.tobytes()
+    assert again.iterations.upper.tobytes() == found.upper.tobytes()
     with pytest.raises(InputError, match="one uncertain model, got 2"):
         one.run(ctx, nominal, UncertainModels((whole, whole), ("a", "b"), 1, 1))
 

@@ -17,14 +17,13 @@ References
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
 from hillsphere.errors import ConvergenceError
-from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.gramians import gramian
 from hillsphere_controllers.systems.balancing import balanced
 
-__all__ = ["h2_norm"]
+__all__ = ["h2_norm", "h2_rounding"]
 
 _AGREE = 1e-6
 _NOTHING = 1e-13
@@ -53,13 +52,8 @@ def h2_norm(system: LtiSystem) -> float:
     direct = float(np.sum(system.d**2))
     if system.order == 0 or 0 in system.shape:
         return float(np.sqrt(direct))
-    made, _ = balanced(system)
-    p, q = _gramian(made.a, made.b, system.dt_s), _gramian(made.a.T, made.c.T, system.dt_s)
-    first = direct + float(np.sum((made.c @ p) * made.c))
-    second = direct + float(np.sum((q @ made.b) * made.b))
+    first, second, size = _squares(system)
     largest = max(first, second)
-    # where inputs reach no output, both are what is left of sums of this size
-    size = float(np.sum((np.abs(made.c) @ np.abs(p)) * np.abs(made.c)))
     if largest > _NOTHING * size and abs(first - second) > 2.0 * _AGREE * largest:
         raise ConvergenceError(
             f"the H2 norm is {np.sqrt(max(first, 0.0)):.9g} by one Lyapunov equation and "
@@ -69,8 +63,28 @@ def h2_norm(system: LtiSystem) -> float:
     return float(np.sqrt(max(0.5 * (first + second), 0.0)))
 
 
-def _gramian(a: Array, b: Array, dt_s: float | None) -> Array:
-    if dt_s is None:
-        return np.asarray(solve_continuous_lyapunov(a, -b @ b.T))
-    # the direct method has n² unknowns; the bilinear one is as exact
-    return np.asarray(solve_discrete_lyapunov(a, b @ b.T, method="bilinear"))
+def h2_rounding(system: LtiSystem) -> float:
+    """Return a norm that is nothing but rounding beside the parts that cancel in a stable system.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous or discrete time.
+    """
+    if system.order == 0 or 0 in system.shape:
+        return 0.0
+    return float(np.sqrt(_NOTHING * _squares(system)[2]))
+
+
+def _squares(system: LtiSystem) -> tuple[float, float, float]:
+    """Return the norm's square by either gramian, and the sum of sizes of which it is the rest."""
+    made, _ = balanced(system)
+    direct, discrete = float(np.sum(system.d**2)), system.dt_s is not None
+    p = gramian(made.a, made.b @ made.b.T, discrete=discrete)
+    q = gramian(made.a.T, made.c.T @ made.c, discrete=discrete)
+    # where inputs reach no output, both are what is left of sums of this size
+    size = direct + float(np.sum((np.abs(made.c) @ np.abs(p)) * np.abs(made.c)))
+    return (
+        direct + float(np.sum((made.c @ p) * made.c)),
+        direct + float(np.sum((q @ made.b) * made.b)), size,
+    )  # fmt: skip

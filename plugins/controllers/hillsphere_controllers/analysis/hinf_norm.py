@@ -54,6 +54,9 @@ _CLOSE, _MOST_CLOSE = 1e-3, 20
 matrices are badly conditioned, rounding may change the order."""
 _FLAT = 1e-11
 """Relative rise of the gain below which a peak is not searched more finely."""
+_NOISE, _FLAT_TOP, _NARROWER = 2e-10, 10.0, 5
+"""Above this noise of the gains the peak is looked for once more: in the system as given, within so
+many times the noise's root, relative, in so many rounds."""
 _SAME = 1e-6
 """Relative distance of poles whose gains need not be looked at twice."""
 _EPS = float(np.finfo(float).eps)
@@ -109,7 +112,9 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     """
     if not 1e-14 <= tolerance < 1.0:
         raise InputError(f"tolerance must be from 1e-14 to 1, got {tolerance}")
-    if not system.is_stable:
+    poles = system.poles
+    size = poles.real if system.dt_s is None else np.abs(poles) - 1.0
+    if not size.max(initial=-np.inf) < 0.0:
         return HinfNorm(np.inf, np.nan, np.inf)
     if system.dt_s is not None:
         made, _ = balanced(system)
@@ -123,12 +128,13 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     direct = float(largest_gains(system.d[None].astype(complex))[0])
     if system.order == 0 or 0 in system.shape:
         return HinfNorm(direct, 0.0, direct)
-    search = _Search(system)
+    search = _Search(system, poles)
     if search.value > direct:
         return search.climbed(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
-    found = _Search(_inverted(system, scale)).climbed(tolerance)
+    inverse = _inverted(system, scale)
+    found = _Search(inverse, inverse.poles).climbed(tolerance)
     frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
     return HinfNorm(found.value, float(frequency), found.upper, found.error)
 
@@ -136,15 +142,17 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
 class _Search:
     """The largest gain of a stable system of order ≥ 1 found so far, and where."""
 
-    def __init__(self, system: LtiSystem) -> None:
+    def __init__(self, system: LtiSystem, poles: NDArray[np.complex128]) -> None:
         self.given = system
         self.system, _ = balanced(system)
         a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
         self.response = Response(a, b, c, d)
         self.value, self.frequency = -1.0, 0.0
+        self.noise = 0.0
+        """Largest relative difference of gains by the Schur form and by the system as given."""
         size = np.abs(self.response.poles)
         # rounding may have moved slow poles of badly scaled systems
-        given = _unlike(system.poles, self.response.poles)
+        given = _unlike(poles, self.response.poles)
         low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
         first = np.concatenate(
             [
@@ -190,8 +198,22 @@ class _Search:
         tried = np.unique(np.concatenate([at, points[inner], close]))
         exact = largest_gains(self.given.response(tried))
         best_one = int(np.argmax(exact))
+        rough = largest_gains(self.response(1j * tried))
+        away = np.abs(rough - exact)[exact >= (1.0 - _CLOSE) * exact[best_one]]
+        self.noise = max(self.noise, float(away.max()) / max(float(exact[best_one]), 1e-300))
         if exact[best_one] > self.value:
             self.value, self.frequency = float(exact[best_one]), float(tried[best_one])
+
+    def look_beside(self, noise: float) -> None:
+        """Look for a higher gain beside the peak in the system as given, not in its Schur form."""
+        width = min(_FLAT_TOP * float(np.sqrt(noise)), 0.5)
+        for _ in range(_NARROWER):
+            points = self.frequency * (1.0 + width * np.linspace(-1.0, 1.0, 9))
+            gains = largest_gains(self.given.response(points))
+            best = int(np.argmax(gains))
+            if gains[best] > self.value:
+                self.value, self.frequency = float(gains[best]), float(points[best])
+            width *= 0.3
 
     def climbed(self, tolerance: float) -> HinfNorm:
         """Raise the level until the gain reaches it at no nearly imaginary eigenvalue."""
@@ -199,18 +221,25 @@ class _Search:
             return HinfNorm(0.0, self.frequency, 0.0)
         for _ in range(_MOST_LEVELS):
             level = self.value * (1.0 + tolerance)
-            found = hamiltonian_eigenvalues(self.system, level)
-            near = np.abs(found.real) <= _NEAR * np.abs(found)
-            omega = np.unique(np.abs(found[near].imag))
+            values = hamiltonian_eigenvalues(self.system, level)
+            near = np.abs(values.real) <= _NEAR * np.abs(values)
+            omega = np.unique(np.abs(values[near].imag))
             if omega.size:
                 self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
+            if self.value > level:
+                continue
+            found = self._widened(level)
+            noise = max(self.noise, found.error)
+            if noise <= _NOISE or self.frequency == 0.0 or not np.isfinite(noise):
+                return found
+            self.look_beside(noise)
             if self.value <= level:
                 return self._widened(level)
         return self._widened(np.inf)
 
     def _widened(self, level: float) -> HinfNorm:
         high, error = _with_rounding(self.given, self.frequency)
-        upper = max(level * (1.0 + error), high)
+        upper = max(level * (1.0 + max(error, self.noise)), high)
         # another frequency may have a lower gain that is less sure
         others = np.unique(np.append(np.abs(self.response.poles), 0.0))
         others = others[others != self.frequency]
@@ -238,8 +267,10 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     inverse, _ = zgetri(factors, swaps)
     size = np.abs(factors)
     changed = (np.tril(size, -1) + np.eye(n)) @ np.triu(size)
-    for k in range(n - 1, -1, -1):
-        changed[[k, swaps[k]]] = changed[[swaps[k], k]]
+    order = list(range(n))
+    for k, other in reversed(list(enumerate(swaps.tolist()))):
+        order[k], order[other] = order[other], order[k]
+    changed = changed[order]
     with np.errstate(all="ignore"):
         changed *= n * _EPS
         if system.dt_s is not None:  # exp(jω dt) is rounded itself

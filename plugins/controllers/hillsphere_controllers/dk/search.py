@@ -25,7 +25,7 @@ from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["KStep", "Point", "Search"]
+__all__ = ["KStep", "Point", "Search", "State"]
 
 KStep = Callable[[LtiSystem], LtiSystem]
 """A synthesis: takes the scaled plant, its last inputs and outputs being controls and measurements,
@@ -55,8 +55,45 @@ class Point:
     peak: CertifiedPeak
 
 
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a search is between two steps: what goes on from it depends on nothing else.
+
+    Parameters
+    ----------
+    key : str
+        Of the problem and its options.
+    done : int
+        Steps after the first.
+    joint, raised : bool
+        Whether the next one is a joint step, and one with scalings of higher order.
+    reason : str
+        Why there is no next one; empty if there is.
+    controller, multipliers, peak
+        Of the best `Point`.
+    omega_rad_s : ndarray, shape (K,)
+        Frequencies of the last D-step.
+    steps : tuple of DkIteration
+        All steps.
+    """
+
+    key: str
+    done: int
+    joint: bool
+    raised: bool
+    reason: str
+    controller: LtiSystem
+    multipliers: tuple[Multiplier, ...]
+    peak: CertifiedPeak
+    omega_rad_s: Array
+    steps: tuple[DkIteration, ...]
+
+
 class Search:
-    """The best controller so far, and the steps towards it."""
+    """The best controller so far, and the steps towards it.
+
+    `progress` is told of each step, `keep` of the state after it.
+    """
 
     def __init__(
         self,
@@ -67,6 +104,8 @@ class Search:
         back_off: float,
         gap: float,
         progress: Callable[[DkIteration], None] | None,
+        keep: Callable[[State], None] | None = None,
+        key: str = "",
     ) -> None:
         self.plant, self.structure, self.channels = plant, structure, channels
         self._given, self._back_off, self._gap, self._progress = k_step, back_off, gap, progress
@@ -74,6 +113,19 @@ class Search:
         self.steps: list[DkIteration] = []
         self._omega: Array = np.zeros(0)
         self._clock = perf_counter()
+        self._keep, self._key = keep, key
+        self._done, self._is_joint, self._is_raised, self._reason = 0, False, False, ""
+
+    def restore(self, state: State) -> None:
+        """Go on from a state that was kept, as if the search had never ended."""
+        loop = lower_lft(self.plant, state.controller)
+        self.best = Point(state.controller, loop, state.multipliers, state.peak)
+        self._omega, self._done = state.omega_rad_s, state.done
+        self._is_joint, self._is_raised, self._reason = state.joint, state.raised, state.reason
+        for step in state.steps:
+            self.steps.append(step)
+            if self._progress is not None:
+                self._progress(step)
 
     def begin(self, controller: LtiSystem | None) -> None:
         """Take a first controller, or make it with the best constant scalings."""
@@ -82,19 +134,22 @@ class Search:
             peak = certified_peak(loop, self.structure, gap=self._gap)
             goal = bounds_of(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
             self._judge("start", controller, constants_like(self.structure, goal.sizes), np.nan)
+            self._settled()
             return
         scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
         found, gamma = self._made(scalings, 1.0)
         self._judge("start", found, scalings, gamma)
+        self._settled()
 
     def run(self, iterations: int, highest: int, joint_steps: int, target: float) -> str:
         """Go on until nothing is gained; return why it ended."""
         if len(self.structure.blocks) == 1 and self.structure.blocks[0].kind == "full":
             return "one full block: there is nothing to scale"
-        joint, raised = False, False
-        for _ in range(iterations):
+        while self._done < iterations:
             assert self.best is not None
-            before = self.best
+            if self._reason:
+                return self._reason
+            before, joint, raised = self.best, self._is_joint, self._is_raised
             if before.peak.upper <= target:
                 return f"the target {target:.6g} is met"
             if joint:
@@ -107,16 +162,33 @@ class Search:
                 if gained < _ENDED and (
                     raised or all(o.fixed or o.order >= highest for o in before.multipliers)
                 ):
-                    return f"neither alternation nor a joint step gains {_ENDED:.0e}"
+                    self._reason = f"neither alternation nor a joint step gains {_ENDED:.0e}"
                 raised, joint = gained < _ENDED, gained < _ENDED
             elif gained < _SLOW:
                 if not joint_steps and gained < _ENDED:
-                    return f"alternation gains less than {_ENDED:.0e}"
+                    self._reason = f"alternation gains less than {_ENDED:.0e}"
                 joint = joint_steps > 0
+            self._done, self._is_joint, self._is_raised = self._done + 1, joint, raised
+            self._settled()
         assert self.best is not None
+        if self._reason:
+            return self._reason
         if self.best.peak.upper <= target:
             return f"the target {target:.6g} is met"
         return f"{iterations} iterations are done"
+
+    def _settled(self) -> None:
+        """Keep the state after a step, and tell of the step."""
+        best = self.best
+        if self._keep is not None and best is not None:
+            self._keep(
+                State(
+                    self._key, self._done, self._is_joint, self._is_raised, self._reason,
+                    best.controller, best.multipliers, best.peak, self._omega, tuple(self.steps),
+                )
+            )  # fmt: skip
+        if self._progress is not None:
+            self._progress(self.steps[-1])
 
     def _joint(self, start: Sequence[Multiplier], beta: float, steps: int) -> None:
         """Move scalings and controller together."""
@@ -239,8 +311,6 @@ class Search:
         step = replace(step, seconds=now - self._clock)
         self._clock = now
         self.steps.append(step)
-        if self._progress is not None:
-            self._progress(step)
 
 
 def _orders(multipliers: Sequence[Multiplier]) -> tuple[int, ...]:

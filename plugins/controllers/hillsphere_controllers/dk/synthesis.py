@@ -26,9 +26,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.dk.kept import KeptState
 from hillsphere_controllers.dk.reduction import reduced_controller
 from hillsphere_controllers.dk.results import DkDesign, DkIteration
 from hillsphere_controllers.dk.search import KStep, Search
@@ -42,9 +44,9 @@ __all__ = ["KStep", "dk_synthesis"]
 
 def dk_synthesis(
     plant: LtiSystem,
-    structure: BlockStructure,
     controls: int,
     measurements: int,
+    structure: BlockStructure,
     *,
     controller: LtiSystem | None = None,
     iterations: int = 10,
@@ -56,6 +58,7 @@ def dk_synthesis(
     reduction: float = 0.01,
     k_step: KStep | None = None,
     progress: Callable[[DkIteration], None] | None = None,
+    checkpoint: Path | None = None,
 ) -> DkDesign:
     """Return a controller that makes the certified peak of µ small.
 
@@ -64,10 +67,10 @@ def dk_synthesis(
     plant : LtiSystem
         Its first outputs and inputs belong to Δ, performance included, the last ones are the
         measurements and controls. In discrete time its bilinear image is used.
-    structure : BlockStructure
-        Of Δ, with a full block for performance.
     controls, measurements : int
         Numbers of u and y.
+    structure : BlockStructure
+        Of Δ, with a full block for performance.
     controller : LtiSystem, optional
         To begin with; constant scalings and H∞ synthesis give one, if left out.
     iterations : int
@@ -89,9 +92,12 @@ def dk_synthesis(
     k_step : callable, optional
         Another synthesis, such as a structured one, for the K-step.
     progress : callable, optional
-        Called after each step. An exception that it raises ends the synthesis; if that is
-        KeyboardInterrupt, as from the keyboard, or `hillsphere.errors.Interrupted`, the best until
-        then is returned.
+        Called after each step, and for each that the checkpoint holds. An exception that it raises
+        ends the synthesis; if that is KeyboardInterrupt, as from the keyboard, or
+        `hillsphere.errors.Interrupted`, the best until then is returned.
+    checkpoint : Path, optional
+        File that holds the state after each step. If it is there, the synthesis goes on from it,
+        to the same result as if it had never been interrupted.
 
     Returns
     -------
@@ -101,7 +107,9 @@ def dk_synthesis(
     Raises
     ------
     InputError
-        If numbers do not fit.
+        If numbers do not fit, or the checkpoint is damaged or of another synthesis.
+    StageError
+        If the checkpoint cannot be written.
     NotStabilisableError, SingularProblemError, SynthesisFailedError
         If there is no first controller, as of `hinf_synthesis`.
     """
@@ -119,12 +127,30 @@ def dk_synthesis(
     if iterations < 0 or highest_order < 0 or joint_steps < 0:
         raise InputError("iterations, highest_order and joint_steps must be ≥ 0")
     image = plant if plant.dt_s is None else continuous(plant)
-    search = Search(image, structure, (controls, measurements), k_step, back_off, gap, progress)
+    options = (
+        controls,
+        measurements,
+        iterations,
+        highest_order,
+        joint_steps,
+        target,
+        back_off,
+        gap,
+    )
+    given = (image,) if controller is None else (image, controller)
+    kept = None if checkpoint is None else KeptState(checkpoint, given, structure, options)
+    search = Search(
+        image, structure, (controls, measurements), k_step, back_off, gap, progress,
+        None if kept is None else kept.keep, "" if kept is None else kept.key,
+    )  # fmt: skip
     reason, interrupted = "interrupted", False
     try:
         if controller is not None and plant.dt_s is not None:
             controller = continuous(controller)
-        search.begin(controller)
+        if kept is not None and (state := kept.load()) is not None:
+            search.restore(state)
+        else:
+            search.begin(controller)
         reason = search.run(iterations, highest_order, joint_steps, target)
     except (KeyboardInterrupt, Interrupted):
         if search.best is None:

@@ -7,12 +7,15 @@ from itertools import product
 
 import numpy as np
 
-from hillsphere.errors import HillsphereError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
+from hillsphere_controllers.errors import SingularProblemError
 from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.full_order.riccati import axis_frequencies, stabilising_solution
+from hillsphere_controllers.full_order.riccati import (
+    axis_frequencies,
+    solution_by_pencil,
+    stabilising_solution,
+)
 from hillsphere_controllers.full_order.unreachable import response_bound, solution_error
 from hillsphere_controllers.systems.algebra import fed_back
 
@@ -34,6 +37,8 @@ class GammaProblem:
         p, m = plant.shape
         p1, m1 = p - q, m - k
         self._plant, self._a = plant, plant.a
+        self.by_pencil = False
+        """Whether the Riccati equations are solved by their pencil, in vain without."""
         self.proved = 0.0
         """The largest γ of which is proved that no controller reaches it."""
         b1, b2 = plant.b[:, :m1], plant.b[:, m1:]
@@ -79,15 +84,16 @@ class GammaProblem:
             np.linalg.norm(self._d11[:, : m1 - q], 2) if m1 > q else 0.0,
         )
         self.proved = max(self.proved, float(low) * (1.0 - _ROUNDING))
-        high = max(2.0 * low, self.size)
-        while self.solve(high) is None:
-            low, high = high, 10.0 * high
-            if high > _HIGHEST * self.size:
-                return float(low), None
-        return float(low), float(high)
+        for self.by_pencil in (False, True):
+            below, high = low, max(2.0 * low, self.size)
+            while high <= _HIGHEST * self.size:
+                if self.solve(high) is not None:
+                    return float(below), float(high)
+                below, high = high, 10.0 * high
+        return float(below), None
 
-    def hindrance(self) -> HillsphereError:
-        """Return why no γ was found to be solvable, as far as that is known."""
+    def singular(self) -> SingularProblemError | None:
+        """Return the error of a zero on the imaginary axis, None if none is found."""
         for what, b, c, d in (
             ("u to z", self._b2, self._c1, self._d12), ("w to y", self._b1, self._c2, self._d21),
         ):  # fmt: skip
@@ -98,12 +104,7 @@ class GammaProblem:
                     "(an integrator outside of the loop, say); shift the weight's pole or zero "
                     "slightly off the axis"
                 )
-        return SynthesisFailedError(
-            f"the Riccati equations of the plant, of order {len(self._a)}, were solved for no γ, "
-            "though no zero on the imaginary axis was found: its poles and zeros or its units lie "
-            "too many decades apart for double precision; take very slow or fast modes out, or "
-            "enlarge the weights of controls and noise"
-        )
+        return None
 
     def solve(self, gamma: float, *, checked: bool = True) -> tuple[Array, Array] | None:
         """Return X and Y for a γ, None if it is too small or rounding hides them.
@@ -124,7 +125,10 @@ class GammaProblem:
             if posed is None:
                 return None
             matrices, rounding = posed
-            x = stabilising_solution(*matrices, checked=checked)
+            if self.by_pencil:
+                x = solution_by_pencil(_weighted(*side), matrices, checked=checked)
+            else:
+                x = stabilising_solution(*matrices, checked=checked)
             if x is None:
                 if checked and gamma > self.proved:
                     at = axis_frequencies(*matrices)
@@ -236,21 +240,27 @@ def _radius(one: Array, other: Array) -> float:
 _Matrices = tuple[Array, Array, Array]
 
 
+def _weighted(
+    a: Array, b: Array, c: Array, d: Array, r: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return A, B, Cᵀ C, R and Cᵀ D for w and u in units in which R has a diagonal of size one."""
+    unit = np.sqrt(np.abs(np.diag(r)))  # γ may be far from one
+    unit[unit == 0.0] = 1.0
+    return a, b / unit, c.T @ c, r / unit[:, None] / unit, c.T @ (d / unit)
+
+
 def _equation(
     a: Array, b: Array, c: Array, d: Array, r: Array
 ) -> tuple[_Matrices, _Matrices] | None:
     """Return A, S, Q for the weight R (indefinite) and the cross term Dᵀ C, and their errors."""
-    # γ may be far from one: columns of w and u in units in which R has a diagonal of size one
-    unit = np.sqrt(np.abs(np.diag(r)))
-    unit[unit == 0.0] = 1.0
-    r, b, cross = r / unit[:, None] / unit, b / unit, (d / unit).T @ c
+    _, b, whole, r, cross = _weighted(a, b, c, d, r)
+    cross = cross.T
     try:
         feed = np.linalg.solve(r, cross)
         back = np.linalg.solve(r, b.T)
     except np.linalg.LinAlgError:
         return None
     s = -b @ back
-    whole = c.T @ c
     q = whole - cross.T @ feed
     # what rounding leaves of a weight that cancels is none
     rest = np.abs(q)

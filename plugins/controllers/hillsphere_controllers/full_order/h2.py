@@ -16,15 +16,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.analysis.h2_norm import h2_norm, h2_rounding
 from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.full_order.riccati import stabilising_solution
+from hillsphere_controllers.full_order.regulation import optimal_cost
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.systems.algebra import fed_back, lower_lft
 from hillsphere_controllers.systems.balancing import balanced
@@ -34,7 +33,6 @@ __all__ = ["H2Design", "h2_synthesis", "optimal_cost"]
 _RANK = 1e-9
 """Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
 _AGREE = 1e-5
-_RESIDUAL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -142,67 +140,12 @@ def _solved(plant: LtiSystem, k: int, q: int) -> H2Design:
             "order one"
         )
     norm, promised = h2_norm(loop), float(np.sqrt(max(square, 0.0)))
-    if not abs(norm - promised) <= _AGREE * promised + 1e-9 * np.abs(d11).max(initial=0.0):
+    if not abs(norm - promised) <= _AGREE * promised + h2_rounding(loop):
         raise SynthesisFailedError(
             f"the closed loop has the H2 norm {norm:.9g}, the Riccati equations promise "
             f"{promised:.9g}; scale inputs, outputs and time to order one"
         )
     return H2Design(controller, norm, loop)
-
-
-def optimal_cost(
-    a: Array, b: Array, c: Array, d: Array, *, discrete: bool = False
-) -> tuple[Array, Array]:
-    r"""Return X and F of the state feedback u = F x that minimises the energy of C x + D u.
-
-    Parameters
-    ----------
-    a, b, c, d : ndarray, shape (n, n), (n, m), (p, n), (p, m)
-        Matrices, D of full column rank.
-    discrete : bool
-        Whether x follows in steps.
-
-    Returns
-    -------
-    x : ndarray, shape (n, n)
-        The energy from a state x is xᵀ X x.
-    f : ndarray, shape (m, n)
-        The feedback.
-
-    Raises
-    ------
-    SingularProblemError
-        If there is no stabilising solution.
-    """
-    r, cross = d.T @ d, c.T @ d
-    if discrete:
-        try:
-            x = np.asarray(solve_discrete_are(a, b, c.T @ c, r, s=cross))
-        except (np.linalg.LinAlgError, ValueError):
-            raise _none(discrete) from None
-        weight = r + b.T @ x @ b
-        f = -np.linalg.solve(weight, b.T @ x @ a + cross.T)
-        rest = a.T @ x @ a - x + (a.T @ x @ b + cross) @ f + c.T @ c
-        size = max(np.abs(x).max(initial=0.0), np.abs(a.T @ x @ a).max(initial=0.0), 1e-300)
-        stable = np.abs(np.linalg.eigvals(a + b @ f)).max(initial=0.0) < 1.0
-        if np.abs(rest).max(initial=0.0) > _RESIDUAL * size or not stable:
-            raise _none(discrete)
-        return x, f
-    feed, back = np.linalg.solve(r, cross.T), np.linalg.solve(r, b.T)
-    s, rest = -b @ back, c - d @ feed
-    found = stabilising_solution(a - b @ feed, 0.5 * (s + s.T), rest.T @ rest)
-    if found is None:
-        raise _none(discrete)
-    return found, -(feed + back @ found)
-
-
-def _none(discrete: bool) -> SingularProblemError:
-    where = "unit circle" if discrete else "imaginary axis"
-    return SingularProblemError(
-        f"the Riccati equation has no stabilising solution: a mode on the {where} is not weighted "
-        "or not excited (a zero from u to z or from w to y), or the data are badly scaled; weight "
-        "it a little, or shift it off"
-    )
 
 
 def _check_rank(d: Array, what: str) -> None:

@@ -35,6 +35,7 @@ from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.scaling import Units
+from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import lower_lft
 from hillsphere_controllers.systems.balancing import balanced
 from hillsphere_controllers.systems.bilinear import continuous, discrete
@@ -42,10 +43,12 @@ from hillsphere_controllers.systems.bilinear import continuous, discrete
 __all__ = ["HinfDesign", "hinf_synthesis"]
 
 _BACK_OFFS = (1.0, 1.5, 3.0, 10.0, 30.0)
-_TRIED = 16
-"""Values of γ tried where rounding, not proof, ended the bisection."""
-_DECADES = 6.0
+_TRIED, _ROUNDS = 12, 4
+"""Values of γ tried where rounding, not proof, ended the bisection, ever nearer to the best."""
+_DECADES = 8.0
+_LOWER = 0.97
 _NEARLY = 0.99
+_SHARES = (0.98, 0.9, 0.5)
 _STEPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.2, 0.4)
 
 
@@ -89,6 +92,7 @@ def hinf_synthesis(
     tolerance: float = 1e-4,
     back_off: float = 0.005,
     regularisation: float = 0.0,
+    slicot: bool = False,
 ) -> HinfDesign:
     """Return a controller that nearly minimises the gain from w to z.
 
@@ -109,6 +113,10 @@ def hinf_synthesis(
         for the synthesis only: makes problems solvable in which D12 or D21 lacks full rank, for a γ
         that is a little larger. The closed loop is that of the plant as given;
         `HinfDesign.solvable` then belongs to the problem with them.
+    slicot : bool
+        Whether the bisection begins beside what SLICOT's SB10AD finds, which saves most of its
+        steps. The Riccati equations are solved on both sides of it here, and the same is checked:
+        the result is the same within the tolerance, its last bits are others.
 
     Returns
     -------
@@ -118,7 +126,8 @@ def hinf_synthesis(
     Raises
     ------
     InputError
-        If the numbers do not fit, or an option is out of its range.
+        If the numbers do not fit, an option is out of its range, or SLICOT is asked for and the
+        package slycot is not installed.
     NotStabilisableError
         If u cannot stabilise the plant, or y does not show an unstable mode.
     SingularProblemError
@@ -139,9 +148,10 @@ def hinf_synthesis(
     units = Units.of(plant, k, q)
     scaled = units.scaled(plant)
     if plant.dt_s is None:
-        made = _continuous(scaled, units, tolerance, back_off, regularisation)
+        made = _continuous(scaled, units, tolerance, back_off, regularisation, slicot)
     else:
-        made = _continuous(continuous(scaled), units, tolerance, back_off, regularisation)
+        image = continuous(scaled)
+        made = _continuous(image, units, tolerance, back_off, regularisation, slicot)
         made = _proved(
             _checked(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
         )
@@ -149,20 +159,38 @@ def hinf_synthesis(
 
 
 def _continuous(
-    plant: LtiSystem, units: Units, tolerance: float, back_off: float, regularisation: float
+    plant: LtiSystem,
+    units: Units,
+    tolerance: float,
+    back_off: float,
+    regularisation: float,
+    slicot: bool,
 ) -> HinfDesign:
     """Return the design for a plant in continuous time, its controls in these units."""
     posed = _regularised(plant, units, regularisation) if regularisation else plant
-    problem = GammaProblem(balanced(posed)[0], units.controls.size, units.measurements.size)
+    posed = balanced(posed)[0]
+    problem = GammaProblem(posed, units.controls.size, units.measurements.size)
     low, high = problem.bracket()
+    if problem.by_pencil and (singular := problem.singular()) is not None:
+        raise singular
     best = None
     if high is None:
         best = _tried(
             plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
         )
         if best is None:
-            raise problem.hindrance()
+            raise SynthesisFailedError(
+                f"the Riccati equations of the plant, of order {plant.order}, were solved for no "
+                "γ, though no zero on the imaginary axis was found: its poles and zeros or its "
+                "units lie too many decades apart for double precision; take very slow or fast "
+                "modes out, or enlarge the weights of controls and noise"
+            )
     else:
+        if slicot:
+            guess = hinf_guess(
+                posed, units.controls.size, units.measurements.size, high, 0.1 * tolerance
+            )
+            low, high = _beside(problem, guess, low, high, tolerance)
         while high > low * (1.0 + tolerance):
             middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
             if middle <= 1e-12 * problem.size:
@@ -176,8 +204,10 @@ def _continuous(
             if problem.proved < low * (1.0 - step):
                 problem.solve(low * (1.0 - step))
         best = _backed_off(plant, problem, high, back_off)
-        if best is None or problem.proved < _NEARLY * low:
-            below = max(problem.proved, 1e-3 * high)
+        below = max(problem.proved, high / 10.0**_DECADES)
+        if best is None or (
+            problem.proved < _NEARLY * low and _goes_lower(plant, problem, best, below)
+        ):
             best = _better(best, _tried(plant, problem, (below, 10.0 * high)))
         if best is None:
             raise SynthesisFailedError(
@@ -198,21 +228,54 @@ def _proved(design: HinfDesign, least: float) -> HinfDesign:
 def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | None:
     if one is None or other is None:
         return one or other
-    return other if other.gamma < one.gamma else one
+    return other if other.norm.upper < one.norm.upper else one
+
+
+def _beside(
+    problem: GammaProblem, guess: float, low: float, high: float, tolerance: float
+) -> tuple[float, float]:
+    """Return a γ without and one with a solution, near a guess if it is right."""
+    for gamma in (guess * (1.0 + 0.4 * tolerance), guess * (1.0 - 0.4 * tolerance)):
+        if low < gamma < high:  # not if the guess is NaN
+            if problem.solve(gamma) is None:
+                low = gamma
+            else:
+                high = gamma
+    return low, high
+
+
+def _goes_lower(plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below: float) -> bool:
+    """Whether a controller for a γ that the bisection has refused does better."""
+    bisected = problem.by_pencil
+    tried = [share * best.gamma for share in _SHARES if share * best.gamma > below]
+    found = []
+    for problem.by_pencil in (False, True):
+        found += [_made(plant, problem, gamma, checked=False) for gamma in tried]
+    problem.by_pencil = bisected
+    limit = _NEARLY * best.norm.upper
+    return any(made is not None and made.norm.upper < limit for made in found)
 
 
 def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -> HinfDesign | None:
     """Return the best controller of many γ, whether X and Y look right or not: the loop decides."""
     best: HinfDesign | None = None
-    at, width = float(np.sqrt(span[0] * span[1])), float(np.sqrt(span[1] / span[0]))
-    for _ in range(2):  # the second time beside the best
-        for gamma in np.geomspace(at / width, at * width, _TRIED):
-            made = _made(plant, problem, float(gamma), checked=False)
-            if made is not None and (best is None or made.gamma < best.gamma):
-                best, at = replace(made, solvable=made.gamma), float(gamma)
-        if best is None:
-            break
-        width **= 2.0 / (_TRIED - 1)
+    for problem.by_pencil in (False, True):
+        own: HinfDesign | None = None
+        at, width = float(np.sqrt(span[0] * span[1])), float(np.sqrt(span[1] / span[0]))
+        for _ in range(_ROUNDS):  # after the first beside the best
+            lowest = np.inf
+            for gamma in np.geomspace(at / width, at * width, _TRIED):
+                made = _made(plant, problem, float(gamma), checked=False)
+                if made is None:
+                    continue
+                own = _better(own, replace(made, solvable=made.gamma))
+                # a larger γ gives nearly the same controller, whatever rounding makes of it
+                if made.norm.upper < _LOWER * lowest:
+                    lowest, where = made.norm.upper, float(gamma)
+            if lowest == np.inf:
+                break
+            at, width = where, width ** (2.0 / (_TRIED - 1))
+        best = _better(best, own)
     return best
 
 
@@ -246,6 +309,8 @@ def _checked(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDe
     if not loop.is_stable:
         raise SynthesisFailedError("the closed loop is not stable")
     norm = hinf_norm(loop)
+    if not np.isfinite(norm.upper):
+        raise SynthesisFailedError("the closed loop's entries do not determine its norm")
     return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.lti import LtiSystem
+from hillsphere.lti import LtiSystem, real_matrix
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.h2 import optimal_cost
 from hillsphere_controllers.full_order.modes import check_modes
@@ -176,8 +176,8 @@ def kalman(
     """
     p, n = plant.c.shape
     discrete = plant.dt_s is not None
-    g = np.eye(n) if through is None else np.asarray(through, dtype=float)
-    if g.ndim != 2 or len(g) != n:
+    g = np.eye(n) if through is None else real_matrix(through, "through")
+    if len(g) != n:
         raise InputError(f"the noise must enter through a matrix of {n} rows, got {g.shape}")
     c, d = _square_root(
         process_noise, measurement_noise, cross_noise, g.shape[1], p, "noise of the measurements"
@@ -252,10 +252,10 @@ def _square_root(
     """Return C, D with [C D]ᵀ [C D] = [[first, cross], [crossᵀ, second]]."""
     if not (n and m):
         raise InputError("states, and controls or measurements, are needed; there are none")
-    q, r = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    s = np.zeros((n, m)) if cross is None else np.asarray(cross, dtype=float)
+    q, r = (real_matrix(given, "a weight or covariance") for given in (first, second))
+    s = np.zeros((n, m)) if cross is None else real_matrix(cross, "a cross term")
     for matrix, shape in ((q, (n, n)), (r, (m, m)), (s, (n, m))):
-        if matrix.shape != shape or not np.isfinite(matrix).all():
+        if matrix.shape != shape:
             raise InputError(f"a matrix of {shape} finite numbers is needed, got {matrix.shape}")
     whole = np.block([[q, s], [s.T, r]])
     if np.abs(whole - whole.T).max(initial=0.0) > 1e-10 * np.abs(whole).max(initial=0.0):

@@ -7,9 +7,11 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_controllers.errors import NotStabilisableError
 
-__all__ = ["check_modes"]
+__all__ = ["axis_mode", "check_modes"]
 
 _MODE = 1e-9
+_NEAR = 1e-6
+_UNSEEN = 1e-13
 _CANCELLED = 1e-15
 _ROUNDS = 3
 
@@ -46,6 +48,33 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
                     f"stable; add {remedy}, or take weights with poles on the "
                     f"{'unit circle' if discrete else 'axis'} out of the plant"
                 )
+
+
+def axis_mode(a: Array, c: Array, *, discrete: bool = False) -> complex | None:
+    """Return a mode on the stability boundary that C does not show, None without one.
+
+    Parameters
+    ----------
+    a, c : ndarray, shape (n, n), (p, n)
+        Matrices.
+    discrete : bool
+        Whether the boundary is the unit circle.
+    """
+    values = np.linalg.eigvals(a)
+    largest = float(np.abs(values).max(initial=0.0))
+    for value in values:
+        if discrete:
+            if abs(abs(value) - 1.0) > _NEAR:
+                continue
+            at = complex(value / abs(value))
+        elif abs(value.real) > _NEAR * largest:
+            continue
+        else:
+            at = 1j * float(value.imag)
+        matrix = _even(np.vstack([a - at * np.eye(len(a)), c]).T)
+        if np.linalg.svd(matrix, compute_uv=False)[-1] <= _UNSEEN:
+            return at
+    return None
 
 
 def _lacks_rank(matrix: Array) -> bool:

@@ -11,16 +11,20 @@ References
 ----------
 .. [1] A. J. Laub (1979), A Schur method for solving algebraic Riccati equations, IEEE Transactions
    on Automatic Control 24(6), 913-921.
+.. [2] P. Van Dooren (1981), A generalized eigenvalue approach for solving Riccati equations, SIAM
+   Journal on Scientific and Statistical Computing 2(2), 121-135.
 """
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
-from scipy.linalg import schur, solve_sylvester
+from scipy.linalg import schur, solve_continuous_are, solve_sylvester
 
 from hillsphere.interfaces import Array
 
-__all__ = ["axis_frequencies", "stabilising_solution"]
+__all__ = ["axis_frequencies", "solution_by_pencil", "stabilising_solution"]
 
 _ON_AXIS = 1e-11
 _NEAR_AXIS = 1e-3
@@ -64,13 +68,44 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
         return None
     x = t * np.linalg.solve(upper.T, lower.T).T
     x = _refined(a, s, q, 0.5 * (x + x.T))
-    if not checked:
-        return x
-    rest = _residual(a, s, q, x)
-    size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
-    if np.abs(rest).max() > _RESIDUAL * size or np.linalg.eigvals(a + s @ x).real.max() >= 0.0:
+    return x if not checked or _solves(a, s, q, x) else None
+
+
+def solution_by_pencil(
+    given: tuple[Array, Array, Array, Array, Array],
+    formed: tuple[Array, Array, Array],
+    *,
+    checked: bool = True,
+) -> Array | None:
+    """Return the stabilising solution X (n, n), symmetric, by another way, or None.
+
+    From the pencil [2]_ in which the weight R is not inverted. It takes some times as long, and
+    finds solutions where R, or the units of the states, are so uneven that the Hamiltonian matrix
+    has lost them.
+
+    Parameters
+    ----------
+    given : tuple of ndarray
+        A, B, Q, R and N of AᵀX + X A − (X B + N) R⁻¹ (X B + N)ᵀ + Q = 0.
+    formed : tuple of ndarray, shape (n, n)
+        A, S, Q of the same equation as of `stabilising_solution`, with which the solution is
+        refined and checked.
+    checked : bool
+        As of `stabilising_solution`.
+    """
+    a, b, q, r, cross = given
+    if not len(a):
+        return np.zeros((0, 0))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what is badly conditioned; the loop is checked
+            x = solve_continuous_are(a, b, q, r, s=cross)
+    except (np.linalg.LinAlgError, ValueError):  # eigenvalues on the axis, R singular
         return None
-    return x
+    if not np.isfinite(x).all():
+        return None
+    x = _refined(*formed, 0.5 * (x + x.T))
+    return x if not checked or _solves(*formed, x) else None
 
 
 def axis_frequencies(a: Array, s: Array, q: Array) -> Array:
@@ -92,6 +127,14 @@ def _hamiltonian(a: Array, s: Array, q: Array) -> tuple[Array, float]:
     size_s, size_q = np.abs(s).max(), np.abs(q).max()
     t = float(np.sqrt(size_q / size_s)) if size_s > 0.0 and size_q > 0.0 else 1.0
     return np.block([[a, t * s], [-q / t, -a.T]]), t
+
+
+def _solves(a: Array, s: Array, q: Array, x: Array) -> bool:
+    rest = _residual(a, s, q, x)
+    size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
+    if np.abs(rest).max() > _RESIDUAL * size:
+        return False
+    return bool(np.linalg.eigvals(a + s @ x).real.max() < 0.0)
 
 
 def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:

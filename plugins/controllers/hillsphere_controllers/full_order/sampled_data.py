@@ -28,6 +28,7 @@ from scipy.linalg import expm
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.lti import real_matrix
 
 __all__ = ["sampled_cost", "sampled_noise"]
 
@@ -58,9 +59,13 @@ def sampled_cost(
     Raises
     ------
     InputError
-        If the period is not positive.
+        If the period is not positive, or a matrix does not fit.
     """
+    a, b = real_matrix(a, "A"), real_matrix(b, "B")
     states, controls = b.shape
+    q, r = real_matrix(q, "Q"), real_matrix(r, "R")
+    for name, matrix, size in (("A", a, states), ("Q", q, states), ("R", r, controls)):
+        _check_square(name, matrix, size)
     whole = np.zeros((states + controls, states + controls))
     whole[:states, :states], whole[:states, states:] = a, b
     weight = np.zeros_like(whole)
@@ -87,9 +92,17 @@ def sampled_noise(a: Array, density: Array, h: float) -> Array:
     Raises
     ------
     InputError
-        If the period is not positive.
+        If the period is not positive, or a matrix does not fit.
     """
+    a, density = real_matrix(a, "A"), real_matrix(density, "the density")
+    _check_square("A", a, len(a))
+    _check_square("the density", density, len(a))
     return _integrated(a.T, density, h)[1]
+
+
+def _check_square(name: str, matrix: Array, size: int) -> None:
+    if matrix.shape != (size, size):
+        raise InputError(f"{name} must be {size} × {size}, got {matrix.shape}")
 
 
 def _integrated(m: Array, weight: Array, h: float) -> tuple[Array, Array]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from numbers import Integral
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from hillsphere.interfaces import Array, Integers
 __all__ = ["Block", "BlockStructure", "full", "repeated_complex", "repeated_real"]
 
 Complex = NDArray[np.complex128]
+Kind = Literal["real", "complex", "full"]
 
 
 @dataclass(frozen=True)
@@ -33,15 +35,19 @@ class Block:
     Raises
     ------
     InputError
-        If a size is not positive, or a repeated scalar not square.
+        If there is no such kind, a size is not a positive integer, or a repeated scalar not square.
     """
 
-    kind: Literal["real", "complex", "full"]
+    kind: Kind
     rows: int
     columns: int
     name: str = ""
 
     def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise InputError(f"no kind of block {self.kind!r}; {', '.join(get_args(Kind))} exist")
+        if not all(isinstance(size, Integral) for size in (self.rows, self.columns)):
+            raise InputError(f"the size of a block is a whole number, got {self}")
         if self.rows < 1 or self.columns < 1:
             raise InputError(f"a block needs at least one row and column, got {self}")
         if self.kind != "full" and self.rows != self.columns:
@@ -78,7 +84,7 @@ class BlockStructure:
     Parameters
     ----------
     blocks : sequence of Block
-        At least one.
+        At least one; real ones of different names, or without.
 
     Attributes
     ----------
@@ -98,6 +104,12 @@ class BlockStructure:
         if not blocks:
             raise InputError("a block structure needs at least one block")
         self.blocks = tuple(blocks)
+        real = [b.name or str(k) for k, b in enumerate(blocks) if b.kind == "real"]
+        if len(set(real)) < len(real):
+            raise InputError(
+                f"real blocks of one name are one, repeated (`repeated_real(2, {real[0]!r})`), got "
+                f"{', '.join(real)}"
+            )
         self.shape = (sum(b.columns for b in blocks), sum(b.rows for b in blocks))
         self.sizes: Integers = np.array([max(b.rows, b.columns) for b in blocks])
         self.starts: Integers = np.concatenate([[0], np.cumsum(self.sizes)[:-1]]).astype(np.int64)
@@ -120,9 +132,11 @@ class BlockStructure:
         Raises
         ------
         InputError
-            If the matrix does not fit the blocks.
+            If the matrix does not fit the blocks, or is not of finite numbers.
         """
         given = np.asarray(matrix)
+        if given.dtype.kind not in "biufc" or not np.isfinite(given).all():
+            raise InputError("M must consist of finite numbers")
         if given.shape[-2:] != self.shape:
             raise InputError(
                 f"these blocks close a matrix of {self.shape[0]} × {self.shape[1]}, got "

@@ -208,10 +208,16 @@ def complexified(
     Raises
     ------
     InputError
-        If not all blocks are real, or the share is out of range.
+        If not all blocks are real, the system has other outputs or inputs than theirs, or the
+        share is out of range.
     """
     if not structure.purely_real:
         raise InputError("only purely real Δ are made complex")
+    if system.shape != structure.shape:
+        raise InputError(
+            f"these blocks close {structure.shape[0]} outputs and {structure.shape[1]} inputs, the "
+            f"system has {system.shape[0]} and {system.shape[1]}: leave those of performance out"
+        )
     if not 0.0 < share < 1.0:
         raise InputError(f"the complex share must be between 0 and 1, got {share}")
     root = np.sqrt(share)

@@ -17,6 +17,7 @@ References
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,12 +50,14 @@ class WorstCase:
     delta : ndarray, shape (m, p)
         Δ there.
     values : dict of str to float
-        Of the real blocks, by their name, or their number without one.
+        Of the real blocks, by their name, or their number without one; normalised:
+        `hillsphere_controllers.lft.uncertainties.physical_values` has them in their units.
     system : LtiSystem
         Δ(s), stable, as large as `delta`, whose response at the frequency it is. Without states if
         all blocks are real.
     pole : complex
-        The pole of M closed with Δ(s) that is nearest to that border, 1/s, or in the z-plane.
+        The pole of M closed with Δ(s) that is nearest to that border, 1/s, or in the z-plane;
+        infinite if Δ closes a loop of direct terms, with which there is no system.
     singular : float
         The smallest singular value of I − M Δ, from the responses of both systems.
     """
@@ -87,7 +90,8 @@ def interpolated(delta: Complex, structure: BlockStructure, omega_rad_s: float) 
     Raises
     ------
     InputError
-        If a full block has a rank above one, or Δ is not real though the frequency is 0 or ∞.
+        If a full block has a rank above one, a real one a complex value, or Δ is not real though
+        the frequency is 0 or ∞.
     """
     made = []
     size = max(float(np.abs(delta).max()), 1e-300)
@@ -97,6 +101,8 @@ def interpolated(delta: Complex, structure: BlockStructure, omega_rad_s: float) 
             block.kind != "full" or not 0.0 < omega_rad_s < np.inf
         ):
             made.append(gain(part.real))
+        elif block.kind == "real":
+            raise InputError(f"a real block has real values, not {complex(part[0, 0]):.6g}")
         elif block.kind != "full":
             scalar = _all_pass(complex(part[0, 0]), omega_rad_s)
             made += [scalar] * block.rows
@@ -178,10 +184,11 @@ def worst_case(
         )
     pole = np.inf + 0j
     if np.isfinite(image) and own.order + block.order:
-        poles = upper_lft(own, block).poles
-        pole = complex(poles[int(np.argmin(np.abs(poles - 1j * image)))])
-        if dt_s is not None:
-            pole = (1.0 + 0.5 * dt_s * pole) / (1.0 - 0.5 * dt_s * pole)
+        with suppress(InputError):  # I − M Δ may be singular at all frequencies
+            poles = upper_lft(own, block).poles
+            pole = complex(poles[int(np.argmin(np.abs(poles - 1j * image)))])
+            if dt_s is not None:
+                pole = (1.0 + 0.5 * dt_s * pole) / (1.0 - 0.5 * dt_s * pole)
     if dt_s is not None:
         block = discrete(block, dt_s)
     return WorstCase(omega_rad_s, delta, structure.real_values(delta), block, pole, singular)

@@ -114,6 +114,7 @@ class OpenLoop:
         poles = np.abs(np.linalg.eigvals(scaled.a)) if n else np.ones(1)
         there = poles[poles > 1e-8 * max(float(poles.max()), 1e-300)]
         self.rate = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
+        self._scaled, self._size = scaled, (p1, m1)
         self.sizes = self._sizes(scaled, m1, p1)
 
     def _place(self, channel: Channel, p1: int, m1: int) -> tuple[Integers, Integers, Channel]:
@@ -139,6 +140,21 @@ class OpenLoop:
         u = self.rate / lengths(scaled.b[:, m1:]) if scaled.order else lengths(scaled.d[:, m1:])
         y = lengths(scaled.c[p1:].T) if scaled.order else lengths(scaled.d[p1:].T)
         return Sizes(u, y, self.rate)
+
+    def sizes_at(self, omega: float) -> Sizes:
+        """Return what is large for a loop with a bandwidth, rad/s.
+
+        Each u is the one that makes some z of order one at that frequency; each y what w of order
+        one, or such u, make of it.
+        """
+        p1, m1 = self._size
+        gains = np.abs(self._scaled.response(np.array([omega]))[0])
+        reach = gains[:p1, m1:].max(axis=0, initial=0.0)
+        u = 1.0 / np.where(reach > 0.0, reach, 1.0)
+        y = np.maximum(
+            gains[p1:, :m1].max(axis=1, initial=0.0), (gains[p1:, m1:] * u).max(axis=1, initial=0.0)
+        )
+        return Sizes(u, np.where(y > 0.0, y, 1.0), omega)
 
     def close(self, gains: Array) -> Closed | None:
         """Return the closed loop with K; None if it is not well posed."""

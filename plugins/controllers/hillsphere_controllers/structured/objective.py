@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import eig
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -23,12 +24,16 @@ __all__ = ["FURTHEST", "Objective", "Piece", "Point"]
 _NEAR = 0.6
 """Peaks of at least this share of the largest are looked at."""
 _MOST = 14
+_EACH, _AT_ALL = 6, 60
+"""With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
 _ROUGH = 0.95
 """Peaks that are roughly below this share of the largest so far are not the largest."""
 _NEAR_HARD = -0.3
 """Constraints above this are looked at."""
 FURTHEST = 1e8
 """Scaled parameters beyond this are out of bounds: where gains run away, γ has long settled."""
+_STRICTLY = 1e-5
+"""Poles of a controller that is to be stable are below minus this share of the rate."""
 _MARGIN = 1e-7
 """By so much constraints are kept, so that rounding does not break them."""
 
@@ -44,7 +49,7 @@ class Piece:
     slope : ndarray, shape (size,)
         Its gradient.
     plant, channel : int
-        Where; channel −1: poles or gains.
+        Where; channel −1: poles, of plant −1: gains, of −2: the controller's poles.
     omega_rad_s : float
         Peak; NaN where there is none.
     number : int
@@ -102,6 +107,8 @@ class Objective:
         Where all closed loops' poles are to be.
     largest_gain : float or None
         Limit of the Frobenius norm of K.
+    controller_stable : bool
+        Whether the poles of the controller are to be in the left half-plane.
 
     Attributes
     ----------
@@ -119,8 +126,13 @@ class Objective:
         spread: Array,
         region: PoleRegion | None = None,
         largest_gain: float | None = None,
+        controller_stable: bool = False,
     ) -> None:
         self.loops, self.structure = list(loops), structure
+        self._most = max(_MOST, min(_EACH * len(self.loops), _AT_ALL))
+        rates = [loop.rate for loop in self.loops]
+        self._rate = float(np.exp(np.mean(np.log(rates))))
+        self._controller_stable = controller_stable and structure.order > 0
         self.norms = [PlantNorms(loop) for loop in self.loops]
         self.middle, self.spread = middle, spread
         self.region, self.largest_gain = region, largest_gain
@@ -147,7 +159,8 @@ class Objective:
             if loop is None or self.norms[j].seen_above(loop, above):
                 return no
             found[j] = loop
-        objective, excess = -np.inf, self._gain_excess(matrix)
+        objective = -np.inf
+        excess = max(self._gain_excess(matrix), self._controller_excess(matrix))
         each = np.full(len(self.loops), -np.inf)
         for j, loop in found.items():
             norms = self.norms[j]
@@ -175,6 +188,12 @@ class Objective:
             return -np.inf
         return float(np.log(max(float(np.linalg.norm(matrix)), 1e-300) / self.largest_gain))
 
+    def _controller_excess(self, matrix: Array) -> float:
+        if not self._controller_stable:
+            return -np.inf
+        k = self.structure.order
+        return float(np.linalg.eigvals(matrix[:k, :k]).real.max()) / self._rate + _STRICTLY
+
     def remember(self, point: Point, more: bool = False) -> None:
         """Take the peaks of a point for the next ones; see `PlantNorms.remember`."""
         for norms, loop in zip(self.norms, point.loops, strict=True):
@@ -198,8 +217,9 @@ class Objective:
         """Return a gradient at a point, shape (size,): that of the largest, and of the penalty."""
         found = np.zeros(point.x.size)
         if point.excess + _MARGIN > 0.0:
-            worst = max(self._hard(point), key=lambda piece: piece.level)
-            found += self.penalty * worst.slope
+            hard = self._hard(point)
+            if hard:  # none where multiple poles have no slope
+                found += self.penalty * max(hard, key=lambda piece: piece.level).slope
         best = max(
             ((j, c) for j, loop in enumerate(point.loops) for c in loop.levels
              if self.loops[j].channels[c][2].limit is None),
@@ -239,10 +259,10 @@ class Objective:
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
                     for i in _distinct(omega, high)
                 ]
-        for _, j, c, at in sorted(peaks, key=lambda peak: -peak[0])[:_MOST]:
+        for _, j, c, at in sorted(peaks, key=lambda peak: -peak[0])[: self._most]:
             soft += self._at(point, j, c, at, None)
         soft = [p for p in soft if p.level >= least]
-        soft = sorted(soft, key=lambda p: -p.level)[:_MOST]
+        soft = sorted(soft, key=lambda p: -p.level)[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
 
@@ -305,6 +325,23 @@ class Objective:
             slope = point.gains / np.sum(point.gains**2)
             slope = self._chained(point, slope)
             found.append(Piece(level + _MARGIN, slope, -1, -1, np.nan, 0, True))
+        if self._controller_stable:
+            found += self._controller_pieces(point)
+        return found
+
+    def _controller_pieces(self, point: Point) -> list[Piece]:
+        assert point.gains is not None
+        k = self.structure.order
+        poles, left, right = eig(point.gains[:k, :k], left=True, right=True)
+        found: list[Piece] = []
+        for number, i in enumerate(np.argsort(-poles.real, kind="stable")):
+            level = float(poles[i].real) / self._rate + _STRICTLY + _MARGIN
+            along = left[:, i].conj() @ right[:, i]
+            if poles[i].imag < 0.0 or level < _NEAR_HARD or abs(along) < 1e-12:
+                continue
+            slope = np.zeros_like(point.gains)
+            slope[:k, :k] = np.real(np.outer(left[:, i].conj(), right[:, i]) / along) / self._rate
+            found.append(Piece(level, self._chained(point, slope), -2, -1, np.nan, number, True))
         return found
 
     def _chained(self, point: Point, slope: Array) -> Array:

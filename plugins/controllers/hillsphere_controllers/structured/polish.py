@@ -30,7 +30,7 @@ class Active:
     Parameters
     ----------
     plant, channel : int
-        Where; channel −1: poles (plant −1: gains).
+        Where; channel −1: poles (plant −1: gains; −2: the controller's poles).
     omega_rad_s : float
         Peak; NaN where there is none.
     level : float
@@ -117,10 +117,13 @@ def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active
     """
     pieces = objective.pieces(point)
     size = max(1.0, float(np.linalg.norm(point.x)))
+    # of the pieces themselves: where a gain is ill-conditioned, theirs differs a little
+    highest = max((p.level for p in pieces if not p.hard), default=point.objective)
     even = [
-        replace(p, level=top) if p.level >= top - _EVEN else p
+        replace(p, level=0.0 if p.hard else point.objective)
+        if p.level >= (0.0 if p.hard else highest) - _EVEN
+        else p
         for p in pieces
-        for top in [0.0 if p.hard else point.objective]
     ]
     steep = max((float(np.linalg.norm(p.slope)) for p in pieces), default=1.0)
     # with even levels the multipliers make the gradient smallest, whatever the quadratic

@@ -13,8 +13,8 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.dk.reduction import balanced_truncation
 from hillsphere_controllers.structured.structure import Structure
+from hillsphere_controllers.systems.truncation import balanced_truncation
 
 __all__ = ["reduced_start"]
 

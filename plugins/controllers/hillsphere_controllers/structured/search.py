@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hillsphere.errors import Interrupted
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.descent import descend, sampled_descent
@@ -14,13 +15,15 @@ from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.polish import Active, certificate, polished
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.stabilise import stabilised
-from hillsphere_controllers.structured.structure import Sizes, Structure
+from hillsphere_controllers.structured.structure import Alike, Diagonal, Sizes, Structure
 
 __all__ = ["Found", "Problem", "Search", "Start"]
 
 _SIZES = (10.0, 1.0, 30.0, 3.0, 100.0, 0.3)
 """Sizes of random starts in turn, in scaled parameters. Which minimum is reached depends on them,
 and how large the gains of the best one are is not known: from 0.3 to 100 in half decades."""
+_NEAR_SIZES = (1.0, 0.3, 3.0)
+"""Likewise where the bandwidth is known."""
 _DRAWS = 6
 _OFTEN = 10
 """In the descent, one point in so many is certified, and the last one."""
@@ -33,7 +36,7 @@ _KEPT = 1e-6
 
 @dataclass(frozen=True)
 class Problem:
-    """All that a search depends on besides its start; picklable if its parts are.
+    """All that a search depends on besides its start.
 
     Parameters
     ----------
@@ -45,16 +48,18 @@ class Problem:
         Where the poles of all closed loops are to be.
     largest_gain : float or None
         Limit of the Frobenius norm of K.
+    controller_stable : bool
+        Whether the controller itself is to be stable.
+    bandwidth_rad_s : float or None
+        About that of the loops: gives the scale of the search; None: the plants' poles do.
     """
 
     plants: tuple[DesignPlant, ...]
     structure: Structure
     region: PoleRegion | None = None
     largest_gain: float | None = None
-
-    def prepare(self) -> Callable[[Start], Found]:
-        """Return the search of this problem, as `hillsphere.workers.Workers` ask for it."""
-        return Search(self)
+    controller_stable: bool = False
+    bandwidth_rad_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,9 @@ class Search:
     ----------
     problem : Problem
         The problem.
+    tell : callable or None
+        Called with γ each time that a search finds a lower one. If it raises `Interrupted`, or
+        KeyboardInterrupt, the best until then is returned.
 
     Raises
     ------
@@ -139,33 +147,75 @@ class Search:
         If its parts do not fit.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
+    def __init__(self, problem: Problem, tell: Callable[[float], None] | None = None) -> None:
+        self.problem, self._tell = problem, tell
         self.loops = [OpenLoop(plant, problem.structure) for plant in problem.plants]
-        sizes = _common([loop.sizes for loop in self.loops])
-        self.middle, self.spread = problem.structure.typical(sizes)
+        omega = problem.bandwidth_rad_s
+        self._common = _common(
+            [loop.sizes if omega is None else loop.sizes_at(omega) for loop in self.loops]
+        )
+        self._sizes = _SIZES if omega is None else _NEAR_SIZES
+        self.middle, self.spread = problem.structure.typical(self._common)
 
     def __call__(self, start: Start) -> Found:
         """Return what is found from a start."""
         random = np.random.default_rng(start.seed)
-        problem = self.problem
-        objective = Objective(
-            self.loops, problem.structure, self.middle, self.spread, problem.region,
-            problem.largest_gain,
-        )  # fmt: skip
-        best = Best(objective)
+        structure = self.problem.structure
+        objective = self._objective(structure, self.middle, self.spread)
+        best = Best(objective, self._tell)
+        spent = 0
         try:
-            x, abscissa = self._stable(start, random, objective)
+            if start.theta is None and isinstance(structure, Diagonal) and structure.alike:
+                x, abscissa, spent = self._alike(Alike(structure), start, random, best)
+            else:
+                x, abscissa = self._stable(start, random, objective)
             point = objective.evaluate(x)
             if not np.isfinite(point.value):
                 theta = objective.theta(x)
-                return Found(start, theta, np.inf, abscissa, evaluations=objective.evaluations)
-            converged = _lowered(objective, point, random, best)
-        except KeyboardInterrupt:
+                return Found(
+                    start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
+                )
+            converged = _lowered(objective, point, random, best, descended=spent > 0)
+        except (KeyboardInterrupt, Interrupted):
             if best.point is None:
                 raise
             return self._found(start, objective, best.point, interrupted=True)
-        return self._found(start, objective, best.known, converged=converged)
+        found = self._found(start, objective, best.known, converged=converged)
+        return replace(found, evaluations=found.evaluations + spent)
+
+    def _objective(self, structure: Structure, middle: Array, spread: Array) -> Objective:
+        problem = self.problem
+        return Objective(
+            self.loops, structure, middle, spread, problem.region, problem.largest_gain,
+            problem.controller_stable,
+        )  # fmt: skip
+
+    def _alike(
+        self, alike: Alike, start: Start, random: np.random.Generator, best: Best
+    ) -> tuple[Array, float, int]:
+        """Return scaled parameters, the largest spectral abscissa, and evaluations of closed loops.
+
+        The parts of the controller are lowered together: a gain that several of them hold up falls
+        with all of them, where BFGS lowers that of one after the other.
+        """
+        middle, spread = alike.typical(self._common)
+        objective = self._objective(alike, middle, spread)
+        lowest = Best(objective, self._tell)
+
+        def apart(x: Array) -> Array:
+            return np.asarray((alike.apart(objective.theta(x)) - self.middle) / self.spread)
+
+        x, abscissa = self._stable(start, random, objective)
+        point = objective.evaluate(x)
+        if np.isfinite(point.value):
+            try:
+                _lowered(objective, point, random, lowest)
+            except (KeyboardInterrupt, Interrupted):
+                if lowest.point is not None:
+                    best.passed(best.objective.evaluate(apart(lowest.point.x)))
+                raise
+            x = lowest.known.x
+        return apart(x), abscissa, objective.evaluations
 
     def _stable(
         self, start: Start, random: np.random.Generator, objective: Objective
@@ -174,17 +224,16 @@ class Search:
 
         Where the loops cannot be stabilised from random ones, others are drawn.
         """
-        n, best = self.problem.structure.size, (self.middle, np.inf)
+        middle, spread = objective.middle, objective.spread
+        n, best = middle.size, (middle, np.inf)
         for draw in range(_DRAWS):
             if start.theta is None:
-                x = _SIZES[(start.number + draw) % len(_SIZES)] * random.normal(size=n)
+                x = self._sizes[(start.number + draw) % len(self._sizes)] * random.normal(size=n)
             else:
-                x = (np.asarray(start.theta, dtype=float) - self.middle) / self.spread
+                x = (np.asarray(start.theta, dtype=float) - middle) / spread
                 size = np.maximum(np.abs(x), 0.1 * max(1.0, float(np.abs(x).max())))
                 x = x + start.perturbation * size * random.normal(size=n)
-            found = stabilised(
-                self.loops, self.problem.structure, self.middle, self.spread, x, random
-            )
+            found = stabilised(self.loops, objective.structure, middle, spread, x, random)
             if found[1] < 0.0 and np.isfinite(objective.evaluate(found[0]).value):
                 return found
             # stable, but with poles so fast that it is not for certain in floating point
@@ -222,10 +271,12 @@ class Best:
     ----------
     objective : Objective
         What certifies the points.
+    tell : callable or None
+        Called with the γ of each that keeps the constraints.
     """
 
-    def __init__(self, objective: Objective) -> None:
-        self.objective = objective
+    def __init__(self, objective: Objective, tell: Callable[[float], None] | None = None) -> None:
+        self.objective, self._tell = objective, tell
         self.point: Point | None = None
         self._count = 0
 
@@ -251,15 +302,25 @@ class Best:
             old = self.point
             if old is None or key < (max(old.excess - _KEPT, 0.0), old.objective):
                 self.point = point
+                if self._tell is not None and key[0] == 0.0:
+                    self._tell(float(np.exp(point.objective)))
         return point
 
 
-def _lowered(objective: Objective, point: Point, random: np.random.Generator, best: Best) -> bool:
+def _lowered(
+    objective: Objective,
+    point: Point,
+    random: np.random.Generator,
+    best: Best,
+    *,
+    descended: bool = False,
+) -> bool:
     point = best.accepted(point)
     converged = False
     for _ in range(_PENALTIES):
-        point = descend(objective, point, iterations=150, accepted=best.passed)
-        point = best.accepted(point)
+        if not descended:
+            point = descend(objective, point, iterations=150, accepted=best.passed)
+            point = best.accepted(point)
         found = polished(objective, point, accepted=best.accepted)
         if not found.converged:
             point = sampled_descent(objective, found.point, random, rounds=1)

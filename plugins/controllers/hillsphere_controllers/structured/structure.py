@@ -24,7 +24,8 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 
 __all__ = [
-    "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "masked", "of_order", "static"
+    "Alike", "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "masked", "of_order",
+    "static",
 ]  # fmt: skip
 
 
@@ -168,17 +169,26 @@ class Diagonal:
     ----------
     parts : sequence of Structure
         At least one.
+    alike : bool
+        Whether the parts have the same parameters, and are about the same at a minimum: random
+        searches then first vary all of them together, and let them apart at its end.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is no part, or the parts that are to be alike differ.
     """
 
-    def __init__(self, parts: Sequence[Structure]) -> None:
+    def __init__(self, parts: Sequence[Structure], *, alike: bool = False) -> None:
         if not parts:
             raise InputError("a diagonal controller needs at least one part")
-        self.parts = tuple(parts)
+        self.parts, self.alike = tuple(parts), alike
+        kinds = {(part.order, part.controls, part.measurements, part.size) for part in parts}
+        if alike and len(kinds) > 1:
+            raise InputError(
+                "parts that are to be alike must have the same order, controls, measurements and "
+                f"number of parameters, got {sorted(kinds)}"
+            )
         self.order = sum(part.order for part in parts)
         self.controls = sum(part.controls for part in parts)
         self.measurements = sum(part.measurements for part in parts)
@@ -224,3 +234,39 @@ class Diagonal:
             )
             row, column = row + part.controls, column + part.measurements
         return np.concatenate([m for m, _ in found]), np.concatenate([s for _, s in found])
+
+
+class Alike:
+    """A diagonal controller whose parts all have the same values of their parameters.
+
+    Parameters
+    ----------
+    diagonal : Diagonal
+        Its parts are of one kind.
+    """
+
+    def __init__(self, diagonal: Diagonal) -> None:
+        self.diagonal, self._count = diagonal, len(diagonal.parts)
+        self.order, self.size = diagonal.order, diagonal.parts[0].size
+        self.controls, self.measurements = diagonal.controls, diagonal.measurements
+
+    def apart(self, theta: Array) -> Array:
+        """Return the parameters of all parts."""
+        return np.tile(theta, self._count)
+
+    def gains(self, theta: Array) -> Array:
+        """Return K."""
+        return self.diagonal.gains(self.apart(theta))
+
+    def pulled_back(self, theta: Array, slope: Array) -> Array:
+        """Return the slopes, summed over the parts."""
+        found = self.diagonal.pulled_back(self.apart(theta), slope)
+        return np.asarray(found.reshape(*found.shape[:-1], self._count, self.size).sum(axis=-2))
+
+    def typical(self, sizes: Sizes) -> tuple[Array, Array]:
+        """Return the means of the parts' middles, and of the logarithms of their spreads."""
+        middle, spread = self.diagonal.typical(sizes)
+        shape = self._count, self.size
+        return middle.reshape(shape).mean(axis=0), np.exp(
+            np.log(spread).reshape(shape).mean(axis=0)
+        )

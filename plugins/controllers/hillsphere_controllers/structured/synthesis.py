@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -32,11 +33,12 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere.workers import Workers
 from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
+from hillsphere_controllers.structured.kept import KeptSearches
 from hillsphere_controllers.structured.polish import Active
 from hillsphere_controllers.structured.reduced import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.search import Found, Problem, Search, Start
-from hillsphere_controllers.structured.structure import Structure, controller_of
+from hillsphere_controllers.structured.structure import Diagonal, Structure, controller_of
 from hillsphere_controllers.structured.verification import Verified, full_order, verified
 
 __all__ = ["Progress", "StructuredDesign", "synthesise"]
@@ -51,22 +53,25 @@ _SETTLED = 1e-5
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a synthesis is, each time a search has ended.
+    """How far a synthesis is: told when a search has ended, or has found a lower γ.
 
     Parameters
     ----------
     done, total : int
         Searches that have ended, and all that are planned so far.
-    latest : Found
-        What the last one found.
+    latest : Found or None
+        What the last one found; None while one goes on.
     gamma : float
         The smallest γ so far; infinite if there is none.
+    current : float
+        The smallest γ so far of the search that goes on, or that has ended.
     """
 
     done: int
     total: int
-    latest: Found
+    latest: Found | None
     gamma: float
+    current: float
 
 
 @dataclass(frozen=True)
@@ -133,6 +138,12 @@ def synthesise(
     initial: Iterable[Array] = (),
     region: PoleRegion | None = None,
     largest_gain: float | None = None,
+    controller_stable: bool = False,
+    bandwidth_rad_s: float | None = None,
+    shaken: bool = True,
+    prefer: Callable[[LtiSystem], float] | None = None,
+    tie: float = 1e-3,
+    name: str = "",
     progress: Callable[[Progress], None] | None = None,
     ctx: Context | None = None,
 ) -> StructuredDesign:
@@ -156,12 +167,31 @@ def synthesise(
         Where all closed loops' poles are to be; None: in the left half-plane.
     largest_gain : float or None
         Limit of the Frobenius norm of K: some plants have their infimum at infinite gain.
+    controller_stable : bool
+        Whether the controller itself is to be stable: its poles are kept below zero by a
+        hundred-thousandth of the plants' rate at least.
+    bandwidth_rad_s : float or None
+        About the bandwidth expected: the scale of the parameters, and so of random starts, follows
+        from the plants' gains there; None: from the sizes of all their poles, those of weights
+        among them.
+    shaken : bool
+        Whether searches near the best controllers follow.
+    prefer : callable or None
+        Of the controllers whose γ is the best one within `tie`, that for which this is smallest is
+        returned; None: the one with the best γ.
+    tie : float
+        Relative.
+    name : str
+        Tells this synthesis from others of one stage, where searches are kept.
     progress : callable or None
-        Called each time a search has ended. An exception that it raises ends the synthesis; if that
-        is KeyboardInterrupt, as from the keyboard, or `hillsphere.errors.Interrupted`, the best
-        until then is returned.
+        Called each time a search has ended, and of those in this process, not in a worker, when one
+        has found a lower γ. An exception that it raises ends the synthesis; if that is
+        KeyboardInterrupt, as from the keyboard, or `hillsphere.errors.Interrupted`, the best until
+        then is returned.
     ctx : Context or None
-        Of the stage: the workers of its executor do the searches; None: this process does.
+        Of the stage: the workers of its executor do the searches, and its workspace keeps what
+        those found that have ended: an interrupted run that is resumed does not repeat them. None:
+        this process does them.
 
     Returns
     -------
@@ -185,14 +215,18 @@ def synthesise(
         raise InputError(f"initial parameters must be {structure.size} each, as the structure has")
     if largest_gain is not None and not largest_gain > 0.0:
         raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
-    problem = Problem(many, structure, region, largest_gain)
+    if bandwidth_rad_s is not None and not 0.0 < bandwidth_rad_s < np.inf:
+        raise InputError(f"a bandwidth must be > 0 and finite, got {bandwidth_rad_s}")
+    problem = Problem(many, structure, region, largest_gain, controller_stable, bandwidth_rad_s)
     search = Search(problem)
     full = full_order(many, structure)
     least = 0.0 if full is None else full.bound
-    run = _Run(search, problem, progress, ctx)
-    # zero gains are a saddle for a controller with states: about them
-    begun = [(theta, 0.0) for theta in given] + [(search.middle, _ABOUT)]
-    count = max(starts, len(begun))
+    run = _Run(problem, progress, ctx, name)
+    begun = [(theta, 0.0) for theta in given]
+    if not (isinstance(structure, Diagonal) and structure.alike):
+        # zero gains are a saddle for a controller with states: about them
+        begun.append((search.middle, _ABOUT))
+    count = max(starts, len(given) or 1)
     if full is not None and len(begun) < count:
         rate = search.loops[0].rate
         theta = reduced_start(full.plant, full.controller, structure, search.middle, rate)
@@ -202,12 +236,12 @@ def synthesise(
     )
     good = sorted((f for f in first if f.allowed), key=lambda f: f.gamma)
     second: list[Found] = []
-    if good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
+    if shaken and good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
         second = run.all(_shaken(good, seed, count))
     candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
     if not candidates:
         raise _failure(first)
-    best, check = _best(problem, candidates)
+    best, check = _best(problem, candidates, prefer, tie)
     return StructuredDesign(
         controller_of(structure, best.theta),
         best.theta,
@@ -229,47 +263,81 @@ class _Run:
 
     def __init__(
         self,
-        search: Search,
         problem: Problem,
         progress: Callable[[Progress], None] | None,
         ctx: Context | None,
+        name: str,
     ) -> None:
-        self._search, self._problem = search, problem
+        self._problem = problem
         self._progress, self._ctx = progress, ctx
         self.interrupted = False
         self._done, self._total, self._gamma = 0, 0, np.inf
+        self._kept: KeptSearches | None = None
+        if ctx is not None:
+            directory = ctx.workspace() / f"searches-{ctx.fingerprint[:16]}{name}"
+            self._kept = KeptSearches(directory, ctx.info)
 
     def all(self, starts: Sequence[Start]) -> list[Found]:
         """Return what the searches find; of those that were done, if they are stopped."""
         self._total += len(starts)
-        found: list[Found] = []
+        found: dict[int, Found] = {}
         try:
             with closing(self._searched(starts)) as results:
                 for one in results:
-                    found.append(one)
-                    self._tell(one)
+                    found[one.start.number] = one
+                    self._ended(one)
                     if self.interrupted:
                         break
         except (KeyboardInterrupt, Interrupted):
             self.interrupted = True
-            if not any(f.allowed for f in found) and not np.isfinite(self._gamma):
+            if not np.isfinite(self._gamma):
                 raise
-        return found
+        return [found[number] for number in sorted(found)]
 
     def _searched(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
-        if self._ctx is None:
-            yield from map(self._search, starts)
+        """Yield what searches find, as they end; at first that of those which were kept."""
+        if self._ctx is None or self._kept is None:
+            yield from map(Search(self._problem, self._going_on), starts)
             return
-        with Workers(self._ctx, self._problem) as workers:
-            yield from workers.map(starts)
+        left = []
+        for start in starts:
+            known = self._kept.found(start)
+            if known is None:
+                left.append(start)
+            else:
+                yield known
+        with Workers(self._ctx, _Searches(self._problem, self._going_on)) as workers:
+            for one in workers.ended(left):
+                self._kept.keep(one)
+                yield one
 
-    def _tell(self, found: Found) -> None:
+    def _ended(self, found: Found) -> None:
         self._done += 1
         self.interrupted = found.interrupted
         if found.allowed:
             self._gamma = min(self._gamma, found.gamma)
         if self._progress is not None:
-            self._progress(Progress(self._done, self._total, found, self._gamma))
+            self._progress(Progress(self._done, self._total, found, self._gamma, found.gamma))
+
+    def _going_on(self, gamma: float) -> None:
+        if self._progress is not None:
+            least = min(self._gamma, gamma)
+            self._progress(Progress(self._done, self._total, None, least, gamma))
+
+
+@dataclass(frozen=True)
+class _Searches:
+    """Searches as `hillsphere.workers.Workers` take them; what is told stays in this process."""
+
+    problem: Problem
+    tell: Callable[[float], None] | None
+
+    def prepare(self) -> Callable[[Start], Found]:
+        """Return the search."""
+        return Search(self.problem, self.tell)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Searches, (self.problem, None)
 
 
 def _seed(seed: int, number: int) -> int:
@@ -291,12 +359,21 @@ def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
     return starts[:number]
 
 
-def _best(problem: Problem, candidates: Sequence[Found]) -> tuple[Found, Verified]:
-    """Return the first whose closed loops are what they were found to be, or the best of all."""
+def _best(
+    problem: Problem,
+    candidates: Sequence[Found],
+    prefer: Callable[[LtiSystem], float] | None,
+    tie: float,
+) -> tuple[Found, Verified]:
+    """Return the first whose closed loops are what they were found to be, or the best of all.
+
+    Among equals, within the tie, it is the one that is preferred.
+    """
     passed: list[tuple[Found, Verified]] = []
     reasons = []
+    margin = _SAME if prefer is None else -tie / (1.0 + tie)
     for found in candidates:
-        if passed and min(v.gamma for _, v in passed) <= found.gamma * (1.0 + _SAME):
+        if passed and min(v.gamma for _, v in passed) <= found.gamma * (1.0 + margin):
             break
         try:
             check = verified(problem.plants, controller_of(problem.structure, found.theta))
@@ -304,6 +381,8 @@ def _best(problem: Problem, candidates: Sequence[Found]) -> tuple[Found, Verifie
             reasons.append(str(error))
             continue
         wrong = check.wrong(problem.region)
+        if problem.controller_stable and not check.controller_abscissa_1_s < 0.0:
+            wrong = f"the controller has poles with real part {check.controller_abscissa_1_s:.3g}"
         if wrong:
             reasons.append(wrong)
         else:
@@ -313,7 +392,11 @@ def _best(problem: Problem, candidates: Sequence[Found]) -> tuple[Found, Verifie
             f"no controller found passes the check of its closed loops ({reasons[0]}); limit the "
             "gains (largest_gain), ask for a pole region, or scale the plant"
         )
-    return min(passed, key=lambda pair: pair[1].gamma)
+    least = min(v.gamma for _, v in passed)
+    if prefer is None:
+        return min(passed, key=lambda pair: pair[1].gamma)
+    equal = [pair for pair in passed if pair[1].gamma <= least * (1.0 + tie)]
+    return min(equal, key=lambda pair: prefer(controller_of(problem.structure, pair[0].theta)))
 
 
 def _failure(found: Sequence[Found]) -> Exception:

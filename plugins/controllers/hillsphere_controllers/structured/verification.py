@@ -43,6 +43,8 @@ class Verified:
         Largest real part of each closed loop's poles.
     closed_loops : tuple of LtiSystem
         From w to z.
+    controller_abscissa_1_s : float
+        Largest real part of the controller's own poles; −∞ if it has none.
     """
 
     gamma: float
@@ -50,6 +52,7 @@ class Verified:
     limits: float
     abscissae_1_s: tuple[float, ...]
     closed_loops: tuple[LtiSystem, ...]
+    controller_abscissa_1_s: float
 
     def wrong(self, region: PoleRegion | None) -> str:
         """Say what is not as it is to be; empty if all is."""
@@ -78,7 +81,8 @@ def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
                 gamma = max(gamma, plant.weight * channel.weight * value)
             else:
                 limits = max(limits, channel.weight * value / channel.limit)
-    return Verified(gamma, norms, limits, tuple(spectral_abscissa(loop) for loop in loops), loops)
+    abscissae = tuple(spectral_abscissa(loop) for loop in loops)
+    return Verified(gamma, norms, limits, abscissae, loops, spectral_abscissa(controller))
 
 
 @dataclass(frozen=True)

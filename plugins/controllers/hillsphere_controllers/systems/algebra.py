@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.lti import LtiSystem
+from hillsphere.lti import LtiSystem, real_matrix
 
 __all__ = [
     "append", "fed_back", "feedback", "gain", "lower_lft", "parallel", "series", "star",
@@ -29,8 +29,14 @@ _SINGULAR, _NEAR = 1e-12, 1e-6
 
 
 def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
-    """Return a constant matrix (p, m) as a system without states."""
-    d = np.atleast_2d(np.asarray(matrix, dtype=float))
+    """Return a constant matrix (p, m) as a system without states.
+
+    Raises
+    ------
+    InputError
+        If it is no matrix of finite real numbers.
+    """
+    d = real_matrix(np.atleast_2d(matrix), "a gain")
     p, m = d.shape
     return LtiSystem(np.zeros((0, 0)), np.zeros((0, m)), np.zeros((p, 0)), d, dt_s)
 
@@ -81,7 +87,7 @@ def fed_back(system: LtiSystem, matrix: Array) -> LtiSystem:
         If F does not fit, or the loop is not well posed.
     """
     p, m = system.shape
-    f = np.asarray(matrix, dtype=float)
+    f = real_matrix(np.atleast_2d(matrix) if p and m else matrix, "a feedback matrix")
     if f.shape != (m, p):
         raise InputError(f"a feedback matrix must be {m} × {p}, got {f.shape}")
     loop = np.eye(m) - f @ system.d

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
@@ -45,6 +46,8 @@ def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
     b2, c2 = np.sum(system.b**2, axis=1), np.sum(system.c**2, axis=0)
     a2, scale = a * a, np.ones(n)
     for _ in range(_SWEEPS):
+        if not _uneven(a2.sum(axis=1) + b2, a2.sum(axis=0) + c2).any():
+            break
         settled = True
         for i in range(n):
             row, column = float(a2[i].sum() + b2[i]), float(a2[:, i].sum() + c2[i])
@@ -71,3 +74,11 @@ def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
         ),
         scale,
     )  # fmt: skip
+
+
+def _uneven(rows: Array, columns: Array) -> NDArray[np.bool_]:
+    """Return which states (n,) are worth another scale, of squares of their rows and columns."""
+    known = (rows > 0.0) & (columns > 0.0)
+    ratio = np.where(known, rows, 1.0) / np.where(known, columns, 1.0)
+    square = 4.0 ** np.round(0.25 * np.log2(ratio))
+    return np.asarray(known & (rows / square + columns * square < _GAIN * (rows + columns)))

@@ -18,6 +18,8 @@ from hillsphere_controllers.systems.balancing import balanced
 __all__ = ["continuous", "discrete"]
 
 _POLE = 1e-13
+_REST = 1e-8
+"""Of a matrix times its inverse, besides the unit matrix; larger if a pole has no image."""
 
 
 def continuous(system: LtiSystem) -> LtiSystem:
@@ -63,17 +65,26 @@ def discrete(system: LtiSystem, dt_s: float) -> LtiSystem:
         raise InputError("the system is one in discrete time already")
     if not dt_s > 0.0:
         raise InputError(f"a sampling period must be > 0 s, got {dt_s}")
-    n, root, half = system.order, np.sqrt(dt_s), 0.5 * dt_s
-    one = np.eye(n)
-    minus = one - half * system.a
-    if n and np.linalg.cond(minus) > 1e14:
+    root, half = np.sqrt(dt_s), 0.5 * dt_s
+    even, scale = balanced(system)
+    one = np.eye(system.order)
+    minus = one - half * even.a
+    # rows of one size: of a fast mode all entries are large
+    size = np.abs(minus).max(axis=1, initial=0.0)[:, None]
+    size[size == 0.0] = 1.0
+    try:
+        inverse = np.linalg.solve(minus / size, one)
+        rest = float(np.abs(minus / size @ inverse - one).max(initial=0.0))
+    except np.linalg.LinAlgError:
+        rest = np.inf
+    if not rest <= _REST:
         raise InputError(f"a pole at 2/dt = {2.0 / dt_s:.6g} 1/s has no image in discrete time")
-    inverse = np.linalg.inv(minus)
+    inverse = inverse / size.T
     return replace(
         system,
-        a=inverse @ (one + half * system.a),
-        b=root * (inverse @ system.b),
-        c=root * (system.c @ inverse),
-        d=system.d + half * (system.c @ inverse @ system.b),
+        a=inverse @ (one + half * even.a) * scale[:, None] / scale,
+        b=root * (inverse @ even.b) * scale[:, None],
+        c=root * (even.c @ inverse) / scale,
+        d=system.d + half * (even.c @ inverse @ even.b),
         dt_s=dt_s,
     )

@@ -7,9 +7,9 @@ from scipy.linalg import expm
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.lti import LtiSystem
+from hillsphere.lti import LtiSystem, real_matrix
 
-__all__ = ["discretised", "held"]
+__all__ = ["averaged", "discretised", "held"]
 
 _WHOLE = 1e-9
 _MOST_DELAYED = 10_000
@@ -31,16 +31,60 @@ def discretised(a: Array, b: Array, h: float) -> tuple[Array, Array]:
         :math:`e^{Ah}` and :math:`\int_0^h e^{As} ds\, B`, the upper blocks of
         :math:`\exp\left(\begin{bmatrix} A & B \\ 0 & 0 \end{bmatrix} h\right)`.
 
+    Raises
+    ------
+    InputError
+        If the matrices do not fit, or are not of finite numbers.
+
     References
     ----------
     .. [1] C. F. Van Loan (1978), Computing integrals involving the matrix exponential, IEEE
        Transactions on Automatic Control 23(3), 395-404.
     """
+    a, b = real_matrix(a, "A"), real_matrix(b, "B")
     m, q = b.shape
+    if a.shape != (m, m):
+        raise InputError(f"A must be {m} × {m} to fit B, got {a.shape}")
     both = np.zeros((m + q, m + q))
     both[:m, :m], both[:m, m:] = a, b
     found = expm(both * h)
     return found[:m, :m], found[:m, m:]
+
+
+def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
+    r"""Return a system as `held` does, but with the means of its outputs over the periods.
+
+    Of a controller whose outputs are held that is the one with the same
+    :math:`\int u\,dt` over every period as the system itself between the samples: what it does to
+    errors that are held begins at once, not a period later.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        In continuous time.
+    dt_s : float
+        Period, s.
+
+    Returns
+    -------
+    LtiSystem
+        In discrete time.
+
+    Raises
+    ------
+    InputError
+        If the system is one in discrete time already, or the period not positive.
+    """
+    (p, _), n = system.shape, system.order
+    integral = np.block([[system.a, np.zeros((n, p))], [system.c, np.zeros((p, p))]])
+    both = held(
+        LtiSystem(integral, np.vstack([system.b, system.d]), np.zeros((0, n + p)),
+                  np.zeros((0, system.shape[1]))), dt_s,
+    )  # fmt: skip
+    return LtiSystem(
+        both.a[:n, :n], both.b[:n], both.a[n:, :n] / dt_s, both.b[n:] / dt_s, dt_s,
+        system.inputs, system.outputs, system.states,
+    )  # fmt: skip
 
 
 def held(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.bilinear import discrete
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import averaged, held
 
 __all__ = ["Method", "sampled_controller", "sampled_loop"]
 
-Method = Literal["bilinear", "held"]
+Method = Literal["bilinear", "held", "mean"]
 _SAME = 1e-9
 
 
@@ -27,16 +27,19 @@ def sampled_controller(
         In continuous time; or in discrete time of this very period, and then it stays as it is.
     dt_s : float
         Period, s.
-    method : {"bilinear", "held"}
+    method : {"bilinear", "held", "mean"}
         The bilinear map has the phase of the controller, so that what is lost in the loop is that
         of the hold alone, half a period; the discretisation for held inputs costs one that is
-        strictly proper another half.
+        strictly proper another half, unless the mean over the period stands for its output.
 
     Raises
     ------
     InputError
-        If the controller has another period, or a pole that the map does not take.
+        If the controller has another period, or a pole that the map does not take; or there is no
+        such method.
     """
+    if method not in get_args(Method):
+        raise InputError(f"no method {method!r}; there are: {', '.join(get_args(Method))}")
     if controller.dt_s is not None:
         if abs(controller.dt_s - dt_s) > _SAME * dt_s:
             raise InputError(
@@ -44,6 +47,8 @@ def sampled_controller(
                 f"samples every {dt_s:.12g} s; make it for that, or sample as it wants"
             )
         return controller
+    if method == "mean":
+        return averaged(controller, dt_s)
     return discrete(controller, dt_s) if method == "bilinear" else held(controller, dt_s)
 
 
@@ -68,7 +73,7 @@ def sampled_loop(
         K from the error to u, in continuous time or of the period.
     dt_s, delay_s : float
         Period, and the time from a sample until its command acts, s.
-    method : {"bilinear", "held"}
+    method : {"bilinear", "held", "mean"}
         See `sampled_controller`.
 
     Returns

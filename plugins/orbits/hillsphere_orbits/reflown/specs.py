@@ -37,7 +37,7 @@ class TransfersReflownSpec(StageSpec):
     provides = ("hillsphere.products:FlightSet",)
     examples = (
         {
-            "needs": {"flights": ["planar"], "orbits": ["family"]},
+            "needs": {"flights": ["fidelity_ladder"], "orbits": ["family"]},
             "rungs": ["hill", "circular", "elliptic"],
             "cheapest": 4,
             "start_true_anomaly_deg": 90,

@@ -27,6 +27,9 @@ class Analysed:
         Largest bound found at one frequency, from above or by `delta`, and that frequency.
     frequency_rad_s : float
         Where the lower bound is reached.
+    grid_peak : float
+        Largest upper bound at the frequencies of what is published; NaN without them, and for the
+        worst-case gain.
     interval_low_rad_s, interval_high_rad_s, interval_at_rad_s, interval_bound : ndarray, shape (I,)
         Intervals that cover all frequencies; where the scalings of each were found, and what they
         prove on the whole of it.
@@ -60,6 +63,7 @@ class Analysed:
     peak: float
     peak_rad_s: float
     frequency_rad_s: float
+    grid_peak: float
     interval_low_rad_s: Array
     interval_high_rad_s: Array
     interval_at_rad_s: Array
@@ -95,6 +99,8 @@ class MuAnalysis:
     nominal : ndarray, shape (L,)
         H∞ norm of the nominal loop from its disturbances to its weighted signals; infinite if it is
         not stable: then it is not analysed. Zero if it has none.
+    nominal_grid : ndarray, shape (L,)
+        Largest gain of the nominal loop at the frequencies of what is published; NaN without them.
     results : tuple of Analysed
         Loop by loop.
     size : float
@@ -108,6 +114,7 @@ class MuAnalysis:
     controller: Integers
     model: Integers
     nominal: Array
+    nominal_grid: Array
     results: tuple[Analysed, ...]
     size: float
     gap: float

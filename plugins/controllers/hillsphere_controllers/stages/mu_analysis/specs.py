@@ -6,10 +6,10 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity
 from hillsphere_controllers.stages.faults import rule
 
-__all__ = ["MuAnalysisSpec", "MuNeeds"]
+__all__ = ["GridSpec", "MuAnalysisSpec", "MuNeeds"]
 
 
 class MuNeeds(Spec):
@@ -24,6 +24,22 @@ class MuNeeds(Spec):
         default=(),
         max_length=20,
     )
+
+
+class GridSpec(Spec):
+    """Frequencies evenly spaced in their logarithm, both ends included."""
+
+    examples = ({"low_rad_s": 0.001, "high_rad_s": 1000, "count": 61},)
+
+    low_rad_s: float = quantity("angular_rate", "the lowest", gt=0)
+    high_rad_s: float = quantity("angular_rate", "the highest", gt=0)
+    count: int = option("how many", ge=2, le=2000)
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if self.high_rad_s <= self.low_rad_s:
+            raise rule("high_rad_s", "must be above the lowest")
+        return self
 
 
 class MuAnalysisSpec(StageSpec):
@@ -67,8 +83,16 @@ class MuAnalysisSpec(StageSpec):
         "cited CSV table of published peaks, matched by 'controller'", default=None
     )
 
+    reference_grid: GridSpec | None = option(
+        "frequencies at which what is published was found; the largest values at these are then "
+        "held against it, beside those over all frequencies",
+        default=None,
+    )
+
     @model_validator(mode="after")
     def _once(self) -> Self:
         if len(set(self.analyses)) < len(self.analyses):
             raise rule("analyses", "an analysis stands twice")
+        if self.reference_grid is not None and self.reference is None:
+            raise rule("reference_grid", "there is no reference")
         return self

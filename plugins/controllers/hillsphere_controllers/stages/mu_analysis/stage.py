@@ -12,8 +12,10 @@ from hillsphere.linear_products import UncertainModel, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
+from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.lft.transformation import Lft
+from hillsphere_controllers.lft.uncertainties import physical_values
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak
 from hillsphere_controllers.mu.robustness import (
@@ -25,6 +27,7 @@ from hillsphere_controllers.mu.robustness import (
     robust_stability,
 )
 from hillsphere_controllers.mu.sensitivities import sensitivities
+from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case_gain import worst_case_gain
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.presentation import presented
@@ -82,6 +85,8 @@ class MuAnalysisStage:
         seed = int(ctx.rng("starts").integers(1 << 31))
         advance = ctx.track("analyses", len(systems) * len(uncertain.models) * len(spec.analyses))
         nominal: list[float] = []
+        on_grid: list[float] = []
+        grid = self._grid()
         results: list[Analysed] = []
         places: list[tuple[int, int]] = []
         for c, controller in enumerate(systems):
@@ -93,6 +98,8 @@ class MuAnalysisStage:
                 lft = lft_of(_with_system(model, loop))
                 # the norm is infinite if any state is not stable, performance or not
                 nominal.append(hinf_norm(lft.nominal).value)
+                gains = largest_gains(lft.nominal.response(grid)) if grid.size else [np.nan]
+                on_grid.append(float(np.max(gains)) if np.isfinite(nominal[-1]) else np.nan)
                 for analysis in spec.analyses:
                     if loop.is_stable:
                         results.append(self._analysed(len(places) - 1, analysis, lft, model, seed))
@@ -104,6 +111,7 @@ class MuAnalysisStage:
             controller=pairs[:, 0],
             model=pairs[:, 1],
             nominal=np.array(nominal),
+            nominal_grid=np.array(on_grid),
             results=tuple(results),
             size=spec.size,
             gap=spec.gap,
@@ -144,6 +152,11 @@ class MuAnalysisStage:
         peak = certified.frequency_rad_s
         if found.lower > certified.peak:
             peak = found.frequency_rad_s
+        grid = self._grid()
+        grid_peak = np.nan
+        if grid.size:
+            bounds = upper_bounds(loop.response(grid), whole)
+            grid_peak = max(one.value for one in bounds)
         omega = _drawn(loop, [peak, found.frequency_rad_s], spec.points)
         lower, upper = mu_bounds_on_grid(loop, whole, omega, seed=seed)
         shares = _NONE
@@ -152,13 +165,21 @@ class MuAnalysisStage:
         return _result(
             number, analysis, found.upper, found.lower, found.frequency_rad_s, certified, lft,
             model, worst.values if worst else {}, whole, worst.system if worst else None,
-            omega_rad_s=omega, curve_lower=lower, curve_upper=upper, shares=shares,
+            grid_peak=grid_peak, omega_rad_s=omega, curve_lower=lower, curve_upper=upper,
+            shares=shares,
             pole=worst.pole if worst else complex(np.nan, np.nan),
             singular=worst.singular if worst else np.nan,
             complex_parts=np.array([one.share for one in found.complexified]),
             complex_upper=np.array([one.upper for one in found.complexified]),
             complex_lower=np.array([one.lower for one in found.complexified]),
         )  # fmt: skip
+
+    def _grid(self) -> Array:
+        """Return the frequencies of what is published (K,)."""
+        grid = self.spec.reference_grid
+        if grid is None:
+            return _NONE
+        return np.geomspace(grid.low_rad_s, grid.high_rad_s, grid.count)
 
     def _shares(self, loop: LtiSystem, structure: BlockStructure, omega_rad_s: float) -> Array:
         """Return the shares of the blocks (k,) at a frequency.
@@ -188,6 +209,7 @@ def _result(
     structure: BlockStructure,
     delta: LtiSystem | None,
     *,
+    grid_peak: float = np.nan,
     omega_rad_s: Array = _NONE,
     curve_lower: Array = _NONE,
     curve_upper: Array = _NONE,
@@ -200,20 +222,14 @@ def _result(
 ) -> Analysed:
     real = [(k, u) for k, u in enumerate(lft.uncertainties) if u.name in values]
     small = np.array([values[u.name] for _, u in real])
-    physical = np.array(
-        [
-            float(u.physical(np.array(values[u.name])))
-            if 1.0 + u.curvature * values[u.name] > 0.0
-            else np.nan
-            for _, u in real
-        ]
-    )
+    in_units = physical_values([u for _, u in real], {u.name: values[u.name] for _, u in real})
+    physical = np.array([in_units[u.name] for _, u in real])
     shown = certified.peak < lower < np.inf
     return Analysed(
         loop=number, analysis=analysis, upper=float(upper), lower=float(lower),
         peak=float(lower if shown else certified.peak),
         peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
-        frequency_rad_s=float(frequency_rad_s),
+        frequency_rad_s=float(frequency_rad_s), grid_peak=float(grid_peak),
         interval_low_rad_s=np.array([one.low_rad_s for one in certified.intervals]),
         interval_high_rad_s=np.array([one.high_rad_s for one in certified.intervals]),
         interval_at_rad_s=np.array([one.frequency_rad_s for one in certified.intervals]),

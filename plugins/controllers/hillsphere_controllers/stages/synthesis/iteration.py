@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.errors import InputError, Interrupted
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
 from hillsphere.linear_products import UncertainModel
 from hillsphere.lti import LtiSystem
@@ -12,7 +12,7 @@ from hillsphere_controllers.dk.results import DkIteration
 from hillsphere_controllers.dk.synthesis import dk_synthesis
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import Robustness, robust_stability
-from hillsphere_controllers.stages.synthesis.methods import Designed
+from hillsphere_controllers.stages.synthesis.methods import Designed, stopped
 from hillsphere_controllers.stages.synthesis.products import Iterations
 from hillsphere_controllers.stages.synthesis.specs import DkSpec
 from hillsphere_controllers.stages.uncertain import lft_of
@@ -33,7 +33,7 @@ def by_iteration(
     HillsphereError
         What the synthesis raises.
     Interrupted
-        If the run was stopped; the log has the best bound until then.
+        If the run was stopped; the workspace has the best controller until then.
     """
     lft = lft_of(model)
     uncertainty = lft.structure
@@ -55,12 +55,18 @@ def by_iteration(
         advance(1)
 
     found = dk_synthesis(
-        system, structure, controls, measurements, iterations=spec.iterations,
+        system, controls, measurements, structure, iterations=spec.iterations,
         highest_order=spec.highest_order, joint_steps=spec.joint_steps, target=spec.target,
         gap=spec.gap, back_off=spec.back_off, reduction=spec.reduction, progress=tell,
+        checkpoint=ctx.workspace() / f"state-{ctx.fingerprint[:16]}.npz",
     )  # fmt: skip
     if found.interrupted:
-        raise Interrupted(f"interrupted during µ synthesis; the best until then has µ ≤ {best[0]}")
+        count = len(found.iterations)
+        raise stopped(
+            found.controller,
+            f"µ ≤ {found.robustness.upper:.6g} ({count} step{'s' if count > 1 else ''})",
+            ctx,
+        )
     controller, robustness = found.controller, found.robustness
     if found.reduced is not None:
         controller = found.reduced.controller

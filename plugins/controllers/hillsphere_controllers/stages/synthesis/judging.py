@@ -54,7 +54,8 @@ def judged(
         poles.append(np.asarray(loop.poles))
         columns.append(
             (
-                norm.value, norm.upper, norm.frequency_rad_s, float(gains.max(initial=0.0)),
+                norm.value, norm.upper, norm.frequency_rad_s, norm.error,
+                float(gains.max(initial=0.0)),
                 h2_norm(loop) if stable else np.inf,
                 spectral_abscissa(loop), _damping(loop), disk.alpha,
             )
@@ -62,13 +63,13 @@ def judged(
         margins.append((*loop_margins(series(inner, negative)),
                         *loop_margins(series(negative, inner))))  # fmt: skip
         advance(1)
-    hinf, upper, peak, sampled, h2, abscissa, damping, alpha = np.array(columns).T
+    hinf, upper, peak, error, sampled, h2, abscissa, damping, alpha = np.array(columns).T
     found = {
         key: np.array([[getattr(one, key) for one in each] for each in margins], dtype=float).T
         for key in ("gain_lower", "gain_upper", "phase_rad", "delay_s")
     }
     return Judged(
-        hinf=hinf, hinf_upper=upper, peak_rad_s=peak, sampled=sampled, h2=h2,
+        hinf=hinf, hinf_upper=upper, peak_rad_s=peak, hinf_error=error, sampled=sampled, h2=h2,
         poles=np.array(poles, dtype=complex).T, abscissa_1_s=abscissa, damping=damping,
         disk=alpha, **found,
     )  # fmt: skip

@@ -10,9 +10,10 @@ import numpy as np
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
+from hillsphere.product_codec import save_product
 from hillsphere_controllers.full_order.h2 import h2_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
-from hillsphere_controllers.stages.linear_models.systems import connected_of
+from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of
 from hillsphere_controllers.stages.signals import places
 from hillsphere_controllers.stages.synthesis.products import Iterations, SearchResult
 from hillsphere_controllers.stages.synthesis.specs import (
@@ -29,7 +30,7 @@ from hillsphere_controllers.structured.single_loop import Pid, TransferFunction
 from hillsphere_controllers.structured.structure import Diagonal, Structure, masked, of_order
 from hillsphere_controllers.structured.synthesis import Progress, synthesise
 
-__all__ = ["Designed", "designed"]
+__all__ = ["Designed", "designed", "stopped"]
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,11 @@ def designed(
     HillsphereError
         What the method raises.
     Interrupted
-        If the run was stopped; the log has the best controller until then.
+        If the run was stopped; the workspace has the best controller until then.
     """
     if spec.method == "given":
         assert spec.given is not None
-        controller, _ = connected_of(spec.given, {}, plants[0].dt_s)
+        controller = connected_of(spec.given, parts_of(spec.given, {}, plants[0].dt_s))
         if controller.shape != (controls, measurements):
             raise InputError(
                 f"given: the controller takes {controller.shape[1]} measurements and gives "
@@ -125,19 +126,16 @@ def _structured(
         )
         for plant, weight, label in zip(plants, weights, labels, strict=True)
     ]
-    best = [np.inf]
-    advance = ctx.track("searches", None, lambda: f"γ = {best[0]:.6g}")
+    said = [""]
+    advance = ctx.track("searches", None, lambda: said[0])
     found = synthesise(
         many, structure, starts=spec.starts, seed=int(ctx.rng("starts").integers(1 << 31)),
         region=_region(spec.region), largest_gain=spec.largest_gain,
-        progress=_telling(best, advance), ctx=ctx,
+        progress=_telling(said, advance, ctx.info), ctx=ctx,
     )  # fmt: skip
     if found.interrupted:
-        ctx.info(
-            f"interrupted; the best controller until then has γ = {found.gamma:.9g} and the "
-            f"parameters {found.theta.tolist()}"
-        )
-        raise Interrupted("interrupted while searching a controller; the log has the best one")
+        done = int(found.starts.size + found.shaken.size)
+        raise stopped(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
     result = SearchResult(
         found.theta, found.starts, found.shaken, found.residual, len(found.active),
         found.converged, found.evaluations,
@@ -145,9 +143,32 @@ def _structured(
     return Designed(found.controller, found.gamma, found.lower_bound, result)
 
 
-def _telling(best: list[float], advance: Callable[[int], None]) -> Callable[[Progress], None]:
+def stopped(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
+    """Return the interruption of a synthesis; its best controller so far goes to a file."""
+    path = ctx.workspace() / "best-controller.npz"
+    save_product(path, controller)
+    kept = f"the best controller so far has {what} and is in {path}, and resuming goes on from it"
+    ctx.info(f"interrupted: {kept}")
+    return Interrupted("interrupted during a synthesis", kept=kept)
+
+
+def _telling(
+    said: list[str], advance: Callable[[int], None], log: Callable[[str], None]
+) -> Callable[[Progress], None]:
+    """Return what keeps the bar's note and the log up to date."""
+
     def tell(progress: Progress) -> None:
-        best[0] = progress.gamma
+        done, total, latest = progress.done, progress.total, progress.latest
+        best = f"best γ = {progress.gamma:.6g}"
+        if latest is None:
+            said[0] = f"search {done + 1} of {total} at γ = {progress.current:.6g}, {best}"
+            advance(0)  # ends it if the run was asked to stop
+            return
+        said[0] = f"{done} of {total}, {best}"
+        log(
+            f"search {done} of {total}, from start {latest.start.number}: "
+            f"γ = {progress.current:.6g}, {best}"
+        )
         advance(1)
 
     return tell

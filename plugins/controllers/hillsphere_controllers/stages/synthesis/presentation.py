@@ -20,6 +20,7 @@ __all__ = ["presented"]
 _LISTED = 60
 _CHECK = 1e-6
 _SAME = 1e-3
+_UNSURE = 0.01
 _NORMS = (
     Column("model", "", "model"),
     Column("designed", "", "made for it"),
@@ -27,6 +28,7 @@ _NORMS = (
     Column("hinf", "-", "H∞ norm", 6),
     Column("hinf_upper", "-", "its bound from above", 6),
     Column("peak_rad_s", "rad/s", "reached at", 4),
+    Column("hinf_error", "-", "rounding of the norm, relative", 2),
     Column("sampled", "-", "largest gain sampled", 6),
     Column("h2", "-", "H2 norm", 6),
     Column("abscissa_1_s", "1/s", "largest real part of the poles", 4),
@@ -125,6 +127,7 @@ def _norm_rows(product: Synthesis) -> list[dict[str, Cell]]:
             "hinf": _finite(judged.hinf[k]),
             "hinf_upper": _finite(judged.hinf_upper[k]),
             "peak_rad_s": _finite(judged.peak_rad_s[k]),
+            "hinf_error": _finite(judged.hinf_error[k]),
             "sampled": _finite(judged.sampled[k]),
             "h2": _finite(judged.h2[k]),
             "abscissa_1_s": _finite(judged.abscissa_1_s[k]),
@@ -237,6 +240,12 @@ def _verdict(product: Synthesis) -> list[str]:
         said.append(
             f"A gain sampled is above the H∞ norm's bound for {int(over.sum())} models: do not "
             "trust these norms; scale the models."
+        )
+    if (unsure := np.isfinite(judged.hinf) & ~(judged.hinf_error <= _UNSURE)).any():
+        said.append(
+            f"Rounding can have changed the H∞ norm of {int(unsure.sum())} closed loops by more "
+            f"than {100.0 * _UNSURE:g} %: scale the models' states, or take very slow and fast "
+            "modes out."
         )
     if product.search is not None:
         search = product.search

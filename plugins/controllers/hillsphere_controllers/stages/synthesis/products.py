@@ -23,6 +23,8 @@ class Judged:
     hinf, hinf_upper, peak_rad_s : ndarray, shape (N,)
         H∞ norm of the closed loop, a level that its gain exceeds nowhere, and where it is reached;
         infinite if the loop is not stable.
+    hinf_error : ndarray, shape (N,)
+        Bound of what rounding can have changed in the norm, relative to it.
     sampled : ndarray, shape (N,)
         The largest gain at many frequencies, for a check of these.
     h2 : ndarray, shape (N,)
@@ -41,6 +43,7 @@ class Judged:
     hinf: Array
     hinf_upper: Array
     peak_rad_s: Array
+    hinf_error: Array
     sampled: Array
     h2: Array
     poles: NDArray[np.complex128]

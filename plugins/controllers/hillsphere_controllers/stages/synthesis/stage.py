@@ -105,7 +105,7 @@ class SynthesisStage:
         found = judged(plants, made.controller, advance)
         gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
         return Synthesis(
-            controller=made.controller,
+            controller=_named(made.controller, plants[0]),
             method=spec.method,
             norm={"h2": "h2", "dk": "mu"}.get(spec.method, "hinf"),
             gamma=gamma,
@@ -147,6 +147,16 @@ class SynthesisStage:
         scaled = away / np.where(spread > 0.0, spread, 1.0)[:, None]
         chosen[int(np.argmin((scaled**2).sum(axis=0)))] = True
         return chosen
+
+
+def _named(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
+    """Return a controller with the names that its signals have in the plant."""
+    controls, measurements = controller.shape
+    return replace(
+        controller,
+        inputs=controller.inputs or plant.outputs[len(plant.outputs) - measurements :],
+        outputs=controller.outputs or plant.inputs[len(plant.inputs) - controls :],
+    )
 
 
 def _one(uncertain: UncertainModels | None) -> UncertainModel:
