@@ -165,8 +165,10 @@ def real_matrix(given: object, name: str) -> Array:
             raise InputError(f"{name} must be a matrix of real numbers, got {kind} numbers")
         matrix = matrix.astype(float)
     except (ValueError, OverflowError):
-        raise InputError(f"{name} must be a matrix of real numbers, got rows of different lengths"
-                         " or numbers too large") from None
+        raise InputError(
+            f"{name} must be a matrix of real numbers, got rows of different lengths"
+            " or numbers too large"
+        ) from None
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise InputError(
             f"{name} must be a matrix of finite numbers, got shape {matrix.shape}"

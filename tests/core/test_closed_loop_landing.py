@@ -321,6 +321,26 @@ def test_contract_of_a_landing() -> None:
     check_case_stage("closed_loop", keys, spread=0.3)
 
 
+def test_a_flight_of_its_own_may_differ_from_nominal() -> None:
+    product = descent()
+    inputs = {"plant.push": -2e-5, "actuator.coupling": 0.02}
+    made = stage(Solid(), flight_inputs=inputs)
+    flown = made.run(RecordingContext(), reference=product)
+    shown = made.present(flown, reference=product)
+    check_presentation(shown)
+    assert "plant.push = -2e-05, actuator.coupling = 0.02" in shown.tables["closed_loop"].notes[0]
+    assert shown.verdict[0].startswith("The flight ")
+    assert flown.own[2].max() > 1e-5
+    # In a campaign the same inputs make the same flight, and without them it is nominal.
+    batch = block(tuple(inputs), [[value] for value in inputs.values()])
+    values = made.run_cases(batch, reference=product).values[:, 0]
+    assert_allclose(values, flown.values, rtol=1e-12)
+    plain = stage(Solid()).run_cases(block(), reference=product)
+    assert_array_equal(made.run_cases(block(), reference=product).values, plain.values)
+    with pytest.raises(InputError, match=r"no input plant\.pull"):
+        stage(flight_inputs={"plant.pull": 1.0}).run(RecordingContext(), reference=product)
+
+
 def test_the_figure_of_a_descent_has_arrows() -> None:
     product = descent()
     made = stage(Solid())

@@ -100,19 +100,26 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     metrics["closed_loop_status"] = Metric(product.status, "")
     return Presentation(
         metrics={named(name): metric for name, metric in metrics.items()},
-        tables={named("closed_loop"): Table("Nominal flight", _COLUMNS, rows, _notes(product))},
+        tables={
+            named("closed_loop"): Table("Nominal flight", _COLUMNS, rows, _notes(product, spec))
+        },
         figures={named(name): figure for name, figure in figures.items()},
         verdict=_verdict(product, spec),
     )
 
 
-def _notes(product: ClosedLoopFlight) -> list[str]:
+def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     seen = ", ".join(product.seen_states)
     return [
         f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
         "case 0 of a campaign. The largest errors are those at the samples that count and at the "
-        "end."
+        "end." + _inputs(spec)
     ]
+
+
+def _inputs(spec: ClosedLoopSpec) -> str:
+    told = ", ".join(f"{name} = {value:g}" for name, value in spec.flight_inputs.items())
+    return f" It differs from nominal by {told}." if told else ""
 
 
 def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
@@ -121,7 +128,8 @@ def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     counted = f" after {spec.errors_from_s / 60.0:g} min" if spec.errors_from_s else ""
     values = dict(zip(product.metrics, product.values.tolist(), strict=True))
     sentences = [
-        f"The nominal flight{f' ({spec.label})' if spec.label else ''} "
+        f"The {'flight' if spec.flight_inputs else 'nominal flight'}"
+        f"{f' ({spec.label})' if spec.label else ''} "
         f"{'failed' if product.failed else 'succeeded'}: {what} after "
         f"{(ended - begun) / 3600.0:.4g} h, at most "
         f"{values['largest_position_error']:.4g} m from its reference{counted}, with "

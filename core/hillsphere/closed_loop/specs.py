@@ -289,6 +289,12 @@ class ClosedLoopSpec(StageSpec):
         default=0.0,
         ge=0,
     )
+    flight_inputs: dict[str, float] = option(
+        "inputs by name, SI, with which this stage's own flight differs from nominal "
+        "('plant.gravity.C2,0', 'actuator.coupling'), to show what the law has to do; campaigns "
+        "that repeat the stage do not use them",
+        default={},
+    )
     label: str = option(
         "appended to the names of tables, figures and metrics, to tell two such stages apart",
         default="",

@@ -151,14 +151,15 @@ class ClosedLoopStage:
         Returns
         -------
         ClosedLoopFlight
-            With the navigation and actuator errors of draw 0.
+            With the navigation and actuator errors of draw 0, and `ClosedLoopSpec.flight_inputs`.
         """
         loop = self._loop(reference, controller)
         # A lane among 64 as in a campaign, so that the same case has the same bits there.
         lanes = np.zeros(BLOCK, dtype=np.int64)
-        batch = CaseBatch(
-            lanes, lanes, np.arange(BLOCK) > 0, (), np.zeros((0, BLOCK)), ctx.seed, _STREAM
-        )
+        inputs = self.spec.flight_inputs
+        values = np.repeat(np.array([*inputs.values()], dtype=float)[:, None], BLOCK, axis=1)
+        filler = np.arange(BLOCK) > 0
+        batch = CaseBatch(lanes, lanes, filler, tuple(inputs), values, ctx.seed, _STREAM)
         advance = ctx.track("closed loop", loop.samples)
         flights, largest = self._fly(loop, batch, history=True)
         step_error = None

@@ -65,6 +65,9 @@ class NavigationErrors:
 
     .. math:: e_{k+1} = e^{-\Delta/\tau} e_k + \sigma\sqrt{1 - e^{-2\Delta/\tau}}\; w_k .
 
+    In continuous time :math:`\sigma\sqrt{2/\tau}\,/\,(s + 1/\tau)` makes it of white noise of unit
+    spectral density.
+
     Parameters
     ----------
     sigma : array_like, shape (n,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import floor
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_guidance.motion import Motion
 
-__all__ = ["HeldSteps", "held_steps"]
+__all__ = ["HeldSteps", "held_steps", "held_times"]
 
 _TOLERANCE = 1e-11
 _MOST = 256
@@ -31,6 +32,18 @@ class HeldSteps(NamedTuple):
     end: Array
     by_state: Array
     by_command: Array
+
+
+def held_times(duration_s: float, hold_s: float) -> Array:
+    """Return the times (K,) at which a held command changes, and the end.
+
+    The last is held between half and one and a half times as long as the others, so that none is
+    held for so short that it cannot matter; there are two at least.
+    """
+    steps = max(2, floor(duration_s / hold_s + 0.5))
+    if (steps - 0.5) * hold_s >= duration_s:
+        return np.linspace(0.0, duration_s, steps + 1)
+    return np.append(np.arange(steps) * hold_s, duration_s)
 
 
 def held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSteps:

@@ -8,6 +8,7 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import Ref, Spec, option, quantity, reference
+from hillsphere_guidance.site_specs import SiteSpec
 
 __all__ = ["OpenLoopSpec", "ZemZevSpec"]
 
@@ -41,14 +42,18 @@ class ZemZevSpec(Spec):
     duration_s: float = quantity(
         "time", "from the first sample to the arrival, a multiple of the period", gt=0
     )
-    towards: Literal["target", "reference"] = option(
-        "'target': to the state that is held, which is reached at the arrival, without any "
-        "reference; 'reference': back to a reference, whose own command arrives by itself",
+    towards: Literal["target", "site", "reference"] = option(
+        "'target': to the flight's target, without any reference; 'site': to a landing site, "
+        "likewise; 'reference': back to a reference, whose own command arrives by itself",
         default="target",
+    )
+    site: SiteSpec | None = option("the landing site", default=None)
+    touchdown_speed_m_s: float | None = quantity(
+        "speed", "with a site: speed at the arrival, along the inward normal", default=None, ge=0
     )
     prediction: Literal["constant", "field"] = option(
         "what is predicted without effort: 'constant', the field's acceleration where the "
-        "spacecraft is; 'field', the flight in the full field (with 'target')",
+        "spacecraft is; 'field', the flight in the full field (not towards a reference)",
         default="constant",
     )
     maximum_m_s2: float | None = quantity(
@@ -63,8 +68,11 @@ class ZemZevSpec(Spec):
         if self.towards == "reference" and self.prediction == "field":
             raise _rule(
                 "prediction",
-                "'field' goes with towards = 'target': what a reference will command is not known",
+                "'field' does not go with a reference: what that will command is not known",
             )
+        given = self.site is not None, self.touchdown_speed_m_s is not None
+        if given != (self.towards == "site",) * 2:
+            raise _rule("site", "towards = 'site', site and touchdown_speed_m_s belong together")
         return self
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import ceil
 from typing import Any, Literal
 
 import numpy as np
@@ -47,13 +46,6 @@ class Requirements:
     glide_slope_time_s: float | None = None
     tilt_rad: float | None = None
 
-    def grid(self, duration_s: float) -> Array:
-        """Return the times at which the command may change, and the end."""
-        steps = max(2, ceil(duration_s / self.hold_s * (1.0 - _ENDS)))
-        if steps == 2:
-            return np.linspace(0.0, duration_s, 3)
-        return np.append(np.arange(steps) * self.hold_s, duration_s)
-
     def cost(self, u: Array, weights: Array) -> float:
         """Return the cost of a command (d, N), natural units."""
         size = np.linalg.norm(u, axis=0)
@@ -72,7 +64,7 @@ class Requirements:
         rules.append(cp.norm(u, 2, axis=0) <= size)
         return weights @ size
 
-    def terms(self, plant: Plant, task: GuidanceTask, t: Array, size: float, step: float) -> Terms:
+    def terms(self, plant: Plant, task: GuidanceTask, t: Array, size: float) -> Terms:
         """Return the conditions of one task.
 
         Parameters
@@ -82,7 +74,7 @@ class Requirements:
         task : GuidanceTask
             The flight.
         t : ndarray, shape (N + 1,)
-            As `grid` returns.
+            When the command may change, and the end.
         size : float
             Natural unit of acceleration, m/s².
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from hillsphere.errors import ConvergenceError, PropagationError
 from hillsphere.interfaces import Array, GuidanceTask, GuidedFlight, Plant
 from hillsphere_guidance.errors import InfeasibleGuidanceError
-from hillsphere_guidance.held_steps import HeldSteps, held_steps
+from hillsphere_guidance.held_steps import HeldSteps, held_steps, held_times
 from hillsphere_guidance.minimum_energy import MinimumEnergy
 from hillsphere_guidance.motion import Motion, motion_of
 from hillsphere_guidance.requirements import Excess, Requirements, Terms
@@ -79,7 +79,7 @@ def fly_successively(plant: Plant, task: GuidanceTask, requirements: Requirement
     Returns
     -------
     GuidedFlight
-        With commands held for `requirements.hold_s` (the last maybe shorter).
+        With commands held for `requirements.hold_s` (the last maybe shorter or longer).
 
     Raises
     ------
@@ -101,7 +101,7 @@ class _Search:
     def __init__(self, plant: Plant, task: GuidanceTask, requirements: Requirements) -> None:
         self._plant, self._task, self._wanted = plant, task, requirements
         self._motion: Motion = motion_of(plant)
-        self._t = requirements.grid(task.duration_s)
+        self._t = held_times(task.duration_s, requirements.hold_s)
         self._h = np.diff(self._t)
         scales = self._motion.scales
         self._acceleration = scales.length_m / scales.time_s**2

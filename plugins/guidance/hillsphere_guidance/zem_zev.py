@@ -7,10 +7,11 @@ from typing import Literal
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Plant
 from hillsphere_guidance.law_specs import ZemZevSpec
 from hillsphere_guidance.motion import motion_of
 from hillsphere_guidance.replanning import Replanner
+from hillsphere_guidance.sites import Ground
 
 __all__ = ["ZemZev"]
 
@@ -55,7 +56,9 @@ class ZemZev:
         self.spec = spec
         self.period_s = spec.period_s
         self.samples = round(spec.duration_s / spec.period_s)
-        self._motion = motion_of(spec.plant.get())
+        plant: Plant = spec.plant.get()
+        self._motion = motion_of(plant)
+        self._goal = self._landed(plant, spec)
         self._replanner = (
             Replanner(self._motion, _CONTROL_POINTS) if spec.prediction == "field" else None
         )
@@ -66,7 +69,8 @@ class ZemZev:
 
     def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
         """Return the acceleration (d, N), m/s², and the plan."""
-        x, goal = self._full(y), self._full(ref)
+        x = self._full(y)
+        goal = self._full(ref) if self._goal is None else np.repeat(self._goal, len(t_s), axis=1)
         left = self.samples - k
         if left <= 0:
             return np.zeros((self._motion.axes, y.shape[1])), xc
@@ -81,6 +85,17 @@ class ZemZev:
                 # what failed begins from nothing again
                 xc = np.where(np.isfinite(xc).all(axis=0), xc, 0.0)
             return self._limited(u), xc
+
+    def _landed(self, plant: Plant, spec: ZemZevSpec) -> Array | None:
+        """Return the state (n, 1) at touchdown, other states zero; None if no site is given."""
+        if spec.site is None:
+            return None
+        motion = self._motion
+        goal = np.zeros((len(motion.states), 1))
+        place = Ground(plant, goal[:, 0]).site(spec.site.latitude_rad, spec.site.longitude_rad)
+        goal[motion.positions, 0] = place.position_m
+        goal[motion.velocities, 0] = -(spec.touchdown_speed_m_s or 0.0) * place.up
+        return goal
 
     def _full(self, y: Array) -> Array:
         """Return all states of the plant (n, N)."""

@@ -182,6 +182,7 @@ def test_affine_models_along_points_are_met_to_the_last_digit() -> None:
     made = run(along([1.0, 2.0]), **keys)
     assert made.labels == ("point=1", "point=2")
     assert made.exponents == ()
+    assert made.checks.tolist() == [2, 2]
     for model, place in zip(made.models, (1.0, 2.0), strict=True):
         # the dispersion's own table tells which parameters are meant
         assert model.names == ("spring.own.k", "spring.own.c")

@@ -16,9 +16,10 @@ from numpy.testing import assert_allclose
 from hillsphere import create
 from hillsphere.dynamics import Derivatives, StepMap, system
 from hillsphere.errors import InputError, StageError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.lti import LtiSystem
-from hillsphere.products import FlightSet
+from hillsphere.products import FlightSet, Trajectories
+from hillsphere.symbolic import Expr, Params
 from hillsphere.testing import (
     RecordingContext,
     check_presentation,
@@ -327,3 +328,70 @@ def test_faults_are_said(plant: Any, reference: FlightSet, keys: dict[str, Any],
 def test_a_trajectory_of_another_frame_is_refused(reference: FlightSet) -> None:
     with pytest.raises(StageError, match="frame"):
         run(example("plant", "hill"), reference)
+
+
+class Spring:
+    """ẍ = −(k² + t/100 s) x + aₓ, ÿ = −k y + a_y, its velocities between its positions."""
+
+    frame = "hill:toy"
+    states = (
+        Variable("x", 1, 0), Variable("vx", 1, -1), Variable("y", 1, 0), Variable("vy", 1, -1),
+    )  # fmt: skip
+    controls = (Variable("ax", 1, -2), Variable("ay", 1, -2))
+    scales = Scales(1.0, 1.0)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("k", 2.0),)
+
+    def derivative(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        k = p["k"]
+        return x[1], u[0] - (k * k + 0.01 * t) * x[0], x[3], u[1] - k * x[2]
+
+    def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> dict[str, Expr]:
+        return {}
+
+
+def test_any_plant_its_order_its_time_and_parameters_that_bend() -> None:
+    t = np.linspace(0.0, 10.0, 11)
+    x = np.array([np.sin(t), np.cos(t), 2.0 * t, np.full(11, 2.0)])[:, :, None]
+    flights = Trajectories("hill:toy", ("x", "vx", "y", "vy"), ("p",), ("way",), t[:, None], x)
+    stiffness = normal("plant.toy", ["k"], sigma=0.1)
+    made = run(
+        Spring(),
+        FlightSet(flights),
+        points=2,
+        start_time_s=100.0,
+        dispersions=[stiffness],
+        sigmas=2,
+    )
+    assert made.labels[:4] == (
+        "nominal, point 1", "plant.toy.k up, point 1", "plant.toy.k down, point 1",
+        "corner 1, point 1",
+    )  # fmt: skip
+    assert made.affine.tolist() == [False]
+    for i, (time, model) in enumerate(zip((105.0, 110.0), (made.systems[0], made.systems[5]),
+                                          strict=True)):  # fmt: skip
+        expected = np.zeros((4, 4))
+        expected[0, 1] = expected[2, 3] = 1.0
+        expected[1, 0], expected[3, 2] = -(4.0 + 0.01 * time), -2.0
+        assert_allclose(model.a, expected, rtol=1e-14)
+        # r, then v, whatever the plant's order
+        assert_allclose(model.c, np.eye(4)[[0, 2, 1, 3]], rtol=0.0)
+        # ∂a/∂k = (−2 k x, −y)
+        slope = np.array([-4.0 * x[0, 5 + 5 * i, 0], -x[2, 5 + 5 * i, 0]])
+        assert_allclose(made.acceleration_slopes[:, 0, i], slope, rtol=1e-13)
+        assert_allclose(
+            made.acceleration_covariance[:, :, i], 0.01 * np.outer(slope, slope), rtol=1e-13
+        )
+    # a polynomial of second degree meets all of them
+    stage = create("stage", "lft", needs={"models": "linear"}, known=["point"], degree=2,
+                   dispersions=[stiffness], sigmas=2)  # fmt: skip
+    uncertain = stage.run(RecordingContext(), models=made)
+    at = lft_of(uncertain.models[0]).at({"plant.toy.k": 2.15})
+    assert at.a[1, 0] == pytest.approx(-(2.15**2 + 1.05), rel=1e-12)
+    with pytest.raises(InputError, match="not affine"):
+        create("stage", "lft", needs={"models": "linear"}, known=["point"], fit="affine").run(
+            RecordingContext(), models=made
+        )

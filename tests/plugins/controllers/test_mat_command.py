@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from hillsphere.cli import main
+from hillsphere.cli.endings import run
 from hillsphere.linear_products import UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.product_codec import save_product
@@ -36,7 +36,7 @@ def test_uncertain_models_become_m_and_blocks(
 ) -> None:
     product = tmp_path / "uncertain.npz"
     save_product(product, models())
-    assert main(["mat", str(product)]) == 0
+    assert run(["mat", str(product)]) == 0
     assert capsys.readouterr().out.strip() == str(tmp_path / "uncertain.mat")
     found = load_mat(tmp_path / "uncertain.mat")
     assert sorted(found) == ["models_1", "models_2"]
@@ -53,7 +53,7 @@ def test_a_controller_alone(tmp_path: Path) -> None:
     product, out = tmp_path / "best-controller.npz", tmp_path / "k.mat"
     one = np.ones((1, 1))
     save_product(product, LtiSystem(-one, one, 2.0 * one, 0.0 * one, 0.1, ("y",), ("u",)))
-    assert main(["mat", str(product), "--out", str(out)]) == 0
+    assert run(["mat", str(product), "--out", str(out)]) == 0
     system = load_mat(out)["system"]
     assert isinstance(system, LtiSystem)
     assert (system.dt_s, system.inputs, system.outputs) == (0.1, ("y",), ("u",))
@@ -63,8 +63,8 @@ def test_a_controller_alone(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     product = tmp_path / "structure.npz"
     save_product(product, real_parameter("k", 0.0, 1.0))
-    assert main(["mat", str(product)]) == 2
+    assert run(["mat", str(product)]) == 2
     assert "holds no linear system" in capsys.readouterr().err
     save_product(product, models())
-    assert main(["mat", str(product), "--out", str(tmp_path / "none" / "k.mat")]) == 2
+    assert run(["mat", str(product), "--out", str(tmp_path / "none" / "k.mat")]) == 2
     assert "cannot be written" in capsys.readouterr().err

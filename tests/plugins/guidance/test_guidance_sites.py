@@ -60,3 +60,33 @@ def test_plant_without_a_surface_is_refused() -> None:
     )
     with pytest.raises(InputError, match="no surface to land on"):
         Ground(plant, np.zeros(6))
+
+
+def test_sites_on_a_polyhedron() -> None:
+    """An octahedron: the faces' planes and normals are known."""
+    a, b, c = 10e3, 9e3, 8e3
+    shape = create(
+        "shape",
+        "polyhedron",
+        length_unit="m",
+        vertices=[(a, 0, 0), (-a, 0, 0), (0, b, 0), (0, -b, 0), (0, 0, c), (0, 0, -c)],
+        faces=[
+            (1, 3, 5), (3, 2, 5), (2, 4, 5), (4, 1, 5),
+            (3, 1, 6), (2, 3, 6), (4, 2, 6), (1, 4, 6),
+        ],
+    )  # fmt: skip
+    body = create(
+        "body", "asteroid", semi_major_axis_m=2.2e11, rotation_rate_deg_d=1600.0, shape=shape
+    )
+    gravity = create("gravity", "point_mass", gm_m3_s2=4.46e5)
+    plant = create(
+        "plant", "three_body", body=body, gravity=gravity, orbit="elliptic", rotation="spin"
+    )
+    ground = Ground(plant, np.zeros(len(plant.states)))
+    for lat, lon in ((0.4, 1.1), (-0.7, 2.5)):
+        site = ground.site(lat, lon)
+        x, y, z = site.position_m
+        assert abs(x) / a + abs(y) / b + abs(z) / c == pytest.approx(1.0, rel=1e-12)
+        normal = np.array([np.sign(x) / a, np.sign(y) / b, np.sign(z) / c])
+        np.testing.assert_allclose(site.up, normal / np.linalg.norm(normal), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.arctan2(y, x), lon, rtol=1e-12)

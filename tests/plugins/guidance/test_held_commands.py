@@ -9,9 +9,9 @@ import pytest
 
 from hillsphere import create
 from hillsphere.errors import ConvergenceError
-from hillsphere.interfaces import Array, GuidanceTask, GuidedFlight
+from hillsphere.interfaces import GuidanceTask, GuidedFlight
 from hillsphere_guidance.held_commands import held_command
-from hillsphere_guidance.held_steps import held_steps
+from hillsphere_guidance.held_steps import held_steps, held_times
 from hillsphere_guidance.motion import motion_of
 from hillsphere_guidance.replays import replay_continuous, replay_held
 
@@ -22,8 +22,12 @@ def flight(phobos: Any, landing: GuidanceTask) -> GuidedFlight:
     return planned
 
 
-def grid(step: float) -> Array:
-    return np.append(np.arange(0.0, 7980.0 - 1e-6, step), 7980.0)
+@pytest.mark.parametrize(
+    ("hold", "times"),
+    [(10.0, [0, 10, 20, 25]), (11.0, [0, 11, 25]), (20.0, [0, 12.5, 25]), (90.0, [0, 12.5, 25])],
+)
+def test_no_command_is_held_for_very_short(hold: float, times: list[float]) -> None:
+    np.testing.assert_allclose(held_times(25.0, hold), times, rtol=1e-15)
 
 
 @pytest.mark.parametrize(("step", "size"), [(30.0, 8e-4), (60.0, 3e-3), (70.0, 4e-3)])
@@ -31,7 +35,7 @@ def test_held_flight_meets_the_path(
     phobos: Any, landing: GuidanceTask, flight: GuidedFlight, step: float, size: float
 ) -> None:
     """Every second state, and the end after an even, an odd and a broken number of steps."""
-    motion, t = motion_of(phobos), grid(step)
+    motion, t = motion_of(phobos), held_times(7980.0, step)
     x = flight.states(t)
     mean = flight.command(0.5 * (t[1:] + t[:-1]))
     u = held_command(motion, t, x, mean, 0.0)

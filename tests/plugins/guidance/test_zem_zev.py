@@ -66,13 +66,14 @@ def test_landing_on_phobos(
     """Without any reference, at 60 s: to the site, planned in the field near the least effort."""
     law = create(
         "compensator", "zem_zev", plant=phobos, period_s=60.0, duration_s=7980.0,
-        prediction=prediction,
+        prediction=prediction, towards="site", touchdown_speed_m_s=0.5,
+        site={"latitude_deg": 12.0, "longitude_deg": 25.0},
     )  # fmt: skip
     goal = np.concatenate([landing.end_position_m, landing.end_velocity_m_s, [0.0]])
     spread = np.array([200.0] * 3 + [0.1] * 3 + [0.0])[:, None]
     off = spread * np.random.default_rng(1).normal(size=(7, 6))
     off[:, 0] = 0.0
-    flights = flown(phobos, law, goal, landing.start[:, None] + off, 133)
+    flights = flown(phobos, law, None, landing.start[:, None] + off, 133)
     # the last period is too short for the position: what is left of it stays
     assert np.linalg.norm(flights.x[:3] - goal[:3, None], axis=0).max() < 0.5
     assert np.linalg.norm(flights.x[3:6] - goal[3:6, None], axis=0).max() < 0.01
@@ -133,7 +134,16 @@ def test_all_states_must_be_seen(phobos: Any) -> None:
         ({"duration_s": 60}, "multiple of period_s"),
         (
             {"duration_s": 600, "towards": "reference", "prediction": "field"},
-            "goes with towards = 'target'",
+            "does not go with a reference",
+        ),
+        ({"duration_s": 600, "towards": "site"}, "belong together"),
+        (
+            {
+                "duration_s": 600,
+                "site": {"latitude_deg": 1, "longitude_deg": 2},
+                "touchdown_speed_m_s": 0.1,
+            },
+            "belong together",
         ),
     ],
 )

@@ -133,7 +133,8 @@ def test_jacobian_of_an_independent_transcription() -> None:
         [2.2684629864e-7, 8.9190900984e-8, -4.3995256504e-7],
     ]
     found = jacobian[3:6, :3, 0]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.linalg.norm(expected))
+    size = float(np.linalg.norm(expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
 
 
 def inertial_flight(x0: Array, e: float, mode: str, amplitude: float, duration: float) -> Array:

@@ -135,6 +135,10 @@ class Lft:
             if isinstance(value, LtiSystem):
                 raise InputError("a system takes the place of an uncertainty in `at` only")
             stack = np.asarray(value)
+            numbers = "biuf" if one.kind == "real" else "biufc"
+            if stack.dtype.kind not in numbers or not np.isfinite(stack).all():
+                kind = "real" if one.kind == "real" else ""
+                raise InputError(f"{one.name}: finite {kind} numbers are needed, got {value!r}")
             stacks.append(stack[None] if stack.ndim == (2 if one.kind == "full" else 0) else stack)
         count = max([len(s) for s in stacks], default=1)
         columns, rows = self.closed_channels

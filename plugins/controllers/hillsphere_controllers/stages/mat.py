@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hillsphere.cli.streams import write
+from hillsphere.cli.output import write
 from hillsphere.errors import InputError
 from hillsphere.linear_products import UncertainModel
 from hillsphere.lti import LtiSystem

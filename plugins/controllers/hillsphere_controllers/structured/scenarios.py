@@ -16,8 +16,8 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -30,13 +30,20 @@ from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
 from hillsphere_controllers.structured.structure import Sizes, Structure
-from hillsphere_controllers.structured.synthesis import StructuredDesign, synthesise
+from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import gain, lower_lft, upper_lft
 
 __all__ = ["RobustDesign", "Scenario", "UncertainPlant", "synthesise_robust", "worst_case"]
 
 _VIOLATES, _ENOUGH = 1e-3, 5e-3
-_CORNERS, _RANDOM, _CLIMBED = 64, 16, 4
+_CARRIED = 0.85
+"""Scenarios whose γ is below this share of the design's are dropped; the check of the whole box
+brings those back that matter again."""
+_RANDOM, _CLIMBED = 16, 4
+_FEW = 6
+"""With so many parameters all corners are looked at; with more those that slopes point to, and the
+following numbers of corners and of inner points at random."""
+_SOME_CORNERS, _SOME_INSIDE = 16, 4
 _UNSTABLE = 50.0
 """Logarithm of the gain that stands for instability in the search for the worst case."""
 
@@ -112,6 +119,10 @@ class RobustDesign:
         Those it was designed for.
     worst : Scenario
         The worst that was found in the whole box.
+    each : ndarray, shape (plants,)
+        γ of the worst that was found for each plant.
+    starts : ndarray, shape (starts,)
+        γ from every start, for the scenarios known when they were begun from.
     rounds : int
         Designs made.
     converged : bool
@@ -121,6 +132,8 @@ class RobustDesign:
     design: StructuredDesign
     scenarios: tuple[Scenario, ...]
     worst: Scenario
+    each: Array
+    starts: Array
     rounds: int
     converged: bool
 
@@ -134,9 +147,18 @@ def synthesise_robust(
     seed: int = 1,
     region: PoleRegion | None = None,
     largest_gain: float | None = None,
+    controller_stable: bool = False,
+    bandwidth_rad_s: float | None = None,
+    prefer: Callable[[LtiSystem], float] | None = None,
+    tie: float = 1e-3,
+    told: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     ctx: Context | None = None,
 ) -> RobustDesign:
     """Return a controller whose worst case over all parameters is small.
+
+    The first round designs for the nominal plants, the next ones from there for the scenarios too.
+    When these are enough, the design is made anew from all starts, and checked again.
 
     Parameters
     ----------
@@ -147,10 +169,11 @@ def synthesise_robust(
     rounds : int
         Designs at most; the first has the nominal plants only.
     starts : int
-        Of the first design; the later ones begin at the controller before, and have up to
-        two other starts.
-    seed, region, largest_gain, ctx
+        Of the last design; those before have up to three.
+    seed, region, largest_gain, controller_stable, bandwidth_rad_s, prefer, tie, progress, ctx
         As in `synthesise`. The region is kept in the scenarios.
+    told : callable or None
+        Told in a sentence what each round gave.
 
     Returns
     -------
@@ -168,28 +191,47 @@ def synthesise_robust(
     places = [(j, np.zeros(len(plant.repeats))) for j, plant in enumerate(many)]
     best: RobustDesign | None = None
     initial: list[Array] = []
+    known: list[Array] = [np.zeros((0, len(plant.repeats))) for plant in many]
+    whole = rounds == 1 or starts == 1  # whether this round is from all starts
+    done, distribution = False, np.zeros(0)
     for count in range(1, rounds + 1):
+        done = done or whole
         design = synthesise(
             [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=initial,
-            starts=starts if count == 1 else min(starts, 3), region=region,
-            largest_gain=largest_gain, ctx=ctx,
+            starts=starts if whole else min(starts, 3 if count == 1 else 1), region=region,
+            largest_gain=largest_gain, controller_stable=controller_stable,
+            bandwidth_rad_s=bandwidth_rad_s, shaken=whole, prefer=prefer if whole else None,
+            tie=tie, name=f"-{count}", progress=progress, ctx=ctx,
         )  # fmt: skip
-        found = [
-            Scenario(j, s.delta, s.gamma)
+        if whole or not distribution.size:
+            distribution = design.starts
+        each = [
+            worst_case(plant, design.controller, seed=seed + count, known=known[j])
             for j, plant in enumerate(many)
-            for s in worst_case(plant, design.controller, seed=seed + count)
         ]
+        found = [replace(s, plant=j) for j, those in enumerate(each) for s in those]
         worst = max(found, key=lambda s: s.gamma)
         scenarios = tuple(
             Scenario(j, delta, _gamma(many[j], norms))
             for (j, delta), norms in zip(places, design.verified.norms, strict=True)
         )
         enough = worst.gamma <= design.gamma * (1.0 + _ENOUGH)
-        if best is None or worst.gamma < best.worst.gamma:
-            best = RobustDesign(design, scenarios, worst, count, enough)
-        if enough or design.interrupted:
+        if told is not None:
+            told(
+                f"round {count}: γ = {design.gamma:.6g} for {len(places)} plants, worst case "
+                f"{worst.gamma:.6g} (plant {many[worst.plant].name or worst.plant})"
+            )
+        at_worst = np.array([those[0].gamma for those in each])
+        made = RobustDesign(design, scenarios, worst, at_worst, distribution, count, enough)
+        # that of all starts is taken where it is as good
+        if best is None or worst.gamma < best.worst.gamma or (whole and enough):
+            best = made
+        best = replace(best, starts=distribution)
+        if design.interrupted or (enough and done):
             break
+        whole = not done and (enough or count == rounds - 1)
         initial = [design.theta]
+        places = [(s.plant, s.delta) for s in scenarios if s.gamma >= _CARRIED * design.gamma]
         for j in range(len(many)):
             worse = [s for s in found if s.plant == j and s.gamma > design.gamma * (1 + _VIOLATES)]
             places += [
@@ -197,11 +239,14 @@ def synthesise_robust(
                 for s in worse[:2]
                 if all(j != p or np.abs(s.delta - d).max() > 1e-6 for p, d in places)
             ]
+            known[j] = np.array([d for p, d in places if p == j]).reshape(-1, known[j].shape[1])
     assert best is not None
     return best
 
 
-def worst_case(plant: UncertainPlant, controller: LtiSystem, *, seed: int = 1) -> list[Scenario]:
+def worst_case(
+    plant: UncertainPlant, controller: LtiSystem, *, seed: int = 1, known: Array | None = None
+) -> list[Scenario]:
     """Return local worst cases of a closed loop over all parameters, the worst first.
 
     Parameters
@@ -212,6 +257,8 @@ def worst_case(plant: UncertainPlant, controller: LtiSystem, *, seed: int = 1) -
         From y to u.
     seed : int
         Of the random ones among the points that the search begins at.
+    known : ndarray, shape (K, parameters), or None
+        Points that it is to begin at too, as worst cases of controllers that differ little.
 
     Returns
     -------
@@ -232,11 +279,14 @@ def worst_case(plant: UncertainPlant, controller: LtiSystem, *, seed: int = 1) -
     loop = OpenLoop(DesignPlant(turned, soft, plant.weight, plant.name), structure)
     objective = Objective([loop], structure, np.zeros(k), np.ones(k))
     random = np.random.default_rng(seed)
-    points = [np.zeros(k), *random.uniform(-1.0, 1.0, (_RANDOM, k))]
-    if 2**k <= _CORNERS:
+    points = [np.zeros(k), *(() if known is None else known)]
+    if k <= _FEW:
+        points += list(random.uniform(-1.0, 1.0, (_RANDOM, k)))
         points += [np.array(corner) for corner in product((-1.0, 1.0), repeat=k)]
     else:
-        points += list(random.choice([-1.0, 1.0], (_CORNERS, k)))
+        points += _corners(objective, points)
+        points += list(random.uniform(-1.0, 1.0, (_SOME_INSIDE, k)))
+        points += list(random.choice([-1.0, 1.0], (_SOME_CORNERS, k)))
     first = sorted(points, key=lambda x: -min(objective.evaluate(x).value, _UNSTABLE))
     found: list[Scenario] = []
     for start in first[:_CLIMBED]:
@@ -244,6 +294,18 @@ def worst_case(plant: UncertainPlant, controller: LtiSystem, *, seed: int = 1) -
         if all(np.abs(end.x - s.delta).max() > 1e-3 for s in found):
             found.append(Scenario(0, end.x, float(np.exp(end.value))))
     return sorted(found, key=lambda s: -s.gamma)
+
+
+def _corners(objective: Objective, points: Sequence[Array]) -> list[Array]:
+    """Return the corners that the slopes of all peaks at some points point to, each once."""
+    found: dict[tuple[float, ...], Array] = {}
+    for x in points:
+        point = objective.evaluate(x)
+        if np.isfinite(point.value):
+            for piece in objective.pieces(point):
+                corner = np.where(piece.slope >= 0.0, 1.0, -1.0)
+                found.setdefault(tuple(corner), corner)
+    return list(found.values())
 
 
 def _climbed(objective: Objective, start: Array) -> Point:

@@ -22,7 +22,7 @@ __all__ = ["Found", "Problem", "Search", "Start"]
 _SIZES = (10.0, 1.0, 30.0, 3.0, 100.0, 0.3)
 """Sizes of random starts in turn, in scaled parameters. Which minimum is reached depends on them,
 and how large the gains of the best one are is not known: from 0.3 to 100 in half decades."""
-_NEAR_SIZES = (1.0, 0.3, 3.0)
+_NEAR_SIZES = (0.3, 1.0, 0.1)
 """Likewise where the bandwidth is known."""
 _DRAWS = 6
 _OFTEN = 10

@@ -87,7 +87,7 @@ def fed_back(system: LtiSystem, matrix: Array) -> LtiSystem:
         If F does not fit, or the loop is not well posed.
     """
     p, m = system.shape
-    f = real_matrix(np.atleast_2d(matrix) if p and m else matrix, "a feedback matrix")
+    f = real_matrix(matrix, "a feedback matrix")
     if f.shape != (m, p):
         raise InputError(f"a feedback matrix must be {m} × {p}, got {f.shape}")
     loop = np.eye(m) - f @ system.d

@@ -52,10 +52,13 @@ def save_mat(path: Path, contents: Mapping[str, Content]) -> None:
     Raises
     ------
     InputError
-        If a name does not do, or something is of no kind that is written.
+        If a name does not do, something is of no kind that is written, or the file cannot be.
     """
     written = {_name(name): _written(name, content) for name, content in contents.items()}
-    savemat(path, written, appendmat=False, long_field_names=True, do_compression=True)
+    try:
+        savemat(path, written, appendmat=False, long_field_names=True, do_compression=True)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error}") from error
 
 
 def load_mat(path: Path) -> dict[str, Content]:
@@ -80,6 +83,8 @@ def load_mat(path: Path) -> dict[str, Content]:
         raise InputError(
             f"{path} is a file of MATLAB's version 7.3; save it with save(…, '-v7')"
         ) from None
+    except FileNotFoundError:
+        raise InputError(f"there is no file {path}") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error}") from error
     except Exception as error:  # scipy raises many kinds for a file that is damaged
@@ -106,6 +111,9 @@ def _written(name: str, content: Content) -> Any:
     if isinstance(content, LtiSystem):
         return _system_written(content)
     if isinstance(content, tuple):
+        kinds = [type(part) for part in content]
+        if kinds != [LtiSystem, BlockStructure]:
+            raise InputError(f"{name}: of tuples, a system and its block structure are written")
         system, structure = content
         fits = structure.shape
         if not (system.shape[0] >= fits[0] and system.shape[1] >= fits[1]):
@@ -154,7 +162,14 @@ def _read(value: Any, where: str) -> Content:
             system = _read(fields["M"], f"{where}.M")
             if not isinstance(system, LtiSystem):
                 raise InputError(f"{where}.M must be a struct of a, b, c, d and Ts")
-            return system, _blocks_read(fields, where)
+            structure = _blocks_read(fields, where)
+            (p, m), (out, into) = system.shape, structure.shape
+            if out > p or into > m:
+                raise InputError(
+                    f"{where}.blocks close {out} outputs and {into} inputs, but {where}.M is "
+                    f"{p} × {m}"
+                )
+            return system, structure
         return {name: _matrix(entry, f"{where}.{name}") for name, entry in fields.items()}
     return _matrix(value, where)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import pi
 from typing import Self
 
 from pydantic import model_validator
@@ -18,8 +17,9 @@ from hillsphere.spec import (
     quantity,
     reference,
 )
+from hillsphere_guidance.site_specs import SiteSpec
 
-__all__ = ["DepartureSpec", "DescentSpec", "ReferenceTrajectoriesSpec", "SiteSpec"]
+__all__ = ["DepartureSpec", "DescentSpec", "ReferenceTrajectoriesSpec"]
 
 
 class DepartureSpec(Spec):
@@ -37,15 +37,6 @@ class DepartureSpec(Spec):
         "values of states that are neither, by name, SI (true_anomaly = 0)", default={}
     )
     time_s: float = quantity("time", "time at the start", default=0.0)
-
-
-class SiteSpec(Spec):
-    """A place on the surface of the body."""
-
-    examples = ({"latitude_deg": 12, "longitude_deg": 25},)
-
-    latitude_rad: float = quantity("angle", "planetocentric latitude", ge=-pi / 2, le=pi / 2)
-    longitude_rad: float = quantity("angle", "longitude on the body, to the east")
 
 
 class DescentSpec(Spec):

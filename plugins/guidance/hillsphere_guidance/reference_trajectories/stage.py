@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from hillsphere.presentation import Presentation
 from hillsphere.products import Trajectories
 from hillsphere.reference import ReferenceTable
 from hillsphere_guidance.held_commands import held_command
+from hillsphere_guidance.held_steps import held_times
 from hillsphere_guidance.motion import motion_of
 from hillsphere_guidance.reference_trajectories.presentation import present_references
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
@@ -29,7 +29,6 @@ from hillsphere_guidance.splines import gauss_nodes
 __all__ = ["ReferenceTrajectoriesStage"]
 
 _NODES = 4
-_ENDS = 1e-9
 _MESH = (37, 73)
 
 
@@ -182,7 +181,7 @@ class ReferenceTrajectoriesStage:
         """Plan one descent, and fly it again."""
         motion, task = self.motion, descent.task
         flight = self.guidance.plan(self.plant, task)
-        t = self._grid(task.duration_s)
+        t = held_times(task.duration_s, self.spec.step_s)
         x, command = flight.states(t), flight.command(t)
         mean, dv, peak = _integrals(flight, t, motion.axes)
         u = held_command(motion, t, x, mean, task.time_s)
@@ -195,13 +194,6 @@ class ReferenceTrajectoriesStage:
             float(sizes @ np.diff(t)), max(peak, float(np.linalg.norm(command, axis=0).max())),
             self._apart(end, goal), self._apart(held, goal), flight.account,
         )  # fmt: skip
-
-    def _grid(self, duration_s: float) -> Array:
-        """Return the times of the grid; the last step may be shorter."""
-        steps = max(2, ceil(duration_s / self.spec.step_s * (1.0 - _ENDS)))
-        if steps * self.spec.step_s < duration_s * (1.0 - _ENDS) or steps == 2:
-            return np.linspace(0.0, duration_s, steps + 1)
-        return np.append(np.arange(steps) * self.spec.step_s, duration_s)
 
     def _apart(self, x: Array, goal: Array) -> Array:
         """Return distance and speed (2,) between two states (n,)."""

@@ -39,6 +39,8 @@ class Fit:
         What that costs, relative to the largest change of the matrix.
     dropped : float
         Of an affine fit, see `AffineLft.dropped`; else zero.
+    checks : int
+        Of an affine fit, see `AffineFit.checks`; else zero.
     sizes : ndarray of int, shape (s,)
         Copies of all parameters together with other bounds.
     """
@@ -50,13 +52,14 @@ class Fit:
     bound: float
     sampled: float
     dropped: float
+    checks: int
     sizes: Integers
 
 
 def certain(system: LtiSystem) -> Fit:
     """Return a model without uncertain parameters."""
     none = np.zeros(0, dtype=np.int64)
-    return Fit(Lft(system), None, none, none, 0.0, 0.0, 0.0, none)
+    return Fit(Lft(system), None, none, none, 0.0, 0.0, 0.0, 0, none)
 
 
 def by_polynomial(
@@ -92,7 +95,7 @@ def by_polynomial(
     return Fit(
         state_space(less.lft, systems[0].order, systems[0].dt_s), fit, _copies(lft, parameters),
         _copies(less.lft, parameters), less.bound / size, less.sampled / size,
-        0.0, np.zeros(0, dtype=np.int64),
+        0.0, 0, np.zeros(0, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -127,7 +130,7 @@ def by_affine(
     sizes = [affine_lft(fit, one, truncation=spec.truncation).lft.size for one in others]
     return Fit(
         state_space(made.lft, first.order, first.dt_s), None, made.before, made.after, made.bound,
-        made.sampled, made.dropped, np.array(sizes, dtype=np.int64),
+        made.sampled, made.dropped, fit.checks, np.array(sizes, dtype=np.int64),
     )  # fmt: skip
 
 

@@ -191,10 +191,15 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
             f"uncertain models' responses are those of {checked} models to {worst:.2g} of their "
             "largest gain."
         )
-    elif product.parameters:
+    elif product.parameters and product.checks.all():
         said.append(
             f"All models are affine in the {len(product.parameters)} uncertain parameters; the "
             "uncertain models keep their strongest directions."
+        )
+    elif product.parameters:
+        said.append(
+            f"The models are taken as affine in the {len(product.parameters)} uncertain "
+            "parameters, which none of them checks: make more than one for each parameter."
         )
     if product.beyond:
         said.append(

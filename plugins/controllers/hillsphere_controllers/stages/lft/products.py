@@ -34,6 +34,9 @@ class FittedModels(UncertainModels):
     dropped : ndarray, shape (G,)
         Of affine fits: root of the sum of squares of the directions left out, relative to the
         nominal matrix on the rows and columns that change; zero for others.
+    checks : ndarray of int, shape (G,)
+        Of affine fits: models beyond those that it takes to find the slopes; with none, nothing
+        tells whether the matrices are affine. Zero for others.
     group : ndarray of int, shape (N,)
         Which uncertain model stands for each of the models.
     response_error : ndarray, shape (N,)
@@ -64,6 +67,7 @@ class FittedModels(UncertainModels):
     bound: Array
     sampled: Array
     dropped: Array
+    checks: Integers
     group: Integers
     response_error: Array
     beyond: float

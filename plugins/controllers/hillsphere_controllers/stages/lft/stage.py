@@ -108,6 +108,7 @@ class LftStage:
             bound=np.array([one.bound for one in found]),
             sampled=np.array([one.sampled for one in found]),
             dropped=np.array([one.dropped for one in found]),
+            checks=np.array([one.checks for one in found], dtype=np.int64),
             group=groups.group,
             response_error=response_error,
             beyond=reaching_beyond(models, parameters) if spec.fit == "polynomial" else 0.0,

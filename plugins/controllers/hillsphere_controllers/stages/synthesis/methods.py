@@ -70,9 +70,6 @@ def designed(
                 f"{controller.shape[0]} controls, the models have {measurements} and {controls}"
             )
         return Designed(controller, None, 0.0)
-    if spec.method == "structured":
-        assert spec.structured is not None
-        return _structured(spec.structured, plants, labels, controls, measurements, ctx)
     if spec.method == "lmi":
         return _by_inequalities(spec.lmi or LmiSpec(), plants[0], controls, measurements)
     if spec.method == "h2":
@@ -91,56 +88,11 @@ def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurement
     # cvxpy, which it needs, takes seconds to import
     from hillsphere_controllers.lmi.output_feedback import output_feedback
 
-    channels = _channels("lmi", spec.channels, plant, controls, measurements)
-    found = output_feedback(plant, controls, measurements, channels, _region(spec.region))
+    channels = channels_of("lmi", spec.channels, plant, controls, measurements)
+    found = output_feedback(plant, controls, measurements, channels, region_of(spec.region))
     minimised = [one.norm for one in found.channels if one.channel.limit is None]
     # with limits alone nothing is minimised: γ is then the H∞ norm of the whole
     return Designed(found.controller, max(minimised) if minimised else None, 0.0)
-
-
-def _structured(
-    spec: StructuredSpec,
-    plants: Sequence[LtiSystem],
-    labels: Sequence[str],
-    controls: int,
-    measurements: int,
-    ctx: Context,
-) -> Designed:
-    structure = _structure(spec.parts, controls, measurements)
-    if (structure.controls, structure.measurements) != (controls, measurements):
-        raise InputError(
-            f"structured.parts: they have {structure.controls} controls and "
-            f"{structure.measurements} measurements, the models {controls} and {measurements}"
-        )
-    weights = spec.plant_weights or (1.0,) * len(plants)
-    if len(weights) != len(plants):
-        raise InputError(
-            f"structured.plant_weights: {len(weights)} for {len(plants)} plants; give one each"
-        )
-    many = [
-        DesignPlant(
-            plant,
-            _channels("structured", spec.channels, plant, controls, measurements),
-            weight,
-            label,
-        )
-        for plant, weight, label in zip(plants, weights, labels, strict=True)
-    ]
-    said = [""]
-    advance = ctx.track("searches", None, lambda: said[0])
-    found = synthesise(
-        many, structure, starts=spec.starts, seed=int(ctx.rng("starts").integers(1 << 31)),
-        region=_region(spec.region), largest_gain=spec.largest_gain,
-        progress=_telling(said, advance, ctx.info), ctx=ctx,
-    )  # fmt: skip
-    if found.interrupted:
-        done = int(found.starts.size + found.shaken.size)
-        raise stopped(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
-    result = SearchResult(
-        found.theta, found.starts, found.shaken, found.residual, len(found.active),
-        found.converged, found.evaluations,
-    )  # fmt: skip
-    return Designed(found.controller, found.gamma, found.lower_bound, result)
 
 
 def stopped(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
@@ -152,49 +104,7 @@ def stopped(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
     return Interrupted("interrupted during a synthesis", kept=kept)
 
 
-def _telling(
-    said: list[str], advance: Callable[[int], None], log: Callable[[str], None]
-) -> Callable[[Progress], None]:
-    """Return what keeps the bar's note and the log up to date."""
-
-    def tell(progress: Progress) -> None:
-        done, total, latest = progress.done, progress.total, progress.latest
-        best = f"best γ = {progress.gamma:.6g}"
-        if latest is None:
-            said[0] = f"search {done + 1} of {total} at γ = {progress.current:.6g}, {best}"
-            advance(0)  # ends it if the run was asked to stop
-            return
-        said[0] = f"{done} of {total}, {best}"
-        log(
-            f"search {done} of {total}, from start {latest.start.number}: "
-            f"γ = {progress.current:.6g}, {best}"
-        )
-        advance(1)
-
-    return tell
-
-
-def _structure(parts: Sequence[PartSpec], controls: int, measurements: int) -> Structure:
-    if len(parts) == 1:
-        return _part(parts[0], controls, measurements)
-    return Diagonal([_part(part, 1, 1) for part in parts])
-
-
-def _part(part: PartSpec, controls: int, measurements: int) -> Structure:
-    if part.kind == "pid":
-        return Pid(integral=part.integral, derivative=part.derivative)
-    if part.kind == "transfer_function":
-        return TransferFunction(part.order, part.relative_degree)
-    if part.kind == "entries":
-        rows = [[np.nan if entry == "free" else entry for entry in row] for row in part.entries]
-        return masked(np.array(rows, dtype=float), part.order)
-    return of_order(
-        part.order, part.controls or controls, part.measurements or measurements,
-        strictly_proper=part.strictly_proper,
-    )  # fmt: skip
-
-
-def _channels(
+def channels_of(
     table: str, specs: Sequence[ChannelSpec], plant: LtiSystem, controls: int, measurements: int
 ) -> tuple[Channel, ...]:
     p, m = plant.shape
@@ -212,7 +122,7 @@ def _channels(
     return tuple(made) or (Channel(),)
 
 
-def _region(spec: RegionSpec | None) -> PoleRegion | None:
+def region_of(spec: RegionSpec | None) -> PoleRegion | None:
     if spec is None:
         return None
     fastest = np.inf if spec.fastest_rad_s is None else spec.fastest_rad_s
