@@ -115,6 +115,9 @@ class AsteroidSpec(MoonSpec):
             "eccentricity": 0.22,
             "rotation_rate_deg_d": 1639.389232,
             "shape": "ellipsoid",
+            "inclination_deg": 10.8,
+            "node_deg": 304.3,
+            "periapsis_deg": 178.9,
         },
         {
             "semi_major_axis_m": 1.7e11,
@@ -141,6 +144,21 @@ class AsteroidSpec(MoonSpec):
         "true anomaly at which the primary comes north over the equator; with an obliquity of 0 "
         "only where the rotation angle is counted from",
         default=0.0,
+    )
+    inclination_rad: float | None = quantity(
+        "angle", "inclination of the orbit, ecliptic J2000", default=None, ge=0, le=pi
+    )
+    node_rad: float | None = quantity(
+        "angle", "longitude of the ascending node, ecliptic and equinox J2000", default=None
+    )
+    periapsis_rad: float | None = quantity("angle", "argument of periapsis", default=None)
+    mean_anomaly_rad: float | None = quantity(
+        "angle", "mean anomaly at the epoch, or else where times count from", default=None
+    )
+    epoch: str | None = option(
+        "date and time (TDB) of the mean anomaly; left out: where times count from",
+        default=None,
+        max_length=40,
     )
 
 
@@ -189,9 +207,17 @@ class Moon:
         self.semi_axes_m = spec.semi_axes_m if self.shape is None else self.shape.semi_axes_m()
         self.rotation_rate_rad_s = spec.rotation_rate_rad_s
         self.obliquity_rad = self.equinox_anomaly_rad = 0.0
+        self.inclination_rad: float | None = None
+        self.node_rad: float | None = None
+        self.periapsis_rad: float | None = None
+        self.mean_anomaly_rad: float | None = None
+        self.epoch: str | None = None
         if isinstance(spec, AsteroidSpec):
             self.obliquity_rad = spec.obliquity_rad
             self.equinox_anomaly_rad = spec.equinox_anomaly_rad
+            self.inclination_rad, self.node_rad = spec.inclination_rad, spec.node_rad
+            self.periapsis_rad, self.mean_anomaly_rad = spec.periapsis_rad, spec.mean_anomaly_rad
+            self.epoch = spec.epoch
         self.primary_name = spec.primary_name
         self.orientation: Orientation | None = None
         ra, dec, w = (

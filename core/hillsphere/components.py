@@ -24,6 +24,13 @@ def hillsphere_components() -> list[Component]:
             "an asteroid with a spin of its own on a Keplerian orbit around the Sun",
         ),
         Component(
+            "body",
+            "solar_orbit",
+            "hillsphere.ephemeris:KeplerOrbit",
+            "hillsphere.ephemeris_specs:KeplerOrbitSpec",
+            "a planet or spacecraft on a Keplerian orbit around the Sun, for ephemerides",
+        ),
+        Component(
             "shape",
             "ellipsoid",
             "hillsphere.shapes.ellipsoid:EllipsoidShape",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +66,10 @@ class LtiSystem:
                     f"{name.upper()} must be {shape[0]} × {shape[1]} to fit the others, got "
                     f"{matrices[name].shape[0]} × {matrices[name].shape[1]}"
                 )
-        if self.dt_s is not None and not (np.isfinite(self.dt_s) and self.dt_s > 0.0):
-            raise InputError(f"a sampling period must be > 0 s, got {self.dt_s}")
+        if self.dt_s is not None and not (
+            isinstance(self.dt_s, Real) and np.isfinite(self.dt_s) and self.dt_s > 0.0
+        ):
+            raise InputError(f"a sampling period must be a number > 0 s, got {self.dt_s!r}")
         for what, names, count in (
             ("inputs", self.inputs, m), ("outputs", self.outputs, p), ("states", self.states, n),
         ):  # fmt: skip
@@ -160,21 +163,17 @@ def real_matrix(given: object, name: str) -> Array:
     """Return a copy of a matrix; of what is none of finite real numbers, `InputError` by name."""
     try:
         matrix = np.array(given)
-        if matrix.dtype.kind not in "biuf":
-            kind = "complex" if matrix.dtype.kind == "c" else "no"
-            raise InputError(f"{name} must be a matrix of real numbers, got {kind} numbers")
-        matrix = matrix.astype(float)
-    except (ValueError, OverflowError):
-        raise InputError(
-            f"{name} must be a matrix of real numbers, got rows of different lengths"
-            " or numbers too large"
-        ) from None
+    except ValueError:
+        raise InputError(f"{name} must be a matrix, got rows of different lengths") from None
+    if matrix.dtype.kind not in "biuf":
+        kind = "complex ones" if matrix.dtype.kind == "c" else "others, or too large ones"
+        raise InputError(f"{name} must be a matrix of real numbers, got {kind}")
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise InputError(
             f"{name} must be a matrix of finite numbers, got shape {matrix.shape}"
             + ("" if matrix.ndim != 2 else " with nan or inf")
         )
-    return matrix
+    return matrix.astype(float)
 
 
 def named(known: Sequence[str], wanted: Sequence[str], what: str) -> list[int]:

@@ -13,6 +13,7 @@ from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
 from hillsphere.closed_loop.course import Rows, course_along
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.closed_loop.stage import ClosedLoopStage
+from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.plugins import validate
@@ -222,6 +223,7 @@ def test_rules_of_a_landing() -> None:
         (0.0, 0.0, 0.0): ("", False),
         (0.0, -20.0, 0.0): ("", True),
         (0.0, -80.0, 0.0): ("early", True),
+        (150.0, -80.0, 0.0): ("early", True),  # and beside the site
         (0.0, 50.0, 0.0): ("", False),
         (0.0, 200.0, 0.0): ("final_position_error", False),
         (150.0, -1.0, 0.0): ("final_position_error", True),
@@ -339,6 +341,32 @@ def test_a_flight_of_its_own_may_differ_from_nominal() -> None:
     assert_array_equal(made.run_cases(block(), reference=product).values, plain.values)
     with pytest.raises(InputError, match=r"no input plant\.pull"):
         stage(flight_inputs={"plant.pull": 1.0}).run(RecordingContext(), reference=product)
+
+
+class Cube:
+    """Of sides of 2 km."""
+
+    def radius_array(self, directions: Array) -> Array:
+        largest = np.abs(directions).max(axis=0)
+        return np.asarray(1000.0 * np.linalg.norm(directions, axis=0) / largest)
+
+
+class Cubic(Solid):
+    surface = Cube()
+    prime_meridian_rad = 0.5
+
+
+def test_the_surface_of_a_body_is_that_of_its_shape() -> None:
+    round_ = Surroundings.of(Solid()).surface_m
+    assert round_ is not None
+    level = np.sum((round_ / np.array(Solid.semi_axes_m)[:, None, None]) ** 2, axis=0)
+    assert_allclose(level, 1.0, rtol=1e-12)
+    made = Surroundings.of(Cubic()).surface_m
+    assert made is not None
+    c, s = np.cos(0.5), np.sin(0.5)
+    own = np.array([c * made[0] + s * made[1], -s * made[0] + c * made[1], made[2]])
+    assert_allclose(np.abs(own).max(axis=0), 1000.0, rtol=1e-12)
+    assert Surroundings.of(Ground()).surface_m is None
 
 
 def test_the_figure_of_a_descent_has_arrows() -> None:

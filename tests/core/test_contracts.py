@@ -15,6 +15,7 @@ from hillsphere.plugins import Registered, Registry, default_registry
 from hillsphere.testing import (
     check_case_stage,
     check_compensator,
+    check_estimator,
     check_gravity,
     check_guidance,
     check_orbit_family,
@@ -65,8 +66,8 @@ def of_kind(kind: str) -> list[tuple[str, int]]:
     ]
 
 
-def directions(count: int) -> Array:
-    vectors = np.random.default_rng(7).normal(size=(3, count))
+def directions(count: int, seed: int = 7) -> Array:
+    vectors = np.random.default_rng(seed).normal(size=(3, count))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=0))
 
 
@@ -113,7 +114,10 @@ def test_plant(type_: str, number: int) -> None:
     unit = plant.scales.of(plant.states)[:, None]
     states = random.normal(size=(len(plant.states), 20)) * 0.3 * unit
     # Positions one to two natural lengths out: outside any body, within the plant's range.
-    states[:3] = directions(20) * plant.scales.length_m * (1.0 + random.random(20))
+    # Several spacecraft follow one another, six states each.
+    for first in range(0, len(plant.states) - 5, 6):
+        away = directions(20, 7 + first) * plant.scales.length_m
+        states[first : first + 3] = away * (1.0 + random.random(20))
     check_plant(plant, states)
 
 
@@ -148,6 +152,11 @@ def test_sensor(type_: str, number: int) -> None:
     x = np.concatenate([directions(300) * 7.5e6, directions(300) * 7e3])
     turned = earth_fixed("teme", Epoch.parse("2020-01-01", "UTC"), t_s)
     check_sensor(example("sensor", type_, number), x, t_s, {"earth_fixed": turned})
+
+
+@pytest.mark.parametrize(("type_", "number"), of_kind("estimator"))
+def test_estimator(type_: str, number: int) -> None:
+    check_estimator(example("estimator", type_, number))
 
 
 @pytest.mark.parametrize(("type_", "number"), of_kind("tracker"))

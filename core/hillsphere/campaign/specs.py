@@ -206,6 +206,11 @@ class SweepSpec(CampaignSpec):
     repetitions: int = option(
         "cases at each point, with the same random numbers at every point", default=1, ge=1
     )
+    threshold: float | None = option(
+        "failure ratio: where along the last swept number it is first exceeded is shown, for each "
+        "combination of the others",
+        default=None, ge=0, lt=1,
+    )  # fmt: skip
 
     @model_validator(mode="after")
     def _fits_the_design(self) -> Self:

@@ -10,6 +10,7 @@ from typing import Any
 from hillsphere.campaign.bands import bands_of
 from hillsphere.campaign.cases import Histories
 from hillsphere.campaign.checkpoints import Checkpoints
+from hillsphere.campaign.crossings import crossing_table
 from hillsphere.campaign.engine import run_campaign
 from hillsphere.campaign.plan import Plan
 from hillsphere.campaign.planning import plan_of
@@ -204,6 +205,18 @@ class Sweep(Campaign):
             cases=self.spec.repetitions,
             swept=self._swept(repeated.mission.seed, stream, rows),
             stream=stream,
+        )
+
+    def present(self, product: CaseTable, **needs: Any) -> Presentation:
+        """Return what `Campaign.present` does, and where failures exceed the threshold."""
+        shown = super().present(product, **needs)
+        if self.spec.threshold is None:
+            return shown
+        found = crossing_table(product, self.spec.threshold, self.spec.confidence)
+        return (
+            shown
+            if found is None
+            else replace(shown, tables={"sweep_crossings": found, **shown.tables})
         )
 
     def _swept(self, seed: int, stream: str, rows: CaseList | None) -> Swept:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.ndimage import zoom
 
 from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import ClosedLoopSpec
@@ -23,6 +24,8 @@ _NEAR = 3.0
 """A limit is drawn if the flight comes within this factor of it; else it would hide the flight."""
 _ARROWS, _ARROW = 14, 0.35
 """Accelerations drawn along a path, and the longest of them as a part of its length."""
+_FINER = 4
+"""Finer mesh of a body's surface where only a part of it is shown."""
 _FAR_KM = 1.0
 """Flights that span less are drawn in metres about their reference."""
 
@@ -102,8 +105,9 @@ def draw_path(figure: Figure, product: ClosedLoopFlight) -> None:
         shape = {"marker": "x", "linestyle": ""} if still else {"linestyle": "--"}
         shown = goal[:, :1] if still else goal
         axes.plot(*shown, color=PALETTE["black"], label=f"reference{who}", **shape)
-    if product.semi_axes_m is not None and not near:
-        axes.plot_surface(*_ellipsoid(product), color="#bbbbbb", alpha=0.4, linewidth=0)
+    if product.surface_m is not None and not near:
+        body = product.surface_m[:, ::3, ::3] / 1e3
+        axes.plot_surface(*body, color="#bbbbbb", alpha=0.4, linewidth=0)
     for name in "xyz":
         getattr(axes, f"set_{name}label")(f"Δ{name} [m]" if near else f"{name} [km]", labelpad=8)
         axes.locator_params(axis=name, nbins=5)
@@ -114,7 +118,7 @@ def draw_path(figure: Figure, product: ClosedLoopFlight) -> None:
 def has_accelerations(product: ClosedLoopFlight) -> bool:
     """Whether there is a body to draw, and a reference whose command the law adds to."""
     return (
-        product.semi_axes_m is not None
+        product.surface_m is not None
         and product.feedforward is not None
         and len(product.position_rows) == len(product.controls) == 3
     )
@@ -155,7 +159,8 @@ def _show_with_body(axes: Any, product: ClosedLoopFlight, points: Array) -> None
     """Show a cube about points (3, J), and of the body what is in it, seen from its limb."""
     low, high = points.min(axis=1), points.max(axis=1)
     middle, half = 0.5 * (low + high), 0.52 * float((high - low).max())
-    surface = _ellipsoid(product, 481)
+    assert product.surface_m is not None
+    surface = zoom(product.surface_m / 1e3, (1, _FINER, _FINER), order=1)
     inside = (np.abs(surface - middle[:, None, None]) <= half).all(axis=0)
     surface[:, ~inside] = np.nan
     with np.errstate(invalid="ignore"):
@@ -166,18 +171,6 @@ def _show_with_body(axes: Any, product: ClosedLoopFlight, points: Array) -> None
         getattr(axes, f"set_{name}lim")(centre - half, centre + half)
     axes.set_aspect("equal")
     axes.view_init(elev=20.0, azim=float(np.degrees(np.arctan2(middle[1], middle[0]))) - 75.0)
-
-
-def _ellipsoid(product: ClosedLoopFlight, points: int = 49) -> Array:
-    """Return points of the surface (3, J, K), km, in the frame of the flight."""
-    assert product.semi_axes_m is not None
-    a, b, c = product.semi_axes_m / 1e3
-    lon, lat = np.meshgrid(
-        np.linspace(0, 2 * np.pi, points), np.linspace(-np.pi / 2, np.pi / 2, points // 2 + 1)
-    )
-    x, y, z = a * np.cos(lat) * np.cos(lon), b * np.cos(lat) * np.sin(lon), c * np.sin(lat)
-    cos, sin = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
-    return np.array([x * cos - y * sin, x * sin + y * cos, z])
 
 
 def _time(product: ClosedLoopFlight) -> tuple[Array, str]:

@@ -178,7 +178,7 @@ def judge(
     -------
     status, cause : tuple of str
         Those of the flights; of one that ended well but beyond what is required
-        ``"requirement"`` and the name of the metric, the first in order; the last is
+        ``"requirement"`` and the name of the metric, the first in order after ``"early"`` and
         ``"touchdown_speed"``, the final speed of one that ended by an impact.
     failed : ndarray of bool, shape (N,)
         Whether that counts as a failure.
@@ -186,8 +186,12 @@ def judge(
     status, cause = list(flights.status), list(flights.cause)
     failed = ~np.isin(np.array(status), list(success))
     touched = np.array(status) == "impact"
-    rules = [(metric, row, requirement(require, metric)) for row, metric in enumerate(METRICS)]
-    rules.append((_TOUCHDOWN, METRICS.index("final_speed"), require.touchdown_speed_m_s))
+    # A crash far from the site, or a hard one, is told as such, not by the miss.
+    rules = [
+        ("early", METRICS.index("early"), require.early_s),
+        (_TOUCHDOWN, METRICS.index("final_speed"), require.touchdown_speed_m_s),
+    ]
+    rules += [(metric, row, requirement(require, metric)) for row, metric in enumerate(METRICS)]
     for metric, row, most in rules:
         if most is None:
             continue

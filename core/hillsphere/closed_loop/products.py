@@ -58,13 +58,15 @@ class ClosedLoopFlight:
     step_error_m : float or None
         How far the end moves with twice as many sub-steps; None where the tolerance held them.
     nearest_m, farthest_m : float
-        Smallest and largest distance from the centre of the frame at the samples.
+        Smallest and largest distance from the centre of the frame at the samples and the end.
     position_rows, velocity_rows : tuple of int
         Which states are positions and velocities.
     body : str
         What stands at the centre; ``""`` if the plant does not say.
     semi_axes_m : ndarray, shape (3,), or None
         Of its surface.
+    surface_m : ndarray, shape (3, J, K), or None
+        Points of it on circles of latitude, in the frame of the flight.
     prime_meridian_rad : float
         Angle about +z from +x to its longitude 0.
     series_radius_m : float or None
@@ -106,6 +108,7 @@ class ClosedLoopFlight:
     velocity_rows: tuple[int, ...]
     body: str
     semi_axes_m: Array | None
+    surface_m: Array | None
     prime_meridian_rad: float
     series_radius_m: float | None
     hill_distance_m: float | None

@@ -9,6 +9,7 @@ from math import ceil
 import numpy as np
 
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
+from hillsphere.closed_loop.checks import check
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
 from hillsphere.closed_loop.histories import histories_of
 from hillsphere.closed_loop.limits import limits_of
@@ -110,7 +111,7 @@ class ClosedLoopStage:
         self.commands = command_rows(self.plant, self.rows, self.law)
         self._actuator = actuator_of(spec.actuator, self.law, len(self.commands))
         self._effectiveness = Effectiveness(self.commands)
-        self._check()
+        check(spec, self.rows, self.law, self._kind())
         self._start = self._given_start()
         self._known: tuple[FlightSet | None, ControlDesign | None, _Loop] | None = None
 
@@ -223,41 +224,6 @@ class ClosedLoopStage:
     ) -> Presentation:
         """Show the nominal flight."""
         return present_flight(product, self.spec)
-
-    def _check(self) -> None:
-        spec, rows = self.spec, self.rows
-        most = len(rows.positions)
-        given = {"start.position_m": spec.start.position_m}
-        given["start.velocity_m_s"] = spec.start.velocity_m_s
-        if spec.target is not None:
-            given["target.position_m"] = spec.target.position_m
-            given["target.velocity_m_s"] = spec.target.velocity_m_s
-        for key, values in given.items():
-            if values is not None and len(values) != most:
-                named = rows.positions if "position" in key else rows.velocities
-                raise InputError(
-                    f"{key}: the plant has {most} ({', '.join(rows.names[i] for i in named)}), "
-                    f"got {len(values)} numbers"
-                )
-        others = [rows.names[i] for i in rows.others]
-        if unknown := sorted(set(spec.start.others) - set(others)):
-            raise InputError(
-                f"start.others: no state {', '.join(unknown)} that is neither position nor "
-                f"velocity; the plant has {', '.join(others) or 'none'}"
-            )
-        waits = isinstance(self.law, SynthesisedLaw) and not self.law.complete
-        if waits and not spec.needs.controller:
-            raise InputError(
-                "law: it has no controller; give it one, or the synthesis as needs.controller"
-            )
-        if spec.needs.controller and not waits:
-            raise InputError("needs.controller: the law has all that it needs; leave it out")
-        wrong = "largest_acceleration_m_s2" if self._kind() == "impulses" else "largest_impulse_m_s"
-        if getattr(spec.require, wrong) is not None:
-            raise InputError(f"require.{wrong}: the law commands {self._kind()}; limit those")
-        missing = [name for name in others if name not in spec.start.others]
-        if missing and not spec.needs.reference:
-            raise InputError(f"start.others: give the value of {', '.join(missing)}")
 
     def _given_start(self) -> Array:
         """Return the start as the Spec gives it (n,); NaN where it is that of the reference."""
@@ -437,7 +403,8 @@ class ClosedLoopStage:
         assert history is not None
         x = history.x[:, :, 0]
         gap = x - loop.goal
-        places = x[self.rows.positions].reshape(self.rows.vectors, -1, x.shape[1])
+        whole = np.concatenate([x, flights.x[:, :1]], axis=1)[self.rows.positions]
+        places = whole.reshape(self.rows.vectors, -1, whole.shape[1])
         distances = np.sqrt(np.sum(places**2, axis=1))
         around = Surroundings.of(self.plant)
         return ClosedLoopFlight(
@@ -475,6 +442,7 @@ class ClosedLoopStage:
             velocity_rows=tuple(self.rows.velocities),
             body=around.body,
             semi_axes_m=around.semi_axes_m,
+            surface_m=around.surface_m,
             prime_meridian_rad=around.prime_meridian_rad,
             series_radius_m=around.series_radius_m,
             hill_distance_m=around.hill_distance_m,

@@ -11,6 +11,9 @@ from hillsphere.interfaces import Array, Plant
 
 __all__ = ["Surroundings"]
 
+_MESH = 121
+"""Points of the surface on a circle of latitude."""
+
 
 @runtime_checkable
 class _AboutBody(Protocol):
@@ -48,12 +51,32 @@ class _TruePrimary(Protocol):
     primary_gm_m3_s2: float
 
 
+@runtime_checkable
+class _Shaped(Protocol):
+    """A plant about a body whose surface may be more than semi-axes."""
+
+    @property
+    def surface(self) -> object | None:
+        """The shape, in the body's own axes."""
+        ...
+
+
+@runtime_checkable
+class _Radial(Protocol):
+    """A shape that is known along rays from the centre."""
+
+    def radius_array(self, directions: Array) -> Array:
+        """Return the distances (N,), m, of the surface along unit vectors (3, N)."""
+        ...
+
+
 @dataclass(frozen=True)
 class Surroundings:
     """The body at the centre, see `hillsphere.closed_loop.products.ClosedLoopFlight`."""
 
     body: str = ""
     semi_axes_m: Array | None = None
+    surface_m: Array | None = None
     prime_meridian_rad: float = 0.0
     series_radius_m: float | None = None
     hill_distance_m: float | None = None
@@ -70,7 +93,24 @@ class Surroundings:
         return cls(
             plant.body_name,
             None if axes is None else np.array(axes, dtype=float),
+            None if axes is None else _surface(plant, np.array(axes, dtype=float)),
             plant.prime_meridian_rad,
             plant.series_radius_m,
             primary,
         )
+
+
+def _surface(plant: _AboutBody, semi_axes_m: Array) -> Array:
+    """Return points of the surface (3, J, K), m, in the plant's frame, on closed circles."""
+    lon, lat = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, _MESH), np.linspace(-0.5 * np.pi, 0.5 * np.pi, _MESH // 2 + 1)
+    )
+    out = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    shape = plant.surface if isinstance(plant, _Shaped) else None
+    if isinstance(shape, _Radial):
+        points = out * shape.radius_array(out.reshape(3, -1)).reshape(lon.shape)
+    else:
+        points = out / np.sqrt(np.sum((out / semi_axes_m[:, None, None]) ** 2, axis=0))
+    cos, sin = np.cos(plant.prime_meridian_rad), np.sin(plant.prime_meridian_rad)
+    x, y, z = points
+    return np.array([x * cos - y * sin, x * sin + y * cos, z])

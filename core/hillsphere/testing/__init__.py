@@ -22,6 +22,7 @@ from hillsphere.testing.case_stages import check_case_stage
 from hillsphere.testing.compensators import check_compensator
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import ContractViolation
+from hillsphere.testing.estimators import check_estimator
 from hillsphere.testing.examples import example, example_product
 from hillsphere.testing.gravity import check_gravity
 from hillsphere.testing.guidance import check_guidance
@@ -39,6 +40,7 @@ __all__ = [
     "RecordingContext",
     "check_case_stage",
     "check_compensator",
+    "check_estimator",
     "check_gravity",
     "check_guidance",
     "check_orbit_family",

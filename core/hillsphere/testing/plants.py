@@ -125,13 +125,16 @@ def _check_inputs(what: str, plant: Any, x: Array) -> None:
     nominal = np.array([q.value for q in flow.run_time])
     if not nominal.size:
         return
-    here = rhs(x, nominal)
+    # not at time zero, where a rate that multiplies the time changes nothing
+    when = 0.1 * plant.scales.time_s
+    here = rhs(x, nominal, when)
     for i, q in enumerate(flow.run_time):
         changed = nominal.copy()
         changed[i] = q.value * 1.001 if q.value else 1e-3
         role = "control" if q.name.startswith("u:") else "run-time parameter"
         require(
-            not np.array_equal(rhs(x, changed), here), f"{what}: {role} {q.name!r} changes nothing"
+            not np.array_equal(rhs(x, changed, when), here),
+            f"{what}: {role} {q.name!r} changes nothing",
         )
 
 

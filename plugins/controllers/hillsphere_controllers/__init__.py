@@ -59,6 +59,13 @@ def hillsphere_components() -> list[Component]:
             "command that lets a Lyapunov function of the deviation fall most in each period",
         ),
         Component(
+            "compensator",
+            "lyapunov_formation",
+            "hillsphere_controllers.lyapunov_formation:LyapunovFormation",
+            "hillsphere_controllers.formation_specs:LyapunovFormationSpec",
+            "continuous control of a formation by a Lyapunov function of the estimated states",
+        ),
+        Component(
             "stage",
             "linearise",
             "hillsphere_controllers.stages.linearise.stage:LineariseStage",

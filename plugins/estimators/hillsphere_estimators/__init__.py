@@ -8,4 +8,40 @@ from hillsphere.plugins import Component, hookimpl
 @hookimpl
 def hillsphere_components() -> list[Component]:
     """Return the components of this package."""
-    return []
+    return [
+        Component(
+            "estimator",
+            "unscented",
+            "hillsphere_estimators.unscented:BatchedUnscented",
+            "hillsphere_estimators.specs:BatchedUnscentedSpec",
+            "unscented filter in square-root form on all cases: plain, tempered or iterated",
+        ),
+        Component(
+            "estimator",
+            "iterated_extended",
+            "hillsphere_estimators.iterated_extended:IteratedExtended",
+            "hillsphere_estimators.specs:IteratedExtendedSpec",
+            "extended filter on all cases, its update damped and iterated",
+        ),
+        Component(
+            "estimator",
+            "information",
+            "hillsphere_estimators.information:Information",
+            "hillsphere_estimators.specs:InformationSpec",
+            "square-root information filter on all cases",
+        ),
+        Component(
+            "estimator",
+            "ukf",
+            "hillsphere_estimators.sequential:SequentialUnscented",
+            "hillsphere_estimators.specs:SequentialUnscentedSpec",
+            "FilterPy's unscented Kalman filter, case by case",
+        ),
+        Component(
+            "estimator",
+            "ekf",
+            "hillsphere_estimators.sequential:SequentialExtended",
+            "hillsphere_estimators.specs:SequentialExtendedSpec",
+            "FilterPy's extended Kalman filter, case by case",
+        ),
+    ]

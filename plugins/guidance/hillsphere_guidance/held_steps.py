@@ -40,9 +40,9 @@ def held_times(duration_s: float, hold_s: float) -> Array:
     The last is held between half and one and a half times as long as the others, so that none is
     held for so short that it cannot matter; there are two at least.
     """
-    steps = max(2, floor(duration_s / hold_s + 0.5))
-    if (steps - 0.5) * hold_s >= duration_s:
-        return np.linspace(0.0, duration_s, steps + 1)
+    if duration_s < 1.5 * hold_s:
+        return np.linspace(0.0, duration_s, 3)
+    steps = floor(duration_s / hold_s + 0.5)
     return np.append(np.arange(steps) * hold_s, duration_s)
 
 

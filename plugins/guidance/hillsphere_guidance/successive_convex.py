@@ -59,7 +59,7 @@ class _Iterate:
 
 
 def fly_successively(plant: Plant, task: GuidanceTask, requirements: Requirements) -> GuidedFlight:
-    """Find the flight of least cost that meets requirements.
+    """Find a flight of least cost, among its neighbours, that meets requirements.
 
     Each round flies every step exactly, linearises it with exact derivatives, and solves a convex
     second-order cone problem for the change of the path within a trust region; what the linear
@@ -98,6 +98,18 @@ def fly_successively(plant: Plant, task: GuidanceTask, requirements: Requirement
 
 
 class _Search:
+    """The rounds of one task.
+
+    Parameters
+    ----------
+    plant : Plant
+        Equations of motion.
+    task : GuidanceTask
+        The flight.
+    requirements : Requirements
+        What is minimised, and what must hold.
+    """
+
     def __init__(self, plant: Plant, task: GuidanceTask, requirements: Requirements) -> None:
         self._plant, self._task, self._wanted = plant, task, requirements
         self._motion: Motion = motion_of(plant)
@@ -115,19 +127,20 @@ class _Search:
 
     def run(self) -> GuidedFlight:
         """Iterate from the path of least energy; the penalty grows until the path is a flight."""
-        best, rounds, growth = self._first(), 0, 1.0
+        best, rounds, growth, before = self._first(), 0, 1.0, np.inf
         slope = self._wanted.slope(best.u / self._acceleration)
         while True:
             best, excess, more = self._descended(best, _FIRST_PENALTY * slope * growth)
             rounds += more
             if excess.largest <= _MET:
                 break
-            if growth >= _LARGEST_GROWTH:
+            # a penalty that is exact mends at once what can be mended
+            if growth >= _LARGEST_GROWTH or excess.largest > 0.5 * before:
                 raise InfeasibleGuidanceError(
                     f"no flight meets all requirements: after {rounds} rounds the best has "
                     f"{excess.words()}; give more time or thrust, or ask for less"
                 )
-            growth *= _GROWTH
+            growth, before = growth * _GROWTH, excess.largest
         flown, shots = self._closed(best)
         left = self._cost(flown)[1]
         if left.largest > 10.0 * _MET:
@@ -141,13 +154,14 @@ class _Search:
         radius, rounds = _FIRST_RADIUS, 0
         cost, excess = self._cost(best)
         while radius >= _LEAST_RADIUS:
-            rounds += 1
-            if rounds > _ROUNDS:
-                kind = InfeasibleGuidanceError if excess.largest > _MET else ConvergenceError
-                raise kind(
-                    f"successive convexification: no end after {_ROUNDS} rounds (cost {cost:.6g}, "
-                    f"{excess.words()}); give more time or thrust, or fewer requirements"
+            if rounds == _ROUNDS:
+                if excess.largest > _MET:
+                    break
+                raise ConvergenceError(
+                    f"successive convexification: no end after {_ROUNDS} rounds, at a cost of "
+                    f"{cost:.6g}; give more time, or fewer requirements"
                 )
+            rounds += 1
             merit = cost + penalty * excess.total
             predicted, x, u = self._solved(best, radius, penalty)
             gain = merit - predicted
@@ -209,10 +223,10 @@ class _Search:
         before = before[:, 2 * d :]
         pushed = sparse.block_diag([by_command[:, :, k] for k in range(n)], format="csc")
         known = self._defects(it).T.ravel() - pushed @ (it.u / size).T.ravel()
-        virtual_rule = inner @ change - before @ change - pushed @ cp.vec(u, order="F") == (
+        dynamics = inner @ change - before @ change - pushed @ cp.vec(u, order="F") == (
             known + cp.multiply(np.tile(self._gap_unit, n), virtual)
         )
-        rules: list[Any] = [virtual_rule, cp.abs(change) <= radius]
+        rules: list[Any] = [dynamics, cp.abs(change) <= radius]
         moved = cp.reshape(change, (2 * d, n - 1), order="F")
         cost = self._wanted.convex_cost(cp, u, self._weights, rules)
         slack = self._terms.convex_rules(

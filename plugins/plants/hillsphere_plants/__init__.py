@@ -30,4 +30,18 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_plants.earth_orbit_specs:EarthOrbitSpec",
             "flight about the turning Earth in an inertial frame, with any gravity model and drag",
         ),
+        Component(
+            "plant",
+            "proximity",
+            "hillsphere_plants.proximity:Proximity",
+            "hillsphere_plants.proximity_specs:ProximitySpec",
+            "spacecraft near a spinning asteroid, in the Hill frame of its elliptic orbit",
+        ),
+        Component(
+            "stage",
+            "formation_reference",
+            "hillsphere_plants.proximity_reference:FormationReferenceStage",
+            "hillsphere_plants.proximity_specs:FormationReferenceSpec",
+            "reference trajectories of a formation, by differences of orbital elements",
+        ),
     ]

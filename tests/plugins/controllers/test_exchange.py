@@ -197,3 +197,14 @@ def test_what_matlab_could_not_read_back_is_not_written(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             save_mat(path, contents)  # type: ignore[arg-type]
         assert not path.exists()
+
+
+def test_blocks_larger_than_their_system_are_refused(tmp_path: Path) -> None:
+    one = {"a": -1.0, "b": 1.0, "c": 1.0, "d": 0.0}
+    savemat(tmp_path / "large.mat", {"L": {"M": one, "blocks": [[5, 5]]}})
+    with pytest.raises(InputError, match=r"L\.blocks close 5 outputs and 5 inputs, but"):
+        load_mat(tmp_path / "large.mat")
+    with pytest.raises(InputError, match="there is no file"):
+        load_mat(tmp_path / "none.mat")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_mat(tmp_path / "none" / "one.mat", {"one": np.eye(2)})

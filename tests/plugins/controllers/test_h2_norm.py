@@ -87,3 +87,21 @@ def test_spectral_abscissa() -> None:
     assert spectral_abscissa(gain(np.eye(1))) == -np.inf
     delay = LtiSystem(np.zeros((1, 1)), np.eye(1), np.eye(1), np.zeros((1, 1)), 0.1)
     assert spectral_abscissa(delay) == -np.inf
+
+
+@pytest.mark.parametrize("slow", [1e-6, 1e-10, 1e-12])
+def test_a_slow_pole_beside_a_fast_one(slow: float) -> None:
+    """1/((s + e)(s + f)) has the square 1/(2 e f (e + f)), however far e and f are apart."""
+    fast = 1e6
+    given = LtiSystem(
+        np.array([[-slow, 1.0], [0.0, -fast]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]),
+        np.zeros((1, 1)),
+    )  # fmt: skip
+    assert_allclose(h2_norm(given), np.sqrt(0.5 / (slow * fast * (slow + fast))), rtol=1e-12)
+
+
+def test_a_pole_near_minus_one() -> None:
+    """1/(z − a) has the square 1/(1 − a²)."""
+    a = -1.0 + 1e-12
+    given = LtiSystem(np.array([[a]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), 1.0)
+    assert_allclose(h2_norm(given), np.sqrt(1.0 / (1.0 - a * a)), rtol=1e-9)

@@ -185,3 +185,30 @@ def test_what_has_no_optimum_is_named() -> None:
     for k, q in ((0, 1), (1, 4), (4, 1)):
         with pytest.raises(InputError, match="do not fit a plant"):
             h2_synthesis(given, k, q)
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_zeros_of_a_square_problem_are_mirrored(seed: int, discrete: bool) -> None:
+    """As many weighted outputs as controls: nothing else is weighted than the zeros outside."""
+    random = np.random.default_rng(seed)
+    a, b = 0.7 * random.normal(size=(4, 4)), random.normal(size=(4, 1))
+    c, d = random.normal(size=(1, 4)), np.array([[0.3]])
+    zeros = np.linalg.eigvals(a - b @ c / d[0, 0]).astype(complex)
+    outside = np.abs(zeros) > 1.0 if discrete else zeros.real > 0.0
+    mirrored = np.where(outside, 1.0 / zeros.conj() if discrete else -zeros.conj(), zeros)
+    x, f = optimal_cost(a, b, c, d, discrete=discrete)
+    assert_allclose(
+        np.sort_complex(np.round(np.linalg.eigvals(a + b @ f), 6)),
+        np.sort_complex(np.round(mirrored, 6)), rtol=0.0, atol=3e-6,
+    )  # fmt: skip
+    assert np.linalg.matrix_rank(x, tol=1e-8 * max(np.abs(x).max(), 1.0)) == outside.sum()
+
+
+def test_a_loop_that_can_be_silent_is() -> None:
+    """No zero outside from u to z: the least norm is zero, and what is left of it is rounding."""
+    given = LtiSystem(
+        np.array([[-1.3, 0.4], [0.2, -2.1]]), np.array([[1.0, 0.7], [0.3, 1.1]]),
+        np.array([[0.9, 0.8], [1.0, 0.2]]), np.array([[0.0, 0.3], [0.7, 0.0]]),
+    )  # fmt: skip
+    assert h2_synthesis(given, 1, 1).norm < 1e-7

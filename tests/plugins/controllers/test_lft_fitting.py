@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -119,3 +121,9 @@ def test_what_does_not_fit_is_said() -> None:
         fitted(at, samples(at), TWO, weights=np.ones(2))
     with pytest.raises(InputError, match="degree ≥ 0"):
         fitted(at, samples(at), TWO, degree=-1)
+
+
+def test_complex_samples_are_refused() -> None:
+    turned: Any = 1j * np.ones((3, 1, 1))
+    with pytest.raises(InputError, match="must be real"):
+        fitted(np.ones((1, 3)), turned, [real_parameter("p", 0.0, 2.0)])

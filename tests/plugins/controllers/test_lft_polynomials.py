@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -144,3 +145,26 @@ def test_what_does_not_fit_is_said(
 def test_an_unknown_slope_is_said() -> None:
     with pytest.raises(InputError, match="no uncertainty 'd'; there are: a, b, c"):
         affine(ONE, {"d": ONE}, THREE)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-2, 1e4])
+def test_the_unit_of_a_parameter_does_not_change_its_copies(unit: float) -> None:
+    random = np.random.default_rng(1)
+    r = random.normal(size=(3, 3))
+    terms: Terms = {(1, 0): np.outer(r[0], r[1]), (3, 1): np.outer(r[1], r[2]), (0, 2): r}
+    scaled: Terms = {e: matrix / unit ** e[0] for e, matrix in terms.items()}
+    assert least_copies(scaled) == least_copies(terms)
+    parameters = [real_parameter("a", unit, 2.0 * unit), real_parameter("b", 1.0, 2.0)]
+    assert polynomial(scaled, parameters).times == (4, 6) == least_copies(scaled)
+
+
+def test_half_exponents_and_complex_coefficients_are_refused() -> None:
+    p = [real_parameter("p", 1.0, 2.0)]
+    half: Any = {(1.5,): np.eye(1)}
+    turned: Any = {(1,): 1j * np.eye(1)}
+    for terms, match in ((half, "exponents, whole"), (turned, "complex")):
+        with pytest.raises(InputError, match=match):
+            polynomial(terms, p)
+    for value in (1.5 + 1j, np.nan):
+        with pytest.raises(InputError, match="p: finite real numbers"):
+            polynomial({(1,): np.eye(1)}, p).at({"p": value})

@@ -169,3 +169,30 @@ def test_what_makes_no_regulator_is_named() -> None:
         lqr(free, np.zeros((1, 1)), np.eye(1))
     with pytest.raises(InputError, match="there are none"):
         lqr(gain(np.eye(1)), np.zeros((0, 0)), np.eye(1))
+
+
+@pytest.mark.parametrize("effect", [1e3, 1e6, 1e9])
+def test_cheap_control_of_a_mass_in_closed_form(effect: float) -> None:
+    """ẍ = e u with the weights 1, 1 and r: K = (k, √(2 k/e + k²)), k = r^(−1/2)."""
+    mass = LtiSystem(
+        np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [effect]]), np.eye(2), np.zeros((2, 1))
+    )
+    found = lqr(mass, np.eye(2), np.array([[1e-2]]))
+    assert_allclose(found.gain, [[10.0, np.sqrt(20.0 / effect + 100.0)]], rtol=1e-9)
+
+
+@pytest.mark.parametrize("deviation", [1e-3, 1e-5, 1e-6])
+def test_accurate_sensors_have_a_filter(deviation: float) -> None:
+    """The Riccati equation is met in its factors, and the poles are those of the fast sensors."""
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        a, c = random.normal(size=(4, 4)), random.normal(size=(2, 4))
+        found = kalman(
+            LtiSystem(a, np.zeros((4, 1)), c, np.zeros((2, 1))), np.eye(4),
+            deviation**2 * np.eye(2),
+        )  # fmt: skip
+        y, scaled = found.covariance, found.gain * deviation
+        rest = a @ y + y @ a.T + np.eye(4) - scaled @ scaled.T
+        assert_allclose(rest, 0.0, rtol=0.0, atol=1e-7)
+        assert found.poles.real.max() < 0.0
+        assert_allclose(scaled, y @ c.T / deviation, rtol=0.0, atol=1e-8 * np.abs(scaled).max())

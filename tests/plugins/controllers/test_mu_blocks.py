@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,3 +71,17 @@ def test_parts_and_values() -> None:
 def test_what_does_not_fit(make: Callable[[], object], match: str) -> None:
     with pytest.raises(InputError, match=match):
         make()
+
+
+def test_what_is_no_block_and_no_matrix_is_refused() -> None:
+    wrong: Any = "foo"
+    half: Any = 1.5
+    for make, match in (
+        (lambda: Block(wrong, 1, 1), "no kind of block"),
+        (lambda: repeated_real(half), "whole number"),
+        (lambda: BlockStructure([repeated_real(1, "a"), repeated_real(1, "a")]), "one name"),
+        (lambda: mixed().squared(np.full(mixed().shape, np.nan)), "finite numbers"),
+        (lambda: mixed().squared(np.full(mixed().shape, 1e200)), "scale"),
+    ):
+        with pytest.raises(InputError, match=match):
+            make()

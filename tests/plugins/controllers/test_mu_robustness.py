@@ -306,3 +306,36 @@ def test_errors_say_what_to_do() -> None:
         complexified(cubic(2.0, 3.0, 2.0), REAL, 1.0)
     with pytest.raises(InputError, match="leave those of performance out"):
         complexified(m, BlockStructure([repeated_real()]), 0.1)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6, 1e-8])
+def test_units_of_performance_do_not_matter(unit: float) -> None:
+    """A mass on a weak damper, its disturbance in newtons, meganewtons and so on."""
+    loop = LtiSystem(
+        np.array([[0.0, 1.0], [-1.0, -0.02]]), np.array([[0.0, 0.0], [1e-3, unit]]),
+        np.array([[1.0, 0.0], [1.0, 0.0]]), np.zeros((2, 2)),
+    )  # fmt: skip
+    found = worst_case_gain(loop, BlockStructure([repeated_complex()]))
+    # |G| = g at its peak, and δ adds what closes (1 − 1e-3 g)
+    peak = 1.0 / (0.02 * np.sqrt(1.0 - 1e-4))
+    assert_allclose(found.lower / unit, peak / (1.0 - 1e-3 * peak), rtol=1e-6)
+    assert found.lower <= found.upper <= 1.0101 * found.lower
+    (first, *_) = found.certified.intervals
+    assert first.bound == pytest.approx(found.upper, rel=1e-12)
+    # the scalings prove it for the loop as it was given
+    d, g = first.scalings.d, first.scalings.g
+    m = loop.response(np.array([first.frequency_rad_s]))[0]
+    level = np.diag([1.0, first.bound**2])
+    form = level @ d - m.conj().T @ d @ m - 1j * (g @ m - m.conj().T @ g)
+    assert np.linalg.eigvalsh(form)[0] > 0.0
+
+
+def test_a_peak_of_direct_terms_has_no_pole() -> None:
+    loop = LtiSystem(
+        -np.eye(1), np.array([[0.5, 0.0]]), np.array([[1.0], [0.0]]), np.diag([0.0, 2.0])
+    )
+    found = robust_performance(loop, BlockStructure([repeated_real(1, "k")]))
+    assert_allclose(found.lower, 2.0, rtol=1e-9)
+    assert found.upper <= 2.0 * 1.0101
+    assert found.worst is not None
+    assert np.isinf(found.worst.pole)

@@ -301,3 +301,12 @@ def test_what_does_not_fit() -> None:
         upper_bound(np.ones((2, 3)), structure)
     with pytest.raises(InputError, match="no block 2"):
         upper_bound(np.ones((3, 2)), structure, skewed=[2])
+
+
+def test_what_bounds_nothing_is_refused() -> None:
+    structure = BlockStructure([repeated_complex(), full(1)])
+    with pytest.raises(InputError, match="a skewed problem needs a block"):
+        upper_bound(np.eye(2), structure, skewed=[])
+    with pytest.raises(InputError, match="tolerance"):
+        upper_bound(np.eye(2), structure, tolerance=np.nan)
+    assert upper_bound(1e-300 * np.eye(2), structure).value == pytest.approx(1e-300)

@@ -78,3 +78,8 @@ def test_errors_say_what_to_do() -> None:
         interpolated(np.array([[1j]]), one, 0.0)
     with pytest.raises(InputError, match="higher rank"):
         interpolated(np.diag([1.0 + 1j, 1.0 + 1j]), BlockStructure([full(2)]), 1.0)
+
+
+def test_a_complex_value_is_none_of_a_real_block() -> None:
+    with pytest.raises(InputError, match="a real block has real values"):
+        interpolated(np.array([[1.0 + 1.0j]]), BlockStructure([repeated_real()]), 1.0)

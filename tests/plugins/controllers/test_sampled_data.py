@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -86,3 +88,15 @@ def test_margins_of_what_flies() -> None:
         assert_allclose(
             smooth.phase_rad - found.phase_rad, lost * dt * smooth.phase_rad_s, rtol=0.03
         )
+
+
+def test_what_does_not_fit_a_period_is_said() -> None:
+    one: Array = np.eye(1)
+    for q, match in ((one, "Q must be 2 × 2"), (np.full((2, 2), np.nan), "finite")):
+        with pytest.raises(InputError, match=match):
+            sampled_cost(np.zeros((2, 2)), np.ones((2, 1)), q, one, 1.0)
+    with pytest.raises(InputError, match="the density must be"):
+        sampled_noise(np.zeros((2, 2)), one, 1.0)
+    wrong: Any = "zoh"
+    with pytest.raises(InputError, match="no method 'zoh'; there are: bilinear"):
+        sampled_controller(transfer_function([1.0], [1.0, 1.0]), 0.1, wrong)

@@ -57,6 +57,36 @@ def test_worst_case_is_that_of_a_grid(k: float) -> None:
         assert_allclose(norm_at(plant, controller, scenario.delta), scenario.gamma, rtol=1e-7)
 
 
+def many(count: int = 9) -> UncertainPlant:
+    """Make q̈ + 0.2 q̇ + (1 + Σ sₖ δₖ) q = w + u with signs sₖ of 0.03, z = y = q."""
+    signs = 0.03 * (-1.0) ** np.arange(count)
+    b, c = np.zeros((2, count + 2)), np.zeros((count + 2, 2))
+    b[1], c[:, 0] = [*signs, 1.0, 1.0], 1.0
+    return UncertainPlant(
+        LtiSystem(np.array([[0.0, 1.0], [-1.0, -0.2]]), b, c, np.zeros((count + 2, count + 2))),
+        (1,) * count,
+    )
+
+
+def test_slopes_point_to_the_worst_of_many_corners() -> None:
+    """The softest and the stiffest plant have all δ at corners, of 512."""
+    plant, controller = many(), gain(np.array([[0.2]]))
+    found = worst_case(plant, controller)
+    signs = -np.sign(plant.system.b[1, :9])
+    assert_allclose(
+        found[0].delta, signs if found[0].delta[0] * signs[0] > 0 else -signs, rtol=0, atol=1e-9
+    )
+    ends = [norm_at(plant, controller, end * signs) for end in (-1.0, 1.0)]
+    assert_allclose(found[0].gamma, max(ends), rtol=1e-7)
+
+
+def test_worst_cases_that_are_known_are_looked_at() -> None:
+    plant, controller = uncertain(), gain(np.array([[-0.7]]))
+    worst = worst_case(plant, controller)[0]
+    again = worst_case(plant, controller, known=worst.delta[None])
+    assert again[0].gamma >= worst.gamma * (1.0 - 1e-9)
+
+
 def test_instability_is_the_worst_case() -> None:
     """With 1 − k − 0.6 < 0 the softest plant falls over."""
     found = worst_case(uncertain(), gain(np.array([[0.5]])))
@@ -75,6 +105,8 @@ def test_robust_design_is_better_where_it_counts() -> None:
     assert found.design.gamma >= nominal.gamma
     assert grid(plant, found.design.controller, 5) <= found.worst.gamma * (1.0 + 1e-6)
     assert len(found.scenarios) > 1
+    assert found.starts.size == 2
+    assert_allclose(found.each, [found.worst.gamma], rtol=0, atol=0)
     assert_allclose(max(s.gamma for s in found.scenarios), found.design.gamma, rtol=1e-12)
 
 

@@ -159,7 +159,7 @@ def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() 
         return " ".join(presented(replace(made, search=search), None).verdict)
 
     assert "1 of 3 searches, 2 from starts and 1 from near" in said(1e-4, True)
-    assert "It is a local minimum (residual 0.0001" in said(1e-4, True)
+    assert "By its gradients it is a local minimum (residual 0.0001" in said(1e-4, True)
     assert "over a range of frequencies" not in said(1e-4, True)
     assert "not shown to be a local minimum (residual 5.4" in said(5.4, False)
     assert "over a range of frequencies" in said(5.4, False)

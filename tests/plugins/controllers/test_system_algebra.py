@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -135,3 +138,52 @@ def test_a_loop_is_judged_whatever_the_units_are() -> None:
     closed = np.array([[0.0, 1e-9], [1e9, 0.0]])
     with pytest.raises(InputError, match="not well posed"):
         fed_back(gain(np.eye(2)), closed)
+
+
+@pytest.mark.parametrize(
+    "given, match",
+    [
+        ([[-1.0 + 5.0j]], "complex ones"),
+        ([["x"]], "others, or too large ones"),
+        ([[1.0, 2.0], [3.0]], "rows of different lengths"),
+        ([[np.nan]], "nan or inf"),
+        (-1.0, "must be a matrix"),
+    ],
+)
+def test_what_is_no_real_matrix_is_refused(given: Any, match: str) -> None:
+    one = np.eye(1)
+    with pytest.raises(InputError, match=match):
+        LtiSystem(given, one, one, one)
+    with pytest.raises(InputError, match=match):
+        fed_back(gain(one), given)
+
+
+def test_a_system_takes_no_text_for_names_and_no_period_but_a_number() -> None:
+    one = np.eye(1)
+    text: Any = "u"
+    with pytest.raises(InputError, match="a tuple of names is needed"):
+        LtiSystem(-one, one, one, one, inputs=text)
+    with pytest.raises(InputError, match="a sampling period must be a number"):
+        LtiSystem(-one, one, one, one, text)
+    with pytest.raises(InputError, match="complex"):
+        gain(1j * one)
+
+
+def test_frequencies_without_a_response_are_refused() -> None:
+    one = np.eye(1)
+    lag, integrator = LtiSystem(-one, one, one, 0.0 * one), LtiSystem(0.0 * one, one, one, one)
+    for given, omega, match in (
+        (lag, np.array([np.nan]), "one row of numbers"),
+        (lag, np.array([1j]), "must be real"),
+        (replace(lag, dt_s=1.0), np.array([np.inf]), "in discrete time"),
+        (integrator, np.array([0.0]), "that of a pole"),
+    ):
+        with pytest.raises(InputError, match=match):
+            given.response(omega)
+
+
+def test_numbers_whose_squares_are_none_are_refused() -> None:
+    one = np.eye(1)
+    for size in (1e200, 1e-200):
+        with pytest.raises(InputError, match="whose square is no number"):
+            balanced(LtiSystem(-size * one, one, one, one))

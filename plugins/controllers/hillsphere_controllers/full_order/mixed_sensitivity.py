@@ -158,6 +158,10 @@ def mixed_sensitivity(
 
 def _weight(weight: LtiSystem | float, width: int, number: int, dt_s: float | None) -> LtiSystem:
     if not isinstance(weight, LtiSystem):
+        if np.ndim(weight):
+            raise InputError(
+                f"W{number} must be a number or a system; `gain` makes one of a matrix"
+            )
         return gain(float(weight) * np.eye(width), dt_s)
     if weight.shape == (1, 1):
         return on_every_channel(weight, width)

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 
@@ -47,7 +48,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
                 _untouched(system.response(np.array([omega]))[0], controls, measurements)
                 for system in (plant, turned)
             )
-        except np.linalg.LinAlgError:  # a pole on the axis
+        except InputError:  # a pole on the axis
             continue
         if np.isfinite(one + other):
             found = max(found, min(one, other) - 2.0 * abs(one - other))

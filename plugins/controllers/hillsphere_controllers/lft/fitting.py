@@ -109,9 +109,11 @@ def fitted(
     Raises
     ------
     InputError
-        If shapes do not fit, samples are too few or not finite, or all terms leave an error above
-        the tolerance.
+        If shapes do not fit, samples are too few, complex or not finite, or all terms leave an
+        error above the tolerance.
     """
+    if np.iscomplexobj(points) or np.iscomplexobj(samples):
+        raise InputError("points and samples must be real, got complex numbers")
     p, y = np.asarray(points, dtype=float), np.asarray(samples, dtype=float)
     count = len(uncertainties)
     if p.ndim != 2 or len(p) != count or y.ndim != 3 or p.shape[1] != len(y) or not y.size:

@@ -170,10 +170,13 @@ def least_copies(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
     """Return numbers of copies that no LFT of a polynomial can go below, one for each parameter.
 
     With the others fixed, here at random, it is a polynomial of one parameter, whose least size is
-    the rank of the Hankel matrix of its coefficients.
+    the rank of the Hankel matrix of its coefficients: in units of the parameters in which the terms
+    are about as large, so that theirs do not matter.
     """
     count = len(next(iter(terms)))
+    unit = _units(terms)
     at = np.random.default_rng(seed).uniform(0.5, 1.5, count)
+    terms = {e: np.prod(unit ** np.array(e)) * np.asarray(m) for e, m in terms.items()}
     made = []
     rows, columns = _sizes(terms)
     for v in range(count):
@@ -184,7 +187,7 @@ def least_copies(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
         rest: dict[int, Array] = {}
         for e, matrix in terms.items():
             factor = np.prod([at[i] ** e[i] for i in range(count) if i != v])
-            even = np.asarray(matrix, dtype=float) / rows[:, None] / columns
+            even = matrix / rows[:, None] / columns
             rest[e[v]] = rest.get(e[v], 0.0) + factor * even
         none = np.zeros_like(next(iter(rest.values())))
         hankel = np.block(
@@ -292,6 +295,18 @@ def _sizes(terms: Terms) -> tuple[Array, Array]:
     return rows, columns
 
 
+def _units(terms: Terms) -> Array:
+    """Return powers of two (k,), units of the parameters in which the terms are about as large."""
+    there = [(e, np.abs(matrix).max(initial=0.0)) for e, matrix in terms.items()]
+    sizes = [(e, size) for e, size in there if size > 0.0]
+    count = len(next(iter(terms)))
+    if not sizes:
+        return np.ones(count)
+    powers = np.array([[*e, 1.0] for e, _ in sizes])
+    slopes = np.linalg.lstsq(powers, np.log2([size for _, size in sizes]), rcond=None)[0]
+    return np.asarray(np.exp2(-np.round(slopes[:count])))
+
+
 def _power_of_two(values: Array) -> Array:
     return np.asarray(np.exp2(np.round(np.log2(np.where(values > 0.0, values, 1.0)))))
 
@@ -309,7 +324,9 @@ def _checked(terms: Terms, uncertainties: Sequence[Uncertainty]) -> dict[tuple[i
     made: dict[tuple[int, ...], Array] = {}
     for e, matrix in terms.items():
         if len(e) != len(names) or any(k < 0 or k != int(k) for k in e):
-            raise InputError(f"{len(names)} whole exponents ≥ 0 are needed for a term, got {e}")
+            raise InputError(
+                f"{len(names)} exponents, whole and ≥ 0, are needed for a term, got {e}"
+            )
         made[tuple(int(k) for k in e)] = real_matrix(matrix, f"the coefficient of {e}")
     shapes = {matrix.shape for matrix in made.values()}
     if len(shapes) != 1:

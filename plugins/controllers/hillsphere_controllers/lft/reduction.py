@@ -57,7 +57,7 @@ class Reduced:
         With fewer copies.
     bound : float
         The largest singular value of the difference of the matrices [A B; C D] is no larger for
-        any Δ; zero if nothing but copies without effect was taken out.
+        any Δ; zero if nothing but copies without effect, see `minimal`, was taken out.
     sampled : float
         The largest found among random Δ.
     """
@@ -70,7 +70,9 @@ class Reduced:
 def minimal(of: Lft) -> Lft:
     """Return the LFT without copies of numbers that have no effect; copies of full blocks stay.
 
-    No smaller one is the same for matrices in the place of the numbers, which do not commute.
+    No smaller one is the same for matrices in the place of the numbers, which do not commute. What
+    is below 1e-12 in even units counts for no effect: the matrices stay the same to about 2e-9 of
+    their size, where coefficients lie many decades apart.
     """
     for turned in (False, True):
         scales, a, b, c, counts = _evened(of)

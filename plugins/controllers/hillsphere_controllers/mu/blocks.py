@@ -16,6 +16,7 @@ from hillsphere.interfaces import Array, Integers
 __all__ = ["Block", "BlockStructure", "full", "repeated_complex", "repeated_real"]
 
 Complex = NDArray[np.complex128]
+_LARGEST = 1e150
 Kind = Literal["real", "complex", "full"]
 
 
@@ -137,6 +138,8 @@ class BlockStructure:
         given = np.asarray(matrix)
         if given.dtype.kind not in "biufc" or not np.isfinite(given).all():
             raise InputError("M must consist of finite numbers")
+        if np.abs(given).max(initial=0.0) > _LARGEST:
+            raise InputError(f"M must be below {_LARGEST:g} in size: scale its rows and columns")
         if given.shape[-2:] != self.shape:
             raise InputError(
                 f"these blocks close a matrix of {self.shape[0]} × {self.shape[1]}, got "

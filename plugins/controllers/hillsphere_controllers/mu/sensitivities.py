@@ -8,21 +8,31 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.upper_bound import upper_bound
+from hillsphere_controllers.mu.scalings import crossed
+from hillsphere_controllers.mu.upper_bound import centre, upper_bound
 
 __all__ = ["sensitivities"]
 
 Complex = NDArray[np.complex128]
 
-_STEP = 2e-3
-_TOLERANCE = 1e-9
+_ROOM = 1e-6
+"""Above the least bound, relative: so near is the centre's Z to the multiplier of F."""
 
 
 def sensitivities(matrix: Complex | Array, structure: BlockStructure) -> Array:
-    """Return the relative change of µ's upper bound with the size of each block.
+    r"""Return the relative change of µ's upper bound with the size of each block.
 
-    By central differences of bounds solved anew. µ is proportional to the size of all blocks
-    together, so that they sum to one: each is the block's share.
+    At the least β the form F of the scalings (`hillsphere_controllers.mu.upper_bound`) is singular,
+    and some Z ≥ 0 with tr(Z F) = 0 makes tr(Z F) stationary in D and G. Rows of M that belong to
+    block k, larger by dt, then change β by
+
+    .. math::
+
+        \frac{d \log β}{dt} = \frac{\operatorname{tr}(Z D_k)}{\operatorname{tr}(Z D)},
+
+    with D_k the part of D that is the block's. No share is negative and they sum to one, as they
+    have to, since µ is proportional to the size of all blocks together. Where the bound has a kink
+    the shares are between those of its two sides.
 
     Parameters
     ----------
@@ -43,16 +53,16 @@ def sensitivities(matrix: Complex | Array, structure: BlockStructure) -> Array:
     """
     squared = structure.squared(matrix)
     square = BlockStructure([b.squared() for b in structure.blocks])
-    here = upper_bound(squared, square, tolerance=_TOLERANCE)
+    here = upper_bound(squared, square)
     if here.value <= 1e-12 * float(np.linalg.norm(squared)):
         raise InputError("µ is zero: no block has a share of it")
-    made = np.empty(len(structure.blocks))
-    for k, span in enumerate(structure.spans()):
-        logs = []
-        for step in (_STEP, -_STEP):
-            scaled = squared.copy()
-            scaled[span] *= np.exp(step)
-            found = upper_bound(scaled, square, start=here.scalings, tolerance=_TOLERANCE)
-            logs.append(np.log(found.value))
-        made[k] = (logs[0] - logs[1]) / (2.0 * _STEP)
-    return made
+    bound = here.value * (1.0 + _ROOM)
+    scalings = centre(squared, square, here.scalings, bound)
+    form = bound**2 * scalings.d - crossed(squared, scalings.d, scalings.g)
+    # Z of the barrier, and both factors scaled alike: D may span many decades
+    root = np.linalg.cholesky(scalings.d)
+    inverse = np.linalg.inv(root)
+    z = np.linalg.inv(inverse @ form @ inverse.conj().T)
+    weight = np.diagonal(z).real
+    made = np.array([weight[span].sum() for span in square.spans()])
+    return np.asarray(made / made.sum())

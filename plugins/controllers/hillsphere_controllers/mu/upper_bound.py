@@ -32,19 +32,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.scalings import Basis, Scalings, crossed, level
 
-__all__ = ["UpperBound", "upper_bound", "upper_bounds"]
+__all__ = ["UpperBound", "centre", "upper_bound", "upper_bounds"]
 
 Complex = NDArray[np.complex128]
 
 _STEP = 0.1
 _DECREMENT = 0.7
+_CENTRED = 1e-3
 _MOST_STEPS = 200
 _MOST_NEWTON = 60
 _VOID = 1e-13
+_SMALLEST = 1e-150
 _LONGEST = 1e2
 """Newton steps in one: without a centre, a line has no end."""
 
@@ -101,16 +104,21 @@ def upper_bound(
     Raises
     ------
     InputError
-        If the matrix does not fit the structure, or a skewed block is none of its.
+        If the matrix does not fit the structure or is not of finite numbers, a skewed block is none
+        of its, there is none, or the tolerance is out of range.
     """
+    if not 0.0 <= tolerance < 1.0:
+        raise InputError(f"a tolerance must be from 0 to 1, got {tolerance}")
+    if skewed is not None and not len(skewed):
+        raise InputError("a skewed problem needs a block whose size the bound is about")
     squared = structure.squared(matrix)
     squared = squared[None] if squared.ndim == 2 else squared
     size = float(np.linalg.norm(squared, 2, axis=(1, 2)).max())
     n = structure.size
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
     unscaled = Scalings(np.eye(n, dtype=complex), np.zeros((n, n), dtype=complex))
-    if size == 0.0:
-        return UpperBound(0.0, unscaled)
+    if size <= _SMALLEST:  # their squares would be none; unscaled, they are no worse
+        return UpperBound(size, unscaled)
     m = squared / size
     basis = Basis(structure, free, 1.0 / size**2)
     begun = _begin(m, structure, basis, start, size)
@@ -145,6 +153,37 @@ def upper_bound(
     reached, d, g = best
     # G grows with M's unit: F of the matrix as given has G·size
     return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
+
+
+def centre(
+    matrix: Complex | Array, structure: BlockStructure, scalings: Scalings, bound: float
+) -> Scalings:
+    """Return the centre of the scalings that prove a bound of µ.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (p, m)
+        M.
+    structure : BlockStructure
+        Of Δ.
+    scalings : Scalings
+        That prove it.
+    bound : float
+        Above that of the scalings.
+
+    Raises
+    ------
+    InputError
+        If the matrix does not fit the structure.
+    """
+    squared = structure.squared(matrix)[None]
+    size, n = float(np.linalg.norm(squared[0], 2)), structure.size
+    basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
+    whole = n / np.trace(scalings.d).real
+    begun = basis.parameters(scalings.d * whole, scalings.g * (whole / size))
+    found = _centre(squared / size, basis, begun, (bound / size) ** 2, _CENTRED)
+    d, g = basis.matrices(found)
+    return Scalings(d, size * g)
 
 
 def upper_bounds(
@@ -230,7 +269,9 @@ def _fixed_part(
     return d * whole, g * whole
 
 
-def _centre(m: Complex, basis: Basis, x: Array, b: float) -> Array:
+def _centre(
+    m: Complex, basis: Basis, x: Array, b: float, decrement_at_end: float = _DECREMENT
+) -> Array:
     """Return the parameters of the centre for a level b above that of x."""
     value = basis.potential(m, x, b)
     if not np.isfinite(value):
@@ -248,7 +289,7 @@ def _centre(m: Complex, basis: Basis, x: Array, b: float) -> Array:
             return x
         x, value = made
         # without a centre (G of a µ that is zero may grow forever) any proof of zero will do
-        if np.sqrt(decrement) < _DECREMENT or np.isfinite(basis.potential(m, x, 0.0)):
+        if np.sqrt(decrement) < decrement_at_end or np.isfinite(basis.potential(m, x, 0.0)):
             return x
     return x
 

@@ -23,6 +23,8 @@ __all__ = ["FURTHEST", "Objective", "Piece", "Point"]
 
 _NEAR = 0.6
 """Peaks of at least this share of the largest are looked at."""
+_REFINED = 0.85
+"""Those of at least this share are found exactly, the others to the next frequency looked at."""
 _MOST = 14
 _EACH, _AT_ALL = 6, 60
 """With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
@@ -298,11 +300,10 @@ class Objective:
         return found
 
     def _refine(self, point: Point) -> float:
-        """Refine all peaks near the largest; return the level from which they are."""
-        least = point.objective + float(np.log(_NEAR))
+        """Refine the highest peaks; return the level from which they are near the largest."""
         for norms, loop in zip(self.norms, point.loops, strict=True):
-            norms.refine(loop, least)
-        return least
+            norms.refine(loop, point.objective + float(np.log(_REFINED)))
+        return point.objective + float(np.log(_NEAR))
 
     def _hard(self, point: Point) -> list[Piece]:
         found: list[Piece] = []

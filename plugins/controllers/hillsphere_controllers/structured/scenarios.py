@@ -149,6 +149,7 @@ def synthesise_robust(
     largest_gain: float | None = None,
     controller_stable: bool = False,
     bandwidth_rad_s: float | None = None,
+    shaken: bool = True,
     prefer: Callable[[LtiSystem], float] | None = None,
     tie: float = 1e-3,
     told: Callable[[str], None] | None = None,
@@ -170,10 +171,12 @@ def synthesise_robust(
         Designs at most; the first has the nominal plants only.
     starts : int
         Of the last design; those before have up to three.
-    seed, region, largest_gain, controller_stable, bandwidth_rad_s, prefer, tie, progress, ctx
+    seed, region, largest_gain, controller_stable, bandwidth_rad_s, shaken, prefer, tie
         As in `synthesise`. The region is kept in the scenarios.
     told : callable or None
         Told in a sentence what each round gave.
+    progress, ctx
+        As in `synthesise`.
 
     Returns
     -------
@@ -198,10 +201,10 @@ def synthesise_robust(
         done = done or whole
         design = synthesise(
             [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=initial,
-            starts=starts if whole else min(starts, 3 if count == 1 else 1), region=region,
+            starts=starts if whole else min(starts, 3 if count == 1 else 0), region=region,
             largest_gain=largest_gain, controller_stable=controller_stable,
-            bandwidth_rad_s=bandwidth_rad_s, shaken=whole, prefer=prefer if whole else None,
-            tie=tie, name=f"-{count}", progress=progress, ctx=ctx,
+            bandwidth_rad_s=bandwidth_rad_s, shaken=shaken and whole,
+            prefer=prefer if whole else None, tie=tie, name=f"-{count}", progress=progress, ctx=ctx,
         )  # fmt: skip
         if whole or not distribution.size:
             distribution = design.starts

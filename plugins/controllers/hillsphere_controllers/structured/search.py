@@ -24,6 +24,8 @@ _SIZES = (10.0, 1.0, 30.0, 3.0, 100.0, 0.3)
 and how large the gains of the best one are is not known: from 0.3 to 100 in half decades."""
 _NEAR_SIZES = (0.3, 1.0, 0.1)
 """Likewise where the bandwidth is known."""
+_POLISHED, _LEFT = 80, 30
+"""Steps of polishing, and after the parts of a controller were lowered together."""
 _DRAWS = 6
 _OFTEN = 10
 """In the descent, one point in so many is certified, and the last one."""
@@ -315,14 +317,19 @@ def _lowered(
     *,
     descended: bool = False,
 ) -> bool:
+    """Lower a point; one that was descended already, in part of its parameters, is only polished.
+
+    Returns whether polishing ended by itself.
+    """
     point = best.accepted(point)
     converged = False
     for _ in range(_PENALTIES):
         if not descended:
             point = descend(objective, point, iterations=150, accepted=best.passed)
             point = best.accepted(point)
-        found = polished(objective, point, accepted=best.accepted)
-        if not found.converged:
+        iterations = _LEFT if descended else _POLISHED
+        found = polished(objective, point, accepted=best.accepted, iterations=iterations)
+        if not found.converged and not descended:
             point = sampled_descent(objective, found.point, random, rounds=1)
             found = polished(objective, best.accepted(point), accepted=best.accepted)
         point, converged = found.point, found.converged

@@ -158,7 +158,7 @@ def synthesise(
     starts : int
         How many: those of `initial`, one about the middle of the structure's typical parameters,
         one from the controller of full order if there is one and K is linear in the parameters, and
-        random ones.
+        random ones; 0: those of `initial` alone.
     seed : int
         Of all that is random; with it the result is the same, for any number of workers.
     initial : iterable of ndarray, shape (size,)
@@ -209,7 +209,7 @@ def synthesise(
     """
     many = (plants,) if isinstance(plants, DesignPlant) else tuple(plants)
     given = [np.asarray(theta, dtype=float) for theta in initial]
-    if not many or starts < 1:
+    if not many or starts < (0 if given else 1):
         raise InputError(f"a synthesis needs a plant and a start, got {len(many)} and {starts}")
     if any(theta.shape != (structure.size,) for theta in given):
         raise InputError(f"initial parameters must be {structure.size} each, as the structure has")
@@ -226,7 +226,7 @@ def synthesise(
     if not (isinstance(structure, Diagonal) and structure.alike):
         # zero gains are a saddle for a controller with states: about them
         begun.append((search.middle, _ABOUT))
-    count = max(starts, len(given) or 1)
+    count = max(starts, len(begun)) if starts else len(given)
     if full is not None and len(begun) < count:
         rate = search.loops[0].rate
         theta = reduced_start(full.plant, full.controller, structure, search.middle, rate)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 
@@ -14,6 +15,7 @@ __all__ = ["balanced"]
 
 _SWEEPS = 20
 _GAIN = 0.95
+_LARGEST = 1e150
 
 
 def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
@@ -34,6 +36,11 @@ def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
     scale : ndarray, shape (n,)
         Powers of two.
 
+    Raises
+    ------
+    InputError
+        If the largest entry of A, B or C is above 1e150 or below 1e-150, but for zeros.
+
     References
     ----------
     .. [1] B. N. Parlett, C. Reinsch (1969), Balancing a matrix for calculation of eigenvalues and
@@ -41,6 +48,13 @@ def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
     """
     n = system.order
     a = np.abs(system.a)
+    for name, matrix in (("A", a), ("B", system.b), ("C", system.c)):
+        size = float(np.abs(matrix).max(initial=0.0))
+        if size > _LARGEST or 0.0 < size < 1.0 / _LARGEST:
+            raise InputError(
+                f"{name} has the size {size:.3g}, whose square is no number: scale inputs, outputs "
+                "and time"
+            )
     np.fill_diagonal(a, 0.0)
     # squares of the norms that B and C add to rows and columns
     b2, c2 = np.sum(system.b**2, axis=1), np.sum(system.c**2, axis=0)

@@ -68,8 +68,11 @@ def to_control(system: LtiSystem) -> Any:
     Raises
     ------
     InputError
-        If python-control is not installed.
+        If python-control is not installed, or the system has no inputs or no outputs, for which it
+        has no form.
     """
+    if 0 in system.shape:
+        raise InputError("python-control has no systems without inputs or outputs")
     names = {
         key: list(value)
         for key, value in (

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import schur, solve_continuous_lyapunov, solve_sylvester
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.algebra import parallel
@@ -26,7 +27,14 @@ def balanced_truncation(system: LtiSystem, order: int) -> LtiSystem:
         In discrete time its bilinear image is reduced.
     order : int
         Of what is left; larger if there are more unstable states.
+
+    Raises
+    ------
+    InputError
+        If the order is negative.
     """
+    if order < 0:
+        raise InputError(f"an order must be ≥ 0, got {order}")
     if system.dt_s is not None:
         return discrete(balanced_truncation(continuous(system), order), system.dt_s)
     if order >= system.order:

@@ -28,6 +28,7 @@ _COLUMNS = [
     Column("lowest_m", "m", "lowest before the end", 4),
     Column("replay_m", "m", "replay error", 2),
     Column("replay_held_m", "m", "replay error, held", 2),
+    Column("search", ""),
 ]
 _BELOW_M = 1e-3
 _METHOD = (
@@ -115,6 +116,7 @@ def _rows(product: ReferenceTrajectories) -> list[dict[str, Cell]]:
                 "lowest_m": _number(lowest.min(initial=np.inf)),
                 "replay_m": float(product.replay_m[0, i]),
                 "replay_held_m": float(product.replay_held_m[0, i]),
+                "search": product.account[i],
             }
         )
     return rows
@@ -162,7 +164,13 @@ def _sentences(product: ReferenceTrajectories) -> list[str]:
         label for i, label in enumerate(labels)
         if _before_end(product, i).min(initial=np.inf) < -_BELOW_M
     ]  # fmt: skip
-    sentences = []
+    least, most = product.dv_m_s.min(), product.dv_m_s.max()
+    count = f"{len(labels)} reference trajectories" if len(labels) > 1 else "A reference trajectory"
+    spread = f"{least:.4g}" if len(labels) == 1 else f"{least:.4g} to {most:.4g}"
+    sentences = [
+        f"{count} by guidance {product.guidance!r}, ΔV {spread} m/s; flown open loop with the "
+        f"command held, the end is met to {product.replay_held_m[0].max():.1e} m."
+    ]
     if buried:
         sentences.append(
             f"{', '.join(buried)}: the path runs below the surface before its end; take another "

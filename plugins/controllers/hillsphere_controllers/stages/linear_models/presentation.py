@@ -14,6 +14,7 @@ from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, 
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.stages.frequencies import frequencies
+from hillsphere_controllers.systems.balancing import balanced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["presented"]
 
 _LISTED = 50
+_BORDER = 1e-7
 _DRAWN = 40
 
 
@@ -41,6 +43,7 @@ def presented(product: LinearModels) -> Presentation:
     rows: list[dict[str, Cell]] = []
     for k, system in enumerate(product.systems[:_LISTED]):
         size = np.abs(system.poles)
+        unstable, border = _not_stable(system)
         rows.append(
             {
                 "model": product.labels[k],
@@ -48,7 +51,8 @@ def presented(product: LinearModels) -> Presentation:
                 "outputs": system.shape[0],
                 "inputs": system.shape[1],
                 "abscissa_1_s": spectral_abscissa(system) if system.order else None,
-                "unstable_poles": _unstable(system),
+                "unstable_poles": unstable,
+                "border_poles": border,
                 "fastest_pole_rad_s": float(size.max()) if system.order else None,
             }
         )
@@ -58,7 +62,8 @@ def presented(product: LinearModels) -> Presentation:
         Column("outputs", "-", "outputs"),
         Column("inputs", "-", "inputs"),
         Column("abscissa_1_s", "1/s", "largest real part of the poles", 5),
-        Column("unstable_poles", "-", "poles that are not stable"),
+        Column("unstable_poles", "-", "unstable poles"),
+        Column("border_poles", "-", "poles on the stability border"),
         Column("fastest_pole_rad_s", "rad/s", "largest pole", 5),
     )
     notes = [
@@ -84,10 +89,16 @@ def presented(product: LinearModels) -> Presentation:
     )
 
 
-def _unstable(system: LtiSystem) -> int:
-    poles = system.poles
-    outside = poles.real >= 0.0 if system.dt_s is None else np.abs(poles) >= 1.0
-    return int(np.count_nonzero(outside))
+def _not_stable(system: LtiSystem) -> tuple[int, int]:
+    """Return how many poles are unstable, and how many on the border but for rounding."""
+    if not system.order:
+        return 0, 0
+    poles = np.linalg.eigvals(balanced(system)[0].a)
+    away = poles.real if system.dt_s is None else np.abs(poles) - 1.0
+    largest = max(float(np.abs(poles).max()), 1e-300) if system.dt_s is None else 1.0
+    # of a pole that stands twice, rounding leaves its square root
+    border = np.abs(away) <= _BORDER * largest
+    return int(np.count_nonzero((away > 0.0) & ~border)), int(np.count_nonzero(border))
 
 
 def _parameter(product: LinearModels, k: int) -> str:

@@ -132,10 +132,10 @@ def _certificates(product: MuAnalysis) -> Table:
             "loop": product.label(one.loop),
             "analysis": _TITLES[one.analysis],
             "upper": _finite(one.upper),
-            "peak_rad_s": _finite(one.peak_rad_s),
+            "peak_rad_s": _frequency(one.peak_rad_s),
             "intervals": int(one.interval_bound.size),
             "lower": _finite(one.lower),
-            "frequency_rad_s": _finite(one.frequency_rad_s),
+            "frequency_rad_s": _frequency(one.frequency_rad_s),
             "singular": _finite(one.singular),
         }
         for part, upper, lower in zip(
@@ -166,7 +166,7 @@ def _worst_cases(product: MuAnalysis) -> Table:
         where = {
             "loop": product.label(one.loop),
             "analysis": _TITLES[one.analysis],
-            "frequency_rad_s": _finite(one.frequency_rad_s),
+            "frequency_rad_s": _frequency(one.frequency_rad_s),
             "order": None if one.delta is None else one.delta.order,
             "pole_re": _finite(one.pole_re),
             "pole_im": _finite(one.pole_im),
@@ -252,6 +252,10 @@ def _sentence(one: Analysed) -> str:
     if one.lower > 1.0:
         return f"not {what} for all perturbations declared (µ ≥ {one.lower:.4g})"
     return f"not known whether {what} for all (µ from {one.lower:.4g} to {one.upper:.4g})"
+
+
+def _frequency(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)  # a peak may lie at infinite frequency
 
 
 def _finite(value: float) -> float | None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from hillsphere.errors import InputError
+from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.linear_products import UncertainModel, UncertainModels
 from hillsphere.lti import LtiSystem
@@ -89,21 +90,25 @@ class MuAnalysisStage:
         grid = self._grid()
         results: list[Analysed] = []
         places: list[tuple[int, int]] = []
+        loops: list[LtiSystem] = []
         for c, controller in enumerate(systems):
             for m, model in enumerate(uncertain.models):
                 if not model.names:
                     raise InputError(f"{uncertain.labels[m]}: nothing is uncertain")
-                loop = _closed(model.system, controller, uncertain, names[c])
+                loops.append(_closed(model.system, controller, uncertain, names[c]))
                 places.append((c, m))
-                lft = lft_of(_with_system(model, loop))
-                # the norm is infinite if any state is not stable, performance or not
-                nominal.append(hinf_norm(lft.nominal).value)
-                gains = largest_gains(lft.nominal.response(grid)) if grid.size else [np.nan]
-                on_grid.append(float(np.max(gains)) if np.isfinite(nominal[-1]) else np.nan)
-                for analysis in spec.analyses:
-                    if loop.is_stable:
-                        results.append(self._analysed(len(places) - 1, analysis, lft, model, seed))
-                    advance(1)
+        ends = _ends(loops)
+        for number, (_, m) in enumerate(places):
+            model, loop = uncertain.models[m], loops[number]
+            lft = lft_of(_with_system(model, loop))
+            # the norm is infinite if any state is not stable, performance or not
+            nominal.append(hinf_norm(lft.nominal).value)
+            gains = largest_gains(lft.nominal.response(grid)) if grid.size else [np.nan]
+            on_grid.append(float(np.max(gains)) if np.isfinite(nominal[-1]) else np.nan)
+            for analysis in spec.analyses:
+                if loop.is_stable:
+                    results.append(self._analysed(number, analysis, lft, model, seed, ends))
+                advance(1)
         pairs = np.array(places, dtype=np.int64)
         return MuAnalysis(
             controllers=names,
@@ -127,8 +132,9 @@ class MuAnalysisStage:
         return presented(product, self.spec.reference)
 
     def _analysed(
-        self, number: int, analysis: str, lft: Lft, model: UncertainModel, seed: int
-    ) -> Analysed:
+        self, number: int, analysis: str, lft: Lft, model: UncertainModel, seed: int,
+        ends: tuple[float, float],
+    ) -> Analysed:  # fmt: skip
         spec, structure, loop = self.spec, lft.structure, lft.system
         if analysis == "worst_case_gain":
             gain = worst_case_gain(loop, structure, size=spec.size, gap=spec.gap, seed=seed)
@@ -157,11 +163,12 @@ class MuAnalysisStage:
         if grid.size:
             bounds = upper_bounds(loop.response(grid), whole)
             grid_peak = max(one.value for one in bounds)
-        omega = _drawn(loop, [peak, found.frequency_rad_s], spec.points)
+        omega = _drawn(loop, [peak, found.frequency_rad_s], spec.points, ends)
         lower, upper = mu_bounds_on_grid(loop, whole, omega, seed=seed)
         shares = _NONE
         if spec.sensitivities and max(certified.peak, found.lower) > 0.0:
-            shares = self._shares(loop, whole, peak)
+            with suppress(ConvergenceError):  # a bound too flat has no shares
+                shares = self._shares(loop, whole, peak)
         return _result(
             number, analysis, found.upper, found.lower, found.frequency_rad_s, certified, lft,
             model, worst.values if worst else {}, whole, worst.system if worst else None,
@@ -277,9 +284,18 @@ def _with_system(model: UncertainModel, system: LtiSystem) -> UncertainModel:
     )  # fmt: skip
 
 
-def _drawn(loop: LtiSystem, more: Sequence[float], points: int) -> Array:
-    """Return about so many of the frequencies of a loop, and those wanted."""
+def _ends(loops: Sequence[LtiSystem]) -> tuple[float, float]:
+    """Return the lowest and the highest frequency at which any loop is worth drawing."""
+    found = [frequencies([loop])[[0, -1]] for loop in loops]
+    return float(min(low for low, _ in found)), float(max(high for _, high in found))
+
+
+def _drawn(loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]) -> Array:
+    """Return about so many of the frequencies of a loop, the ends of all, and those wanted."""
+    low, high = ends[0], min(ends[1], np.pi / loop.dt_s if loop.dt_s is not None else np.inf)
     omega = frequencies([loop], more)
+    outside = np.geomspace(low, high, points)
+    omega = np.concatenate([outside[outside < omega[0]], omega, outside[outside > omega[-1]]])
     kept = omega[np.unique(np.linspace(0, omega.size - 1, points).astype(int))]
-    wanted = [w for w in more if omega[0] <= w <= omega[-1]]
+    wanted = [low, high, *(w for w in more if low <= w <= high)]
     return np.unique(np.concatenate([kept, np.array(wanted, dtype=float)]))

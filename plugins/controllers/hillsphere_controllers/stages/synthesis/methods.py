@@ -1,8 +1,8 @@
-"""The methods of the stage ``synthesis``, each from plants to a controller."""
+"""Methods of the stage ``synthesis`` that need no search, and what the others share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,17 +20,12 @@ from hillsphere_controllers.stages.synthesis.specs import (
     ChannelSpec,
     HinfSpec,
     LmiSpec,
-    PartSpec,
     RegionSpec,
-    StructuredSpec,
     SynthesisSpec,
 )
-from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
-from hillsphere_controllers.structured.single_loop import Pid, TransferFunction
-from hillsphere_controllers.structured.structure import Diagonal, Structure, masked, of_order
-from hillsphere_controllers.structured.synthesis import Progress, synthesise
+from hillsphere_controllers.structured.requirements import Channel, PoleRegion
 
-__all__ = ["Designed", "designed", "stopped"]
+__all__ = ["Designed", "channels_of", "designed", "region_of", "stopped"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +45,6 @@ def designed(
     labels: Sequence[str],
     controls: int,
     measurements: int,
-    ctx: Context,
 ) -> Designed:
     """Return the controller of generalised plants by the method asked for.
 
@@ -58,8 +52,6 @@ def designed(
     ------
     HillsphereError
         What the method raises.
-    Interrupted
-        If the run was stopped; the workspace has the best controller until then.
     """
     if spec.method == "given":
         assert spec.given is not None
@@ -107,6 +99,7 @@ def stopped(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
 def channels_of(
     table: str, specs: Sequence[ChannelSpec], plant: LtiSystem, controls: int, measurements: int
 ) -> tuple[Channel, ...]:
+    """Return the channels of a table, by the names of the plant's signals; one of all without."""
     p, m = plant.shape
     outputs, inputs = plant.outputs[: p - measurements], plant.inputs[: m - controls]
     made = []
@@ -123,6 +116,7 @@ def channels_of(
 
 
 def region_of(spec: RegionSpec | None) -> PoleRegion | None:
+    """Return the pole region of a table."""
     if spec is None:
         return None
     fastest = np.inf if spec.fastest_rad_s is None else spec.fastest_rad_s

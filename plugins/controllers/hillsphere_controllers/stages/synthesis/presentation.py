@@ -14,6 +14,11 @@ from hillsphere_controllers.stages.synthesis.figures import (
     draw_steps,
 )
 from hillsphere_controllers.stages.synthesis.products import Iterations, Synthesis
+from hillsphere_controllers.stages.synthesis.search_tables import (
+    search_metrics,
+    search_tables,
+    worst_sentence,
+)
 
 __all__ = ["presented"]
 
@@ -97,6 +102,8 @@ def presented(product: Synthesis, duration_s: float | None) -> Presentation:
             "γ of every search, sorted; the line is the bound below which no controller comes.",
         )
         metrics["synthesis_residual"] = Metric(product.search.residual)
+        metrics |= search_metrics(product.search)
+        tables |= search_tables(product.search, _names(product))
     if product.iterations is not None:
         tables["synthesis_iterations"] = _iterations(product.iterations)
         figures["synthesis_iterations"] = Figure(
@@ -107,10 +114,22 @@ def presented(product: Synthesis, duration_s: float | None) -> Presentation:
     return Presentation(metrics, tables, figures, _verdict(product))
 
 
+def _names(product: Synthesis) -> tuple[str, ...]:
+    """Return the names of the plants that the controller was made for."""
+    robust = None if product.search is None else product.search.robust
+    if robust is not None:
+        return robust.labels
+    return tuple(label for label, own in zip(product.labels, product.designed, strict=True) if own)
+
+
 def _panels(product: Synthesis) -> int:
     weighted = {name for weight in product.weights for name in weight.outputs}
     outputs = product.plants[0].outputs[: product.plants[0].shape[0] - product.measurements]
     return len(product.weights) + int(not outputs or not set(outputs) <= weighted)
+
+
+def _frequency(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)  # a peak may lie at infinite frequency
 
 
 def _finite(value: float) -> float | None:
@@ -126,7 +145,7 @@ def _norm_rows(product: Synthesis) -> list[dict[str, Cell]]:
             "stable": bool(np.isfinite(judged.hinf[k])),
             "hinf": _finite(judged.hinf[k]),
             "hinf_upper": _finite(judged.hinf_upper[k]),
-            "peak_rad_s": _finite(judged.peak_rad_s[k]),
+            "peak_rad_s": _frequency(judged.peak_rad_s[k]),
             "hinf_error": _finite(judged.hinf_error[k]),
             "sampled": _finite(judged.sampled[k]),
             "h2": _finite(judged.h2[k]),
@@ -187,7 +206,7 @@ def _iterations(found: Iterations) -> Table:
             "kind": kind,
             "upper": _finite(found.upper[k]),
             "gamma": _finite(found.gamma[k]),
-            "peak_rad_s": _finite(found.peak_rad_s[k]),
+            "peak_rad_s": _frequency(found.peak_rad_s[k]),
             "scaling_order": int(found.scaling_order[k]),
             "controller_order": int(found.controller_order[k]),
             "accepted": bool(found.accepted[k]),
@@ -249,14 +268,15 @@ def _verdict(product: Synthesis) -> list[str]:
         )
     if product.search is not None:
         search = product.search
+        said += worst_sentence(search)
         found = np.concatenate([search.starts, search.shaken])
         same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
         said.append(
             f"{same} of {found.size} searches, {search.starts.size} from starts and "
             f"{search.shaken.size} from near the best of these, end within 0.1 % of the best, the "
-            f"best included. It is {'' if search.converged else 'not shown to be '}a local "
-            f"minimum (residual {search.residual:.2g}, {search.active} active peaks and "
-            "constraints)."
+            "best included. By its gradients it is "
+            f"{'' if search.converged else 'not shown to be '}a local minimum (residual "
+            f"{search.residual:.2g}, {search.active} active peaks and constraints)."
         )
         if not search.converged:
             said.append(

@@ -11,7 +11,7 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere.products import ControlDesign
 
-__all__ = ["Iterations", "Judged", "SearchResult", "Synthesis"]
+__all__ = ["Iterations", "Judged", "RobustResult", "SearchResult", "Synthesis"]
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,42 @@ class Judged:
 
 
 @dataclass(frozen=True)
+class RobustResult:
+    """What a controller that was made for uncertain plants does with them.
+
+    Parameters
+    ----------
+    labels : tuple of str
+        Names of the N uncertain models.
+    worst : ndarray, shape (N,)
+        γ of the worst case found for each: gains that are reached, with no guarantee that nothing
+        is worse; infinite if a loop is not stable.
+    plants : ndarray of int, shape (S,)
+        Which model each scenario is of. They are those that the controller was made for, and as
+        the last one the worst case of all.
+    gammas : ndarray, shape (S,)
+        γ there.
+    names : tuple of tuple of str
+        Parameters of each scenario, which its model has.
+    values : tuple of ndarray
+        Their values, in their units.
+    rounds : int
+        Designs that were made.
+    converged : bool
+        Whether the worst case is no more than 0.5 % above the γ of the scenarios.
+    """
+
+    labels: tuple[str, ...]
+    worst: Array
+    plants: Integers
+    gammas: Array
+    names: tuple[tuple[str, ...], ...]
+    values: tuple[Array, ...]
+    rounds: int
+    converged: bool
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """What a search of a fixed structure says of itself.
 
@@ -75,6 +111,11 @@ class SearchResult:
         Whether the last step promised next to nothing, and the residual is small.
     evaluations : int
         How often a set of closed loops was made.
+    per_plant : ndarray, shape (P,)
+        γ that the same structure reaches for each plant by itself, its uncertainty aside; none if
+        that was not asked for.
+    robust : RobustResult or None
+        With uncertain plants: their worst cases.
     """
 
     theta: Array
@@ -84,6 +125,8 @@ class SearchResult:
     active: int
     converged: bool
     evaluations: int
+    per_plant: Array
+    robust: RobustResult | None
 
 
 @dataclass(frozen=True)

@@ -179,6 +179,8 @@ class StructuredSpec(Spec):
         {"parts": [{"kind": "free", "order": 1}], "starts": 3},
         {"parts": [{"kind": "pid"}], "starts": 2, "largest_gain": 100,
          "region": {"damping": 0.2}, "channels": [{"outputs": ["z_error"]}]},
+        {"parts": [{"kind": "free", "order": 1}], "starts": 1, "controller_stable": True,
+         "bandwidth_rad_s": 1, "shaken": False, "per_plant": True},
     )  # fmt: skip
 
     parts: tuple[PartSpec, ...] = option(
@@ -195,6 +197,27 @@ class StructuredSpec(Spec):
         default=None, gt=0,
     )  # fmt: skip
     region: RegionSpec | None = option("of the closed loops' poles", default=None)
+    controller_stable: bool = option("whether the controller itself is to be stable", default=False)
+    alike: bool = option(
+        "whether the parts, all of one kind, are about the same: random searches first vary them "
+        "together",
+        default=False,
+    )
+    bandwidth_rad_s: float | None = quantity(
+        "angular_rate",
+        "about the bandwidth expected, the scale of the search; left out: by the plants' poles, "
+        "those of weights among them",
+        default=None, gt=0,
+    )  # fmt: skip
+    shaken: bool = option("whether searches near the best controllers follow", default=True)
+    tie: float = option(
+        "designs whose γ differ by no more, relative, are equal, with needs.wider", default=1e-3,
+        gt=0, lt=1,
+    )  # fmt: skip
+    rounds: int = option("with needs.uncertain: designs at most", default=10, ge=1, le=100)
+    per_plant: bool = option(
+        "whether γ is shown too that the structure reaches for each plant by itself", default=False
+    )
     plant_weights: tuple[float, ...] = option(
         "what all norms of each plant are multiplied with, in their order; left out: 1",
         default=(), gt=0,
@@ -235,7 +258,14 @@ class SynthesisNeeds(Spec):
     )
     uncertain: Ref | None = need(
         "hillsphere.linear_products:UncertainModels",
-        "for the method 'dk': the uncertain model of these plants",
+        "for the method 'dk': the uncertain model of these plants; for 'structured': any number, "
+        "for whose worst cases the controller is made",
+        default=None,
+    )
+    wider: Ref | None = need(
+        "hillsphere.linear_products:UncertainModels",
+        "for the method 'structured': a wider uncertainty; between designs of equal γ its worst "
+        "case decides",
         default=None,
     )
 
@@ -308,11 +338,15 @@ class SynthesisSpec(StageSpec):
         required = self.method in ("mixed_sensitivity", "structured", "given")
         if required and getattr(self, self.method) is None:
             raise rule("method", f"{self.method!r} needs a table of that name")
-        if (self.method == "dk") != (self.needs.uncertain is not None):
-            what = "needs one" if self.method == "dk" else "takes none; leave it out"
-            raise rule("needs", f"uncertain: the method {self.method!r} {what}")
-        if self.plants and self.method == "dk":
-            raise rule("plants", "'dk' makes a controller for the uncertain model; leave it out")
+        uncertain = self.needs.uncertain is not None
+        if self.method == "dk" and not uncertain:
+            raise rule("needs", "uncertain: the method 'dk' needs one")
+        if uncertain and self.method not in ("dk", "structured"):
+            raise rule("needs", f"uncertain: the method {self.method!r} takes none; leave it out")
+        if self.needs.wider is not None and self.method != "structured":
+            raise rule("needs", f"wider: the method {self.method!r} takes none; leave it out")
+        if self.plants and uncertain:
+            raise rule("plants", "the controller is made for the uncertain models; leave it out")
         if len(self.plants) > 1 and self.method in ("hinf", "h2", "mixed_sensitivity", "lmi"):
             raise rule("plants", f"{self.method!r} makes a controller for one plant; name one")
         if self.structured is not None and self.structured.plant_weights and self.plants:

@@ -15,10 +15,11 @@ from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity_plant
 from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.synthesis.fixed_structure import by_search
 from hillsphere_controllers.stages.synthesis.iteration import by_iteration
 from hillsphere_controllers.stages.synthesis.judging import judged
 from hillsphere_controllers.stages.synthesis.methods import designed
+from hillsphere_controllers.stages.synthesis.plants import restricted
 from hillsphere_controllers.stages.synthesis.presentation import presented
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import (
@@ -48,7 +49,11 @@ class SynthesisStage:
         self.spec = spec
 
     def run(
-        self, ctx: Context, models: LinearModels, uncertain: UncertainModels | None = None
+        self,
+        ctx: Context,
+        models: LinearModels,
+        uncertain: UncertainModels | None = None,
+        wider: UncertainModels | None = None,
     ) -> Synthesis:
         """Make the controller, and judge it on all models.
 
@@ -59,7 +64,10 @@ class SynthesisStage:
         models : LinearModels
             Generalised plants; for the method ``"mixed_sensitivity"`` plants without weights.
         uncertain : UncertainModels or None
-            For the method ``"dk"``: one uncertain model of them.
+            For the method ``"dk"``: one uncertain model of them; for ``"structured"``: any number,
+            for whose worst cases the controller is made.
+        wider : UncertainModels or None
+            For the method ``"structured"``: their worst case decides between designs of equal γ.
 
         Returns
         -------
@@ -86,9 +94,9 @@ class SynthesisStage:
             )
         outputs, inputs = spec.outputs, spec.inputs
         if uncertain is not None:
-            own_outputs, own_inputs = _performance(_one(uncertain), controls, measurements)
+            own_outputs, own_inputs = _performance(uncertain, controls, measurements)
             outputs, inputs = outputs or own_outputs, inputs or own_inputs
-        plants = [_restricted(one, outputs, inputs, controls, measurements) for one in plants]
+        plants = [restricted(one, outputs, inputs, controls, measurements) for one in plants]
         seen = set(plants[0].outputs)
         weights = tuple(one for one in weights if set(one.outputs) <= seen)
         chosen = self._chosen(models)
@@ -97,10 +105,11 @@ class SynthesisStage:
             options = spec.dk or DkSpec()
             made = by_iteration(options, _one(uncertain), controls, measurements, ctx)
         else:
-            made = designed(
-                spec, [plants[k] for k in own], [models.labels[k] for k in own], controls,
-                measurements, ctx,
-            )  # fmt: skip
+            given = [plants[k] for k in own], [models.labels[k] for k in own]
+            if spec.method == "structured":
+                made = by_search(spec, *given, controls, measurements, ctx, uncertain, wider)
+            else:
+                made = designed(spec, *given, controls, measurements)
         advance = ctx.track("closed loops", len(plants))
         found = judged(plants, made.controller, advance)
         gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
@@ -122,7 +131,11 @@ class SynthesisStage:
         )
 
     def present(
-        self, product: Synthesis, models: LinearModels, uncertain: UncertainModels | None = None
+        self,
+        product: Synthesis,
+        models: LinearModels,
+        uncertain: UncertainModels | None = None,
+        wider: UncertainModels | None = None,
     ) -> Presentation:
         """Show norms, margins, gains against the inverse weights, and step responses."""
         return presented(product, self.spec.step_duration_s)
@@ -170,35 +183,20 @@ def _one(uncertain: UncertainModels | None) -> UncertainModel:
 
 
 def _performance(
-    model: UncertainModel, controls: int, measurements: int
+    uncertain: UncertainModels, controls: int, measurements: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the outputs and inputs of an uncertain model that belong to performance."""
+    """Return the outputs and inputs of uncertain models that belong to performance."""
+    if not uncertain.models:
+        raise InputError("needs.uncertain: there is no uncertain model")
+    if (uncertain.controls, uncertain.measurements) != (controls, measurements):
+        raise InputError(
+            f"needs.uncertain: {uncertain.controls} controls and {uncertain.measurements} "
+            f"measurements, the models have {controls} and {measurements}"
+        )
+    model = uncertain.models[0]
     out, into = lft_of(model).closed_channels
     outputs, inputs = model.system.outputs, model.system.inputs
     return outputs[out : len(outputs) - measurements], inputs[into : len(inputs) - controls]
-
-
-def _restricted(
-    plant: LtiSystem,
-    outputs: tuple[str, ...],
-    inputs: tuple[str, ...],
-    controls: int,
-    measurements: int,
-) -> LtiSystem:
-    """Return a generalised plant with those outputs and inputs only, and the controller's."""
-    p, m = plant.shape
-    rows, columns = list(range(p - measurements)), list(range(m - controls))
-    if outputs:
-        rows = places(plant.outputs[: p - measurements], outputs, "outputs")
-    if inputs:
-        columns = places(plant.inputs[: m - controls], inputs, "inputs")
-    rows += range(p - measurements, p)
-    columns += range(m - controls, m)
-    return replace(
-        plant, b=plant.b[:, columns], c=plant.c[rows], d=plant.d[np.ix_(rows, columns)],
-        inputs=tuple(plant.inputs[j] for j in columns) if plant.inputs else (),
-        outputs=tuple(plant.outputs[i] for i in rows) if plant.outputs else (),
-    )  # fmt: skip
 
 
 def _weighted(

@@ -1,0 +1,142 @@
+"""Where along a sweep failures become more frequent than is allowed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.campaign.statistics import ratio_interval
+from hillsphere.presentation import Cell, Column, Table
+from hillsphere.products import CaseTable
+
+__all__ = ["Crossing", "crossing_table", "crossings"]
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where the failure ratio first exceeds a threshold, all else at one combination of values.
+
+    Parameters
+    ----------
+    others : str
+        The other swept values, in words.
+    value : float
+        Where it does, linear between the two points beside it; infinite if it never does, NaN if
+        it does so from the first point on.
+    surely_below, surely_above : float
+        Largest value up to which the interval of the ratio lies below the threshold at all points,
+        NaN for none; smallest from which on a point's interval lies above it, infinite for none.
+    """
+
+    others: str
+    value: float
+    surely_below: float
+    surely_above: float
+
+
+def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, list[Crossing]]:
+    """Find the crossings along the last swept number that takes more than one value.
+
+    Parameters
+    ----------
+    table : CaseTable
+        Of a sweep.
+    threshold : float
+        Failure ratio.
+    level : float
+        Confidence level of the intervals of each point.
+
+    Returns
+    -------
+    along : str
+        What is followed; ``""`` if no number is swept.
+    found : list of Crossing
+        One for each combination of the other swept values.
+    """
+    points = table.points
+    numbers = [
+        d
+        for d, unit in enumerate(table.swept_units)
+        if unit and points is not None and np.unique(points[d]).size > 1
+    ]
+    if points is None or not numbers:
+        return "", []
+    along, count = numbers[-1], points.shape[1]
+    cases = np.bincount(table.point, minlength=count)
+    failures = np.bincount(table.point, weights=table.failed, minlength=count)
+    low, high = ratio_interval(failures, cases, level)
+    ratio = failures / np.maximum(cases, 1)
+    others = np.delete(points, along, axis=0)
+    _, group = np.unique(others, axis=1, return_inverse=True)
+    found = []
+    for g in range(int(group.max()) + 1):
+        here = np.flatnonzero((group.ravel() == g) & (cases > 0))
+        if not here.size:
+            continue
+        here = here[np.argsort(points[along, here], kind="stable")]
+        x, above = points[along, here], ratio[here] > threshold
+        first = int(np.argmax(above)) if above.any() else len(here)
+        if first == len(here):
+            value = np.inf
+        elif first == 0:
+            value = np.nan
+        else:
+            a, b = ratio[here[first - 1]], ratio[here[first]]
+            value = float(x[first - 1] + (threshold - a) / (b - a) * (x[first] - x[first - 1]))
+        sure = high[here] < threshold
+        upto = len(here) if sure.all() else int(np.argmin(sure))
+        beyond = low[here] > threshold
+        found.append(
+            Crossing(
+                others=_others(table.point_labels[int(here[0])], table.swept[along]),
+                value=value,
+                surely_below=float(x[upto - 1]) if upto else np.nan,
+                surely_above=float(x[int(np.argmax(beyond))]) if beyond.any() else np.inf,
+            )
+        )
+    return table.swept[along], found
+
+
+def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | None:
+    """Return the crossings as a table; None if no number is swept."""
+    along, found = crossings(table, threshold, level)
+    if not along:
+        return None
+    unit = table.swept_units[table.swept.index(along)]
+    rows: list[dict[str, Cell]] = [
+        {
+            "others": one.others,
+            "value": one.value if np.isfinite(one.value) else None,
+            "said": _said(one.value),
+            "surely_below": one.surely_below if np.isfinite(one.surely_below) else None,
+            "surely_above": one.surely_above if np.isfinite(one.surely_above) else None,
+        }
+        for one in found
+    ]
+    return Table(
+        f"Where failures exceed {100 * threshold:g} %",
+        (
+            Column("others", "", "at"),
+            Column("value", unit, along),
+            Column("said", "", ""),
+            Column("surely_below", unit, "surely fewer up to"),
+            Column("surely_above", unit, "surely more from"),
+        ),
+        rows,
+        [
+            f"Linear between the points of the sweep; sure by the {100 * level:g} % intervals of "
+            "the points."
+        ],
+    )
+
+
+def _said(value: float) -> str:
+    if np.isnan(value):
+        return "from the first point on"
+    return "" if np.isfinite(value) else "never in this sweep"
+
+
+def _others(label: str, along: str) -> str:
+    parts = [part for part in label.split(", ") if not part.startswith(f"{along} = ")]
+    return ", ".join(parts)

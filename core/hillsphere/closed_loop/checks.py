@@ -1,0 +1,64 @@
+"""What is checked of a flight before it begins."""
+
+from __future__ import annotations
+
+from hillsphere.closed_loop.course import Rows
+from hillsphere.closed_loop.specs import ClosedLoopSpec
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Compensator, SynthesisedLaw
+from hillsphere.simulation import ContinuousLaw
+
+__all__ = ["check"]
+
+
+def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, kind: str) -> None:
+    """Raise unless Spec, plant and law fit together.
+
+    Parameters
+    ----------
+    spec : ClosedLoopSpec
+        As declared.
+    rows : Rows
+        Of the plant.
+    law : Compensator or ContinuousLaw
+        What commands.
+    kind : str
+        What it commands, in words.
+
+    Raises
+    ------
+    InputError
+        Saying which does not.
+    """
+    most = len(rows.positions)
+    given = {"start.position_m": spec.start.position_m}
+    given["start.velocity_m_s"] = spec.start.velocity_m_s
+    if spec.target is not None:
+        given["target.position_m"] = spec.target.position_m
+        given["target.velocity_m_s"] = spec.target.velocity_m_s
+    for key, values in given.items():
+        if values is not None and len(values) != most:
+            named = rows.positions if "position" in key else rows.velocities
+            raise InputError(
+                f"{key}: the plant has {most} ({', '.join(rows.names[i] for i in named)}), "
+                f"got {len(values)} numbers"
+            )
+    others = [rows.names[i] for i in rows.others]
+    if unknown := sorted(set(spec.start.others) - set(others)):
+        raise InputError(
+            f"start.others: no state {', '.join(unknown)} that is neither position nor "
+            f"velocity; the plant has {', '.join(others) or 'none'}"
+        )
+    waits = isinstance(law, SynthesisedLaw) and not law.complete
+    if waits and not spec.needs.controller:
+        raise InputError(
+            "law: it has no controller; give it one, or the synthesis as needs.controller"
+        )
+    if spec.needs.controller and not waits:
+        raise InputError("needs.controller: the law has all that it needs; leave it out")
+    wrong = "largest_acceleration_m_s2" if kind == "impulses" else "largest_impulse_m_s"
+    if getattr(spec.require, wrong) is not None:
+        raise InputError(f"require.{wrong}: the law commands {kind}; limit those")
+    missing = [name for name in others if name not in spec.start.others]
+    if missing and not spec.needs.reference:
+        raise InputError(f"start.others: give the value of {', '.join(missing)}")

@@ -1,0 +1,42 @@
+"""Spec of the body ``solar_orbit``: a planet or a spacecraft on a Keplerian orbit around the Sun."""
+
+from __future__ import annotations
+
+from math import pi
+
+from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
+from hillsphere.spec import Spec, option, quantity
+
+__all__ = ["KeplerOrbitSpec"]
+
+
+class KeplerOrbitSpec(Spec):
+    """A body on a Keplerian orbit around the Sun, by its elements (ecliptic and equinox J2000)."""
+
+    examples = (
+        {
+            "name": "earth",
+            "epoch": "2000-01-01T12:00:00",
+            "semi_major_axis_au": 1.00000261,
+            "eccentricity": 0.01671123,
+            "inclination_deg": 0.0,
+            "node_deg": 0.0,
+            "periapsis_deg": 102.93768193,
+            "mean_anomaly_deg": 357.52688973,
+        },
+    )
+
+    name: str = option("name used in frames and figures", default="body", min_length=1)
+    epoch: str = option("date and time (TDB) of the mean anomaly", max_length=40)
+    primary_gm_m3_s2: float = quantity(
+        "gravitational_parameter",
+        "gravitational parameter of the Sun; left out: the nominal value",
+        default=NOMINAL_SOLAR_GM_M3_S2,
+        gt=0,
+    )
+    semi_major_axis_m: float = quantity("length", "semi-major axis", gt=0)
+    eccentricity: float = option("eccentricity", default=0.0, ge=0, lt=1)
+    inclination_rad: float = quantity("angle", "inclination", default=0.0, ge=0, le=pi)
+    node_rad: float = quantity("angle", "longitude of the ascending node", default=0.0)
+    periapsis_rad: float = quantity("angle", "argument of periapsis", default=0.0)
+    mean_anomaly_rad: float = quantity("angle", "mean anomaly at the epoch", default=0.0)

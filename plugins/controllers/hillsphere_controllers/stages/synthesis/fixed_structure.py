@@ -1,0 +1,239 @@
+"""Synthesis of a fixed structure for the stage ``synthesis``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context
+from hillsphere.linear_products import UncertainModel, UncertainModels
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.stages.synthesis.methods import (
+    Designed,
+    channels_of,
+    region_of,
+    stopped,
+)
+from hillsphere_controllers.stages.synthesis.plants import restricted
+from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
+from hillsphere_controllers.stages.synthesis.specs import PartSpec, StructuredSpec, SynthesisSpec
+from hillsphere_controllers.structured.requirements import DesignPlant
+from hillsphere_controllers.structured.scenarios import (
+    RobustDesign,
+    UncertainPlant,
+    synthesise_robust,
+    worst_case,
+)
+from hillsphere_controllers.structured.single_loop import Pid, TransferFunction
+from hillsphere_controllers.structured.structure import Diagonal, Structure, masked, of_order
+from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
+
+__all__ = ["by_search"]
+
+_OWN_STARTS = 3
+
+
+def by_search(
+    spec: SynthesisSpec,
+    plants: Sequence[LtiSystem],
+    labels: Sequence[str],
+    controls: int,
+    measurements: int,
+    ctx: Context,
+    uncertain: UncertainModels | None,
+    wider: UncertainModels | None,
+) -> Designed:
+    """Return a controller of a fixed structure, for plants or for uncertain ones.
+
+    Raises
+    ------
+    InputError
+        If sizes or names do not fit, or an uncertainty is not a real parameter.
+    HillsphereError
+        What the synthesis raises.
+    Interrupted
+        If the run was stopped; the workspace has the best controller until then.
+    """
+    options = spec.structured
+    assert options is not None
+    structure = _structure(options, controls, measurements)
+    if (structure.controls, structure.measurements) != (controls, measurements):
+        raise InputError(
+            f"structured.parts: they have {structure.controls} controls and "
+            f"{structure.measurements} measurements, the models {controls} and {measurements}"
+        )
+    seed = int(ctx.rng("starts").integers(1 << 31))
+    prefer = None
+    if wider is not None:
+        prefer = _worst_of([_uncertain_plant(spec, wider, j) for j in range(len(wider.models))])
+    names = labels if uncertain is None else uncertain.labels
+    weights = options.plant_weights or (1.0,) * len(names)
+    if len(weights) != len(names):
+        raise InputError(
+            f"structured.plant_weights: {len(weights)} for {len(names)} plants; give one each"
+        )
+    said = [""]
+    advance = ctx.track("searches", None, lambda: said[0])
+    telling = _telling(said, advance, ctx.info)
+    region = region_of(options.region)
+    result: RobustResult | None = None
+    if uncertain is None:
+        alone = [
+            DesignPlant(
+                plant,
+                channels_of("structured", options.channels, plant, controls, measurements),
+                weight,
+                label,
+            )
+            for plant, weight, label in zip(plants, weights, labels, strict=True)
+        ]
+        found = synthesise(
+            alone, structure, starts=options.starts, seed=seed, region=region,
+            largest_gain=options.largest_gain, controller_stable=options.controller_stable,
+            bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, prefer=prefer,
+            tie=options.tie, progress=telling, ctx=ctx,
+        )  # fmt: skip
+    else:
+        many = [
+            replace(_uncertain_plant(spec, uncertain, j), weight=weight)
+            for j, weight in enumerate(weights)
+        ]
+        robust = synthesise_robust(
+            many, structure, rounds=options.rounds, starts=options.starts, seed=seed,
+            region=region, largest_gain=options.largest_gain,
+            controller_stable=options.controller_stable, bandwidth_rad_s=options.bandwidth_rad_s,
+            shaken=options.shaken, prefer=prefer, tie=options.tie, told=ctx.info,
+            progress=telling, ctx=ctx,
+        )  # fmt: skip
+        found = replace(robust.design, starts=robust.starts)
+        result = _robust(robust, uncertain)
+        alone = [plant.at(np.zeros(len(plant.repeats))) for plant in many]
+    if found.interrupted:
+        done = int(found.starts.size + found.shaken.size)
+        raise stopped(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
+    own = np.zeros(0)
+    if options.per_plant:
+        own = np.array(
+            [_own(plant, j, structure, options, found, seed, telling, ctx)
+             for j, plant in enumerate(alone)]
+        )  # fmt: skip
+    search = SearchResult(
+        found.theta, found.starts, found.shaken, found.residual, len(found.active),
+        found.converged, found.evaluations, own, result,
+    )  # fmt: skip
+    return Designed(found.controller, found.gamma, found.lower_bound, search)
+
+
+def _own(
+    plant: DesignPlant,
+    number: int,
+    structure: Structure,
+    options: StructuredSpec,
+    found: StructuredDesign,
+    seed: int,
+    telling: Callable[[Progress], None],
+    ctx: Context,
+) -> float:
+    """Return the γ that the structure reaches for one plant by itself."""
+    return synthesise(
+        plant, structure, starts=min(options.starts, _OWN_STARTS), seed=seed,
+        initial=[found.theta], region=region_of(options.region), largest_gain=options.largest_gain,
+        controller_stable=options.controller_stable, bandwidth_rad_s=options.bandwidth_rad_s,
+        shaken=False, name=f"-own-{number}", progress=telling, ctx=ctx,
+    ).gamma  # fmt: skip
+
+
+def _worst_of(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
+    def worst(controller: LtiSystem) -> float:
+        return max(worst_case(plant, controller)[0].gamma for plant in plants)
+
+    return worst
+
+
+def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> UncertainPlant:
+    """Return an uncertain model as the search takes it, with what is to be small only."""
+    model, label = many.models[j], many.labels[j]
+    options = spec.structured
+    assert options is not None
+    for name, kind in zip(model.names, model.kinds, strict=True):
+        if kind != "real":
+            raise InputError(
+                f"the uncertainty {name!r} of {label!r} is {kind}: scenarios are values of real "
+                "parameters; leave it out of the uncertain models for 'structured', or use 'dk'"
+            )
+    system, times = model.system, tuple(int(t) for t in model.times)
+    if not times:
+        raise InputError(f"the uncertain model {label!r} has no uncertainty")
+    n, sizes = sum(times), (many.controls, many.measurements)
+    kept = restricted(system, spec.outputs, spec.inputs, *sizes, uncertain=n)
+    inner = replace(
+        kept, b=kept.b[:, n:], c=kept.c[n:], d=kept.d[n:, n:], inputs=kept.inputs[n:],
+        outputs=kept.outputs[n:],
+    )  # fmt: skip
+    channels = channels_of("structured", options.channels, inner, *sizes)
+    return UncertainPlant(replace(kept, inputs=(), outputs=()), times, channels, name=label)
+
+
+def _robust(found: RobustDesign, models: UncertainModels) -> RobustResult:
+    places = [*found.scenarios, found.worst]
+    return RobustResult(
+        labels=models.labels,
+        worst=found.each,
+        plants=np.array([s.plant for s in places], dtype=np.int64),
+        gammas=np.array([s.gamma for s in places]),
+        values=tuple(_physical(models.models[s.plant], s.delta) for s in places),
+        names=tuple(models.models[s.plant].names for s in places),
+        rounds=found.rounds,
+        converged=found.converged,
+    )
+
+
+def _physical(model: UncertainModel, delta: Array) -> Array:
+    """Return values (k,) of parameters in their units: Δ is −1, 0, 1 at their bounds and middle."""
+    up, down = model.upper - model.nominal, model.nominal - model.lower
+    return np.asarray(model.nominal + np.where(delta > 0.0, up, down) * delta)
+
+
+def _telling(
+    said: list[str], advance: Callable[[int], None], log: Callable[[str], None]
+) -> Callable[[Progress], None]:
+    """Return what keeps the bar's note and the log up to date."""
+
+    def tell(progress: Progress) -> None:
+        done, total, latest = progress.done, progress.total, progress.latest
+        best = f"best γ = {progress.gamma:.6g}"
+        if latest is None:
+            said[0] = f"search {done + 1} of {total} at γ = {progress.current:.6g}, {best}"
+            advance(0)  # ends it if the run was asked to stop
+            return
+        said[0] = f"{done} of {total}, {best}"
+        log(
+            f"search {done} of {total}, from start {latest.start.number}: "
+            f"γ = {progress.current:.6g}, {best}"
+        )
+        advance(1)
+
+    return tell
+
+
+def _structure(spec: StructuredSpec, controls: int, measurements: int) -> Structure:
+    if len(spec.parts) == 1:
+        return _part(spec.parts[0], controls, measurements)
+    return Diagonal([_part(part, 1, 1) for part in spec.parts], alike=spec.alike)
+
+
+def _part(part: PartSpec, controls: int, measurements: int) -> Structure:
+    if part.kind == "pid":
+        return Pid(integral=part.integral, derivative=part.derivative)
+    if part.kind == "transfer_function":
+        return TransferFunction(part.order, part.relative_degree)
+    if part.kind == "entries":
+        rows = [[np.nan if entry == "free" else entry for entry in row] for row in part.entries]
+        return masked(np.array(rows, dtype=float), part.order)
+    return of_order(
+        part.order, part.controls or controls, part.measurements or measurements,
+        strictly_proper=part.strictly_proper,
+    )  # fmt: skip

@@ -1,0 +1,130 @@
+"""Whether a filter's errors are as large as it says: NEES and NIS, with their bands.
+
+References
+----------
+.. [1] Bar-Shalom, Li, Kirubarajan (2001), Estimation with applications to tracking and navigation,
+   section 5.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, Innovation
+from hillsphere.interfaces import Array
+
+__all__ = ["MeanNis", "chi_square_band", "mean_nis", "nees"]
+
+
+def nees(belief: Belief, truth: Array, states: ArrayLike | None = None) -> Array:
+    """Return the normalised estimation errors squared.
+
+    Parameters
+    ----------
+    belief : Belief
+        What is believed of n states.
+    truth : ndarray, shape (n, N)
+        True states, SI.
+    states : array_like of int, optional
+        Which of them; all if left out.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        (x̂ − x)ᵀ P⁻¹ (x̂ − x): of a consistent filter χ² with as many degrees of freedom as states.
+    """
+    rows = np.arange(len(belief.x)) if states is None else np.atleast_1d(np.asarray(states))
+    off = (belief.x - truth)[rows].T[:, :, None]
+    if states is None:
+        white = np.linalg.solve(belief.root, off)
+        return np.asarray(np.sum(white[:, :, 0] ** 2, axis=1))
+    covariance = belief.covariance[:, rows[:, None], rows]
+    return np.asarray(np.sum(off * np.linalg.solve(covariance, off), axis=(1, 2)))
+
+
+def chi_square_band(dof: ArrayLike, runs: ArrayLike = 1, probability: float = 0.999) -> Array:
+    """Return between which limits the mean of χ² numbers falls with a probability.
+
+    Parameters
+    ----------
+    dof : array_like
+        Degrees of freedom of each.
+    runs : array_like
+        Over how many independent ones the mean is taken.
+    probability : float
+        Of lying within, half of the rest on either side.
+
+    Returns
+    -------
+    ndarray, shape (2, ...)
+        Lower and upper limit.
+
+    Raises
+    ------
+    InputError
+        If the probability is not between 0 and 1.
+    """
+    if not 0.0 < probability < 1.0:
+        raise InputError(f"probability must lie between 0 and 1, got {probability:g}")
+    tail = 0.5 * (1.0 - probability)
+    total = np.multiply(dof, runs)
+    return np.array([chi2.ppf(tail, total), chi2.isf(tail, total)]) / runs
+
+
+@dataclass(frozen=True)
+class MeanNis:
+    """Innovations over many cases beside what they should be.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (K,)
+        At each of K times the sum of all cases' NIS over that of their degrees of freedom; NaN
+        where nothing was used. It should be 1.
+    low, high : ndarray, shape (K,)
+        Its band.
+    """
+
+    mean: Array
+    low: Array
+    high: Array
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Where it lies within the band, (K,); so it does where nothing was used."""
+        return np.isnan(self.mean) | ((self.mean >= self.low) & (self.mean <= self.high))
+
+
+def mean_nis(
+    innovations: list[Innovation], rows: slice = slice(None), probability: float = 0.999
+) -> MeanNis:
+    """Return the mean normalised innovations squared over all cases, at each time.
+
+    Parameters
+    ----------
+    innovations : list of Innovation
+        At K times.
+    rows : slice
+        Of which rows: those of one sensor, for instance.
+    probability : float
+        That of the band.
+
+    Returns
+    -------
+    MeanNis
+        Over N cases, whose measurements may differ in number.
+    """
+    total, dof = np.zeros(len(innovations)), np.zeros(len(innovations))
+    for k, brought in enumerate(innovations):
+        used = brought.used[rows]
+        residual = np.where(used, brought.residual[rows], 0.0).T[:, :, None]
+        # rows that are not used are independent of the others and add nothing
+        solved = np.linalg.solve(brought.covariance[:, rows, rows], residual)
+        total[k], dof[k] = np.sum(solved * residual), used.sum()
+    some = np.maximum(dof, 1.0)
+    low, high = chi_square_band(some, 1, probability) / some
+    return MeanNis(np.where(dof > 0, total / some, np.nan), low, high)

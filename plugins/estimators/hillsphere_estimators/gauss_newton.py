@@ -1,0 +1,129 @@
+"""Linearise, solve, repeat: the most probable states by Gauss's and Newton's method, damped.
+
+What is made least is |S⁻¹(x − x̄)|² + |ν(x)|², S the root of the prior covariance and ν what was
+measured minus what x would show, in units of the noise. A step that does not lessen it is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.differences import Layout
+from hillsphere_estimators.innovations import Expected, whitened
+from hillsphere_estimators.linearisation import sensitivity, shown
+from hillsphere_estimators.resting import distance, rested
+
+__all__ = ["Solver", "expected_by_slopes", "settled"]
+
+Solver: TypeAlias = Callable[[Belief, Array, Expected], Belief]
+"""Prior, the states (n, N) about which is linearised, and the measurements beside what these
+would show, with the rows of `linear` the transposed derivatives; to the belief that solves it."""
+
+_HALVINGS = 30
+_NOTHING = 1e-12
+"""Relative rise of the sum of squares that rounding explains."""
+
+
+def expected_by_slopes(
+    model: EstimationModel,
+    at: Belief,
+    layout: Layout,
+    measurements: MeasurementSet,
+    used: NDArray[np.bool_],
+) -> Expected:
+    """Compare measurements with what means would show; linear rows are derivatives by states."""
+    z, slopes = sensitivity(model, at, layout)
+    none = np.zeros((len(slopes), 0, layout.rows))
+    return whitened(layout, measurements, used, z, 0.0, np.swapaxes(slopes, 1, 2), none)
+
+
+def settled(
+    model: EstimationModel,
+    prior: Belief,
+    layout: Layout,
+    measurements: MeasurementSet,
+    used: NDArray[np.bool_],
+    solve: Solver,
+    iterations: int,
+    tolerance: float,
+    *,
+    damped: bool = True,
+) -> Belief:
+    """Return the belief at which repeated linear updates of the prior rest.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        What sensors show.
+    prior : Belief
+        Before the measurements.
+    layout : Layout
+        Kinds of the rows.
+    measurements : MeasurementSet
+        What was measured.
+    used : ndarray of bool, shape (m, N)
+        Which rows are used.
+    solve : Solver
+        The linear update.
+    iterations : int
+        At most so many.
+    tolerance : float
+        A case rests when its mean moves by less, in standard deviations.
+    damped : bool
+        Whether steps are halved.
+
+    Returns
+    -------
+    Belief
+        After the measurements. A case that does not rest keeps the best that was found.
+    """
+    now = prior
+    moving = np.ones(len(prior.t_s), dtype=bool)
+    for _ in range(iterations):
+        expected = expected_by_slopes(model, now, layout, measurements, used)
+        there = solve(prior, now.x, expected)
+        still = moving & (distance(there, now) > tolerance)
+        if damped and iterations > 1 and still.any():
+            before = _squares(prior, now.x, expected.residual)
+
+            def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
+                z = shown(model, Belief(x, prior.root, prior.t_s))
+                none = np.zeros((len(prior.t_s), 0, layout.rows))
+                off = whitened(layout, measurements, used, z, 0.0, none, none).residual
+                return ~(_squares(prior, x, off) <= limit * (1.0 + _NOTHING))
+
+            there = _shortened(now, there, still, rises)
+        now = rested(moving, there, now)
+        moving = still
+        if not moving.any():
+            break
+    return now
+
+
+def _shortened(
+    now: Belief,
+    there: Belief,
+    moving: NDArray[np.bool_],
+    rises: Callable[[Array], NDArray[np.bool_]],
+) -> Belief:
+    """Halve the steps of cases that would raise the sum of squares."""
+    share = np.ones(len(now.t_s))
+    x = there.x
+    for _ in range(_HALVINGS):
+        bad = moving & rises(x)
+        if not bad.any():
+            break
+        share = np.where(bad, 0.5 * share, share)
+        x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
+    return Belief(x, there.root, there.t_s)
+
+
+def _squares(prior: Belief, x: Array, residual: Array) -> Array:
+    off = np.linalg.solve(prior.root, (x - prior.x).T[:, :, None])[:, :, 0]
+    return np.asarray(np.sum(off**2, axis=1) + np.sum(residual**2, axis=1))

@@ -1,0 +1,159 @@
+"""What measurements say beside what was expected: in units of their noise, within a gate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from hillsphere.estimation import Innovation, MeasurementSet
+from hillsphere.interfaces import Array
+from hillsphere_estimators.differences import Layout, layout_of
+
+__all__ = ["Expected", "gate_threshold", "gated", "usable", "whitened"]
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Measurements beside what was expected, all in units of the noise's standard deviations.
+
+    Rows that are not used hold zeros.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (N, m)
+        Measured minus expected.
+    linear : ndarray, shape (N, k, m)
+        Rows of what the states' uncertainty makes of the measurements.
+    bent : ndarray, shape (N, l, m)
+        Rows of what comes of curvature; independent of the former.
+    used : ndarray of bool, shape (m, N)
+        Which rows are used.
+    """
+
+    residual: Array
+    linear: Array
+    bent: Array
+    used: NDArray[np.bool_]
+
+    def covariance(self) -> Array:
+        """Return the covariance of the residual (N, m, m), noise with it."""
+        total = np.swapaxes(self.linear, 1, 2) @ self.linear
+        if self.bent.shape[1]:
+            total += np.swapaxes(self.bent, 1, 2) @ self.bent
+        rows = np.arange(total.shape[1])
+        total[:, rows, rows] += 1.0
+        return np.asarray(total)
+
+    def innovation(self, sigma: Array) -> Innovation:
+        """Return it in SI, with standard deviations sigma (m, N) of the noise."""
+        covariance = self.covariance()
+        solved = np.linalg.solve(covariance, self.residual[:, :, None])[:, :, 0]
+        unit = np.where(self.used, sigma, np.where(np.isfinite(sigma), sigma, 1.0)).T
+        return Innovation(
+            (self.residual * unit).T,
+            covariance * unit[:, :, None] * unit[:, None, :],
+            self.used,
+            np.sum(solved * self.residual, axis=1),
+        )
+
+    def without(self, used: NDArray[np.bool_]) -> Expected:
+        """Return it with fewer rows used."""
+        keep = used.T.astype(float)
+        return Expected(
+            self.residual * keep, self.linear * keep[:, None], self.bent * keep[:, None], used
+        )
+
+
+def usable(measurements: MeasurementSet) -> tuple[Layout, NDArray[np.bool_]]:
+    """Return the layout of the rows, and which of them hold something (m, N)."""
+    layout = layout_of(measurements.blocks)
+    return layout, measurements.present & layout.real[:, None]
+
+
+def whitened(
+    layout: Layout,
+    measurements: MeasurementSet,
+    used: NDArray[np.bool_],
+    middle: Array,
+    shift: Array | float,
+    linear: Array,
+    bent: Array,
+) -> Expected:
+    """Compare measurements with what was expected.
+
+    Parameters
+    ----------
+    layout : Layout
+        Kinds of the rows.
+    measurements : MeasurementSet
+        What was measured.
+    used : ndarray of bool, shape (m, N)
+        Which rows are used.
+    middle : ndarray, shape (m, N)
+        What the mean would show.
+    shift : ndarray, shape (m, N), or float
+        By how much more is expected.
+    linear, bent : ndarray, shape (N, k, m) and (N, l, m)
+        Rows of its uncertainty, SI.
+
+    Returns
+    -------
+    Expected
+        In units of the noise.
+    """
+    values = np.where(measurements.present, measurements.values, middle)
+    residual = layout.difference(values, middle) - shift
+    unit = np.where(used, measurements.sigma, 1.0)
+    keep = used.T[:, None]
+    scale = unit.T[:, None]
+    return Expected(
+        np.where(used, residual / unit, 0.0).T,
+        np.where(keep, linear / scale, 0.0),
+        np.where(keep, bent / scale, 0.0),
+        used,
+    )
+
+
+def gated(layout: Layout, expected: Expected, sigmas: float) -> Expected:
+    """Leave out blocks that lie too far from what was expected.
+
+    Where the curvature of the expectation exceeds the noise the expectation is no measure, and the
+    block is taken: so a filter that begins with a wide belief, or comes back after a long silence,
+    is not locked out.
+
+    Parameters
+    ----------
+    layout : Layout
+        Which rows belong together.
+    expected : Expected
+        Measurements and expectation.
+    sigmas : float
+        A block is left out if it lies as improbably far off as a normal number beyond this.
+
+    Returns
+    -------
+    Expected
+        With the blocks that stay.
+    """
+    covariance = expected.covariance()
+    bend = np.sum(expected.bent**2, axis=1)
+    used = expected.used.copy()
+    for rows in layout.blocks:
+        own = expected.residual[:, rows]
+        solved = np.linalg.solve(covariance[:, rows, rows], own[:, :, None])[:, :, 0]
+        distance = np.sum(own * solved, axis=1)
+        straight = (bend[:, rows] <= 1.0).all(axis=1)
+        limit = gate_threshold(sigmas, rows.stop - rows.start)[used[rows].sum(axis=0)]
+        used[rows] &= (distance <= limit) | ~straight
+    return expected if np.array_equal(used, expected.used) else expected.without(used)
+
+
+@lru_cache(maxsize=256)
+def gate_threshold(sigmas: float, most: int) -> Array:
+    """Return χ² limits for 0 … most rows with the two-sided normal probability beyond `sigmas`."""
+    tail = 2.0 * norm.sf(sigmas)
+    return np.array([np.inf, *(float(chi2.isf(tail, k)) for k in range(1, most + 1))])

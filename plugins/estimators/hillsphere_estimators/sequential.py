@@ -1,0 +1,194 @@
+"""FilterPy's filters behind our interface, case by case: the reference of the batched ones.
+
+FilterPy is told what it must be told: an update begins with sigma points drawn for it, noise is
+given as a full matrix, and covariances are made symmetric again. Measurements come as differences
+from what the mean would show, which is safe for angles and directions.
+
+References
+----------
+.. [1] Labbe (2014), Kalman and Bayesian filters in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, Innovation, MeasurementSet
+from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.differences import Layout
+from hillsphere_estimators.innovations import usable
+from hillsphere_estimators.linearisation import sensitivity, shown, transition
+from hillsphere_estimators.sigma_points import considered
+from hillsphere_estimators.specs import SequentialExtendedSpec, SequentialUnscentedSpec
+
+__all__ = ["SequentialExtended", "SequentialUnscented"]
+
+
+class SequentialUnscented:
+    """FilterPy's scaled unscented filter [1]_ (see the module).
+
+    Parameters
+    ----------
+    spec : SequentialUnscentedSpec
+        Its parameters.
+    """
+
+    def __init__(self, spec: SequentialUnscentedSpec) -> None:
+        self.spec = spec
+
+    def predict(
+        self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
+    ) -> Belief:
+        """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
+        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
+        made = []
+        for k in range(len(belief.t_s)):
+            own, case = slice(k, k + 1), np.array([k])
+
+            def forward(x: Array, dt: float, own: slice = own, case: Any = case) -> Array:
+                return model.advance(
+                    x[:, None], belief.t_s[own], t_to_s[own], control[:, own], case
+                )[:, 0]
+
+            one = self._filter(belief, k, 1)
+            one.Q = noise[k] @ noise[k].T
+            one.predict(dt=float(t_to_s[k] - belief.t_s[k]), fx=forward)
+            made.append((one.x, one.P))
+        return _joined(made, t_to_s)
+
+    def update(
+        self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
+    ) -> tuple[Belief, Innovation]:
+        """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
+
+        def updated(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
+            one = self._filter(belief, k, len(z))
+            one.sigmas_f = one.points_fn.sigma_points(one.x, one.P)
+            one.update(z, R=R, hx=offs)
+            return one
+
+        return _updated(model, belief, measurements, updated)
+
+    def _filter(self, belief: Belief, k: int, rows: int) -> Any:
+        kalman, n, spec = _filterpy(), len(belief.x), self.spec
+        points = kalman.MerweScaledSigmaPoints(n, spec.alpha, spec.beta, spec.kappa)
+        one = kalman.UnscentedKalmanFilter(n, rows, 1.0, None, None, points)
+        one.x, one.P = belief.x[:, k].copy(), belief.root[k] @ belief.root[k].T
+        return one
+
+
+class SequentialExtended:
+    """FilterPy's extended filter [1]_ (see the module).
+
+    Parameters
+    ----------
+    spec : SequentialExtendedSpec
+        Its parameters; it has none.
+    """
+
+    def __init__(self, spec: SequentialExtendedSpec) -> None:
+        self.spec = spec
+
+    def predict(
+        self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
+    ) -> Belief:
+        """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
+        noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
+        there, phi = transition(model, belief, t_to_s, control)
+        made = []
+        for k in range(len(belief.t_s)):
+            one = self._filter(belief, k, 1)
+            one.F, one.Q = phi[k], noise[k] @ noise[k].T
+            one.predict()
+            # the library moves the mean by F alone; the motion itself is not linear
+            made.append((there[:, k], one.P))
+        return _joined(made, t_to_s)
+
+    def update(
+        self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
+    ) -> tuple[Belief, Innovation]:
+        """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
+        layout, used = usable(measurements)
+        _, slopes = sensitivity(model, belief, layout)
+
+        def updated(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
+            one = self._filter(belief, k, len(z))
+            one.update(z, lambda x: slopes[k][used[:, k]], offs, R=R)
+            return one
+
+        return _updated(model, belief, measurements, updated)
+
+    def _filter(self, belief: Belief, k: int, rows: int) -> Any:
+        one = _filterpy().ExtendedKalmanFilter(len(belief.x), rows)
+        one.x, one.P = belief.x[:, k].copy(), belief.root[k] @ belief.root[k].T
+        return one
+
+
+def _updated(
+    model: EstimationModel,
+    belief: Belief,
+    measurements: MeasurementSet,
+    updated: Callable[[int, Callable[[Array], Array], Array, Array], Any],
+) -> tuple[Belief, Innovation]:
+    """Update case by case: `updated` takes one, what states show, what was measured and its R."""
+    if considered(model, len(belief.x)) is not None:
+        raise InputError(
+            "FilterPy's filters estimate all states, but the model has considered ones; take an "
+            "estimator of type unscented or iterated_extended"
+        )
+    layout, used = usable(measurements)
+    middle = shown(model, belief)
+    values = np.where(measurements.present, measurements.values, middle)
+    z = layout.difference(values, middle)
+    m, cases = z.shape
+    residual, nis = np.zeros((m, cases)), np.zeros(cases)
+    unit = np.where(np.isfinite(measurements.sigma), measurements.sigma, 1.0)
+    covariance = np.zeros((cases, m, m))
+    covariance[:, np.arange(m), np.arange(m)] = unit.T**2
+    made = []
+    for k in range(cases):
+        rows = np.flatnonzero(used[:, k])
+        if not rows.size:
+            made.append((belief.x[:, k], belief.root[k] @ belief.root[k].T))
+            continue
+        offs = _offs(model, belief, layout, middle, k, rows)
+        one = updated(k, offs, z[rows, k], np.diag(measurements.sigma[rows, k] ** 2))
+        made.append((one.x, one.P))
+        residual[rows, k] = one.y
+        covariance[k][np.ix_(rows, rows)] = one.S
+        nis[k] = one.y @ np.linalg.solve(one.S, one.y)
+    return _joined(made, belief.t_s), Innovation(residual, covariance, used, nis)
+
+
+def _offs(
+    model: EstimationModel, belief: Belief, layout: Layout, middle: Array, k: int, rows: Any
+) -> Callable[[Array], Array]:
+    """Return the function from a state (n,) to what it shows beside the mean, in some rows."""
+    case = np.array([k])
+
+    def offs(x: Array) -> Array:
+        z = model.observe(x[:, None], belief.t_s[k : k + 1], case)
+        return np.asarray(layout.difference(z, middle[:, k : k + 1])[rows, 0])
+
+    return offs
+
+
+def _joined(made: list[tuple[Array, Array]], t_s: Array) -> Belief:
+    covariance = np.array([P for _, P in made])
+    x = np.array([x for x, _ in made]).T
+    return Belief.of(x, 0.5 * (covariance + np.swapaxes(covariance, 1, 2)), t_s)
+
+
+def _filterpy() -> Any:
+    try:
+        return import_module("filterpy.kalman")
+    except ImportError:
+        raise InputError(
+            "estimators of types ukf and ekf need the package filterpy, which is not installed: "
+            "pip install 'filterpy>=2.0', or take type unscented or iterated_extended"
+        ) from None

@@ -1,0 +1,181 @@
+r"""Scaled sigma points and what becomes of them, all cases in one call.
+
+With λ = α²(n + κ) − n the points are x and x ± √(n + λ) S_j, S_j the columns of the covariance's
+root. Their images lie at y_0 and y_0 + e_i; with w = 1/(2(n + λ)) and ē = w Σ e_i
+
+.. math::
+
+    \bar y = y_0 + \bar e, \quad
+    P_y = w \sum_i e_i e_i^T + (β - α^2) \bar e \bar e^T.
+
+That is the scaled unscented transform [1]_ [2]_ written about the image of the mean instead of the
+mean of the images: the same numbers, but the weight of the middle point, −1/α² in size, has gone,
+and with it the digits that it costs and the covariance's doubtful sign. For β ≥ α² the right side
+is a sum of squares, whose root is found without forming it.
+
+References
+----------
+.. [1] Julier (2002), The scaled unscented transformation, American Control Conference.
+.. [2] Wan, van der Merwe (2000), The unscented Kalman filter for nonlinear estimation, eq. 15.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief
+from hillsphere.interfaces import Array, ConsiderModel, EstimationModel, Integers
+from hillsphere_estimators.differences import Layout
+
+__all__ = ["Images", "SigmaRule", "considered", "moved", "seen", "sigma_points"]
+
+
+@dataclass(frozen=True)
+class SigmaRule:
+    """Where sigma points lie and what they weigh.
+
+    Parameters
+    ----------
+    alpha, beta, kappa : float
+        α > 0, β ≥ α², κ > −n.
+    """
+
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def reach(self, n: int) -> float:
+        """Return √(n + λ), how many standard deviations out the points of n states lie."""
+        square = self.alpha**2 * (n + self.kappa)
+        if square <= 0.0:
+            raise InputError(
+                f"sigma points of {n} states need kappa > {-n}, got {self.kappa:g}; take 0"
+            )
+        return float(np.sqrt(square))
+
+
+@dataclass(frozen=True)
+class Images:
+    """Images of the sigma points of N cases, without common parts.
+
+    Parameters
+    ----------
+    middle : ndarray, shape (m, N)
+        Image of the mean.
+    shift : ndarray, shape (m, N)
+        Mean of the images less that, ē.
+    odd : ndarray, shape (N, n, m)
+        Half the differences between opposite points, √(2w)(e₊ − e₋)/2: rows that go with the
+        rows of Sᵀ. Their sum of products is what a linear map would give.
+    even : ndarray, shape (N, n + 1, m)
+        Half their sums, √(2w)(e₊ + e₋)/2, and √(β − α²) ē: what no linear map gives; it goes with
+        nothing of the states.
+    """
+
+    middle: Array
+    shift: Array
+    odd: Array
+    even: Array
+
+
+def sigma_points(belief: Belief, reach: float) -> Array:
+    """Return the sigma points (n, 2n + 1, N): the mean, n points ahead, n behind."""
+    n, cases = belief.x.shape
+    points = np.empty((n, 2 * n + 1, cases))
+    steps = reach * belief.root.transpose(1, 2, 0)
+    points[:, 0] = belief.x
+    points[:, 1 : n + 1] = belief.x[:, None] + steps
+    points[:, n + 1 :] = belief.x[:, None] - steps
+    return points
+
+
+def moved(
+    rule: SigmaRule, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
+) -> Images:
+    """Return the images of sigma points under the motion to other times.
+
+    Parameters
+    ----------
+    rule : SigmaRule
+        Where they lie.
+    model : EstimationModel
+        How states move.
+    belief : Belief
+        Of which they are points.
+    t_to_s : ndarray, shape (N,)
+        Times, s.
+    control : ndarray, shape (p, N)
+        Controls.
+
+    Returns
+    -------
+    Images
+        Of n rows.
+    """
+    n, cases = belief.x.shape
+    reach = rule.reach(n)
+    points = sigma_points(belief, reach)
+    each = 2 * n + 1
+    there = model.advance(
+        points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(t_to_s, each),
+        np.tile(control, each), _cases(each, cases),
+    ).reshape(n, each, cases)  # fmt: skip
+    return _images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
+
+
+def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout) -> Images:
+    """Return the images of sigma points under the measurements.
+
+    Parameters
+    ----------
+    rule : SigmaRule
+        Where they lie.
+    model : EstimationModel
+        What sensors show.
+    belief : Belief
+        Of which they are points.
+    layout : Layout
+        Kinds of the m rows.
+
+    Returns
+    -------
+    Images
+        Of m rows; those not measured may be anything.
+    """
+    n, cases = belief.x.shape
+    reach = rule.reach(n)
+    points = sigma_points(belief, reach)
+    each = 2 * n + 1
+    shown = model.observe(
+        points.reshape(n, -1), np.tile(belief.t_s, each), _cases(each, cases)
+    ).reshape(-1, each, cases)  # fmt: skip
+    return _images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
+
+
+def considered(model: EstimationModel, n: int) -> Array | None:
+    """Return 1 for states that measurements change and 0 for others (n,), or None if all are."""
+    if not isinstance(model, ConsiderModel):
+        return None
+    kept = np.asarray(model.considered, dtype=bool)
+    if kept.shape != (n,):
+        raise InputError(f"considered must be ({n},), one for each state, got {kept.shape}")
+    return np.where(kept, 0.0, 1.0)
+
+
+def _cases(each: int, cases: int) -> Integers:
+    return np.tile(np.arange(cases), each)
+
+
+def _images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
+    half = off.shape[1] // 2
+    ahead, behind = off[:, :half], off[:, half:]
+    odd = (ahead - behind) * (0.5 / reach)
+    both = ahead + behind
+    shift = both.sum(axis=1) * (0.5 / reach**2)
+    even = np.empty((len(middle), half + 1, middle.shape[1]))
+    even[:, :half] = both * (0.5 / reach)
+    even[:, half] = np.sqrt(rule.beta - rule.alpha**2) * shift
+    return Images(middle, shift, odd.transpose(2, 1, 0), even.transpose(2, 1, 0))

@@ -1,0 +1,136 @@
+r"""The Rauch–Tung–Striebel smoother in square-root form, linearised or by sigma points.
+
+A prediction from a belief x, P to x', P' leaves behind the gain C = Cov(x, x') P'⁻¹ and a root of
+what x' does not tell of x, W Wᵀ = P − C P' Cᵀ. Backwards from the last belief
+
+.. math::
+
+    x_s = x + C (x'_s - x'), \quad P_s = W W^T + C P'_s C^T,
+
+a sum of squares, where the usual form takes a difference [1]_ [2]_.
+
+References
+----------
+.. [1] Rauch, Tung, Striebel (1965), Maximum likelihood estimates of linear dynamic systems, AIAA
+   Journal 3(8).
+.. [2] Särkkä (2008), Unscented Rauch–Tung–Striebel smoother, IEEE Trans. Automatic Control 53(3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief
+from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.linearisation import transition
+from hillsphere_estimators.roots import lower_root, upper_triangle
+from hillsphere_estimators.sigma_points import SigmaRule, moved
+
+__all__ = ["Link", "link", "smoothed"]
+
+
+@dataclass(frozen=True)
+class Link:
+    """What ties a belief to the one predicted from it.
+
+    Parameters
+    ----------
+    predicted : Belief
+        The later one, before its measurements.
+    gain : ndarray, shape (N, n, n)
+        C.
+    rest : ndarray, shape (N, n, n)
+        W, lower triangular.
+    """
+
+    predicted: Belief
+    gain: Array
+    rest: Array
+
+
+def link(
+    model: EstimationModel,
+    belief: Belief,
+    t_to_s: Array,
+    control: Array,
+    rule: SigmaRule | None = None,
+) -> Link:
+    """Predict, and keep what a smoother needs.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        How states move.
+    belief : Belief
+        After its measurements.
+    t_to_s : ndarray, shape (N,)
+        Later times, s.
+    control : ndarray, shape (p, N)
+        Controls.
+    rule : SigmaRule, optional
+        Sigma points; without it the motion is linearised at the mean.
+
+    Returns
+    -------
+    Link
+        Its `predicted` is what the filter of that kind predicts.
+    """
+    noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
+    before = np.swapaxes(belief.root, 1, 2)
+    if rule is None:
+        x, phi = transition(model, belief, t_to_s, control)
+        odd, even = before @ np.swapaxes(phi, 1, 2), np.zeros((len(phi), 0, len(x)))
+    else:
+        images = moved(rule, model, belief, t_to_s, control)
+        x, odd, even = images.middle + images.shift, images.odd, images.even
+    cases, n = len(before), len(x)
+    k = n + even.shape[1]
+    rows = np.zeros((cases, k + noise.shape[2], 2 * n))
+    rows[:, :n, :n], rows[:, n:k, :n] = odd, even
+    rows[:, k:, :n] = np.swapaxes(noise, 1, 2)
+    rows[:, :n, n:] = before
+    upper = upper_triangle(rows)
+    own = upper[:, :n, :n]
+    gain = np.swapaxes(np.linalg.solve(own, upper[:, :n, n:]), 1, 2)
+    predicted = Belief(x, np.swapaxes(own, 1, 2), t_to_s)
+    return Link(predicted, gain, np.swapaxes(upper[:, n:, n:], 1, 2))
+
+
+def smoothed(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
+    """Return the beliefs at all times after all measurements.
+
+    Parameters
+    ----------
+    filtered : sequence of Belief
+        K beliefs, each after its own measurements.
+    links : sequence of Link
+        K − 1: from each to the next.
+
+    Returns
+    -------
+    list of Belief
+        K of them; the last is that of the filter.
+
+    Raises
+    ------
+    InputError
+        If there is not one link between any two beliefs.
+    """
+    if len(links) != len(filtered) - 1:
+        raise InputError(
+            f"smoothing {len(filtered)} beliefs needs {len(filtered) - 1} links, got {len(links)}"
+        )
+    later = filtered[-1]
+    found = [later]
+    for belief, tie in zip(filtered[-2::-1], links[::-1], strict=True):
+        step = tie.gain @ (later.x - tie.predicted.x).T[:, :, None]
+        rows = np.concatenate([tie.rest, tie.gain @ later.root], axis=2)
+        later = Belief(
+            belief.x + step[:, :, 0].T, lower_root(np.swapaxes(rows, 1, 2)), belief.t_s
+        )
+        found.append(later)
+    return found[::-1]

@@ -1,0 +1,108 @@
+"""Specs of the estimators: what a mission may write in ``[estimator.NAME]``."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import Spec, option
+
+__all__ = [
+    "BatchedUnscentedSpec",
+    "InformationSpec",
+    "IteratedExtendedSpec",
+    "SequentialExtendedSpec",
+    "SequentialUnscentedSpec",
+]
+
+_GATE = (
+    "a block of measurements is left out where it lies as improbably far off as a normal number "
+    "beyond so many standard deviations; left out: none is"
+)
+
+
+class _SigmaPointSpec(Spec):
+    """Scaled sigma points."""
+
+    alpha: float = option("scale of the sigma points", default=1.0, gt=0, le=2)
+    beta: float = option(
+        "weight of the curvature in the covariance; at least the square of alpha, 2 for normal "
+        "distributions",
+        default=2.0, ge=0, le=100,
+    )  # fmt: skip
+    kappa: float = option("second scale, above minus the number of states", default=0.0, le=1000)
+
+    @model_validator(mode="after")
+    def _positive(self) -> Self:
+        if self.beta < self.alpha**2:
+            raise PydanticCustomError(
+                "rule",
+                "{text}",
+                {"text": "must be at least alpha squared: else a covariance may be negative",
+                 "key": "beta"},
+            )  # fmt: skip
+        return self
+
+
+class BatchedUnscentedSpec(_SigmaPointSpec):
+    """An unscented Kalman filter in square-root form on all cases at once."""
+
+    examples = (
+        {},
+        {"update": "tempered", "powers": 8, "gate_sigmas": 5},
+        {"update": "iterated", "iterations": 8, "alpha": 0.5},
+    )
+
+    update: Literal["plain", "tempered", "iterated"] = option(
+        "'plain': one linear update; 'tempered': the likelihood in several powers, sigma points "
+        "drawn anew between them; 'iterated': linearised again about what comes out",
+        default="plain",
+    )
+    powers: int = option(
+        "with 'tempered': at most so many; each is so small that the curvature it sees stays below "
+        "its noise, but the last, which takes what is left",
+        default=64, ge=2, le=1000,
+    )  # fmt: skip
+    iterations: int = option("with 'iterated': at most so many", default=10, ge=1, le=200)
+    tolerance_sigmas: float = option(
+        "with 'iterated': a case rests when its mean moves by less, in standard deviations",
+        default=1e-3, gt=0,
+    )  # fmt: skip
+    gate_sigmas: float | None = option(_GATE, default=None, gt=0, le=30)
+
+
+class IteratedExtendedSpec(Spec):
+    """A damped iterated extended Kalman filter on all cases at once."""
+
+    examples = ({}, {"iterations": 30, "gate_sigmas": 5})
+
+    iterations: int = option("at most so many; 1 is the plain extended filter", default=20, ge=1)
+    tolerance_sigmas: float = option(
+        "a case rests when its mean moves by less, in standard deviations", default=1e-8, gt=0
+    )
+    gate_sigmas: float | None = option(_GATE, default=None, gt=0, le=30)
+
+
+class InformationSpec(Spec):
+    """A square-root information filter on all cases at once."""
+
+    examples = ({}, {"iterations": 30})
+
+    iterations: int = option("at most so many relinearisations", default=20, ge=1)
+    tolerance_sigmas: float = option(
+        "a case rests when its mean moves by less, in standard deviations", default=1e-8, gt=0
+    )
+
+
+class SequentialUnscentedSpec(_SigmaPointSpec):
+    """FilterPy's unscented Kalman filter, case by case."""
+
+    examples = ({}, {"alpha": 0.5, "kappa": 1})
+
+
+class SequentialExtendedSpec(Spec):
+    """FilterPy's extended Kalman filter, case by case."""
+
+    examples = ({},)

@@ -1,0 +1,360 @@
+"""Spacecraft near an asteroid that turns, in the Hill frame of its elliptic orbit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from math import cos as cosine
+from math import sin as sine
+
+import numpy as np
+
+from hillsphere.bodies import Moon
+from hillsphere.dynamics import ArrayFunction
+from hillsphere.ephemeris import anomaly_from_mean
+from hillsphere.errors import InputError
+from hillsphere.gravity import AnyGravityModel, acceleration_at, is_array_model
+from hillsphere.interfaces import (
+    Array,
+    ArraySurface,
+    Enclosed,
+    GravityModel,
+    Parameter,
+    Piecewise,
+    Scales,
+    SeriesGravity,
+    Surface,
+    Variable,
+)
+from hillsphere.symbolic import (
+    Expr,
+    Params,
+    Vec3,
+    constant,
+    dot,
+    minimum,
+    power,
+    sum_of,
+    variable,
+)
+from hillsphere.symbolic import (
+    time as symbolic_time,
+)
+from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY, moon_of, vector
+from hillsphere_plants.proximity_orbit import OrbitPoint, axes_of, body_turn, orbit_at
+from hillsphere_plants.proximity_specs import ProximitySpec
+from hillsphere_plants.tidal import tidal_acceleration
+from hillsphere_plants.turning import turning_motion
+
+__all__ = ["AU_M", "Proximity"]
+
+AU_M = 1.495978707e11
+_GRAVITY = "gravity."
+
+
+class Proximity:
+    r"""Motion of spacecraft about an asteroid, seen from the frame that turns with its orbit.
+
+    In the frame ``hill:BODY`` (x away from the Sun, y along the motion, z the orbit normal), with
+    the true anomaly f of the asteroid, its distance R from the Sun at :math:`d = (-R, 0, 0)`, each
+    spacecraft moves by [1]_
+
+    .. math::
+
+        \ddot r = \nabla U - GM\left[\frac{r-d}{|r-d|^3} + \frac{d}{R^3}\right]
+        - 2\omega\times\dot r - \dot\omega\times r - \omega\times(\omega\times r)
+        + \frac{C_R A}{m} P_0 \frac{\mathrm{au}^2}{R^2}\, \hat x + u, \quad
+        \omega = \dot f\,\hat z .
+
+    The attraction of the Sun is written without cancellation. The asteroid turns uniformly among
+    the stars; at the obliquity 0 its longitude 0 stands at the angle :math:`\varphi = \varphi_0 +
+    w t - (f - f_0)` from +x. Time counts from where the true anomaly is f₀. Spacecraft do not
+    attract each other.
+
+    Parameters
+    ----------
+    spec : ProximitySpec
+        With its references bound. Run-time parameters: ``primary_gm``, ``semi_major_axis``,
+        ``eccentricity``, ``true_anomaly`` and ``rotation_angle`` at time 0, ``rotation_rate``; for
+        each spacecraft under radiation pressure ``radiation1`` …, its C_R A/m; those of the gravity
+        model, as ``gravity.NAME``.
+
+    Raises
+    ------
+    InputError
+        If the body has no rotation rate, or its gravity or surface is a function of arrays.
+
+    References
+    ----------
+    .. [1] Schaub, H., Junkins, J. L., Analytical Mechanics of Space Systems, 2nd ed., AIAA, 2009,
+       chapter 14.
+    """
+
+    def __init__(self, spec: ProximitySpec) -> None:
+        body = moon_of(spec.body)
+        if body.rotation_rate_rad_s is None:
+            raise InputError(
+                f"proximity: body {body.name!r} has no rotation_rate; give it one "
+                "(rotation_rate_deg_d), as a body of type 'asteroid' has"
+            )
+        model: AnyGravityModel = spec.gravity.get()
+        if is_array_model(model):
+            raise InputError(
+                f"proximity needs gravity that is an expression, got a {type(model).__name__}; "
+                "take harmonics or an ellipsoid, or the plant three_body"
+            )
+        self.gravity: GravityModel = model  # type: ignore[assignment]  # just checked
+        self.spec = spec
+        self.body: Moon = body
+        self.body_name: str = body.name
+        self.spacecraft: tuple[str, ...] = tuple(
+            craft.name or f"spacecraft {i + 1}" for i, craft in enumerate(spec.spacecraft)
+        )
+        self.primary_gm_m3_s2: float = body.primary_gm_m3_s2
+        self.primary_distance_m: float = body.semi_major_axis_m
+        self.eccentricity: float = body.eccentricity
+        self.rotation_rate_rad_s: float = body.rotation_rate_rad_s
+        self.prime_meridian_rad: float = spec.rotation_angle_rad
+        self.true_anomaly_rad: float = _start(spec, body)
+        self._tilt = (cosine(body.obliquity_rad), sine(body.obliquity_rad))
+        self._radiation = [
+            craft.reflectivity * craft.area_to_mass_m2_kg * bool(spec.radiation_pressure_n_m2)
+            for craft in spec.spacecraft
+        ]
+        self._surface: Surface | None = None
+        shape = body.shape or (None if body.semi_axes_m else model)
+        if isinstance(shape, Surface):
+            self._surface = shape
+        elif isinstance(shape, ArraySurface):
+            raise InputError(
+                f"proximity needs a surface that is an expression, got a {type(shape).__name__}; "
+                "give the body semi-axes, or a shape of type ellipsoid or harmonics"
+            )
+
+    @property
+    def frame(self) -> str:
+        """``hill:BODY``."""
+        return f"hill:{self.body_name}"
+
+    @property
+    def states(self) -> tuple[Variable, ...]:
+        """Position and velocity of the first spacecraft, then of the next; x1 … if several."""
+        return self._numbered(POSITION_AND_VELOCITY)
+
+    @property
+    def controls(self) -> tuple[Variable, ...]:
+        """Three accelerations a spacecraft."""
+        return self._numbered(CONTROLS)
+
+    @property
+    def scales(self) -> Scales:
+        """Natural units of the body's rotation: (Gm/w²)^(1/3) and 1/w."""
+        rate = self.rotation_rate_rad_s
+        return Scales((self.gravity.gm_m3_s2 / rate**2) ** (1.0 / 3.0), 1.0 / rate)
+
+    @property
+    def gm_m3_s2(self) -> float:
+        """Gravitational parameter of the asteroid, m³/s²."""
+        return self.gravity.gm_m3_s2
+
+    @property
+    def semi_axes_m(self) -> tuple[float, float, float] | None:
+        """Semi-axes of the surface in the body-fixed frame, m; None if it has none."""
+        return self.body.semi_axes_m if self._surface is None else self._surface.semi_axes_m()
+
+    @property
+    def surface(self) -> Surface | None:
+        """The surface in the body-fixed frame, if it is more than `semi_axes_m`."""
+        return self._surface
+
+    @property
+    def gravity_name(self) -> str:
+        """Kind of the gravity model in words, for legends: ``"point mass"``."""
+        return " ".join(re.findall("[A-Z][a-z0-9]*", type(self.gravity).__name__)).lower()
+
+    @property
+    def series_radius_m(self) -> float | None:
+        """Radius inside which the gravity is a series without guarantee; None if it is none.
+
+        The largest radius of the surface, or without one the reference radius of the series.
+        """
+        model = self.gravity
+        series = model.series_radius_m if isinstance(model, SeriesGravity) else None
+        if series is None or self.semi_axes_m is None:
+            return series
+        if isinstance(self._surface, Enclosed):
+            return self._surface.largest_radius_m
+        return max(self.semi_axes_m)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the parameters of orbit, rotation, pressure and, prefixed, of the gravity."""
+        own = [
+            Parameter("primary_gm", self.primary_gm_m3_s2, "m3/s2", positive=True),
+            Parameter("semi_major_axis", self.primary_distance_m, "m", positive=True),
+            Parameter("eccentricity", self.eccentricity),
+            Parameter("true_anomaly", self.true_anomaly_rad, "rad"),
+            Parameter("rotation_rate", self.rotation_rate_rad_s, "rad/s", positive=True),
+            Parameter("rotation_angle", self.spec.rotation_angle_rad, "rad"),
+        ]
+        own += [
+            Parameter(f"radiation{i + 1}", value, "m2/kg")
+            for i, value in enumerate(self._radiation)
+            if value
+        ]
+        gravity = (replace(q, name=_GRAVITY + q.name) for q in self.gravity.parameters())
+        return (*own, *gravity)
+
+    def derivative(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        """Return dx/dt, SI."""
+        orbit = orbit_at(t, p)
+        rows = self._body_rows(orbit, t, p)
+        sun = (-orbit.distance, constant(0.0), constant(0.0))
+        found: list[Expr] = []
+        for i in range(len(self.spacecraft)):
+            own, command = x[6 * i : 6 * i + 6], u[3 * i : 3 * i + 3]
+            r = vector(own[:3])
+            force = acceleration_at(self.gravity, axes_of(rows, r), _of_gravity(p))
+            pull = axes_of(rows, force, back=True)
+            tide = tidal_acceleration(r, sun, orbit.distance, p["primary_gm"])
+            pushed = (sum_of([command[0], self._pressure(i, orbit, p)]), *command[1:])
+            found += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
+        return tuple(found)
+
+    def disturbances(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
+        """Return what a simple law cancels, m/s²: attraction as of a point, and pressure.
+
+        Three expressions a spacecraft, like its controls.
+        """
+        orbit = orbit_at(t, p)
+        found: list[Expr] = []
+        for i in range(len(self.spacecraft)):
+            r = x[6 * i : 6 * i + 3]
+            pull = -self._gm(p) * power(dot(r, r), -1.5)
+            found += [
+                sum_of([pull * r[0], self._pressure(i, orbit, p)]),
+                pull * r[1],
+                pull * r[2],
+            ]
+        return tuple(found)
+
+    def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
+        """Return ``impact`` (where the body has a surface), ``escape`` (where it is asked for).
+
+        Of the first spacecraft that meets it.
+        """
+        places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
+        found: dict[str, Expr] = {}
+        if self.semi_axes_m is not None:
+            rows = self._body_rows(orbit_at(t, p), t, p)
+            found["impact"] = _least([self._level(axes_of(rows, r)) for r in places])
+        if self.spec.escape_radius_m is not None:
+            far = self.spec.escape_radius_m**2
+            found["escape"] = _least([1.0 - dot(r, r) / far for r in places])
+        return found
+
+    def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
+        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        model = self.gravity
+        if not isinstance(model, Piecewise):
+            return ()
+        rows = self._body_rows(orbit_at(t, p), t, p)
+        places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
+        inner = _of_gravity(p)
+        return tuple(e for r in places for e in model.switches(axes_of(rows, r), inner))
+
+    def scene(self, t_s: Array) -> dict[str, Array]:
+        """Return what sensors take from the scene at times (N,).
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``"sun"``, shape (3, N): position of the Sun in the plant's frame, m; ``"to_body"``,
+            (3, 3, N): matrices from that frame to the body's.
+        """
+        t = np.atleast_1d(np.asarray(t_s, dtype=float))
+        table = self._surroundings(np.zeros((1, t.size)), None, t)
+        sun = np.zeros((3, t.size))
+        sun[0] = -table[0]
+        return {"sun": sun, "to_body": table[2:].reshape(3, 3, t.size)}
+
+    def anomaly(self, t_s: Array) -> Array:
+        """Return the true anomaly f (N,), rad, of the asteroid at times (N,)."""
+        t = np.atleast_1d(np.asarray(t_s, dtype=float))
+        travelled: Array = self._surroundings(np.zeros((1, t.size)), None, t)[1]
+        return self.true_anomaly_rad + travelled
+
+    def noise_sigma(self, t_s: Array) -> Array:
+        """Return the standard deviations (p, N), m/s², of the random accelerations.
+
+        One row per control: each is drawn anew at each step of a simulation and held over it.
+        """
+        t = np.atleast_1d(np.asarray(t_s, dtype=float))
+        distance = self._surroundings(np.zeros((1, t.size)), None, t)[0]
+        pressure = self.spec.radiation_pressure_n_m2 * (AU_M / distance) ** 2
+        found = np.full((3 * len(self.spacecraft), t.size), self.spec.acceleration_noise_m_s2)
+        for i, value in enumerate(self._radiation):
+            found[3 * i] = np.hypot(found[3 * i], self.spec.radiation_noise * value * pressure)
+        return found
+
+    @cached_property
+    def _surroundings(self) -> ArrayFunction:
+        """Distance of the Sun, f − f₀ and the nine elements of the turn to the body, of time."""
+        p = {q.name: constant(q.value) for q in self.parameters()}
+        orbit = orbit_at(symbolic_time, p)
+        rows = self._body_rows(orbit, symbolic_time, p)
+        flat = [e for row in rows for e in row]
+        return ArrayFunction([orbit.distance, orbit.travelled, *flat], [variable("unused")])
+
+    def _body_rows(self, orbit: OrbitPoint, t: Expr, p: Params) -> tuple[Vec3, Vec3, Vec3]:
+        return body_turn(t, p, orbit.travelled, self.body.equinox_anomaly_rad, self._tilt)
+
+    def _pressure(self, craft: int, orbit: OrbitPoint, p: Params) -> Expr:
+        """Return the acceleration of radiation pressure, away from the Sun."""
+        if not self._radiation[craft]:
+            return constant(0.0)
+        near = AU_M / orbit.distance
+        return p[f"radiation{craft + 1}"] * (self.spec.radiation_pressure_n_m2 * near * near)
+
+    def _gm(self, p: Params) -> Expr:
+        """Return the body's GM: following the parameter ``gm`` where the gravity has one."""
+        nominal = {q.name: q.value for q in self.gravity.parameters()}.get("gm")
+        if not nominal:
+            return constant(self.gm_m3_s2)
+        return p[_GRAVITY + "gm"] * (self.gm_m3_s2 / nominal)
+
+    def _level(self, place: Vec3) -> Expr:
+        if self._surface is not None:
+            return self._surface.surface(place)
+        assert self.body.semi_axes_m is not None
+        squares = [q * q / (a * a) for q, a in zip(place, self.body.semi_axes_m, strict=True)]
+        return sum_of([*squares, -1.0])
+
+    def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
+        count = len(self.spacecraft)
+        if count == 1:
+            return tuple(of_one)
+        return tuple(replace(v, name=f"{v.name}{i + 1}") for i in range(count) for v in of_one)
+
+
+def _start(spec: ProximitySpec, body: Moon) -> float:
+    """Return the true anomaly at time 0."""
+    if spec.true_anomaly_rad is not None:
+        return spec.true_anomaly_rad
+    if body.mean_anomaly_rad is None:
+        return 0.0
+    return float(anomaly_from_mean(np.array([body.mean_anomaly_rad]), body.eccentricity)[0])
+
+
+def _least(values: Sequence[Expr]) -> Expr:
+    least = values[0]
+    for value in values[1:]:
+        least = minimum(least, value)
+    return least
+
+
+def _of_gravity(p: Params) -> Params:
+    return {k.removeprefix(_GRAVITY): v for k, v in p.items() if k.startswith(_GRAVITY)}

@@ -1,0 +1,120 @@
+"""The asteroid of the plant ``proximity`` on its orbit and about its axis, as expressions of time.
+
+References
+----------
+.. [1] Vallado, D. A. (2013), Fundamentals of Astrodynamics and Applications, 4th ed., section 2.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from hillsphere.symbolic import Expr, Params, Vec3, atan2, constant, cos, kepler, power, sin, sqrt
+
+__all__ = ["OrbitPoint", "axes_of", "body_turn", "orbit_at"]
+
+
+class OrbitPoint(NamedTuple):
+    """The asteroid on its ellipse.
+
+    Parameters
+    ----------
+    distance : Expr
+        From the Sun, m.
+    rate, acceleration : Expr
+        ḟ and f̈ of the true anomaly, rad/s and rad/s².
+    travelled : Expr
+        f − f₀ since time 0, rad.
+    """
+
+    distance: Expr
+    rate: Expr
+    acceleration: Expr
+    travelled: Expr
+
+
+def orbit_at(t: Expr, p: Params) -> OrbitPoint:
+    """Return where the asteroid is on its Keplerian orbit.
+
+    Parameters
+    ----------
+    t : Expr
+        Time, s.
+    p : Params
+        ``primary_gm``, ``semi_major_axis``, ``eccentricity`` and ``true_anomaly`` at time 0.
+
+    Returns
+    -------
+    OrbitPoint
+        By Kepler's equation for the difference from time 0, which keeps all digits of a short one.
+    """
+    gm, a, e, start = (
+        p[key] for key in ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
+    )
+    root = sqrt(1.0 - e * e)
+    ratio = 1.0 + e * cos(start)
+    cos0, sin0 = (e + cos(start)) / ratio, root * sin(start) / ratio
+    mean = sqrt(gm * power(a, -3.0)) * t
+    ahead = kepler(e * sin0, e * cos0, mean)
+    c, s = cos(ahead), sin(ahead)
+    cos_e, sin_e = cos0 * c - sin0 * s, sin0 * c + cos0 * s
+    near = 1.0 - e * cos_e
+    distance = a * near
+    # f − E = 2 atan(β sin E/(1 − β cos E)) has no quadrant to choose
+    beta = e / (1.0 + root)
+    lead = 2.0 * atan2(beta * sin_e, 1.0 - beta * cos_e)
+    lead0 = 2.0 * atan2(beta * sin0, 1.0 - beta * cos0)
+    rate = sqrt(gm * a) * root / (distance * distance)
+    outward = sqrt(gm * a) * e * sin_e / distance
+    return OrbitPoint(distance, rate, -2.0 * rate * outward / distance, ahead + (lead - lead0))
+
+
+def body_turn(
+    t: Expr, p: Params, travelled: Expr, equinox: float, tilt: tuple[float, float]
+) -> tuple[Vec3, Vec3, Vec3]:
+    """Return the body's axes in the Hill frame, as rows.
+
+    Parameters
+    ----------
+    t : Expr
+        Time, s.
+    p : Params
+        ``rotation_rate``, ``rotation_angle`` at time 0 and ``true_anomaly`` there.
+    travelled : Expr
+        f − f₀, rad.
+    equinox : float
+        True anomaly at which the Sun comes north over the equator, rad.
+    tilt : tuple of float
+        Cosine and sine of the obliquity.
+
+    Returns
+    -------
+    tuple of Vec3
+        Rows of the matrix from the Hill frame to the body's: towards longitude 0, the third axis
+        completing, and the spin axis.
+    """
+    spin = p["rotation_angle"] + p["rotation_rate"] * t
+    upright, leaning = tilt
+    if not leaning:
+        c, s = cos(spin - travelled), sin(spin - travelled)
+        zero = constant(0.0)
+        return (c, s, zero), (-s, c, zero), (zero, zero, constant(1.0))
+    # by axes that do not turn: x along the common line of orbit and equator
+    start = p["true_anomaly"] - equinox
+    u, v = start + travelled, start + spin
+    cu, su, cv, sv = cos(u), sin(u), cos(v), sin(v)
+    along = (cu, -su)  # the line's components on x and y of the Hill frame
+    across = (upright * su, upright * cu, constant(leaning))
+    return (
+        (cv * along[0] + sv * across[0], cv * along[1] + sv * across[1], sv * across[2]),
+        (cv * across[0] - sv * along[0], cv * across[1] - sv * along[1], cv * across[2]),
+        (-leaning * su, -leaning * cu, constant(upright)),
+    )
+
+
+def axes_of(rows: Sequence[Vec3], r: Vec3, *, back: bool = False) -> Vec3:
+    """Return the components along the rows of a vector, or (`back`) the vector of components."""
+    table = list(zip(*rows, strict=True)) if back else list(rows)
+    x, y, z = (row[0] * r[0] + row[1] * r[1] + row[2] * r[2] for row in table)
+    return (x, y, z)

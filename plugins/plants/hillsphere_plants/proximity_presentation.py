@@ -1,0 +1,96 @@
+"""Table and figure of the reference trajectory of a formation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.products import Trajectories
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+__all__ = ["present_formation"]
+
+_COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
+_COLUMNS = [
+    Column("between", "", "from … to …"),
+    Column("least_km", "km", "least distance", 6),
+    Column("greatest_km", "km", "greatest distance", 6),
+]
+
+
+def present_formation(
+    flights: Trajectories, spacecraft: tuple[str, ...], semi_axes_m: Array | None
+) -> Presentation:
+    """Show distances and paths.
+
+    Parameters
+    ----------
+    flights : Trajectories
+        One flight, whose states are those of all spacecraft.
+    spacecraft : tuple of str
+        Their names.
+    semi_axes_m : ndarray, shape (3,), or None
+        Of the asteroid.
+
+    Returns
+    -------
+    Presentation
+        A table of distances, the paths, and the least distance of all as metric.
+    """
+    places = [flights.x[6 * i : 6 * i + 3, :, 0] for i in range(len(spacecraft))]
+    apart = {
+        f"asteroid – {name}": np.linalg.norm(r, axis=0)
+        for name, r in zip(spacecraft, places, strict=True)
+    }
+    for i, j in combinations(range(len(spacecraft)), 2):
+        apart[f"{spacecraft[i]} – {spacecraft[j]}"] = np.linalg.norm(places[i] - places[j], axis=0)
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "between": between,
+            "least_km": float(distance.min()) / 1e3,
+            "greatest_km": float(distance.max()) / 1e3,
+        }
+        for between, distance in apart.items()
+    ]
+    least = min(float(distance.min()) for distance in apart.values())
+    return Presentation(
+        metrics={"least_distance": Metric(least, "m")},
+        tables={"formation_distances": Table("Distances in the formation", _COLUMNS, rows)},
+        figures={
+            "formation_reference": Figure(
+                "Reference trajectories of the formation",
+                lambda figure: _draw(figure, places, spacecraft, semi_axes_m),
+                "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal.",
+            )
+        },
+    )
+
+
+def _draw(
+    figure: MatplotlibFigure,
+    places: list[Array],
+    spacecraft: tuple[str, ...],
+    semi_axes_m: Array | None,
+) -> None:
+    axes: Any = figure.add_subplot(projection="3d")
+    if semi_axes_m is not None:
+        lon, lat = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 41), np.linspace(-1.0, 1.0, 21))
+        ring = np.sqrt(1.0 - lat**2)
+        ball = np.array([ring * np.cos(lon), ring * np.sin(lon), lat])
+        axes.plot_surface(*(ball * semi_axes_m[:, None, None] / 1e3), color="#999999", linewidth=0)
+    for i, (name, r) in enumerate(zip(spacecraft, places, strict=True)):
+        colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
+        axes.plot(*(r / 1e3), color=colour, label=name)
+        axes.plot(*(r[:, :1] / 1e3), "o", color=colour, markerfacecolor="white")
+    for name in "xyz":
+        getattr(axes, f"set_{name}label")(f"{name} [km]", labelpad=8)
+        axes.locator_params(axis=name, nbins=5)
+    axes.set_aspect("equal")
+    axes.legend(loc="upper left")

@@ -1,0 +1,129 @@
+"""A body's surface as sensors see it: ellipsoids, and shapes known along rays from the centre."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.bodies import Moon
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.spec import Ref
+
+__all__ = ["BodySurface"]
+
+_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+_STEP = 1e-5
+
+
+@runtime_checkable
+class _Radial(Protocol):
+    def radius_array(self, directions: Array) -> Array:
+        """Return the distances (N,), m, of the surface along directions (3, N)."""
+        ...
+
+
+class BodySurface:
+    """The surface of a body, in its own axes.
+
+    Parameters
+    ----------
+    reference : Ref
+        To the body.
+    user : str
+        Who asks, for messages.
+
+    Raises
+    ------
+    InputError
+        If the body has no surface, or one that is not known along rays.
+    """
+
+    def __init__(self, reference: Ref, user: str) -> None:
+        body: object = reference.get()
+        if not isinstance(body, Moon) or body.semi_axes_m is None:
+            raise InputError(
+                f"{user}: body {reference.name!r} has no surface; give it semi_axes_m or a shape"
+            )
+        if body.shape is not None and not isinstance(body.shape, _Radial):
+            raise InputError(
+                f"{user}: the shape of body {reference.name!r}, a {type(body.shape).__name__}, is "
+                "not known along rays from the centre; take an ellipsoid, harmonics or a grid"
+            )
+        self.semi_axes_m = np.array(body.semi_axes_m)
+        self._shape: _Radial | None = body.shape
+
+    def radius(self, directions: Array) -> Array:
+        """Return the distances (N,), m, of the surface along directions (3, N) of any length."""
+        if self._shape is not None:
+            return self._shape.radius_array(directions)
+        scaled = directions / self.semi_axes_m[:, None]
+        return np.asarray(np.sqrt(np.sum(directions**2, axis=0) / np.sum(scaled**2, axis=0)))
+
+    def grid(self, points: int) -> tuple[Array, Array, Array]:
+        """Return a grid whose points see equal solid angles from the centre.
+
+        Parameters
+        ----------
+        points : int
+            Number M of points (a spiral of golden angles).
+
+        Returns
+        -------
+        places : ndarray, shape (3, M)
+            m.
+        normals : ndarray, shape (3, M)
+            Outward, unit length.
+        areas : ndarray, shape (M,)
+            Of the surface that each stands for, m².
+        """
+        k = np.arange(points) + 0.5
+        z = 1.0 - 2.0 * k / points
+        ring, turn = np.sqrt(1.0 - z * z), _GOLDEN * k
+        out = np.array([ring * np.cos(turn), ring * np.sin(turn), z])
+        radius = self.radius(out)
+        normals = self._normals(out, radius)
+        facing = np.maximum(np.sum(out * normals, axis=0), 1e-3)
+        return out * radius, normals, radius**2 * (4.0 * np.pi / points) / facing
+
+    def ray(self, origin: Array, direction: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return where rays first meet the ellipsoid of the semi-axes.
+
+        Parameters
+        ----------
+        origin, direction : ndarray, shape (3, N)
+            In the body's axes, m; directions of unit length.
+
+        Returns
+        -------
+        distance : ndarray, shape (N,)
+            m; for a ray that misses, to where it comes nearest in the scaled space.
+        met : ndarray of bool, shape (N,)
+            Whether it meets it ahead.
+        """
+        axes = self.semi_axes_m.reshape(3, *(1,) * (direction.ndim - 1))
+        o, d = origin / axes, direction / axes
+        a, b = np.sum(d * d, axis=0), np.sum(o * d, axis=0)
+        c = np.sum(o * o, axis=0) - 1.0
+        inside = b * b - a * c
+        distance = (-b - np.sqrt(np.maximum(inside, 0.0))) / a
+        return np.asarray(distance), np.asarray((inside >= 0.0) & (distance > 0.0))
+
+    @property
+    def is_ellipsoid(self) -> bool:
+        """Whether the semi-axes are all there is to the surface."""
+        return self._shape is None or type(self._shape).__name__ == "EllipsoidShape"
+
+    def _normals(self, out: Array, radius: Array) -> Array:
+        if self.is_ellipsoid:
+            found = out * radius / self.semi_axes_m[:, None] ** 2
+        else:  # of the level |p| − R(p), by differences
+            found = out.copy()
+            for axis in range(3):
+                step = np.zeros((3, 1))
+                step[axis] = _STEP
+                slope = (self.radius(out + step) - self.radius(out - step)) / (2.0 * _STEP)
+                found[axis] -= slope / radius
+        return np.asarray(found / np.linalg.norm(found, axis=0))

@@ -1,0 +1,189 @@
+"""What sensors of spacecraft have in common: whose states, when there is a measurement, errors."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere_sensors.spacecraft_specs import SpacecraftSensorSpec
+
+__all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated"]
+
+Booleans = NDArray[np.bool_]
+
+_SAME_TIME_S = 1e-6
+
+
+class SpacecraftSensor(ABC):
+    """A sensor whose rows have noise and constant biases, at times when it is available.
+
+    A subclass says what is true (`_true`), where there is something to see (`_sees`), how large the
+    errors are (`_sigmas`, `_bias_sigmas`). A row's noise is normal; that of an outlier is greater
+    by a factor.
+
+    Parameters
+    ----------
+    spec : SpacecraftSensorSpec
+        Its parameters.
+    channels : tuple of Channel
+        What it measures.
+    """
+
+    def __init__(self, spec: SpacecraftSensorSpec, channels: tuple[Channel, ...]) -> None:
+        self.common = spec
+        self.channels = channels
+        self._rows = sum(channel.rows for channel in channels)
+        self._dropout = _threshold(spec.dropout_probability)
+        self._outlier = _threshold(spec.outlier_probability)
+
+    @property
+    def draws(self) -> tuple[int, int]:
+        """A bias for each row; noise for each row, a dropout and an outlier."""
+        return self._rows, self._rows + 2
+
+    def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return what a perfect sensor shows; see `hillsphere.interfaces.Sensor`."""
+        return self._true(np.asarray(x, float), np.asarray(t_s, float), scene)
+
+    def visible(self, x: Array, t_s: Array, scene: Scene) -> Booleans:
+        """Say where there is something to measure."""
+        times = np.asarray(t_s, float)
+        return self._available(times) & self._sees(np.asarray(x, float), times, scene)
+
+    def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return the standard deviations of the noise (m, N), outliers left out."""
+        true = self.observe(x, t_s, scene)
+        return np.array(np.broadcast_to(self._sigmas(true), true.shape))
+
+    def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
+        """Return what is measured; NaN where nothing is.
+
+        The rows of `constant` are the biases; those of `noise` the noise of each row, dropout and
+        outlier.
+        """
+        true = self.observe(x, t_s, scene)
+        m = self._rows
+        grown = np.where(noise[m + 1] < self._outlier, self.common.outlier_factor, 1.0)
+        off = self._sigmas(true) * noise[:m] * grown + self._bias_sigmas(true) * constant
+        missing = ~self.visible(x, t_s, scene) | (noise[m] < self._dropout)
+        return np.where(missing, np.nan, self._with_errors(true, off))
+
+    @abstractmethod
+    def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return the true values (m, N)."""
+
+    @abstractmethod
+    def _sigmas(self, true: Array) -> Array:
+        """Return the standard deviations of the noise, (m, N) or (m, 1)."""
+
+    @abstractmethod
+    def _bias_sigmas(self, true: Array) -> Array:
+        """Return the standard deviations of the biases, (m, N) or (m, 1)."""
+
+    def _sees(self, x: Array, t_s: Array, scene: Scene) -> Booleans:
+        """Say where geometry allows a measurement."""
+        return np.ones(np.shape(t_s), dtype=bool)
+
+    def _with_errors(self, true: Array, off: Array) -> Array:
+        """Return true values with errors; angles stay within [−π, π)."""
+        shown = true + off
+        row = 0
+        for channel in self.channels:
+            if channel.kind == "angle":
+                shown[row] = np.remainder(shown[row] + np.pi, 2.0 * np.pi) - np.pi
+            row += channel.rows
+        return shown
+
+    def _available(self, t_s: Array) -> Booleans:
+        spec = self.common
+        there = np.ones(t_s.shape, dtype=bool)
+        if spec.period_s:
+            away = np.abs(np.remainder(t_s + 0.5 * spec.period_s, spec.period_s))
+            there &= np.abs(away - 0.5 * spec.period_s) <= _SAME_TIME_S
+        for begin, end in spec.outages_s:
+            there &= (t_s < begin) | (t_s > end)
+        return there
+
+    def _states(self, x: Array, number: int) -> Array:
+        """Return the six rows of a spacecraft, from 1."""
+        rows = x[6 * (number - 1) : 6 * number]
+        if rows.ndim != 2 or rows.shape[0] != 6:
+            raise InputError(
+                f"{type(self).__name__}: spacecraft {number} needs rows {6 * number - 5} to "
+                f"{6 * number} of the states, which are {x.shape}"
+            )
+        return rows
+
+    def _from(self, scene: Scene, name: str, shape: tuple[int, ...], t_s: Array) -> Array:
+        """Return an array of the scene, shape (…, N) or (…, 1)."""
+        if name not in scene:
+            raise InputError(
+                f"{type(self).__name__}: the scene lacks {name!r}; it has: "
+                f"{', '.join(sorted(scene)) or 'nothing'}"
+            )
+        found = np.asarray(scene[name], dtype=float)
+        if found.shape[:-1] != shape or found.shape[-1] not in (1, t_s.size):
+            wanted = ", ".join(map(str, (*shape, t_s.size)))
+            raise InputError(
+                f"{type(self).__name__}: the scene's {name!r} must be ({wanted}), got {found.shape}"
+            )
+        return found
+
+    def _boresight(self, scene: Scene, t_s: Array) -> Array:
+        """Return where the spacecraft is commanded to look, (3, N) or (3, 1), any length."""
+        if "boresight" in scene:
+            crafts = np.shape(scene["boresight"])[:1]
+            if crafts and crafts[0] < self.common.spacecraft:
+                raise InputError(
+                    f"{type(self).__name__}: the scene's 'boresight' is that of {crafts[0]} "
+                    f"spacecraft, number {self.common.spacecraft} is asked for"
+                )
+            found = self._from(scene, "boresight", (*crafts, 3), t_s)
+            return np.asarray(found[self.common.spacecraft - 1])
+        return self._from(scene, "boresight", (1, 3), t_s)
+
+
+def line_of_sight_frame(boresight: Array) -> Array:
+    """Return the axes (3, 3, N), as rows, of what looks along boresights (3, N).
+
+    The third is the boresight, the first z × boresight (level with the frame's xy plane), the
+    second completes them.
+
+    Raises
+    ------
+    InputError
+        If a boresight is along z.
+    """
+    size = np.sqrt(np.sum(boresight**2, axis=0))
+    level = np.hypot(boresight[0], boresight[1])
+    if not (level > 1e-12 * size).all():
+        raise InputError("a boresight along ±z leaves open which way is up: turn it off the axis")
+    z = boresight / size
+    x = np.array([-boresight[1], boresight[0], np.zeros_like(level)]) / level
+    y = np.array(
+        [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
+    )
+    return np.array([x, y, z])
+
+
+def rotated(matrices: Array, vectors: Array) -> Array:
+    """Return matrices (3, 3, N or 1) times vectors (3, …, N)."""
+    parts = [
+        sum(
+            row[j].reshape((1,) * (vectors.ndim - 2) + row[j].shape) * vectors[j] for j in range(3)
+        )
+        for row in matrices
+    ]
+    return np.array(parts)
+
+
+def _threshold(probability: float) -> float:
+    """Return below which number a normal one falls with this probability."""
+    if probability in (0.0, 1.0):
+        return np.inf if probability else -np.inf
+    return NormalDist().inv_cdf(probability)

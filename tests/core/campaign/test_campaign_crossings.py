@@ -1,0 +1,53 @@
+"""Where failures exceed a threshold along a sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hillsphere.campaign.crossings import crossing_table, crossings
+from hillsphere.products import CaseTable
+
+SCALES = np.array([1.0, 2.0, 3.0, 4.0])
+
+
+def swept(shares: list[list[int]], cases: int = 1000) -> CaseTable:
+    """Return a sweep over two laws and four scales; so many of the cases of each point fail."""
+    laws, scales = len(shares), len(SCALES)
+    points = np.array([np.repeat(np.arange(laws), scales), np.tile(SCALES, laws)], dtype=float)
+    point = np.repeat(np.arange(laws * scales), cases)
+    number = np.tile(np.arange(cases), laws * scales)
+    failed = number < np.array(shares).ravel()[point]
+    n = point.size
+    return CaseTable(
+        stage="descent", design="grid", planned=n, stopped="", case=np.arange(n), draw=number,
+        point=point, inputs=(), input_units=(), input_values=np.zeros((0, n)), metrics=(),
+        units=(), values=np.zeros((0, n)), status=np.where(failed, "impact", "completed"),
+        cause=np.full(n, ""), failed=failed, message_case=np.zeros(0, dtype=np.int64), messages=(),
+        swept=("stage.d.follow", "dispersions.field.scale"), swept_units=("", "-"), points=points,
+        point_labels=tuple(
+            f"stage.d.follow = rt{i + 1}, dispersions.field.scale = {s:g}"
+            for i in range(laws) for s in SCALES
+        ),
+    )  # fmt: skip
+
+
+def test_the_first_crossing_is_between_the_points_beside_it() -> None:
+    along, found = crossings(swept([[0, 5, 25, 400], [0, 0, 0, 0], [30, 40, 0, 90]]), 0.01, 0.95)
+    assert along == "dispersions.field.scale"
+    assert [one.others for one in found] == [f"stage.d.follow = rt{i}" for i in (1, 2, 3)]
+    assert found[0].value == pytest.approx(2.25)  # .005 at 2, .025 at 3
+    assert found[0].surely_below == 1.0  # 5 of 1000 may be more than 1 %
+    assert found[0].surely_above == 3.0
+    assert found[1].value == np.inf
+    assert found[1].surely_below == 4.0
+    assert np.isnan(found[2].value)
+    assert np.isnan(found[2].surely_below)
+
+
+def test_table_says_what_no_number_can() -> None:
+    table = crossing_table(swept([[0, 0, 0, 0], [30, 40, 0, 90]]), 0.01, 0.95)
+    assert table is not None
+    assert [row["said"] for row in table.rows] == [
+        "never in this sweep", "from the first point on"
+    ]  # fmt: skip
