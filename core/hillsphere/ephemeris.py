@@ -114,12 +114,10 @@ class KeplerOrbit:
 def anomaly_from_mean(mean_rad: Array, eccentricity: float | Array) -> Array:
     """Return the true anomaly f (N,), rad, in the same revolution as the mean anomaly M (N,)."""
     mean, e = np.broadcast_arrays(np.asarray(mean_rad, float), np.asarray(eccentricity, float))
-    eccentric = mean + _difference(e * 0.0, e, mean) - _whole(mean)
+    eccentric = _difference(e * 0.0, e, mean)
     beta = e / (1.0 + np.sqrt(1.0 - e * e))
     sine, cosine = np.sin(eccentric), np.cos(eccentric)
-    return np.asarray(
-        _whole(mean) + eccentric - mean + 2.0 * np.arctan2(beta * sine, 1.0 - beta * cosine)
-    )
+    return np.asarray(eccentric + 2.0 * np.arctan2(beta * sine, 1.0 - beta * cosine))
 
 
 def states_of_elements(elements: Array, gm_m3_s2: float) -> Array:

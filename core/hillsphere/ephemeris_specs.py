@@ -1,4 +1,4 @@
-"""Spec of the body ``solar_orbit``: a planet or a spacecraft on a Keplerian orbit around the Sun."""
+"""Spec of the body ``solar_orbit``: a planet on a Keplerian orbit around the Sun."""
 
 from __future__ import annotations
 

@@ -23,10 +23,10 @@ from hillsphere.errors import InputError
 
 __all__ = [
     "Expr", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2", "constant", "cos",
-    "cross", "dot", "exp", "gradient", "greater", "is_zero", "jacobian", "kepler", "less", "log",
-    "matvec", "maximum", "minimum", "norm", "parameter", "parameter_names", "pi", "power",
-    "product", "select", "sin", "spherical_harmonics_potential", "sqrt", "substitute", "sum_of",
-    "tan", "time", "variable", "variable_names", "variables",
+    "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater", "is_zero", "jacobian",
+    "kepler", "less", "log", "matvec", "maximum", "minimum", "norm", "parameter", "parameter_names",
+    "pi", "power", "product", "select", "sin", "spherical_harmonics_potential", "sqrt",
+    "substitute", "sum_of", "tan", "time", "variable", "variable_names", "variables",
 ]  # fmt: skip
 
 
@@ -150,6 +150,16 @@ def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
     within = cast(Expr, _hy.kepDE(s, c, m))
     # The engine's D is in [0, 2π); the equation itself gives the one that belongs to M.
     return m + c * sin(within) - s * (1.0 - cos(within))
+
+
+def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
+    """Solve Kepler's equation E − e sin E = M for E, 0 ≤ e < 1; in the revolution of M.
+
+    Unlike `kepler` it is known to the Taylor propagator.
+    """
+    e, m = _as_expr(eccentricity), _as_expr(mean)
+    # The engine's E is in [0, 2π); the equation itself gives the one that belongs to M.
+    return m + e * sin(cast(Expr, _hy.kepE(e, m)))
 
 
 def power(x: Scalar, exponent: float) -> Expr:

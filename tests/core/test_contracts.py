@@ -147,11 +147,26 @@ def test_guidance(type_: str, number: int) -> None:
 
 @pytest.mark.parametrize(("type_", "number"), of_kind("sensor"))
 def test_sensor(type_: str, number: int) -> None:
-    # Satellites of low orbits all around the Earth, of which every station sees some.
-    t_s = np.linspace(0.0, 1e5, 300)
-    x = np.concatenate([directions(300) * 7.5e6, directions(300) * 7e3])
+    # Low orbits all around a body, the Earth or an asteroid, two spacecraft near each other; of
+    # the first every station sees some.
+    count = 300
+    t_s = np.linspace(0.0, 1e5, count)
+    x = np.concatenate([directions(count) * 7.5e6, directions(count) * 7e3])
+    second = x + np.concatenate([directions(count, 8) * 1e3, np.zeros((3, count))])
     turned = earth_fixed("teme", Epoch.parse("2020-01-01", "UTC"), t_s)
-    check_sensor(example("sensor", type_, number), x, t_s, {"earth_fixed": turned})
+    scene = {
+        "earth_fixed": turned,
+        "to_body": turned,
+        "sun": directions(count, 9) * 1.5e11,
+        "boresight": np.stack([-x[:3], -second[:3]]) + directions(count, 10) * 1e4,
+        "attitude": np.stack([directions(count, 11), directions(count, 12)]) * 1e-3,
+        "origin": np.concatenate([directions(count, 13) * 1.5e11, directions(count, 14) * 2e4]),
+        "axes": turned,
+        "rate": np.array([[0.0], [0.0], [2e-7]]),
+        "earth": np.concatenate([directions(count, 15) * 1.5e11, directions(count, 16) * 3e4]),
+        "earth_axes": turned,
+    }
+    check_sensor(example("sensor", type_, number), np.concatenate([x, second]), t_s, scene)
 
 
 @pytest.mark.parametrize(("type_", "number"), of_kind("estimator"))

@@ -128,14 +128,14 @@ class _Kit:
     def check_linear(self) -> None:
         """Compare with the Kalman filter where that is exact."""
         model, random = _Direct(), np.random.default_rng(4)
-        _, belief, _ = _scenario()
+        truth, belief, _ = _scenario()
         x, P = belief.x.T.copy(), belief.covariance
         F = np.eye(4) + _PERIOD * np.eye(4, k=2)
         H = np.eye(4)[[0, 3]]
         R = np.diag([9.0, 0.01])
         G = model.process_noise(belief.x, np.zeros(_CASES), np.full(_CASES, _PERIOD), _NOTHING)
         for k in range(_STEPS):
-            z = H @ belief.x + np.sqrt(np.diag(R))[:, None] * random.normal(size=(2, _CASES))
+            z = H @ truth[k] + np.sqrt(np.diag(R))[:, None] * random.normal(size=(2, _CASES))
             t_s = np.full(_CASES, k * _PERIOD)
             if k:
                 belief = self._ahead(model, belief, t_s)

@@ -73,7 +73,8 @@ def chi_square_band(dof: ArrayLike, runs: ArrayLike = 1, probability: float = 0.
         raise InputError(f"probability must lie between 0 and 1, got {probability:g}")
     tail = 0.5 * (1.0 - probability)
     total = np.multiply(dof, runs)
-    return np.array([chi2.ppf(tail, total), chi2.isf(tail, total)]) / runs
+    ends = np.array([chi2.ppf(tail, total), chi2.isf(tail, total)])
+    return np.asarray(ends / np.asarray(runs, dtype=float), dtype=float)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Linearise, solve, repeat: the most probable states by Gauss's and Newton's method, damped.
 
 What is made least is |S⁻¹(x − x̄)|² + |ν(x)|², S the root of the prior covariance and ν what was
-measured minus what x would show, in units of the noise. A step that does not lessen it is halved.
+measured minus what x would show, in units of the noise. Long steps that do not lessen it are halved.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from hillsphere_estimators.innovations import Expected, whitened
 from hillsphere_estimators.linearisation import sensitivity, shown
 from hillsphere_estimators.resting import distance, rested
 
-__all__ = ["Solver", "expected_by_slopes", "settled"]
+__all__ = ["HALVINGS", "SHORT", "Solver", "expected_by_slopes", "settled"]
 
 Solver: TypeAlias = Callable[[Belief, Array, Expected], Belief]
 """Prior, the states (n, N) about which is linearised, and the measurements beside what these
 would show, with the rows of `linear` the transposed derivatives; to the belief that solves it."""
 
-_HALVINGS = 30
-_NOTHING = 1e-12
-"""Relative rise of the sum of squares that rounding explains."""
+HALVINGS = 30
+SHORT = 0.1
+"""Steps shorter than this, in standard deviations, are never halved: what they make of the sum of
+squares may drown in its rounding."""
 
 
 def expected_by_slopes(
@@ -88,19 +89,20 @@ def settled(
     for _ in range(iterations):
         expected = expected_by_slopes(model, now, layout, measurements, used)
         there = solve(prior, now.x, expected)
-        still = moving & (distance(there, now) > tolerance)
-        if damped and iterations > 1 and still.any():
+        far = distance(there, now)
+        long = moving & (far > SHORT)
+        if damped and iterations > 1 and long.any():
             before = _squares(prior, now.x, expected.residual)
 
             def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
                 z = shown(model, Belief(x, prior.root, prior.t_s))
                 none = np.zeros((len(prior.t_s), 0, layout.rows))
                 off = whitened(layout, measurements, used, z, 0.0, none, none).residual
-                return ~(_squares(prior, x, off) <= limit * (1.0 + _NOTHING))
+                return ~(_squares(prior, x, off) <= limit)
 
-            there = _shortened(now, there, still, rises)
+            there = _shortened(now, there, long, rises)
         now = rested(moving, there, now)
-        moving = still
+        moving &= far > tolerance
         if not moving.any():
             break
     return now
@@ -115,7 +117,7 @@ def _shortened(
     """Halve the steps of cases that would raise the sum of squares."""
     share = np.ones(len(now.t_s))
     x = there.x
-    for _ in range(_HALVINGS):
+    for _ in range(HALVINGS):
         bad = moving & rises(x)
         if not bad.any():
             break

@@ -159,10 +159,10 @@ def considered(model: EstimationModel, n: int) -> Array | None:
     """Return 1 for states that measurements change and 0 for others (n,), or None if all are."""
     if not isinstance(model, ConsiderModel):
         return None
-    kept = np.asarray(model.considered, dtype=bool)
-    if kept.shape != (n,):
-        raise InputError(f"considered must be ({n},), one for each state, got {kept.shape}")
-    return np.where(kept, 0.0, 1.0)
+    held = np.asarray(model.considered, dtype=bool)
+    if held.shape != (n,):
+        raise InputError(f"considered must be ({n},), one for each state, got {held.shape}")
+    return np.where(held, 0.0, 1.0) if held.any() else None
 
 
 def _cases(each: int, cases: int) -> Integers:

@@ -129,8 +129,6 @@ def smoothed(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
     for belief, tie in zip(filtered[-2::-1], links[::-1], strict=True):
         step = tie.gain @ (later.x - tie.predicted.x).T[:, :, None]
         rows = np.concatenate([tie.rest, tie.gain @ later.root], axis=2)
-        later = Belief(
-            belief.x + step[:, :, 0].T, lower_root(np.swapaxes(rows, 1, 2)), belief.t_s
-        )
+        later = Belief(belief.x + step[:, :, 0].T, lower_root(np.swapaxes(rows, 1, 2)), belief.t_s)
         found.append(later)
     return found[::-1]

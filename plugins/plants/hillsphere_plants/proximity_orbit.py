@@ -10,7 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from hillsphere.symbolic import Expr, Params, Vec3, atan2, constant, cos, kepler, power, sin, sqrt
+from hillsphere.symbolic import (
+    Expr,
+    Params,
+    Vec3,
+    atan2,
+    constant,
+    cos,
+    eccentric_anomaly,
+    power,
+    sin,
+    sqrt,
+)
+from hillsphere_plants.rotation import mean_anomaly
 
 __all__ = ["OrbitPoint", "axes_of", "body_turn", "orbit_at"]
 
@@ -47,27 +59,22 @@ def orbit_at(t: Expr, p: Params) -> OrbitPoint:
     Returns
     -------
     OrbitPoint
-        By Kepler's equation for the difference from time 0, which keeps all digits of a short one.
+        By Kepler's equation.
     """
     gm, a, e, start = (
         p[key] for key in ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
     )
+    mean = mean_anomaly(start, e)[0] + sqrt(gm * power(a, -3.0)) * t
+    eccentric = eccentric_anomaly(e, mean)
+    c, s = cos(eccentric), sin(eccentric)
     root = sqrt(1.0 - e * e)
-    ratio = 1.0 + e * cos(start)
-    cos0, sin0 = (e + cos(start)) / ratio, root * sin(start) / ratio
-    mean = sqrt(gm * power(a, -3.0)) * t
-    ahead = kepler(e * sin0, e * cos0, mean)
-    c, s = cos(ahead), sin(ahead)
-    cos_e, sin_e = cos0 * c - sin0 * s, sin0 * c + cos0 * s
-    near = 1.0 - e * cos_e
-    distance = a * near
-    # f − E = 2 atan(β sin E/(1 − β cos E)) has no quadrant to choose
     beta = e / (1.0 + root)
-    lead = 2.0 * atan2(beta * sin_e, 1.0 - beta * cos_e)
-    lead0 = 2.0 * atan2(beta * sin0, 1.0 - beta * cos0)
+    # f − E = 2 atan(β sin E/(1 − β cos E)) has no quadrant to choose
+    anomaly = eccentric + 2.0 * atan2(beta * s, 1.0 - beta * c)
+    distance = a * (1.0 - e * c)
     rate = sqrt(gm * a) * root / (distance * distance)
-    outward = sqrt(gm * a) * e * sin_e / distance
-    return OrbitPoint(distance, rate, -2.0 * rate * outward / distance, ahead + (lead - lead0))
+    outward = sqrt(gm * a) * e * s / distance
+    return OrbitPoint(distance, rate, -2.0 * rate * outward / distance, anomaly - start)
 
 
 def body_turn(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hillsphere.bodies import Moon
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.shapes.ellipsoid import EllipsoidShape
 from hillsphere.spec import Ref
 
 __all__ = ["BodySurface"]
@@ -114,7 +115,7 @@ class BodySurface:
     @property
     def is_ellipsoid(self) -> bool:
         """Whether the semi-axes are all there is to the surface."""
-        return self._shape is None or type(self._shape).__name__ == "EllipsoidShape"
+        return self._shape is None or isinstance(self._shape, EllipsoidShape)
 
     def _normals(self, out: Array, radius: Array) -> Array:
         if self.is_ellipsoid:

@@ -165,18 +165,14 @@ def line_of_sight_frame(boresight: Array) -> Array:
         raise InputError("a boresight along ±z leaves open which way is up: turn it off the axis")
     z = boresight / size
     x = np.array([-boresight[1], boresight[0], np.zeros_like(level)]) / level
-    y = np.array(
-        [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
-    )
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
     return np.array([x, y, z])
 
 
 def rotated(matrices: Array, vectors: Array) -> Array:
     """Return matrices (3, 3, N or 1) times vectors (3, …, N)."""
     parts = [
-        sum(
-            row[j].reshape((1,) * (vectors.ndim - 2) + row[j].shape) * vectors[j] for j in range(3)
-        )
+        sum(row[j].reshape((1,) * (vectors.ndim - 2) + row[j].shape) * vectors[j] for j in range(3))
         for row in matrices
     ]
     return np.array(parts)

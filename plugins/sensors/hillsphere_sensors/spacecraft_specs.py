@@ -51,7 +51,14 @@ class CameraSpec(SpacecraftSensorSpec):
 
     examples = (
         {"body": "asteroid"},
-        {"body": "asteroid", "target": "disc", "sunlit": True, "output": "pixels", "bias_px": 1},
+        {
+            "body": "asteroid",
+            "target": "disc",
+            "points": 80,
+            "sunlit": True,
+            "output": "pixels",
+            "bias_px": 1,
+        },
     )
 
     body: Ref = reference("body", "the asteroid: gives its surface")

@@ -204,7 +204,7 @@ def test_blocks_larger_than_their_system_are_refused(tmp_path: Path) -> None:
     savemat(tmp_path / "large.mat", {"L": {"M": one, "blocks": [[5, 5]]}})
     with pytest.raises(InputError, match=r"L\.blocks close 5 outputs and 5 inputs, but"):
         load_mat(tmp_path / "large.mat")
-    with pytest.raises(InputError, match="there is no file"):
+    with pytest.raises(InputError, match="there is no such file"):
         load_mat(tmp_path / "none.mat")
     with pytest.raises(InputError, match="cannot be written"):
         save_mat(tmp_path / "none" / "one.mat", {"one": np.eye(2)})

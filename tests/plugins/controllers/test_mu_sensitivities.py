@@ -1,14 +1,12 @@
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from hillsphere.errors import ConvergenceError, InputError
+from hillsphere.errors import InputError
 from hillsphere_controllers.mu.blocks import (
     BlockStructure,
     full,
@@ -50,11 +48,12 @@ def test_zero_has_no_shares() -> None:
         sensitivities(np.zeros((2, 2)), BlockStructure([full(2)]))
 
 
-def test_blocks_that_act_one_way_have_shares_that_sum_to_one_or_none() -> None:
+def test_blocks_that_act_one_way_have_shares_that_sum_to_one() -> None:
     random = np.random.default_rng(3)
     structure = BlockStructure([repeated_complex(2), full(2), repeated_real(1)])
     for _ in range(4):
         m = np.triu(random.normal(size=(5, 5)) + 1j * random.normal(size=(5, 5)))
         m = 10.0 ** random.uniform(-4.0, 4.0, 5)[:, None] * m
-        with suppress(ConvergenceError):
-            assert_allclose(sensitivities(m, structure).sum(), 1.0, rtol=1e-3)
+        shares = sensitivities(m, structure)
+        assert_allclose(shares.sum(), 1.0, rtol=1e-9)
+        assert shares.min() >= 0.0

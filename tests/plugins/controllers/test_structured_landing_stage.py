@@ -55,6 +55,8 @@ def stage(needs: dict[str, str] | None = None, **options: Any) -> SynthesisStage
     table = {
         "needs": {"models": "m"} | (needs or {}),
         "method": "structured",
+        "outputs": ["z", "effort"],
+        "inputs": ["d", "n"],
         "structured": {"parts": [{"kind": "free"}], "starts": 1, "shaken": False} | options,
     }
     spec = validate(SynthesisSpec, table, where="stage")
@@ -106,7 +108,7 @@ def test_each_plant_by_itself_is_no_worse() -> None:
 
 
 def test_a_wider_uncertainty_decides_between_equals() -> None:
-    made = run(stage({"wider": "w"}, starts=2, tie=1e-3), None, uncertain(0.4))
+    made = run(stage({"wider": "w"}, starts=1, tie=1e-3), None, uncertain(0.4))
     assert made.search is not None
     assert made.gamma <= made.search.starts.min() * (1.0 + 2e-3)
 

@@ -165,8 +165,9 @@ def test_a_system_takes_no_text_for_names_and_no_period_but_a_number() -> None:
         LtiSystem(-one, one, one, one, inputs=text)
     with pytest.raises(InputError, match="a sampling period must be a number"):
         LtiSystem(-one, one, one, one, text)
+    turned: Any = 1j * one
     with pytest.raises(InputError, match="complex"):
-        gain(1j * one)
+        gain(turned)
 
 
 def test_frequencies_without_a_response_are_refused() -> None:

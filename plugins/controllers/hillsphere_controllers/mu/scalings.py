@@ -12,6 +12,7 @@ barrier −Σ log det F − log det D need only Z = F⁻¹, Y = M Z and R = Y M�
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,6 +162,12 @@ class Basis:
         first = np.argmax(np.abs(self.map), axis=0)
         self._at = self.rows[first], self.columns[first]
         self.of_g: NDArray[np.bool_] = first >= of_d
+
+    def at(self, fixed: float) -> Basis:
+        """Return the same parameters with another level of the indices that are not free."""
+        other = copy(self)
+        other.fixed = fixed
+        return other
 
     def levels(self, b: float) -> Array:
         """Return the diagonal (n,) of L for a level b."""

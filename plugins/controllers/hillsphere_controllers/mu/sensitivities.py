@@ -15,7 +15,7 @@ __all__ = ["sensitivities"]
 
 Complex = NDArray[np.complex128]
 
-_ROOM = 1e-6
+_ROOM = 3e-7
 """Above the least bound, relative: so near is the centre's Z to the multiplier of F."""
 
 

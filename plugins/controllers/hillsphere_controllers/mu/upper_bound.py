@@ -48,6 +48,8 @@ _MOST_STEPS = 200
 _MOST_NEWTON = 60
 _VOID = 1e-13
 _SMALLEST = 1e-150
+_ZERO = 1e-9
+"""Of the norm: rounding of entries of that norm has as much to do with a smaller µ."""
 _LONGEST = 1e2
 """Newton steps in one: without a centre, a line has no end."""
 
@@ -99,7 +101,9 @@ def upper_bound(
     -------
     UpperBound
         The bound; zero for a matrix of zeros. Infinite, in a skewed problem, if scalings do not
-        show that the other blocks alone leave I − M Δ invertible.
+        show that the other blocks alone leave I − M Δ invertible. Where µ is below some 1e-5 of the
+        norm of M, as where blocks of very different units act on each other one way, it is a bound
+        all the same, but rounding may keep the scalings from the least one.
 
     Raises
     ------
@@ -124,24 +128,22 @@ def upper_bound(
     begun = _begin(m, structure, basis, start, size)
     if begun is None:
         return UpperBound(np.inf, unscaled)
-    best, x = begun
+    best = begun
+    _, d, g = begun
     goal = -np.inf if target is None else (target / size) ** 2
-    beta2 = max(1.3 * best[0], best[0] + 1e-6)
+    beta2 = max(1.3 * best[0], best[0] + 1e-6 * _Whitened(m, basis, d, g).norm ** 2)
     for _ in range(_MOST_STEPS):
         if best[0] < (1.0 - 1e-9) * goal:
-            x = _centre(m, basis, basis.parameters(best[1], best[2]), goal)
-            d, g = basis.matrices(x)
-            centred = level(m, d, g, free, basis.fixed)
-            if centred < goal:
-                best = (centred, d, g)
+            centred = _Whitened(m, basis, best[1], best[2]).centre(goal)
+            if centred[0] < goal:
+                best = centred
             break
-        x = _centre(m, basis, x, beta2)
-        d, g = basis.matrices(x)
-        reached = level(m, d, g, free, basis.fixed)
+        found = _Whitened(m, basis, d, g).centre(beta2)
+        reached, d, g = found
         gained = best[0] - reached
-        if reached < best[0]:
-            best = (reached, d, g)
-        if best[0] <= tolerance**2 or beta2 - reached <= tolerance * abs(best[0]):
+        if gained > 0.0:
+            best = found
+        if best[0] <= _ZERO**2 or beta2 - reached <= tolerance * abs(best[0]):
             if best[0] < (1.0 - 1e-9) * goal:
                 continue
             break
@@ -179,10 +181,8 @@ def centre(
     squared = structure.squared(matrix)[None]
     size, n = float(np.linalg.norm(squared[0], 2)), structure.size
     basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
-    whole = n / np.trace(scalings.d).real
-    begun = basis.parameters(scalings.d * whole, scalings.g * (whole / size))
-    found = _centre(squared / size, basis, begun, (bound / size) ** 2, _CENTRED)
-    d, g = basis.matrices(found)
+    white = _Whitened(squared / size, basis, scalings.d, scalings.g / size)
+    _, d, g = white.centre((bound / size) ** 2, _CENTRED)
     return Scalings(d, size * g)
 
 
@@ -203,8 +203,8 @@ def upper_bounds(
 
 def _begin(
     m: Complex, structure: BlockStructure, basis: Basis, start: Scalings | None, size: float
-) -> tuple[tuple[float, Complex, Complex], Array] | None:
-    """Return a level with its scalings, and the parameters of the latter; None without one."""
+) -> tuple[float, Complex, Complex] | None:
+    """Return a level with its scalings; None without one."""
     n = basis.n
     zero = np.zeros((n, n), dtype=complex)
     d = basis.osborne(m)
@@ -224,7 +224,40 @@ def _begin(
             return None
     if not basis.free.all():
         found = _weighed(m, basis, found)
-    return found, basis.parameters(found[1], found[2])
+    return found
+
+
+class _Whitened:
+    """Matrices in coordinates in which given scalings have D = I, divided by their norm there.
+
+    A D that spans many decades, as where blocks have very different units, would otherwise be far
+    from every centre under its trace, and µ far below the norm.
+    """
+
+    def __init__(self, m: Complex, basis: Basis, d: Complex, g: Complex) -> None:
+        self.basis, self.fixed = basis, basis.fixed
+        self.root = np.linalg.cholesky(d)
+        inverse = np.linalg.inv(self.root)
+        made = self.root.conj().T @ m @ inverse.conj().T
+        self.norm = max(float(np.linalg.norm(made, 2, axis=(1, 2)).max()), 1e-300)
+        self.m = made / self.norm
+        self.g = inverse @ g @ inverse.conj().T / self.norm
+
+    def centre(
+        self, b: float, decrement_at_end: float = _DECREMENT
+    ) -> tuple[float, Complex, Complex]:
+        """Return the centre for a level b above that of the scalings, with its own level."""
+        basis = self.basis.at(self.fixed / self.norm**2)
+        x = basis.parameters(np.eye(basis.n, dtype=complex), self.g)
+        x = _centre(self.m, basis, x, b / self.norm**2, decrement_at_end)
+        d, g = basis.matrices(x)
+        reached = level(self.m, d, g, basis.free, basis.fixed)
+        root = self.root
+        return (
+            reached * self.norm**2,
+            root @ d @ root.conj().T,
+            root @ g @ root.conj().T * self.norm,
+        )
 
 
 def _weighed(

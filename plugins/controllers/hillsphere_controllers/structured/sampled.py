@@ -50,6 +50,9 @@ def synthesise_sampled(
     seed: int = 1,
     initial: Iterable[Array] = (),
     largest_gain: float | None = None,
+    controller_stable: bool = False,
+    bandwidth_rad_s: float | None = None,
+    shaken: bool = True,
     progress: Callable[[Progress], None] | None = None,
     ctx: Context | None = None,
 ) -> StructuredDesign:
@@ -62,7 +65,7 @@ def synthesise_sampled(
         response to unit impulses.
     structure : Structure
         All of whose entries are free, or a diagonal of such.
-    starts, seed, initial, largest_gain, progress, ctx
+    starts, seed, initial, largest_gain, controller_stable, bandwidth_rad_s, shaken, progress, ctx
         As for `synthesise`; parameters and gain are those of the controller's image.
 
     Returns
@@ -93,7 +96,8 @@ def synthesise_sampled(
     period = next(p for p in periods if p is not None)
     found = synthesise(
         [_image(plant, structure) for plant in many], structure, starts=starts, seed=seed,
-        initial=initial, largest_gain=largest_gain, progress=progress, ctx=ctx,
+        initial=initial, largest_gain=largest_gain, controller_stable=controller_stable,
+        bandwidth_rad_s=bandwidth_rad_s, shaken=shaken, progress=progress, ctx=ctx,
     )  # fmt: skip
     controller = discrete(found.controller, period)
     gamma = 0.0

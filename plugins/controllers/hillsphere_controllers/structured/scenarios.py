@@ -16,7 +16,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -118,9 +118,9 @@ class RobustDesign:
     scenarios : tuple of Scenario
         Those it was designed for.
     worst : Scenario
-        The worst that was found in the whole box.
+        The worst that was found in the whole box; of the scenarios, if the design was interrupted.
     each : ndarray, shape (plants,)
-        γ of the worst that was found for each plant.
+        γ of the worst that was found for each plant; NaN if the design was interrupted.
     starts : ndarray, shape (starts,)
         γ from every start, for the scenarios known when they were begun from.
     rounds : int
@@ -145,6 +145,7 @@ def synthesise_robust(
     rounds: int = 10,
     starts: int = 10,
     seed: int = 1,
+    initial: Iterable[Array] = (),
     region: PoleRegion | None = None,
     largest_gain: float | None = None,
     controller_stable: bool = False,
@@ -170,7 +171,9 @@ def synthesise_robust(
     rounds : int
         Designs at most; the first has the nominal plants only.
     starts : int
-        Of the last design; those before have up to three.
+        Of the last design; the first has up to three, those between begin at the one before.
+    initial : iterable of ndarray, shape (size,)
+        Parameters that the first design begins at, instead of random ones.
     seed, region, largest_gain, controller_stable, bandwidth_rad_s, shaken, prefer, tie
         As in `synthesise`. The region is kept in the scenarios.
     told : callable or None
@@ -193,31 +196,36 @@ def synthesise_robust(
         raise InputError(f"a robust design needs a round, got {rounds}")
     places = [(j, np.zeros(len(plant.repeats))) for j, plant in enumerate(many)]
     best: RobustDesign | None = None
-    initial: list[Array] = []
+    begun = list(initial)
     known: list[Array] = [np.zeros((0, len(plant.repeats))) for plant in many]
     whole = rounds == 1 or starts == 1  # whether this round is from all starts
     done, distribution = False, np.zeros(0)
     for count in range(1, rounds + 1):
         done = done or whole
+        searches = starts if whole else 0 if begun else min(starts, 3)
         design = synthesise(
-            [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=initial,
-            starts=starts if whole else min(starts, 3 if count == 1 else 0), region=region,
+            [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=begun,
+            starts=0 if begun and searches == 1 else searches, region=region,
             largest_gain=largest_gain, controller_stable=controller_stable,
             bandwidth_rad_s=bandwidth_rad_s, shaken=shaken and whole,
             prefer=prefer if whole else None, tie=tie, name=f"-{count}", progress=progress, ctx=ctx,
         )  # fmt: skip
         if whole or not distribution.size:
             distribution = design.starts
+        scenarios = tuple(
+            Scenario(j, delta, _gamma(many[j], norms))
+            for (j, delta), norms in zip(places, design.verified.norms, strict=True)
+        )
+        if design.interrupted:
+            highest = max(scenarios, key=lambda s: s.gamma)
+            unknown = np.full(len(many), np.nan)
+            return RobustDesign(design, scenarios, highest, unknown, design.starts, count, False)
         each = [
             worst_case(plant, design.controller, seed=seed + count, known=known[j])
             for j, plant in enumerate(many)
         ]
         found = [replace(s, plant=j) for j, those in enumerate(each) for s in those]
         worst = max(found, key=lambda s: s.gamma)
-        scenarios = tuple(
-            Scenario(j, delta, _gamma(many[j], norms))
-            for (j, delta), norms in zip(places, design.verified.norms, strict=True)
-        )
         enough = worst.gamma <= design.gamma * (1.0 + _ENOUGH)
         if told is not None:
             told(
@@ -230,10 +238,10 @@ def synthesise_robust(
         if best is None or worst.gamma < best.worst.gamma or (whole and enough):
             best = made
         best = replace(best, starts=distribution)
-        if design.interrupted or (enough and done):
+        if enough and done:
             break
         whole = not done and (enough or count == rounds - 1)
-        initial = [design.theta]
+        begun = [design.theta]
         places = [(s.plant, s.delta) for s in scenarios if s.gamma >= _CARRIED * design.gamma]
         for j in range(len(many)):
             worse = [s for s in found if s.plant == j and s.gamma > design.gamma * (1 + _VIOLATES)]

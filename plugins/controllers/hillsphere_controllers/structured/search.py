@@ -54,6 +54,8 @@ class Problem:
         Whether the controller itself is to be stable.
     bandwidth_rad_s : float or None
         About that of the loops: gives the scale of the search; None: the plants' poles do.
+    near : bool
+        Whether parameters that are given are near a minimum, so that polishing will do.
     """
 
     plants: tuple[DesignPlant, ...]
@@ -62,6 +64,7 @@ class Problem:
     largest_gain: float | None = None
     controller_stable: bool = False
     bandwidth_rad_s: float | None = None
+    near: bool = False
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,10 @@ class Search:
                 return Found(
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
-            converged = _lowered(objective, point, random, best, descended=spent > 0)
+            if self.problem.near and start.theta is not None:
+                converged = _lowered(objective, point, random, best, polish=_POLISHED)
+            else:
+                converged = _lowered(objective, point, random, best, polish=_LEFT if spent else 0)
         except (KeyboardInterrupt, Interrupted):
             if best.point is None:
                 raise
@@ -315,21 +321,21 @@ def _lowered(
     random: np.random.Generator,
     best: Best,
     *,
-    descended: bool = False,
+    polish: int = 0,
 ) -> bool:
-    """Lower a point; one that was descended already, in part of its parameters, is only polished.
+    """Lower a point; one near a minimum is only polished, in so many steps at most.
 
     Returns whether polishing ended by itself.
     """
     point = best.accepted(point)
     converged = False
     for _ in range(_PENALTIES):
-        if not descended:
+        if not polish:
             point = descend(objective, point, iterations=150, accepted=best.passed)
             point = best.accepted(point)
-        iterations = _LEFT if descended else _POLISHED
+        iterations = polish or _POLISHED
         found = polished(objective, point, accepted=best.accepted, iterations=iterations)
-        if not found.converged and not descended:
+        if not (found.converged or polish):
             point = sampled_descent(objective, found.point, random, rounds=1)
             found = polished(objective, best.accepted(point), accepted=best.accepted)
         point, converged = found.point, found.converged

@@ -158,7 +158,7 @@ def synthesise(
     starts : int
         How many: those of `initial`, one about the middle of the structure's typical parameters,
         one from the controller of full order if there is one and K is linear in the parameters, and
-        random ones; 0: those of `initial` alone.
+        random ones; 0: those of `initial` alone, which are near a minimum.
     seed : int
         Of all that is random; with it the result is the same, for any number of workers.
     initial : iterable of ndarray, shape (size,)
@@ -217,7 +217,9 @@ def synthesise(
         raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
     if bandwidth_rad_s is not None and not 0.0 < bandwidth_rad_s < np.inf:
         raise InputError(f"a bandwidth must be > 0 and finite, got {bandwidth_rad_s}")
-    problem = Problem(many, structure, region, largest_gain, controller_stable, bandwidth_rad_s)
+    problem = Problem(
+        many, structure, region, largest_gain, controller_stable, bandwidth_rad_s, near=starts == 0
+    )
     search = Search(problem)
     full = full_order(many, structure)
     least = 0.0 if full is None else full.bound

@@ -77,14 +77,14 @@ def load_mat(path: Path) -> dict[str, Content]:
         or a system has delays, a singular descriptor matrix, a period that is left open (−1), or
         another unit of time than seconds.
     """
+    if not path.is_file():
+        raise InputError(f"{path} cannot be read: there is no such file")
     try:
         found = loadmat(path, appendmat=False, chars_as_strings=True)
     except NotImplementedError:
         raise InputError(
             f"{path} is a file of MATLAB's version 7.3; save it with save(…, '-v7')"
         ) from None
-    except FileNotFoundError:
-        raise InputError(f"there is no file {path}") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error}") from error
     except Exception as error:  # scipy raises many kinds for a file that is damaged

@@ -35,6 +35,10 @@ class Analysed:
         prove on the whole of it.
     omega_rad_s, curve_lower, curve_upper : ndarray, shape (K,)
         Bounds at single frequencies, for figures; none for the worst-case gain.
+    curve_nominal : ndarray, shape (K,)
+        Largest gain of the nominal loop there; only of robust performance.
+    curve_shares : ndarray, shape (k, K)
+        Shares of the blocks there, NaN where µ is zero; (0, 0) if not computed.
     blocks : tuple of str
         Names of the blocks, performance last where it is one.
     shares : ndarray, shape (k,)
@@ -71,6 +75,8 @@ class Analysed:
     omega_rad_s: Array
     curve_lower: Array
     curve_upper: Array
+    curve_nominal: Array
+    curve_shares: Array
     blocks: tuple[str, ...]
     shares: Array
     names: tuple[str, ...]

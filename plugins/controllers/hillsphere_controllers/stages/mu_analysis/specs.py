@@ -54,6 +54,14 @@ class MuAnalysisSpec(StageSpec):
             "gap": 0.001,
             "sensitivities": False,
         },
+        {
+            "needs": {"uncertain": "uncertain", "controllers": ["design"]},
+            "models": ["*"],
+            "curves": ["*"],
+            "points": 10,
+            "analyses": ["robust_performance"],
+            "sensitivity_curves": True,
+        },
     )
 
     needs: MuNeeds = option("products of earlier stages")
@@ -77,7 +85,20 @@ class MuAnalysisSpec(StageSpec):
         "their µ may jump with the data",
         default=(0.01, 0.05), gt=0, lt=1,
     )  # fmt: skip
+    models: tuple[str, ...] = option(
+        "which of the uncertain models are analysed, by name, in which * stands for any "
+        "characters; left out: all",
+        default=(),
+    )
     sensitivities: bool = option("whether the shares of the blocks are computed", default=True)
+    sensitivity_curves: bool = option(
+        "whether those are computed at all frequencies drawn, too", default=False
+    )
+    curves: tuple[str, ...] = option(
+        "models whose bounds are drawn over frequency, as in 'models'; left out: all that are "
+        "analysed",
+        default=(),
+    )
     points: int = option("frequencies of the curves shown", default=100, ge=2, le=2000)
     reference: DataPath | None = data_path(
         "cited CSV table of published peaks, matched by 'controller'", default=None

@@ -21,6 +21,7 @@ from hillsphere_controllers.stages.synthesis.plants import restricted
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
 from hillsphere_controllers.stages.synthesis.specs import PartSpec, StructuredSpec, SynthesisSpec
 from hillsphere_controllers.structured.requirements import DesignPlant
+from hillsphere_controllers.structured.sampled import synthesise_sampled
 from hillsphere_controllers.structured.scenarios import (
     RobustDesign,
     UncertainPlant,
@@ -90,12 +91,21 @@ def by_search(
             )
             for plant, weight, label in zip(plants, weights, labels, strict=True)
         ]
-        found = synthesise(
-            alone, structure, starts=options.starts, seed=seed, region=region,
-            largest_gain=options.largest_gain, controller_stable=options.controller_stable,
-            bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, prefer=prefer,
-            tie=options.tie, progress=telling, ctx=ctx,
-        )  # fmt: skip
+        if any(plant.dt_s is not None for plant in plants):
+            _check_sampled(spec)
+            found = synthesise_sampled(
+                alone, structure, starts=options.starts, seed=seed,
+                largest_gain=options.largest_gain, controller_stable=options.controller_stable,
+                bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, progress=telling,
+                ctx=ctx,
+            )  # fmt: skip
+        else:
+            found = synthesise(
+                alone, structure, starts=options.starts, seed=seed, region=region,
+                largest_gain=options.largest_gain, controller_stable=options.controller_stable,
+                bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, prefer=prefer,
+                tie=options.tie, progress=telling, ctx=ctx,
+            )  # fmt: skip
     else:
         many = [
             replace(_uncertain_plant(spec, uncertain, j), weight=weight)
@@ -125,6 +135,19 @@ def by_search(
         found.converged, found.evaluations, own, result,
     )  # fmt: skip
     return Designed(found.controller, found.gamma, found.lower_bound, search)
+
+
+def _check_sampled(spec: SynthesisSpec) -> None:
+    """Raise an error if what is asked for is known in continuous time only."""
+    options = spec.structured
+    assert options is not None
+    for key, given in (
+        ("structured.region", options.region is not None),
+        ("structured.per_plant", options.per_plant),
+        ("needs.wider", spec.needs.wider is not None),
+    ):
+        if given:
+            raise InputError(f"{key}: it is for models in continuous time; leave it out")
 
 
 def _own(

@@ -1,0 +1,249 @@
+"""One analysis of one loop, which needs nothing of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.linear_products import UncertainModel
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.frequency import largest_gains
+from hillsphere_controllers.lft.transformation import Lft
+from hillsphere_controllers.lft.uncertainties import physical_values
+from hillsphere_controllers.mu.blocks import BlockStructure
+from hillsphere_controllers.mu.certified import CertifiedPeak
+from hillsphere_controllers.mu.robustness import (
+    Robustness,
+    complexified,
+    mu_bounds_on_grid,
+    performance_structure,
+    robust_performance,
+    robust_stability,
+)
+from hillsphere_controllers.mu.sensitivities import sensitivities
+from hillsphere_controllers.mu.upper_bound import upper_bounds
+from hillsphere_controllers.mu.worst_case_gain import worst_case_gain
+from hillsphere_controllers.stages.frequencies import frequencies
+from hillsphere_controllers.stages.mu_analysis.products import Analysed
+from hillsphere_controllers.stages.uncertain import lft_of
+
+__all__ = ["Analyses", "Piece"]
+
+_NONE: Array = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One analysis of one loop.
+
+    Parameters
+    ----------
+    loop : int
+        Number of the loop.
+    analysis : {"robust_stability", "robust_performance", "worst_case_gain"}
+        Which one.
+    model : UncertainModel
+        The loop, closed by its controller.
+    drawn : bool
+        Whether bounds over frequency are wanted.
+    """
+
+    loop: int
+    analysis: str
+    model: UncertainModel
+    drawn: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Analyses:
+    """What all of them have in common; see `hillsphere.workers.Divisible`.
+
+    Parameters
+    ----------
+    gap, size, complex_parts, sensitivities, points, sensitivity_curves
+        As of the spec.
+    grid_rad_s : ndarray, shape (K,)
+        Frequencies of what is published.
+    seed : int
+        Of the lower bounds' random starts.
+    ends : tuple of float
+        Lowest and highest frequency drawn, rad/s.
+    """
+
+    gap: float
+    size: float
+    complex_parts: tuple[float, ...]
+    sensitivities: bool
+    points: int
+    sensitivity_curves: bool
+    grid_rad_s: Array
+    seed: int
+    ends: tuple[float, float]
+
+    def prepare(self) -> Callable[[Piece], Analysed]:
+        """Return the function that analyses a loop."""
+        return self.analysed
+
+    def analysed(self, piece: Piece) -> Analysed:
+        """Return bounds with what proves them.
+
+        Parameters
+        ----------
+        piece : Piece
+            A stable loop.
+        """
+        seed = self.seed
+        lft = lft_of(piece.model)
+        structure, loop = lft.structure, lft.system
+        if piece.analysis == "worst_case_gain":
+            gain = worst_case_gain(loop, structure, size=self.size, gap=self.gap, seed=seed)
+            return _result(
+                piece, lft, gain.upper, gain.lower, gain.frequency_rad_s, gain.certified,
+                gain.values, structure, gain.delta,
+            )  # fmt: skip
+        found: Robustness
+        if piece.analysis == "robust_stability":
+            found = robust_stability(
+                loop, structure, gap=self.gap, complex_shares=self.complex_parts, seed=seed
+            )
+            whole = structure
+            p, m = structure.shape
+            loop = LtiSystem(loop.a, loop.b[:, :m], loop.c[:p], loop.d[:p, :m], loop.dt_s)
+        else:
+            found = robust_performance(loop, structure, gap=self.gap, seed=seed)
+            whole = performance_structure(loop, structure)
+        certified, worst = found.certified, found.worst
+        # a purely real µ jumps: a perturbation may show more than the bounds looked at
+        peak = certified.frequency_rad_s
+        if found.lower > certified.peak:
+            peak = found.frequency_rad_s
+        grid_peak = np.nan
+        if self.grid_rad_s.size:
+            bounds = upper_bounds(loop.response(self.grid_rad_s), whole)
+            grid_peak = max(one.value for one in bounds)
+        shares = _NONE
+        if self.sensitivities and max(certified.peak, found.lower) > 0.0:
+            shares = self._shares(loop, whole, peak)
+        return _result(
+            piece, lft, found.upper, found.lower, found.frequency_rad_s, certified,
+            worst.values if worst else {}, whole, worst.system if worst else None,
+            grid_peak=grid_peak,
+            curves=self._curves(piece, lft, loop, whole, [peak, found.frequency_rad_s]),
+            shares=shares,
+            pole=worst.pole if worst else complex(np.nan, np.nan),
+            singular=worst.singular if worst else np.nan,
+            complex_parts=np.array([one.share for one in found.complexified]),
+            complex_upper=np.array([one.upper for one in found.complexified]),
+            complex_lower=np.array([one.lower for one in found.complexified]),
+        )  # fmt: skip
+
+    def _curves(
+        self,
+        piece: Piece,
+        lft: Lft,
+        loop: LtiSystem,
+        structure: BlockStructure,
+        wanted: Sequence[float],
+    ) -> _Curves:
+        """Return bounds, and what else is wanted, over frequency."""
+        if not piece.drawn:
+            return _Curves()
+        omega = _drawn(loop, wanted, self.points, self.ends)
+        lower, upper = mu_bounds_on_grid(loop, structure, omega, seed=self.seed)
+        nominal, shares = _NONE, np.zeros((0, 0))
+        if piece.analysis == "robust_performance":
+            nominal = largest_gains(lft.nominal.response(omega))
+        if self.sensitivity_curves:
+            shares = np.full((len(structure.blocks), omega.size), np.nan)
+            for k, at in enumerate(omega):
+                with suppress(InputError):  # µ is zero there
+                    found = self._shares(loop, structure, float(at))
+                    shares[:, k] = found if found.size else np.nan
+        return _Curves(omega, lower, upper, nominal, shares)
+
+    def _shares(self, loop: LtiSystem, structure: BlockStructure, omega_rad_s: float) -> Array:
+        """Return the shares of the blocks (k,) at a frequency.
+
+        A purely real µ jumps: its shares are those with complex parts; none if there are no such.
+        """
+        omega = np.array([omega_rad_s])
+        if not structure.purely_real:
+            return sensitivities(loop.response(omega)[0], structure)
+        if not self.complex_parts:
+            return _NONE
+        wider, blocks = complexified(loop, structure, max(self.complex_parts))
+        found = sensitivities(wider.response(omega)[0], blocks)
+        return np.asarray(found.reshape(2, -1).sum(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """Over frequency: bounds, largest gains of the nominal loop, shares of the blocks."""
+
+    omega_rad_s: Array = field(default_factory=lambda: _NONE)
+    lower: Array = field(default_factory=lambda: _NONE)
+    upper: Array = field(default_factory=lambda: _NONE)
+    nominal: Array = field(default_factory=lambda: _NONE)
+    shares: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+def _result(
+    piece: Piece,
+    lft: Lft,
+    upper: float,
+    lower: float,
+    frequency_rad_s: float,
+    certified: CertifiedPeak,
+    values: dict[str, float],
+    structure: BlockStructure,
+    delta: LtiSystem | None,
+    *,
+    grid_peak: float = np.nan,
+    curves: _Curves | None = None,
+    shares: Array = _NONE,
+    pole: complex = complex(np.nan, np.nan),
+    singular: float = np.nan,
+    complex_parts: Array = _NONE,
+    complex_upper: Array = _NONE,
+    complex_lower: Array = _NONE,
+) -> Analysed:
+    drawn = curves or _Curves()
+    real = [(k, u) for k, u in enumerate(lft.uncertainties) if u.name in values]
+    small = np.array([values[u.name] for _, u in real])
+    in_units = physical_values([u for _, u in real], {u.name: values[u.name] for _, u in real})
+    physical = np.array([in_units[u.name] for _, u in real])
+    shown = certified.peak < lower < np.inf
+    return Analysed(
+        loop=piece.loop, analysis=piece.analysis, upper=float(upper), lower=float(lower),
+        peak=float(lower if shown else certified.peak),
+        peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
+        frequency_rad_s=float(frequency_rad_s), grid_peak=float(grid_peak),
+        interval_low_rad_s=np.array([one.low_rad_s for one in certified.intervals]),
+        interval_high_rad_s=np.array([one.high_rad_s for one in certified.intervals]),
+        interval_at_rad_s=np.array([one.frequency_rad_s for one in certified.intervals]),
+        interval_bound=np.array([one.bound for one in certified.intervals]),
+        omega_rad_s=drawn.omega_rad_s, curve_lower=drawn.lower, curve_upper=drawn.upper,
+        curve_nominal=drawn.nominal, curve_shares=drawn.shares,
+        blocks=tuple(b.name or str(k) for k, b in enumerate(structure.blocks)), shares=shares,
+        names=tuple(u.name for _, u in real), units=tuple(piece.model.units[k] for k, _ in real),
+        values=physical, normalised=small, delta=delta,
+        pole_re=float(pole.real), pole_im=float(pole.imag),
+        singular=float(singular), complex_parts=complex_parts, complex_upper=complex_upper,
+        complex_lower=complex_lower,
+    )  # fmt: skip
+
+
+def _drawn(loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]) -> Array:
+    """Return about so many of the frequencies of a loop, the ends of all, and those wanted."""
+    low, high = ends[0], min(ends[1], np.pi / loop.dt_s if loop.dt_s is not None else np.inf)
+    omega = frequencies([loop], more)
+    outside = np.geomspace(low, high, points)
+    omega = np.concatenate([outside[outside < omega[0]], omega, outside[outside > omega[-1]]])
+    kept = omega[np.unique(np.linspace(0, omega.size - 1, points).astype(int))]
+    wanted = [low, high, *(w for w in more if low <= w <= high)]
+    return np.unique(np.concatenate([kept, np.array(wanted, dtype=float)]))

@@ -1,0 +1,174 @@
+"""Batch least squares: the states at the start that fit a prior and all measurements best.
+
+Gauss's and Newton's method with halved steps; the motion is without process noise. Measurements
+enter one time after the other by orthogonal triangularisation, so that memory does not grow with
+their number and normal equations are never formed.
+
+References
+----------
+.. [1] Tapley, Schutz, Born (2004), Statistical orbit determination, sections 4.3 and 5.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.interfaces import Array, EstimationModel, Integers
+from hillsphere_estimators.gauss_newton import HALVINGS, SHORT, expected_by_slopes
+from hillsphere_estimators.information import information_root
+from hillsphere_estimators.innovations import usable, whitened
+from hillsphere_estimators.linearisation import shown, transition
+from hillsphere_estimators.resting import distance, rested
+from hillsphere_estimators.roots import lower_root, upper_triangle
+
+__all__ = ["Fit", "batch_least_squares"]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best fit of each case.
+
+    Parameters
+    ----------
+    belief : Belief
+        The states at the start, after all measurements.
+    squares : ndarray, shape (N,)
+        Sum of the squared residuals in units of their noise, the prior's with them: of a good fit
+        χ² with as many degrees of freedom as rows were used.
+    rows : ndarray of int, shape (N,)
+        How many rows were used.
+    iterations : ndarray of int, shape (N,)
+        Steps taken.
+    settled : ndarray of bool, shape (N,)
+        Where the last step was shorter than the tolerance.
+    """
+
+    belief: Belief
+    squares: Array
+    rows: Integers
+    iterations: Integers
+    settled: NDArray[np.bool_]
+
+
+def batch_least_squares(
+    model: EstimationModel,
+    prior: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array] | None = None,
+    *,
+    iterations: int = 30,
+    tolerance_sigmas: float = 1e-6,
+) -> Fit:
+    """Fit the states at the start of N cases.
+
+    Parameters
+    ----------
+    model : EstimationModel
+        Motion and measurements; its process noise is not used.
+    prior : Belief
+        Of the states at the start; wide where little is known.
+    measurements : sequence of MeasurementSet
+        At K times, in order.
+    controls : sequence of ndarray, shape (p, N), optional
+        K: before each time.
+    iterations : int
+        Steps at most.
+    tolerance_sigmas : float
+        A case rests when a step is shorter, in standard deviations.
+
+    Returns
+    -------
+    Fit
+        Of each case.
+
+    Raises
+    ------
+    InputError
+        If there is not one control for each time.
+    """
+    cases = len(prior.t_s)
+    if controls is None:
+        controls = [np.zeros((0, cases))] * len(measurements)
+    if len(controls) != len(measurements):
+        raise InputError(
+            f"there must be one control before each of {len(measurements)} times, got "
+            f"{len(controls)}"
+        )
+    known = information_root(prior)
+    now, moving = prior, np.ones(cases, dtype=bool)
+    count = np.zeros(cases, dtype=np.int64)
+    squares = _squares(model, prior, known, now.x, measurements, controls)
+    for _ in range(iterations):
+        there = _step(model, prior, known, now, measurements, controls)
+        far = distance(there, now)
+        share, x = np.ones(cases), there.x
+        for _ in range(HALVINGS):
+            reached = _squares(model, prior, known, x, measurements, controls)
+            bad = moving & (far > SHORT) & ~(reached <= squares)
+            if not bad.any():
+                break
+            share = np.where(bad, 0.5 * share, share)
+            x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
+        now = rested(moving, Belief(x, there.root, prior.t_s), now)
+        squares, count = np.where(moving, reached, squares), count + moving
+        moving &= far > tolerance_sigmas
+        if not moving.any():
+            break
+    rows = sum(usable(m)[1].sum(axis=0) for m in measurements)
+    return Fit(now, squares, np.asarray(rows, dtype=np.int64), count, ~moving)
+
+
+def _step(
+    model: EstimationModel,
+    prior: Belief,
+    known: Array,
+    at: Belief,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+) -> Belief:
+    """Return the solution of the problem linearised about states at the start."""
+    n, cases = at.x.shape
+    upper = np.concatenate([known, known @ (prior.x - at.x).T[:, :, None]], axis=2)
+    phi = np.broadcast_to(np.eye(n), (cases, n, n))
+    # differences take the prior's standard deviations for their steps, at every time
+    now = Belief(at.x, prior.root, prior.t_s)
+    for measured, control in zip(measurements, controls, strict=True):
+        x, step = transition(model, now, measured.t_s, control)
+        phi, now = step @ phi, Belief(x, prior.root, measured.t_s)
+        layout, used = usable(measured)
+        expected = expected_by_slopes(model, now, layout, measured, used)
+        rows = np.swapaxes(expected.linear, 1, 2) @ phi
+        more = np.concatenate([rows, expected.residual[:, :, None]], axis=2)
+        upper = upper_triangle(np.concatenate([upper, more], axis=1))
+    root, ends = upper[:, :n, :n], upper[:, :n, n:]
+    step = np.linalg.solve(root, ends)[:, :, 0]
+    inverse = np.swapaxes(np.linalg.inv(root), 1, 2)
+    return Belief(at.x + step.T, lower_root(inverse), prior.t_s)
+
+
+def _squares(
+    model: EstimationModel,
+    prior: Belief,
+    known: Array,
+    x: Array,
+    measurements: Sequence[MeasurementSet],
+    controls: Sequence[Array],
+) -> Array:
+    off = (known @ (x - prior.x).T[:, :, None])[:, :, 0]
+    total = np.sum(off**2, axis=1)
+    t_s, case = prior.t_s, np.arange(x.shape[1])
+    for measured, control in zip(measurements, controls, strict=True):
+        x = model.advance(x, t_s, measured.t_s, control, case)
+        t_s = measured.t_s
+        layout, used = usable(measured)
+        none = np.zeros((len(t_s), 0, layout.rows))
+        z = shown(model, Belief(x, prior.root, t_s))
+        residual = whitened(layout, measured, used, z, 0.0, none, none).residual
+        total = total + np.sum(residual**2, axis=1)
+    return np.asarray(total)

@@ -1,0 +1,99 @@
+r"""Covariance intersection: two beliefs of the same states, whose errors may be correlated anyhow.
+
+.. math::
+
+    P^{-1} = ω P_1^{-1} + (1 - ω) P_2^{-1}, \quad
+    x = P (ω P_1^{-1} x_1 + (1 - ω) P_2^{-1} x_2),
+
+consistent whatever the correlation, if both are [1]_. With P₁ = L Lᵀ and L⁻¹P₂L⁻ᵀ = U diag(d) Uᵀ
+all of it is diagonal in the columns of L U.
+
+References
+----------
+.. [1] Julier, Uhlmann (1997), A non-divergent estimation algorithm in the presence of unknown
+   correlations, American Control Conference.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief
+from hillsphere.interfaces import Array
+from hillsphere_estimators.roots import lower_root
+
+__all__ = ["covariance_intersection"]
+
+_BISECTIONS = 60
+
+
+def covariance_intersection(
+    first: Belief,
+    second: Belief,
+    least: Literal["determinant", "trace"] = "determinant",
+    scales: Array | None = None,
+) -> tuple[Belief, Array]:
+    """Join two beliefs of N cases.
+
+    Parameters
+    ----------
+    first, second : Belief
+        Of the same states at the same times; their covariances must be regular.
+    least : {"determinant", "trace"}
+        What of the joint covariance is made least: its determinant, which no choice of units
+        changes, or the trace in units of the scales.
+    scales : ndarray, shape (n,), optional
+        With the trace: size of one unit of each state, SI; 1 if left out.
+
+    Returns
+    -------
+    joined : Belief
+        Of both.
+    weight : ndarray, shape (N,)
+        ω, the share of the first.
+
+    Raises
+    ------
+    InputError
+        If the beliefs are not of the same states and times.
+    """
+    if first.x.shape != second.x.shape or not np.array_equal(first.t_s, second.t_s):
+        raise InputError(
+            f"beliefs to be joined must be of the same states and times, got {first.x.shape} and "
+            f"{second.x.shape}; predict the earlier one first"
+        )
+    relative = np.linalg.solve(first.root, second.root)
+    vectors, singular, _ = np.linalg.svd(relative)
+    d = singular**2
+    columns = first.root @ vectors
+    if least == "determinant":
+        share = np.ones_like(d)
+    else:
+        unit = np.ones(d.shape[1]) if scales is None else np.asarray(scales, dtype=float)
+        share = np.sum((columns / unit[:, None]) ** 2, axis=1)
+    weight = _weight(d, share, 1.0 if least == "determinant" else 2.0)
+    information = weight[:, None] + (1.0 - weight)[:, None] / d
+    joined = lower_root(np.swapaxes(columns / np.sqrt(information)[:, None], 1, 2))
+    # in the columns' coordinates both means lie at offsets; the joint one is their weighted mean
+    off = np.linalg.solve(columns, (second.x - first.x).T[:, :, None])[:, :, 0]
+    step = (1.0 - weight)[:, None] / d / information * off
+    x = first.x + (columns @ step[:, :, None])[:, :, 0].T
+    return Belief(x, joined, first.t_s), weight
+
+
+def _weight(d: Array, share: Array, power: float) -> Array:
+    """Return where Σ share (1 − 1/d)/i^power, i = ω + (1 − ω)/d, changes sign in [0, 1].
+
+    It is minus the slope of a convex function: of log det P for the power 1, of the trace for 2.
+    """
+    low, high = np.zeros(len(d)), np.ones(len(d))
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        information = middle[:, None] + (1.0 - middle)[:, None] / d
+        gain = np.sum(share * (1.0 - 1.0 / d) / information**power, axis=1)
+        rising = gain > 0.0
+        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+    return 0.5 * (low + high)

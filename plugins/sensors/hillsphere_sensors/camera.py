@@ -1,0 +1,146 @@
+"""A camera that finds an asteroid."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere_sensors.body_surface import BodySurface
+from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated
+from hillsphere_sensors.spacecraft_specs import CameraSpec
+
+__all__ = ["Camera"]
+
+_AT_ONCE = 1_000_000
+"""Points of the grid times lanes that are worked on at once."""
+
+
+class Camera(SpacecraftSensor):
+    r"""Where an asteroid stands in the image of a camera.
+
+    Its axes: z the boresight, x level (z of the states' frame × boresight), y completing. A point
+    at (x, y, z) there is seen under the angles atan(x/z) and atan(y/z), and at the pixels f x/(z p)
+    and f y/(z p) from the middle of the image, with the focal length f and the width p of a pixel,
+    which follows from field of view and resolution.
+
+    From the scene it takes ``"boresight"``, shape (S, 3, N), where each of S spacecraft is
+    commanded to look, in the states' frame; for more than the centre ``"to_body"``, (3, 3, N), the
+    matrices from that frame to the body's; and ``"sun"``, (3, N), the Sun's position, m, if only
+    what is sunlit is seen.
+
+    The grid's visible points come and go at the limb: with the target ``points`` what is measured
+    is not differentiable; with ``disc`` a point counts by the solid angle that it shows, which
+    vanishes there.
+
+    Parameters
+    ----------
+    spec : CameraSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the body has no surface.
+    """
+
+    def __init__(self, spec: CameraSpec) -> None:
+        names = ("azimuth", "elevation") if spec.output == "angles" else ("u", "v")
+        angles = spec.output == "angles"
+        super().__init__(
+            spec,
+            tuple(
+                Channel(name, "rad" if angles else "px", "angle" if angles else "linear")
+                for name in names
+            ),
+        )
+        self.spec = spec
+        self.surface = BodySurface(spec.body, "camera")
+        self._grid = self.surface.grid(spec.points)
+        half = np.tan(0.5 * spec.field_of_view_rad)
+        self.pixel_m = 2.0 * spec.focal_length_m * float(half) / spec.resolution
+        """Width of a pixel, m."""
+        self.pixels_per_slope = spec.focal_length_m / self.pixel_m
+        """Pixels from the middle of the image to where x/z is one."""
+
+    def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        u, v, ahead, _ = self._target(x, t_s, scene)
+        if self.spec.output == "angles":
+            return np.array([np.arctan2(u, ahead), np.arctan2(v, ahead)])
+        return self.pixels_per_slope * np.array([u, v]) / _forward(u, v, ahead)
+
+    def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
+        u, v, ahead, there = self._target(x, t_s, scene)
+        half = np.tan(0.5 * self.spec.field_of_view_rad)
+        return np.asarray(there & (np.maximum(np.abs(u), np.abs(v)) <= half * ahead))
+
+    def _sigmas(self, true: Array) -> Array:
+        of_pixels, attitude = self.spec.noise_px, self.spec.attitude_sigma_rad
+        if self.spec.output == "angles":
+            return np.full((2, 1), np.hypot(of_pixels / self.pixels_per_slope, attitude))
+        return np.full((2, 1), np.hypot(of_pixels, attitude * self.pixels_per_slope))
+
+    def _bias_sigmas(self, true: Array) -> Array:
+        scale = self.pixels_per_slope if self.spec.output == "angles" else 1.0
+        return np.full((2, 1), self.spec.bias_px / scale)
+
+    def _target(
+        self, x: Array, t_s: Array, scene: Scene
+    ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Return the target in the camera's axes (each (N,)), and whether there is one."""
+        spec = self.spec
+        own = self._states(x, spec.spacecraft)
+        r = own[:3]
+        if spec.target_rows:
+            r = r - self._states(x, spec.target_rows)[:3]
+        frame = line_of_sight_frame(self._boresight(scene, t_s))
+        u, v, ahead = rotated(frame, -r)
+        there = np.ones(t_s.shape, dtype=bool)
+        if spec.target == "centre":
+            return u, v, ahead, there
+        turn = self._from(scene, "to_body", (3, 3), t_s)
+        sun = self._from(scene, "sun", (3,), t_s) if spec.sunlit else None
+        # the camera's axes in those of the body
+        inside = np.einsum("ikn,jkn->ijn", *np.broadcast_arrays(frame, turn))
+        place = rotated(turn, r)
+        light = None if sun is None else np.broadcast_to(rotated(turn, sun), place.shape)
+        inside = np.broadcast_to(inside, (3, 3, t_s.size))
+        size = max(1, _AT_ONCE // self._grid[0].shape[1])
+        slopes = np.empty((2, t_s.size))
+        for first in range(0, t_s.size, size):
+            some = slice(first, first + size)
+            slopes[:, some], there[some] = self._middle(
+                place[:, some], inside[:, :, some], None if light is None else light[:, some]
+            )
+        # without anything visible: the centre
+        u, v = (np.where(there, s * ahead, c) for s, c in zip(slopes, (u, v), strict=True))
+        return u, v, ahead, there
+
+    def _middle(
+        self, place: Array, frame: Array, light: Array | None
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return x/z and y/z (2, N) of what is visible, and whether anything is.
+
+        place (3, N), frame (3, 3, N) as rows and light (3, N) are in the axes of the body.
+        """
+        points, normals, areas = self._grid
+        away = points[:, :, None] - place[:, None, :]
+        facing = -np.einsum("im,imn->mn", normals, away)
+        weight = np.maximum(facing, 0.0)
+        if self.spec.target == "points":
+            weight = (facing > 0.0).astype(float)
+        else:
+            weight *= areas[:, None] / np.sum(away * away, axis=0) ** 1.5
+        if light is not None:
+            weight *= (normals.T @ light) > 0.0
+        u, v, ahead = np.einsum("ijn,jmn->imn", frame, away)
+        weight *= ahead > 0.0
+        total = np.sum(weight, axis=0)
+        there = total > 0.0
+        over = weight / (np.where(there, total, 1.0) * np.where(ahead > 0.0, ahead, 1.0))
+        return np.array([np.sum(over * u, axis=0), np.sum(over * v, axis=0)]), there
+
+
+def _forward(u: Array, v: Array, ahead: Array) -> Array:
+    """Return how far ahead something is, kept off zero where it is at the camera's side or back."""
+    return np.asarray(np.maximum(ahead, 1e-6 * np.sqrt(u * u + v * v + ahead * ahead)))

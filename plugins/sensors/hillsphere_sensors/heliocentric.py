@@ -1,0 +1,76 @@
+"""From the states of spacecraft, in whatever frame, to heliocentric ones; and the scene for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.bodies import Moon
+from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.earth.rotation import earth_fixed
+from hillsphere.ephemeris import KeplerOrbit, from_equator, hill_axes
+from hillsphere.interfaces import Array, Scene
+from hillsphere.time import Epoch
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+
+__all__ = ["HeliocentricSensor", "heliocentric_scene"]
+
+
+class HeliocentricSensor(SpacecraftSensor):
+    """A sensor that needs to know where its spacecraft is in the Solar System.
+
+    From the scene it takes the frame of the states: ``"origin"``, shape (6, N), the heliocentric
+    state of its origin; ``"axes"``, (3, 3, N), its axes as columns in those of the heliocentric
+    states; ``"rate"``, (3, N), its angular velocity in its own axes, rad/s. For states that are
+    heliocentric themselves: zeros, the identity, zeros. `heliocentric_scene` makes them.
+    """
+
+    def _heliocentric(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return the heliocentric state (6, N) of the spacecraft."""
+        own = self._states(x, self.common.spacecraft)
+        origin = self._from(scene, "origin", (6,), t_s)
+        axes = self._from(scene, "axes", (3, 3), t_s)
+        rate = np.broadcast_to(self._from(scene, "rate", (3,), t_s), own[:3].shape)
+        speed = own[3:] + np.cross(rate, own[:3], axis=0)
+        return np.asarray(origin + np.concatenate([rotated(axes, own[:3]), rotated(axes, speed)]))
+
+
+def heliocentric_scene(
+    t_s: Array,
+    epoch: Epoch,
+    earth: KeplerOrbit,
+    asteroid: KeplerOrbit | Moon | None = None,
+    orientation: EarthOrientation = UT1_IS_UTC,
+) -> dict[str, Array]:
+    """Return the frame of the states, and the Earth, at times (N,).
+
+    Parameters
+    ----------
+    t_s : ndarray, shape (N,)
+        Seconds after the epoch.
+    epoch : Epoch
+        From which times count.
+    earth : KeplerOrbit
+        Of the Earth.
+    asteroid : KeplerOrbit or Moon, optional
+        Orbit of the asteroid in whose Hill frame the states are; left out: they are heliocentric.
+    orientation : EarthOrientation
+        Gives UT1 and polar motion.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``"origin"``, (6, N), ``"axes"``, (3, 3, N), and ``"rate"``, (3, N), see
+        `HeliocentricSensor`; ``"earth"``, (6, N): the Earth's heliocentric state; ``"earth_axes"``,
+        (3, 3, N): matrices from heliocentric to Earth-fixed axes.
+    """
+    t = np.atleast_1d(np.asarray(t_s, dtype=float))
+    turn = earth_fixed("gcrs", epoch, t, orientation)
+    scene = {"earth": earth.states(t, epoch), "earth_axes": from_equator(turn)}
+    if asteroid is None:
+        return scene | {
+            "origin": np.zeros((6, 1)), "axes": np.eye(3)[:, :, None], "rate": np.zeros((3, 1))
+        }  # fmt: skip
+    orbit = KeplerOrbit.of(asteroid) if isinstance(asteroid, Moon) else asteroid
+    origin = orbit.states(t, epoch)
+    axes, rate = hill_axes(origin)
+    return scene | {"origin": origin, "axes": axes, "rate": rate}

@@ -1,0 +1,93 @@
+"""Range and direction of another spacecraft."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere_sensors.body_surface import BodySurface
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+from hillsphere_sensors.spacecraft_specs import InterSatelliteSpec
+
+__all__ = ["InterSatellite"]
+
+_RANGE = Channel("range", "m")
+_ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angle"))
+
+
+class InterSatellite(SpacecraftSensor):
+    """Distance of a partner, and its azimuth (from x over y) and elevation over the xy plane.
+
+    In the axes of the states; the attitude is taken as known. It is blind where the Sun stands near
+    its partner, or, if a body is given, where that body stands between the two (its ellipsoid).
+
+    From the scene it takes, with a cone about the Sun, ``"sun"``, shape (3, N), the Sun's position
+    in the states' frame, m; with a body ``"to_body"``, (3, 3, N), the matrices to the body's axes.
+
+    Parameters
+    ----------
+    spec : InterSatelliteSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the body has no surface.
+    """
+
+    def __init__(self, spec: InterSatelliteSpec) -> None:
+        channels = (*([_RANGE] if spec.range else []), *(_ANGLES if spec.angles else ()))
+        super().__init__(spec, channels)
+        self.spec = spec
+        self.surface = BodySurface(spec.body, "inter_satellite") if spec.body is not None else None
+        kept = [spec.range, spec.angles, spec.angles]
+        self._kept = np.flatnonzero(kept)
+
+    def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        self._surroundings(t_s, scene)
+        d = self._way(x)
+        level = np.hypot(d[0], d[1])
+        found = [np.sqrt(np.sum(d * d, axis=0)), np.arctan2(d[1], d[0]), np.arctan2(d[2], level)]
+        # arctan2 gives +π where the interval of angles begins at −π
+        found[1] = np.where(found[1] >= np.pi, -np.pi, found[1])
+        return np.array(found)[self._kept]
+
+    def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
+        spec, way = self.spec, self._way(x)
+        sun, turn = self._surroundings(t_s, scene)
+        distance = np.sqrt(np.sum(way * way, axis=0))
+        there = distance > 0.0
+        if spec.maximum_range_m is not None:
+            there &= distance <= spec.maximum_range_m
+        own = self._states(x, spec.spacecraft)[:3]
+        if sun is not None:
+            towards = sun - own
+            aligned = np.sum(towards * way, axis=0)
+            size = np.sqrt(np.sum(towards * towards, axis=0)) * distance
+            there &= aligned < np.cos(spec.sun_cone_rad) * size
+        if turn is not None and self.surface is not None:
+            axes = self.surface.semi_axes_m[:, None]
+            a, d = rotated(turn, own) / axes, rotated(turn, way) / axes
+            part = -np.sum(a * d, axis=0) / np.maximum(np.sum(d * d, axis=0), 1e-300)
+            nearest = a + np.clip(part, 0.0, 1.0) * d
+            there &= np.sum(nearest * nearest, axis=0) > 1.0
+        return np.asarray(there)
+
+    def _sigmas(self, true: Array) -> Array:
+        spec = self.spec
+        every = np.array([spec.range_sigma_m, spec.angle_sigma_rad, spec.angle_sigma_rad])
+        return every[self._kept, None]
+
+    def _bias_sigmas(self, true: Array) -> Array:
+        spec = self.spec
+        every = np.array([spec.range_bias_m, spec.angle_bias_rad, spec.angle_bias_rad])
+        return every[self._kept, None]
+
+    def _way(self, x: Array) -> Array:
+        return self._states(x, self.spec.partner)[:3] - self._states(x, self.spec.spacecraft)[:3]
+
+    def _surroundings(self, t_s: Array, scene: Scene) -> tuple[Array | None, Array | None]:
+        sun = self._from(scene, "sun", (3,), t_s) if self.spec.sun_cone_rad else None
+        turn = self._from(scene, "to_body", (3, 3), t_s) if self.surface is not None else None
+        return sun, turn

@@ -1,0 +1,88 @@
+"""A laser altimeter."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere_sensors.body_surface import BodySurface
+from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated
+from hillsphere_sensors.spacecraft_specs import LidarSpec
+
+__all__ = ["Lidar"]
+
+_RANGE = Channel("range", "m")
+_ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angle"))
+
+
+class Lidar(SpacecraftSensor):
+    r"""Range to the surface of an asteroid, and the direction of the spot.
+
+    With the spot ``below`` the spacecraft the range is :math:`|r| - R(\hat r)`, R the radius of the
+    surface in that direction; azimuth and elevation are those of the spot in the axes of the
+    camera (`hillsphere_sensors.camera.Camera`). With the spot where the boresight is ``pointing``
+    it is the distance along the boresight, on an ellipsoid.
+
+    From the scene it takes ``"to_body"``, shape (3, 3, N), the matrices from the states' frame to
+    the body's, and, if it measures angles or looks along it, ``"boresight"``, (S, 3, N), where each
+    of S spacecraft is commanded to look, in the states' frame.
+
+    Parameters
+    ----------
+    spec : LidarSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the body has no surface, or, for ``pointing``, one that is no ellipsoid.
+    """
+
+    def __init__(self, spec: LidarSpec) -> None:
+        super().__init__(spec, (_RANGE, *_ANGLES) if spec.angles else (_RANGE,))
+        self.spec = spec
+        self.surface = BodySurface(spec.body, "lidar")
+        if spec.spot == "pointing" and not self.surface.is_ellipsoid:
+            raise InputError(
+                "lidar: spot = 'pointing' needs an ellipsoid; give the body semi-axes, or take "
+                "the spot 'below'"
+            )
+
+    def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        r = self._states(x, self.spec.spacecraft)[:3]
+        distance, _ = self._range(r, t_s, scene)
+        if not self.spec.angles:
+            return distance[None]
+        frame = line_of_sight_frame(self._boresight(scene, t_s))
+        u, v, ahead = rotated(frame, -r)
+        return np.array([distance, np.arctan2(u, ahead), np.arctan2(v, ahead)])
+
+    def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
+        r = self._states(x, self.spec.spacecraft)[:3]
+        distance, met = self._range(r, t_s, scene)
+        if self.spec.maximum_range_m is not None:
+            met = met & (distance <= self.spec.maximum_range_m)
+        return met
+
+    def _sigmas(self, true: Array) -> Array:
+        spec = self.spec
+        angle = np.hypot(spec.pointing_sigma_rad, spec.attitude_sigma_rad)
+        return np.array([[spec.range_sigma_m], [angle], [angle]])[: len(true)]
+
+    def _bias_sigmas(self, true: Array) -> Array:
+        spec = self.spec
+        angle = spec.pointing_bias_rad
+        return np.array([[spec.range_bias_m], [angle], [angle]])[: len(true)]
+
+    def _range(self, r: Array, t_s: Array, scene: Scene) -> tuple[Array, NDArray[np.bool_]]:
+        turn = self._from(scene, "to_body", (3, 3), t_s)
+        place = rotated(turn, r)
+        if self.spec.spot == "below":
+            away = np.sqrt(np.sum(r * r, axis=0))
+            found = away - self.surface.radius(place)
+            return found, np.asarray(found > 0.0)
+        boresight = self._boresight(scene, t_s)
+        beam = rotated(turn, boresight / np.sqrt(np.sum(boresight**2, axis=0)))
+        return self.surface.ray(place, np.broadcast_to(beam, place.shape))
