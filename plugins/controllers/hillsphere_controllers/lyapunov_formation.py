@@ -9,7 +9,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Plant, Variable
+from hillsphere.interfaces import Array, ExternalInputs, Plant, Variable
 from hillsphere.symbolic import Expr, Params, constant, exp, sum_of
 from hillsphere_controllers.formation_specs import LyapunovFormationSpec
 
@@ -54,7 +54,7 @@ class LyapunovFormation:
     Raises
     ------
     InputError
-        If the plant is no formation.
+        If the plant is no formation, or its gravity a function of arrays.
 
     References
     ----------
@@ -70,6 +70,12 @@ class LyapunovFormation:
             raise InputError(
                 f"plant: a plant of spacecraft with 'disturbances' is needed (type 'proximity'), "
                 f"got a {type(plant).__name__}"
+            )
+        if isinstance(plant, ExternalInputs):
+            raise InputError(
+                "plant: its gravity is a function of arrays (a table, a polyhedron), along which "
+                "the law cannot carry an estimate; give it a plant with a harmonic or ellipsoid "
+                "model of the body"
             )
         self.spec = spec
         self.period_s = spec.period_s

@@ -63,8 +63,7 @@ class Layout:
         off = np.asarray(a - b)
         if self.angles:
             rows = list(self.angles)
-            turned = off[rows] + np.pi
-            off[rows] = turned - 2.0 * np.pi * np.floor(turned / (2.0 * np.pi)) - np.pi
+            off[rows] -= 2.0 * np.pi * np.rint(off[rows] / (2.0 * np.pi))
         for row in self.directions:
             own = slice(row, row + 3)
             first, second = across(b[own])

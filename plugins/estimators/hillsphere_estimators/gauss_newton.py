@@ -1,7 +1,8 @@
 """Linearise, solve, repeat: the most probable states by Gauss's and Newton's method, damped.
 
 What is made least is |S⁻¹(x − x̄)|² + |ν(x)|², S the root of the prior covariance and ν what was
-measured minus what x would show, in units of the noise. Long steps that do not lessen it are halved.
+measured minus what x would show, in units of the noise. A long step that does not lessen it is
+halved.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from hillsphere.interfaces import Array
@@ -25,9 +27,12 @@ def upper_triangle(rows: Array) -> Array:
     missing = rows.shape[2] - rows.shape[1]
     if missing > 0:
         rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
-    upper = np.linalg.qr(rows, mode="r")
-    signs = np.where(np.diagonal(upper, axis1=1, axis2=2) < 0.0, -1.0, 1.0)
-    return np.asarray(upper * signs[:, :, None])
+    n = rows.shape[2]
+    # LAPACK's own result, transposed: the triangle, and what the reflections are made of
+    raw, _ = np.linalg.qr(rows, mode="raw")
+    diagonal = np.diagonal(raw, axis1=1, axis2=2)
+    signs = np.where(diagonal < 0.0, -1.0, 1.0)
+    return np.asarray(np.swapaxes(raw, 1, 2)[:, :n] * (signs[:, :, None] * _triangle(n)))
 
 
 def lower_root(rows: Array) -> Array:
@@ -44,3 +49,8 @@ def lower_root(rows: Array) -> Array:
         That of Cholesky's method, if Aᵀ A is positive definite.
     """
     return np.swapaxes(upper_triangle(rows), 1, 2)
+
+
+@lru_cache(maxsize=64)
+def _triangle(n: int) -> Array:
+    return np.triu(np.ones((n, n)))

@@ -27,7 +27,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
-from hillsphere.interfaces import Array, ConsiderModel, EstimationModel, Integers
+from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.differences import Layout
 
 __all__ = ["Images", "SigmaRule", "considered", "moved", "seen", "sigma_points"]
@@ -157,9 +157,8 @@ def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
 
 def considered(model: EstimationModel, n: int) -> Array | None:
     """Return 1 for states that measurements change and 0 for others (n,), or None if all are."""
-    if not isinstance(model, ConsiderModel):
-        return None
-    held = np.asarray(model.considered, dtype=bool)
+    # not by the protocol: isinstance looks at every method, at each update anew
+    held = np.asarray(getattr(model, "considered", np.zeros(n)), dtype=bool)
     if held.shape != (n,):
         raise InputError(f"considered must be ({n},), one for each state, got {held.shape}")
     return np.where(held, 0.0, 1.0) if held.any() else None

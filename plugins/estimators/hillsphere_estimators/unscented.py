@@ -185,12 +185,16 @@ def absorbed(
     rows[:, k : k + bent, :m] = root_power * expected.bent
     rows[:, k + bent :, :m] = np.eye(m)
     upper = upper_triangle(rows)
-    root = np.swapaxes(upper[:, m:, m:], 1, 2)
-    gain = np.swapaxes(np.linalg.solve(upper[:, :m, :m], upper[:, :m, m:]), 1, 2)
-    if free is not None:
-        gain = gain * free[:, None]
+    residual = (root_power[:, :, 0] * expected.residual)[:, :, None]
+    if free is None:
+        white = np.linalg.solve(np.swapaxes(upper[:, :m, :m], 1, 2), residual)
+        step = np.swapaxes(upper[:, :m, m:], 1, 2) @ white
+        root = np.swapaxes(upper[:, m:, m:], 1, 2)
+    else:
+        gain = np.swapaxes(np.linalg.solve(upper[:, :m, :m], upper[:, :m, m:]), 1, 2)
+        gain *= free[:, None]
+        step = gain @ residual
         root = lower_root(rows[:, :, m:] - rows[:, :, :m] @ np.swapaxes(gain, 1, 2))
-    step = gain @ (root_power[:, :, 0] * expected.residual)[:, :, None]
     return Belief(belief.x + step[:, :, 0].T, root, belief.t_s)
 
 

@@ -33,7 +33,7 @@ def hillsphere_components() -> list[Component]:
         Component(
             "plant",
             "proximity",
-            "hillsphere_plants.proximity:Proximity",
+            "hillsphere_plants.proximity_arrays:proximity",
             "hillsphere_plants.proximity_specs:ProximitySpec",
             "spacecraft near a spinning asteroid, in the Hill frame of its elliptic orbit",
         ),

@@ -15,7 +15,7 @@ from hillsphere.bodies import Moon
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.ephemeris import anomaly_from_mean
 from hillsphere.errors import InputError
-from hillsphere.gravity import AnyGravityModel, acceleration_at, is_array_model
+from hillsphere.gravity import AnyGravityModel, acceleration_at
 from hillsphere.interfaces import (
     Array,
     ArraySurface,
@@ -35,6 +35,7 @@ from hillsphere.symbolic import (
     constant,
     dot,
     minimum,
+    parameter,
     power,
     sum_of,
     variable,
@@ -84,7 +85,7 @@ class Proximity:
     Raises
     ------
     InputError
-        If the body has no rotation rate, or its gravity or surface is a function of arrays.
+        If the body has no rotation rate.
 
     References
     ----------
@@ -99,13 +100,7 @@ class Proximity:
                 f"proximity: body {body.name!r} has no rotation_rate; give it one "
                 "(rotation_rate_deg_d), as a body of type 'asteroid' has"
             )
-        model: AnyGravityModel = spec.gravity.get()
-        if is_array_model(model):
-            raise InputError(
-                f"proximity needs gravity that is an expression, got a {type(model).__name__}; "
-                "take harmonics or an ellipsoid, or the plant three_body"
-            )
-        self.gravity: GravityModel = model  # type: ignore[assignment]  # just checked
+        self._model: AnyGravityModel = spec.gravity.get()
         self.spec = spec
         self.body: Moon = body
         self.body_name: str = body.name
@@ -123,15 +118,8 @@ class Proximity:
             craft.reflectivity * craft.area_to_mass_m2_kg * bool(spec.radiation_pressure_n_m2)
             for craft in spec.spacecraft
         ]
-        self._surface: Surface | None = None
-        shape = body.shape or (None if body.semi_axes_m else model)
-        if isinstance(shape, Surface):
-            self._surface = shape
-        elif isinstance(shape, ArraySurface):
-            raise InputError(
-                f"proximity needs a surface that is an expression, got a {type(shape).__name__}; "
-                "give the body semi-axes, or a shape of type ellipsoid or harmonics"
-            )
+        shape = body.shape or (None if body.semi_axes_m else self._model)
+        self._surface = shape if isinstance(shape, Surface | ArraySurface) else None
 
     @property
     def frame(self) -> str:
@@ -152,12 +140,18 @@ class Proximity:
     def scales(self) -> Scales:
         """Natural units of the body's rotation: (Gm/w²)^(1/3) and 1/w."""
         rate = self.rotation_rate_rad_s
-        return Scales((self.gravity.gm_m3_s2 / rate**2) ** (1.0 / 3.0), 1.0 / rate)
+        return Scales((self.gm_m3_s2 / rate**2) ** (1.0 / 3.0), 1.0 / rate)
+
+    @cached_property
+    def gravity(self) -> GravityModel:
+        """The gravity model."""
+        model: GravityModel = self._model  # type: ignore[assignment]  # the factory has chosen
+        return model
 
     @property
     def gm_m3_s2(self) -> float:
         """Gravitational parameter of the asteroid, m³/s²."""
-        return self.gravity.gm_m3_s2
+        return self._model.gm_m3_s2
 
     @property
     def semi_axes_m(self) -> tuple[float, float, float] | None:
@@ -165,14 +159,14 @@ class Proximity:
         return self.body.semi_axes_m if self._surface is None else self._surface.semi_axes_m()
 
     @property
-    def surface(self) -> Surface | None:
+    def surface(self) -> Surface | ArraySurface | None:
         """The surface in the body-fixed frame, if it is more than `semi_axes_m`."""
         return self._surface
 
     @property
     def gravity_name(self) -> str:
         """Kind of the gravity model in words, for legends: ``"point mass"``."""
-        return " ".join(re.findall("[A-Z][a-z0-9]*", type(self.gravity).__name__)).lower()
+        return " ".join(re.findall("[A-Z][a-z0-9]*", type(self._model).__name__)).lower()
 
     @property
     def series_radius_m(self) -> float | None:
@@ -180,8 +174,7 @@ class Proximity:
 
         The largest radius of the surface, or without one the reference radius of the series.
         """
-        model = self.gravity
-        series = model.series_radius_m if isinstance(model, SeriesGravity) else None
+        series = self._model.series_radius_m if isinstance(self._model, SeriesGravity) else None
         if series is None or self.semi_axes_m is None:
             return series
         if isinstance(self._surface, Enclosed):
@@ -190,21 +183,8 @@ class Proximity:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of orbit, rotation, pressure and, prefixed, of the gravity."""
-        own = [
-            Parameter("primary_gm", self.primary_gm_m3_s2, "m3/s2", positive=True),
-            Parameter("semi_major_axis", self.primary_distance_m, "m", positive=True),
-            Parameter("eccentricity", self.eccentricity),
-            Parameter("true_anomaly", self.true_anomaly_rad, "rad"),
-            Parameter("rotation_rate", self.rotation_rate_rad_s, "rad/s", positive=True),
-            Parameter("rotation_angle", self.spec.rotation_angle_rad, "rad"),
-        ]
-        own += [
-            Parameter(f"radiation{i + 1}", value, "m2/kg")
-            for i, value in enumerate(self._radiation)
-            if value
-        ]
-        gravity = (replace(q, name=_GRAVITY + q.name) for q in self.gravity.parameters())
-        return (*own, *gravity)
+        gravity = (replace(q, name=_GRAVITY + q.name) for q in self._model.parameters())
+        return (*self._own, *gravity)
 
     def derivative(
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
@@ -217,8 +197,7 @@ class Proximity:
         for i in range(len(self.spacecraft)):
             own, command = x[6 * i : 6 * i + 6], u[3 * i : 3 * i + 3]
             r = vector(own[:3])
-            force = acceleration_at(self.gravity, axes_of(rows, r), _of_gravity(p))
-            pull = axes_of(rows, force, back=True)
+            pull = self._attraction(i, rows, r, p)
             tide = tidal_acceleration(r, sun, orbit.distance, p["primary_gm"])
             pushed = (sum_of([command[0], self._pressure(i, orbit, p)]), *command[1:])
             found += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
@@ -250,7 +229,8 @@ class Proximity:
         found: dict[str, Expr] = {}
         if self.semi_axes_m is not None:
             rows = self._body_rows(orbit_at(t, p), t, p)
-            found["impact"] = _least([self._level(axes_of(rows, r)) for r in places])
+            levels = [self._level(i, axes_of(rows, r)) for i, r in enumerate(places)]
+            found["impact"] = _least(levels)
         if self.spec.escape_radius_m is not None:
             far = self.spec.escape_radius_m**2
             found["escape"] = _least([1.0 - dot(r, r) / far for r in places])
@@ -258,13 +238,30 @@ class Proximity:
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
         """Return where the gravity model changes branch: the surface of an ellipsoid."""
-        model = self.gravity
+        model = self._model
         if not isinstance(model, Piecewise):
             return ()
         rows = self._body_rows(orbit_at(t, p), t, p)
         places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
         inner = _of_gravity(p)
         return tuple(e for r in places for e in model.switches(axes_of(rows, r), inner))
+
+    @property
+    def event_terms(self) -> tuple[Variable, ...]:
+        """Levels over a surface that is a function of arrays (see `ExternalEvents`)."""
+        arrays = isinstance(self._surface, ArraySurface) and not isinstance(self._surface, Surface)
+        return tuple(
+            Variable(f"surface:level{i + 1}", unit="-")
+            for i in range(len(self.spacecraft) if arrays else 0)
+        )
+
+    def event_terms_array(self, x: Array, t: Array, p: Array) -> Array:
+        """Return the levels (S, N) over that surface at states x (6 S, N)."""
+        if not isinstance(self._surface, ArraySurface):
+            return np.zeros((0, x.shape[1]))
+        places, _ = self._body_places(x, t, p)
+        flat = self._surface.surface_array(places.reshape(3, -1))
+        return flat.reshape(len(self.spacecraft), -1)
 
     def scene(self, t_s: Array) -> dict[str, Array]:
         """Return what sensors take from the scene at times (N,).
@@ -301,6 +298,24 @@ class Proximity:
         return found
 
     @cached_property
+    def _own(self) -> tuple[Parameter, ...]:
+        """Parameters of the motion itself."""
+        own = [
+            Parameter("primary_gm", self.primary_gm_m3_s2, "m3/s2", positive=True),
+            Parameter("semi_major_axis", self.primary_distance_m, "m", positive=True),
+            Parameter("eccentricity", self.eccentricity),
+            Parameter("true_anomaly", self.true_anomaly_rad, "rad"),
+            Parameter("rotation_rate", self.rotation_rate_rad_s, "rad/s", positive=True),
+            Parameter("rotation_angle", self.spec.rotation_angle_rad, "rad"),
+        ]
+        own += [
+            Parameter(f"radiation{i + 1}", value, "m2/kg")
+            for i, value in enumerate(self._radiation)
+            if value
+        ]
+        return tuple(own)
+
+    @cached_property
     def _surroundings(self) -> ArrayFunction:
         """Distance of the Sun, f − f₀ and the nine elements of the turn to the body, of time."""
         p = {q.name: constant(q.value) for q in self.parameters()}
@@ -308,6 +323,14 @@ class Proximity:
         rows = self._body_rows(orbit, symbolic_time, p)
         flat = [e for row in rows for e in row]
         return ArrayFunction([orbit.distance, orbit.travelled, *flat], [variable("unused")])
+
+    @cached_property
+    def _turns(self) -> ArrayFunction:
+        """The nine elements of the turn to the body, of time and the parameters of the motion."""
+        names = [q.name for q in self._own]
+        p = {name: parameter(name) for name in names}
+        rows = self._body_rows(orbit_at(symbolic_time, p), symbolic_time, p)
+        return ArrayFunction([e for row in rows for e in row], [variable("unused")], names)
 
     def _body_rows(self, orbit: OrbitPoint, t: Expr, p: Params) -> tuple[Vec3, Vec3, Vec3]:
         return body_turn(t, p, orbit.travelled, self.body.equinox_anomaly_rad, self._tilt)
@@ -321,17 +344,30 @@ class Proximity:
 
     def _gm(self, p: Params) -> Expr:
         """Return the body's GM: following the parameter ``gm`` where the gravity has one."""
-        nominal = {q.name: q.value for q in self.gravity.parameters()}.get("gm")
+        nominal = {q.name: q.value for q in self._model.parameters()}.get("gm")
         if not nominal:
             return constant(self.gm_m3_s2)
         return p[_GRAVITY + "gm"] * (self.gm_m3_s2 / nominal)
 
-    def _level(self, place: Vec3) -> Expr:
-        if self._surface is not None:
+    def _attraction(self, craft: int, rows: Sequence[Vec3], r: Vec3, p: Params) -> Vec3:
+        """Return the asteroid's attraction at r, in the plant's frame, m/s²."""
+        force = acceleration_at(self.gravity, axes_of(rows, r), _of_gravity(p))
+        return axes_of(rows, force, back=True)
+
+    def _level(self, craft: int, place: Vec3) -> Expr:
+        if self.event_terms:
+            return variable(self.event_terms[craft].name)
+        if isinstance(self._surface, Surface):
             return self._surface.surface(place)
         assert self.body.semi_axes_m is not None
         squares = [q * q / (a * a) for q, a in zip(place, self.body.semi_axes_m, strict=True)]
         return sum_of([*squares, -1.0])
+
+    def _body_places(self, x: Array, t: Array, p: Array) -> tuple[Array, Array]:
+        """Return positions (3, S, N) in the body's axes, and the turns (3, 3, N) to them."""
+        turn = self._turns(np.zeros((1, t.size)), p[: len(self._own)], t).reshape(3, 3, -1)
+        places = x.reshape(-1, 6, x.shape[1])[:, :3]
+        return np.einsum("ijn,sjn->isn", turn, places), turn
 
     def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
         count = len(self.spacecraft)

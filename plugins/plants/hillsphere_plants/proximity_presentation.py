@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -67,7 +67,9 @@ def present_formation(
             "formation_reference": Figure(
                 "Reference trajectories of the formation",
                 lambda figure: _draw(figure, places, spacecraft, semi_axes_m),
-                "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal.",
+                "In the Hill frame of the asteroid: x away from the Sun, z its orbit normal. "
+                "Circles: the start; grey: what the asteroid sweeps as it turns.",
+                size_in=(8.0, 4.8),
             )
         },
     )
@@ -79,18 +81,20 @@ def _draw(
     spacecraft: tuple[str, ...],
     semi_axes_m: Array | None,
 ) -> None:
-    axes: Any = figure.add_subplot(projection="3d")
-    if semi_axes_m is not None:
-        lon, lat = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 41), np.linspace(-1.0, 1.0, 21))
-        ring = np.sqrt(1.0 - lat**2)
-        ball = np.array([ring * np.cos(lon), ring * np.sin(lon), lat])
-        axes.plot_surface(*(ball * semi_axes_m[:, None, None] / 1e3), color="#999999", linewidth=0)
-    for i, (name, r) in enumerate(zip(spacecraft, places, strict=True)):
-        colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
-        axes.plot(*(r / 1e3), color=colour, label=name)
-        axes.plot(*(r[:, :1] / 1e3), "o", color=colour, markerfacecolor="white")
-    for name in "xyz":
-        getattr(axes, f"set_{name}label")(f"{name} [km]", labelpad=8)
-        axes.locator_params(axis=name, nbins=5)
-    axes.set_aspect("equal")
-    axes.legend(loc="upper left")
+    from matplotlib.patches import Ellipse
+
+    across, along = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    for axes, (name, row) in ((across, ("z", 2)), (along, ("x", 0))):
+        if semi_axes_m is not None:
+            # what the body sweeps as it turns about z
+            wide = 2e-3 * float(max(semi_axes_m[:2]))
+            high = 2e-3 * float(semi_axes_m[2]) if name == "z" else wide
+            axes.add_patch(Ellipse((0.0, 0.0), wide, high, color="#999999", label="asteroid"))
+        for i, (craft, r) in enumerate(zip(spacecraft, places, strict=True)):
+            colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
+            axes.plot(r[1] / 1e3, r[row] / 1e3, color=colour, label=craft)
+            axes.plot(r[1, :1] / 1e3, r[row, :1] / 1e3, "o", color=colour, markerfacecolor="white")
+        axes.set_ylabel(f"{name} [km]")
+        axes.set_aspect("equal", adjustable="box")
+    along.set_xlabel("y [km]")
+    across.legend(loc="best")

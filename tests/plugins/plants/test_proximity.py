@@ -301,23 +301,53 @@ def test_contract_with_harmonics_and_three_spacecraft() -> None:
     check_plant(made, x)
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"gravity": "polyhedron"}, "that is an expression"),
-        ({"body": create("body", "moon", primary_gm_m3_s2=1e14, semi_major_axis_m=1e7)}, "rotat"),
-    ],
-)
-def test_refused(change: dict[str, Any], says: str) -> None:
-    if change.get("gravity") == "polyhedron":
-        corners = [[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
-        shape = create(
-            "shape", "polyhedron", length_unit="m", vertices=corners,
-            faces=[[1, 2, 3], [1, 4, 2], [1, 3, 4], [2, 4, 3]],
-        )  # fmt: skip
-        change = {"gravity": create("gravity", "polyhedron", shape=shape, density_kg_m3=2000.0)}
-    with pytest.raises(InputError, match=says):
-        plant(**change)
+def octahedron() -> Any:
+    corners = [[150.0, 0, 0], [-150, 0, 0], [0, 120, 0], [0, -120, 0], [0, 0, 90], [0, 0, -90]]
+    faces = [[1, 3, 5], [3, 2, 5], [2, 4, 5], [4, 1, 5], [3, 1, 6], [2, 3, 6], [4, 2, 6], [1, 4, 6]]
+    return create("shape", "polyhedron", length_unit="m", vertices=corners, faces=faces)
+
+
+def test_polyhedron() -> None:
+    """Gravity and surface of arrays: derivatives by differences, and the contact."""
+    shape = octahedron()
+    field = create("gravity", "polyhedron", shape=shape, density_kg_m3=2600.0)
+    of = apophis(semi_axes_m=None, shape=shape, obliquity_rad=0.3)
+    made = plant(2, body=of, gravity=field, rotation_angle_rad=0.4)
+    equations = system(made, run_time=["rotation_rate"])
+    x = np.tile(STATE_A, 2)[:, None].repeat(2, axis=1)
+    x[:3] *= 0.2
+    x[6:9] *= [[0.3], [0.15], [-0.6]]
+    p, t = np.array([[RATE, 1.3 * RATE]]), np.array([5000.0, 5000.0])
+    exact = Derivatives(equations).both(x, p, t)[1]
+    rate = Derivatives(equations).rate
+    for column in (0, 1, 2, 6, 7, 8):
+        step = np.zeros((12, 1))
+        step[column] = 0.02
+        slope = (rate(x + step, p, t) - rate(x - step, p, t)) / 0.04
+        np.testing.assert_allclose(
+            exact[:, column], slope, rtol=0, atol=1e-6 * np.abs(exact[3:6, :3]).max()
+        )
+    # the turned body pulls the turned way
+    turn = made.scene(t[:1])["to_body"][:, :, 0]
+    place = x[:3, 0] + 0.0
+    alone = plant(body=of, gravity=create("gravity", "point_mass", gm_m3_s2=1e-20))
+    rest = Derivatives(system(alone)).rate(x[:6, :1], None, t[:1])[3:6, 0]
+    pull = turn.T @ GravityField(field).acceleration(turn @ place)
+    found = rate(x, p, t)[3:6, 0]
+    # (the pressure, rate and orbit of both plants are the same)
+    np.testing.assert_allclose(found - rest, pull, rtol=1e-9)
+
+    stepper = StepMap(system(plant(body=of, gravity=field)), "rk6")
+    met = stepper.locate("impact", 0.3 * STATE_A[:, None], 86400.0, 300)
+    assert met.found.all()
+    turn = plant(body=of, gravity=field).scene(met.time)["to_body"][:, :, 0]
+    assert np.abs(shape.surface_array(turn @ met.x[:3])).max() < 1e-8
+
+
+def test_body_without_rotation_is_refused() -> None:
+    moon = create("body", "moon", primary_gm_m3_s2=1e14, semi_major_axis_m=1e7)
+    with pytest.raises(InputError, match="has no rotation_rate"):
+        plant(body=moon)
 
 
 def test_reference_refused() -> None:

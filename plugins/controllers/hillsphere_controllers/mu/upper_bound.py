@@ -128,22 +128,23 @@ def upper_bound(
     begun = _begin(m, structure, basis, start, size)
     if begun is None:
         return UpperBound(np.inf, unscaled)
-    best = begun
-    _, d, g = begun
-    goal = -np.inf if target is None else (target / size) ** 2
-    beta2 = max(1.3 * best[0], best[0] + 1e-6 * _Whitened(m, basis, d, g).norm ** 2)
+    white = _Whitened(m, basis)
+    best = (begun[0] / white.norm**2, *white.there(begun[1], begun[2]))
+    x = white.basis.parameters(*best[1:])
+    goal = -np.inf if target is None else (target / size / white.norm) ** 2
+    zero = (_ZERO / white.norm) ** 2
+    beta2 = max(1.3 * best[0], best[0] + 1e-6)
     for _ in range(_MOST_STEPS):
         if best[0] < (1.0 - 1e-9) * goal:
-            centred = _Whitened(m, basis, best[1], best[2]).centre(goal)
+            x, centred = white.centre(white.basis.parameters(*best[1:]), goal)
             if centred[0] < goal:
                 best = centred
             break
-        found = _Whitened(m, basis, d, g).centre(beta2)
-        reached, d, g = found
-        gained = best[0] - reached
+        x, found = white.centre(x, beta2)
+        reached, gained = found[0], best[0] - found[0]
         if gained > 0.0:
             best = found
-        if best[0] <= _ZERO**2 or beta2 - reached <= tolerance * abs(best[0]):
+        if best[0] <= zero or beta2 - reached <= tolerance * abs(best[0]):
             if best[0] < (1.0 - 1e-9) * goal:
                 continue
             break
@@ -152,9 +153,10 @@ def upper_bound(
         if not reached < beta2:  # rounding rules out more
             break
         beta2 = reached + _STEP * (beta2 - reached)
-    reached, d, g = best
+    value = size * white.norm * float(np.sqrt(max(best[0], 0.0)))
     # G grows with M's unit: F of the matrix as given has G·size
-    return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
+    d, g = white.back(best)
+    return UpperBound(value, Scalings(d, size * g))
 
 
 def centre(
@@ -181,8 +183,10 @@ def centre(
     squared = structure.squared(matrix)[None]
     size, n = float(np.linalg.norm(squared[0], 2)), structure.size
     basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
-    white = _Whitened(squared / size, basis, scalings.d, scalings.g / size)
-    _, d, g = white.centre((bound / size) ** 2, _CENTRED)
+    white = _Whitened(squared / size, basis)
+    begun = basis.parameters(*white.there(scalings.d, scalings.g / size))
+    _, found = white.centre(begun, (bound / size / white.norm) ** 2, _CENTRED)
+    d, g = white.back(found)
     return Scalings(d, size * g)
 
 
@@ -228,36 +232,38 @@ def _begin(
 
 
 class _Whitened:
-    """Matrices in coordinates in which given scalings have D = I, divided by their norm there.
+    """Matrices in coordinates in which Osborne's D is I, divided by their norm there.
 
     A D that spans many decades, as where blocks have very different units, would otherwise be far
     from every centre under its trace, and µ far below the norm.
     """
 
-    def __init__(self, m: Complex, basis: Basis, d: Complex, g: Complex) -> None:
-        self.basis, self.fixed = basis, basis.fixed
-        self.root = np.linalg.cholesky(d)
-        inverse = np.linalg.inv(self.root)
-        made = self.root.conj().T @ m @ inverse.conj().T
-        self.norm = max(float(np.linalg.norm(made, 2, axis=(1, 2)).max()), 1e-300)
+    def __init__(self, m: Complex, basis: Basis) -> None:
+        self.root = np.sqrt(np.diagonal(basis.osborne(m)).real)
+        made = self.root[:, None] * m / self.root
+        self.norm = max(float(np.linalg.norm(made, 2, axis=(1, 2)).max()), _SMALLEST)
         self.m = made / self.norm
-        self.g = inverse @ g @ inverse.conj().T / self.norm
+        self.basis = basis.at(basis.fixed / self.norm**2)
+
+    def there(self, d: Complex, g: Complex) -> tuple[Complex, Complex]:
+        """Return D, of trace n, and G in these coordinates."""
+        both = np.outer(self.root, self.root)
+        whole = len(d) / float(np.trace(d / both).real)
+        return d / both * whole, g / both * (whole / self.norm)
 
     def centre(
-        self, b: float, decrement_at_end: float = _DECREMENT
-    ) -> tuple[float, Complex, Complex]:
-        """Return the centre for a level b above that of the scalings, with its own level."""
-        basis = self.basis.at(self.fixed / self.norm**2)
-        x = basis.parameters(np.eye(basis.n, dtype=complex), self.g)
-        x = _centre(self.m, basis, x, b / self.norm**2, decrement_at_end)
-        d, g = basis.matrices(x)
-        reached = level(self.m, d, g, basis.free, basis.fixed)
-        root = self.root
-        return (
-            reached * self.norm**2,
-            root @ d @ root.conj().T,
-            root @ g @ root.conj().T * self.norm,
-        )
+        self, x: Array, b: float, decrement_at_end: float = _DECREMENT
+    ) -> tuple[Array, tuple[float, Complex, Complex]]:
+        """Return the centre for a level b above that of x: parameters, and level, D and G."""
+        x = _centre(self.m, self.basis, x, b, decrement_at_end)
+        d, g = self.basis.matrices(x)
+        return x, (level(self.m, d, g, self.basis.free, self.basis.fixed), d, g)
+
+    def back(self, found: tuple[float, Complex, Complex]) -> tuple[Complex, Complex]:
+        """Return D and G of the matrices as they were."""
+        _, d, g = found
+        both = np.outer(self.root, self.root)
+        return d * both, self.norm * (g * both)
 
 
 def _weighed(

@@ -36,9 +36,13 @@ from hillsphere_controllers.systems.algebra import gain, lower_lft, upper_lft
 __all__ = ["RobustDesign", "Scenario", "UncertainPlant", "synthesise_robust", "worst_case"]
 
 _VIOLATES, _ENOUGH = 1e-3, 5e-3
+_NEW, _NEW_EACH = 10, 2
+"""New scenarios of a round at most, and of one plant: the worst."""
 _CARRIED = 0.85
 """Scenarios whose γ is below this share of the design's are dropped; the check of the whole box
 brings those back that matter again."""
+_FAR = 1.1
+"""A worst case above this times the design's γ asks for a controller that may be quite another."""
 _RANDOM, _CLIMBED = 16, 4
 _FEW = 6
 """With so many parameters all corners are looked at; with more those that slopes point to, and the
@@ -173,7 +177,7 @@ def synthesise_robust(
     starts : int
         Of the last design; the first has up to three, those between begin at the one before.
     initial : iterable of ndarray, shape (size,)
-        Parameters that the first design begins at, instead of random ones.
+        Parameters near a minimum for the nominal plants, which the first design begins at.
     seed, region, largest_gain, controller_stable, bandwidth_rad_s, shaken, prefer, tie
         As in `synthesise`. The region is kept in the scenarios.
     told : callable or None
@@ -197,15 +201,16 @@ def synthesise_robust(
     places = [(j, np.zeros(len(plant.repeats))) for j, plant in enumerate(many)]
     best: RobustDesign | None = None
     begun = list(initial)
+    near = bool(begun)
     known: list[Array] = [np.zeros((0, len(plant.repeats))) for plant in many]
     whole = rounds == 1 or starts == 1  # whether this round is from all starts
     done, distribution = False, np.zeros(0)
     for count in range(1, rounds + 1):
         done = done or whole
-        searches = starts if whole else 0 if begun else min(starts, 3)
+        searches = starts if whole else 0 if near else min(starts, 3)
         design = synthesise(
             [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=begun,
-            starts=0 if begun and searches == 1 else searches, region=region,
+            starts=0 if near and searches == 1 else searches, region=region,
             largest_gain=largest_gain, controller_stable=controller_stable,
             bandwidth_rad_s=bandwidth_rad_s, shaken=shaken and whole,
             prefer=prefer if whole else None, tie=tie, name=f"-{count}", progress=progress, ctx=ctx,
@@ -221,11 +226,13 @@ def synthesise_robust(
             unknown = np.full(len(many), np.nan)
             return RobustDesign(design, scenarios, highest, unknown, design.starts, count, False)
         each = [
-            worst_case(plant, design.controller, seed=seed + count, known=known[j])
+            [
+                replace(s, plant=j)
+                for s in worst_case(plant, design.controller, seed=seed + count, known=known[j])
+            ]
             for j, plant in enumerate(many)
         ]
-        found = [replace(s, plant=j) for j, those in enumerate(each) for s in those]
-        worst = max(found, key=lambda s: s.gamma)
+        worst = max((those[0] for those in each), key=lambda s: s.gamma)
         enough = worst.gamma <= design.gamma * (1.0 + _ENOUGH)
         if told is not None:
             told(
@@ -241,15 +248,17 @@ def synthesise_robust(
         if enough and done:
             break
         whole = not done and (enough or count == rounds - 1)
-        begun = [design.theta]
+        begun, near = [design.theta], worst.gamma < _FAR * design.gamma
         places = [(s.plant, s.delta) for s in scenarios if s.gamma >= _CARRIED * design.gamma]
+        worse = [
+            s
+            for those in each
+            for s in those[:_NEW_EACH]
+            if s.gamma > design.gamma * (1.0 + _VIOLATES)
+            and all(s.plant != p or np.abs(s.delta - d).max() > 1e-6 for p, d in places)
+        ]
+        places += [(s.plant, s.delta) for s in sorted(worse, key=lambda s: -s.gamma)[:_NEW]]
         for j in range(len(many)):
-            worse = [s for s in found if s.plant == j and s.gamma > design.gamma * (1 + _VIOLATES)]
-            places += [
-                (s.plant, s.delta)
-                for s in worse[:2]
-                if all(j != p or np.abs(s.delta - d).max() > 1e-6 for p, d in places)
-            ]
             known[j] = np.array([d for p, d in places if p == j]).reshape(-1, known[j].shape[1])
     assert best is not None
     return best

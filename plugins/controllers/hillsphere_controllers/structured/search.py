@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 
@@ -168,10 +169,13 @@ class Search:
         structure = self.problem.structure
         objective = self._objective(structure, self.middle, self.spread)
         best = Best(objective, self._tell)
+        near = self.problem.near and start.theta is not None
         spent = 0
         try:
-            if start.theta is None and isinstance(structure, Diagonal) and structure.alike:
-                x, abscissa, spent = self._alike(Alike(structure), start, random, best)
+            if _alike(structure) and not near and start.perturbation == 0.0:
+                if start.theta is not None:
+                    self._taken(start, objective, best)
+                x, abscissa, spent = self._together(Alike(structure), start, random, best)
             else:
                 x, abscissa = self._stable(start, random, objective)
             point = objective.evaluate(x)
@@ -180,10 +184,8 @@ class Search:
                 return Found(
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
-            if self.problem.near and start.theta is not None:
-                converged = _lowered(objective, point, random, best, polish=_POLISHED)
-            else:
-                converged = _lowered(objective, point, random, best, polish=_LEFT if spent else 0)
+            steps = _POLISHED if near else _LEFT if spent else 0
+            converged = _lowered(objective, point, random, best, polish=steps)
         except (KeyboardInterrupt, Interrupted):
             if best.point is None:
                 raise
@@ -198,14 +200,23 @@ class Search:
             problem.controller_stable,
         )  # fmt: skip
 
-    def _alike(
+    def _taken(self, start: Start, objective: Objective, best: Best) -> None:
+        """Take given parameters into account as they are."""
+        point = objective.evaluate((np.asarray(start.theta) - self.middle) / self.spread)
+        if np.isfinite(point.value):
+            best.accepted(point)
+
+    def _together(
         self, alike: Alike, start: Start, random: np.random.Generator, best: Best
     ) -> tuple[Array, float, int]:
         """Return scaled parameters, the largest spectral abscissa, and evaluations of closed loops.
 
         The parts of the controller are lowered together: a gain that several of them hold up falls
-        with all of them, where BFGS lowers that of one after the other.
+        with all of them, where BFGS lowers that of one after the other. With parameters given, all
+        parts begin at those of the first.
         """
+        if start.theta is not None:
+            start = replace(start, theta=np.asarray(start.theta)[: alike.size])
         middle, spread = alike.typical(self._common)
         objective = self._objective(alike, middle, spread)
         lowest = Best(objective, self._tell)
@@ -313,6 +324,10 @@ class Best:
                 if self._tell is not None and key[0] == 0.0:
                     self._tell(float(np.exp(point.objective)))
         return point
+
+
+def _alike(structure: Structure) -> TypeGuard[Diagonal]:
+    return isinstance(structure, Diagonal) and structure.alike
 
 
 def _lowered(
