@@ -80,7 +80,9 @@ class Belief:
                 f"covariances of cases {np.flatnonzero(least <= 0.0)[:10].tolist()} are not "
                 f"positive definite: the least eigenvalue is {least.min():.3g}"
             ) from None
-        return cls(np.ascontiguousarray(x, dtype=float), np.asarray(root), np.asarray(t_s, dtype=float))
+        return cls(
+            np.ascontiguousarray(x, dtype=float), np.asarray(root), np.asarray(t_s, dtype=float)
+        )
 
     @property
     def covariance(self) -> Array:

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation
 from hillsphere.interfaces import Array
+from hillsphere_estimators.resting import regular_root
 
 __all__ = ["MeanNis", "chi_square_band", "mean_nis", "nees"]
 
@@ -41,7 +42,7 @@ def nees(belief: Belief, truth: Array, states: ArrayLike | None = None) -> Array
     rows = np.arange(len(belief.x)) if states is None else np.atleast_1d(np.asarray(states))
     off = (belief.x - truth)[rows].T[:, :, None]
     if states is None:
-        white = np.linalg.solve(belief.root, off)
+        white = np.linalg.solve(regular_root(belief), off)
         return np.asarray(np.sum(white[:, :, 0] ** 2, axis=1))
     covariance = belief.covariance[:, rows[:, None], rows]
     return np.asarray(np.sum(off * np.linalg.solve(covariance, off), axis=(1, 2)))

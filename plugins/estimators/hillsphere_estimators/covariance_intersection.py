@@ -23,6 +23,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
+from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import lower_root
 
 __all__ = ["covariance_intersection"]
@@ -65,7 +66,7 @@ def covariance_intersection(
             f"beliefs to be joined must be of the same states and times, got {first.x.shape} and "
             f"{second.x.shape}; predict the earlier one first"
         )
-    relative = np.linalg.solve(first.root, second.root)
+    relative = np.linalg.solve(regular_root(first), regular_root(second))
     vectors, singular, _ = np.linalg.svd(relative)
     d = singular**2
     columns = first.root @ vectors

@@ -18,7 +18,7 @@ from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.differences import Layout
 from hillsphere_estimators.innovations import Expected, whitened
 from hillsphere_estimators.linearisation import sensitivity, shown
-from hillsphere_estimators.resting import distance, rested
+from hillsphere_estimators.resting import distance, regular_root, rested
 
 __all__ = ["HALVINGS", "SHORT", "Solver", "expected_by_slopes", "settled"]
 
@@ -128,5 +128,5 @@ def _shortened(
 
 
 def _squares(prior: Belief, x: Array, residual: Array) -> Array:
-    off = np.linalg.solve(prior.root, (x - prior.x).T[:, :, None])[:, :, 0]
+    off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])[:, :, 0]
     return np.asarray(np.sum(off**2, axis=1) + np.sum(residual**2, axis=1))

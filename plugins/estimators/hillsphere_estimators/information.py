@@ -21,6 +21,7 @@ from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
 from hillsphere_estimators.innovations import Expected, usable
 from hillsphere_estimators.iterated_extended import about_prior
 from hillsphere_estimators.linearisation import transition
+from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import upper_triangle
 from hillsphere_estimators.sigma_points import considered
 from hillsphere_estimators.specs import InformationSpec
@@ -90,13 +91,7 @@ def information_root(belief: Belief) -> Array:
     InputError
         If a state is known exactly: its information has no end.
     """
-    try:
-        return np.asarray(np.linalg.inv(belief.root))
-    except np.linalg.LinAlgError:
-        raise InputError(
-            "a belief has a singular covariance, of which there is no information root; give every "
-            "state some uncertainty"
-        ) from None
+    return np.asarray(np.linalg.inv(regular_root(belief)))
 
 
 def _solved(prior: Belief, x: Array, expected: Expected) -> Belief:

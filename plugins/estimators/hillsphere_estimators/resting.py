@@ -5,15 +5,38 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
 
-__all__ = ["distance", "rested"]
+__all__ = ["distance", "regular_root", "rested"]
+
+
+def regular_root(belief: Belief) -> Array:
+    """Return the root of a covariance that has an inverse.
+
+    Raises
+    ------
+    InputError
+        If a state is known exactly.
+    """
+    if not np.diagonal(belief.root, axis1=1, axis2=2).all():
+        raise InputError(
+            "a belief has a singular covariance, which has no inverse; give "
+            "every state some uncertainty, or take the plain unscented update"
+        )
+    return belief.root
 
 
 def distance(new: Belief, old: Belief) -> Array:
-    """Return how far means lie apart, in standard deviations of the new belief (N,)."""
-    step = np.linalg.solve(new.root, (new.x - old.x).T[:, :, None])
+    """Return how far means lie apart, in standard deviations of the new belief (N,).
+
+    Raises
+    ------
+    InputError
+        If a state is known exactly.
+    """
+    step = np.linalg.solve(regular_root(new), (new.x - old.x).T[:, :, None])
     return np.asarray(np.linalg.norm(step[:, :, 0], axis=1))
 
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.innovations import Expected, gated, usable, whitened
-from hillsphere_estimators.resting import distance, rested
+from hillsphere_estimators.resting import distance, regular_root, rested
 from hillsphere_estimators.roots import lower_root, upper_triangle
 from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
 from hillsphere_estimators.specs import BatchedUnscentedSpec
@@ -200,7 +200,7 @@ def absorbed(
 
 def _about(at: Belief, prior: Belief, expected: Expected) -> Expected:
     """Return what a linearisation about one belief says of measurements expected by another."""
-    slopes = np.linalg.solve(np.swapaxes(at.root, 1, 2), expected.linear)
+    slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
     off = (at.x - prior.x).T[:, None]
     return Expected(
         expected.residual + (off @ slopes)[:, 0],

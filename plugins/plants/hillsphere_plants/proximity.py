@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cached_property
 from math import cos as cosine
 from math import sin as sine
+from types import MappingProxyType
 
 import numpy as np
 
@@ -53,6 +54,7 @@ __all__ = ["AU_M", "Proximity"]
 
 AU_M = 1.495978707e11
 _GRAVITY = "gravity."
+_NOMINAL: Mapping[str, float] = MappingProxyType({})
 
 
 class Proximity:
@@ -263,25 +265,35 @@ class Proximity:
         flat = self._surface.surface_array(places.reshape(3, -1))
         return flat.reshape(len(self.spacecraft), -1)
 
-    def scene(self, t_s: Array) -> dict[str, Array]:
+    def scene(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
         """Return what sensors take from the scene at times (N,).
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (N,)
+            Times, s.
+        **values : ndarray, shape (N,), or float
+            Parameters of the motion that differ from the nominal, e.g. ``rotation_rate``, SI.
 
         Returns
         -------
         dict of str to ndarray
             ``"sun"``, shape (3, N): position of the Sun in the plant's frame, m; ``"to_body"``,
             (3, 3, N): matrices from that frame to the body's.
+
+        Raises
+        ------
+        InputError
+            If the motion has no such parameter.
         """
-        t = np.atleast_1d(np.asarray(t_s, dtype=float))
-        table = self._surroundings(np.zeros((1, t.size)), None, t)
-        sun = np.zeros((3, t.size))
+        table = self._surroundings_at(t_s, values)
+        sun = np.zeros((3, table.shape[1]))
         sun[0] = -table[0]
-        return {"sun": sun, "to_body": table[2:].reshape(3, 3, t.size)}
+        return {"sun": sun, "to_body": table[2:].reshape(3, 3, -1)}
 
     def anomaly(self, t_s: Array) -> Array:
         """Return the true anomaly f (N,), rad, of the asteroid at times (N,)."""
-        t = np.atleast_1d(np.asarray(t_s, dtype=float))
-        travelled: Array = self._surroundings(np.zeros((1, t.size)), None, t)[1]
+        travelled: Array = self._surroundings_at(t_s)[1]
         return self.true_anomaly_rad + travelled
 
     def noise_sigma(self, t_s: Array) -> Array:
@@ -289,10 +301,11 @@ class Proximity:
 
         One row per control: each is drawn anew at each step of a simulation and held over it.
         """
-        t = np.atleast_1d(np.asarray(t_s, dtype=float))
-        distance = self._surroundings(np.zeros((1, t.size)), None, t)[0]
+        distance = self._surroundings_at(t_s)[0]
         pressure = self.spec.radiation_pressure_n_m2 * (AU_M / distance) ** 2
-        found = np.full((3 * len(self.spacecraft), t.size), self.spec.acceleration_noise_m_s2)
+        found = np.full(
+            (3 * len(self.spacecraft), distance.size), self.spec.acceleration_noise_m_s2
+        )
         for i, value in enumerate(self._radiation):
             found[3 * i] = np.hypot(found[3 * i], self.spec.radiation_noise * value * pressure)
         return found
@@ -317,20 +330,25 @@ class Proximity:
 
     @cached_property
     def _surroundings(self) -> ArrayFunction:
-        """Distance of the Sun, f − f₀ and the nine elements of the turn to the body, of time."""
-        p = {q.name: constant(q.value) for q in self.parameters()}
-        orbit = orbit_at(symbolic_time, p)
-        rows = self._body_rows(orbit, symbolic_time, p)
-        flat = [e for row in rows for e in row]
-        return ArrayFunction([orbit.distance, orbit.travelled, *flat], [variable("unused")])
+        """Distance of the Sun, f − f₀ and the nine elements of the turn to the body.
 
-    @cached_property
-    def _turns(self) -> ArrayFunction:
-        """The nine elements of the turn to the body, of time and the parameters of the motion."""
+        Of time and the parameters of the motion.
+        """
         names = [q.name for q in self._own]
         p = {name: parameter(name) for name in names}
-        rows = self._body_rows(orbit_at(symbolic_time, p), symbolic_time, p)
-        return ArrayFunction([e for row in rows for e in row], [variable("unused")], names)
+        orbit = orbit_at(symbolic_time, p)
+        flat = [e for row in self._body_rows(orbit, symbolic_time, p) for e in row]
+        return ArrayFunction([orbit.distance, orbit.travelled, *flat], [variable("unused")], names)
+
+    def _surroundings_at(self, t_s: Array, values: Mapping[str, Array | float] = _NOMINAL) -> Array:
+        t = np.atleast_1d(np.asarray(t_s, dtype=float))
+        names = [q.name for q in self._own]
+        if unknown := sorted(set(values) - set(names)):
+            raise InputError(
+                f"the motion has no parameter {', '.join(unknown)}; it has {', '.join(names)}"
+            )
+        p = np.array([np.broadcast_to(values.get(q.name, q.value), t.shape) for q in self._own])
+        return self._surroundings(np.zeros((1, t.size)), p, t)
 
     def _body_rows(self, orbit: OrbitPoint, t: Expr, p: Params) -> tuple[Vec3, Vec3, Vec3]:
         return body_turn(t, p, orbit.travelled, self.body.equinox_anomaly_rad, self._tilt)
@@ -365,7 +383,8 @@ class Proximity:
 
     def _body_places(self, x: Array, t: Array, p: Array) -> tuple[Array, Array]:
         """Return positions (3, S, N) in the body's axes, and the turns (3, 3, N) to them."""
-        turn = self._turns(np.zeros((1, t.size)), p[: len(self._own)], t).reshape(3, 3, -1)
+        turn = self._surroundings(np.zeros((1, t.size)), p[: len(self._own)], t)[2:]
+        turn = turn.reshape(3, 3, -1)
         places = x.reshape(-1, 6, x.shape[1])[:, :3]
         return np.einsum("ijn,sjn->isn", turn, places), turn
 

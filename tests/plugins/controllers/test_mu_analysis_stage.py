@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +169,40 @@ def test_controllers_are_compared_and_unstable_ones_said(spring: UncertainModels
     assert [one.loop for one in made.results] == [0]
     # damping, and stiffness above zero: δ = −2 takes it to zero
     assert made.results[0].lower == pytest.approx(0.5, rel=1e-6)
+
+
+def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: UncertainModels) -> None:
+    (model,) = spring.models
+    stiffer = replace(model, upper=np.array([1.3]))
+    several = replace(
+        spring, models=(model, stiffer, model), labels=("point=1", "point=2", "point=10")
+    )
+    keys: dict[str, Any] = {
+        "analyses": ["robust_performance"], "models": ["point=1*"], "curves": ["point=10"],
+        "sensitivity_curves": True, "points": 6,
+    }  # fmt: skip
+    given = {"soft": gain(np.array([[0.4]])), "none": gain(np.zeros((1, 1)))}
+    made = run(several, given, **keys)
+    assert made.model.tolist() == [0, 2, 0, 2]
+    assert [one.omega_rad_s.size > 0 for one in made.results] == [False, True, False, True]
+    one = made.results[1]
+    assert one.curve_shares.shape == (2, one.omega_rad_s.size)
+    assert_allclose(one.curve_shares.sum(axis=0), 1.0, rtol=0.0, atol=1e-9)
+    assert (one.curve_nominal <= one.curve_upper * (1.0 + 1e-9)).all()
+    assert one.curve_nominal.max() <= made.nominal[1] * (1.0 + 1e-9)
+    spec = validate(
+        MuAnalysisSpec, {"needs": {"uncertain": "u", "controllers": list(given)}} | keys, where="s"
+    )
+    assert isinstance(spec, MuAnalysisSpec)
+    shown = MuAnalysisStage(spec).present(made, several, ())
+    assert "mu_sensitivity_curves" in shown.figures
+    rows = shown.tables["mu_models_robust_performance"].rows
+    assert [row["model"] for row in rows] == ["point=1", "point=10"]
+    soft, none = shown.verdict
+    assert soft.startswith("soft: a gain below one for all perturbations declared with 0 of 2")
+    assert "not with point=1, point=10" in soft
+    with pytest.raises(InputError, match=r"models: needs\.uncertain"):
+        run(several, given, models=["point=3"])
 
 
 def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> None:

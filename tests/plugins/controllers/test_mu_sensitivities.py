@@ -14,6 +14,7 @@ from hillsphere_controllers.mu.blocks import (
     repeated_real,
 )
 from hillsphere_controllers.mu.sensitivities import sensitivities
+from hillsphere_controllers.mu.upper_bound import upper_bound
 
 
 @settings(derandomize=True, deadline=None, max_examples=10)
@@ -57,3 +58,32 @@ def test_blocks_that_act_one_way_have_shares_that_sum_to_one() -> None:
         shares = sensitivities(m, structure)
         assert_allclose(shares.sum(), 1.0, rtol=1e-9)
         assert shares.min() >= 0.0
+
+
+def test_shares_are_slopes_of_the_bound() -> None:
+    random = np.random.default_rng(1)
+    structure = BlockStructure([repeated_real(2), repeated_complex(), full(2)])
+    m = random.normal(size=(*structure.shape, 2)) @ np.array([1.0, 1j])
+    found, step = sensitivities(m, structure), 1e-4
+    for k, span in enumerate(structure.spans()):
+        logs = []
+        for sign in (1.0, -1.0):
+            scaled = m.copy()
+            scaled[span] *= np.exp(sign * step)
+            logs.append(np.log(upper_bound(scaled, structure, tolerance=1e-10).value))
+        assert found[k] == pytest.approx((logs[0] - logs[1]) / (2.0 * step), abs=2e-4)
+
+
+@pytest.mark.parametrize("decades", [0.0, 4.0, 8.0])
+def test_units_of_the_blocks_do_not_matter(decades: float) -> None:
+    """A change of the units of what passes through a block leaves µ and the shares."""
+    random = np.random.default_rng(2)
+    structure = BlockStructure([repeated_real(2), repeated_real(1), full(2)])
+    m = random.normal(size=structure.shape) + 0.1j * random.normal(size=structure.shape)
+    unit = np.repeat(10.0 ** (decades * np.array([0.0, 0.5, -0.5])), [2, 1, 2])
+    scaled = unit[:, None] * m / unit
+    exact = upper_bound(m, structure, tolerance=1e-8).value
+    assert upper_bound(scaled, structure).value == pytest.approx(exact, rel=1e-5)
+    assert_allclose(
+        sensitivities(scaled, structure), sensitivities(m, structure), rtol=0.0, atol=1e-3
+    )

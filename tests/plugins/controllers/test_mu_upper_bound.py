@@ -310,3 +310,9 @@ def test_what_bounds_nothing_is_refused() -> None:
     with pytest.raises(InputError, match="tolerance"):
         upper_bound(np.eye(2), structure, tolerance=np.nan)
     assert upper_bound(1e-300 * np.eye(2), structure).value == pytest.approx(1e-300)
+
+
+def test_a_bound_far_below_the_norm_is_found() -> None:
+    """µ of a strictly triangular matrix is zero: Δ feeds nothing back."""
+    structure = BlockStructure([repeated_complex(1)] * 3)
+    assert upper_bound(np.triu(np.ones((3, 3)), 1), structure).value < 1e-8

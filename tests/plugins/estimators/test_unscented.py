@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -312,6 +313,25 @@ def test_considered_states_as_by_schmidt() -> None:
     for type_ in ("information", "ukf", "ekf"):
         with pytest.raises(InputError, match="considered"):
             example("estimator", type_).update(model, prior, measured)
+
+
+def test_states_known_exactly_stay_so() -> None:
+    model = Linear(np.eye(2), np.zeros((2, 1)), np.array([[1.0, 1.0]]))
+    root = np.array([[[2.0, 0.0], [0.0, 0.0]]])
+    prior = Belief(np.array([[1.0], [5.0]]), root, np.zeros(1))
+    measured = MeasurementSet.of(np.zeros(1), np.array([[8.0]]), np.ones((1, 1)), model.blocks)
+    after, _ = unscented().update(model, prior, measured)
+    np.testing.assert_allclose(after.x[:, 0], [1.0 + 0.8 * 2.0, 5.0], rtol=1e-12)
+    np.testing.assert_allclose(after.covariance[0], np.diag([0.8, 0.0]), rtol=0, atol=1e-12)
+    with pytest.raises(InputError, match="singular covariance"):
+        unscented(update="iterated").update(model, prior, measured)
+
+
+def test_filterpy_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "filterpy.kalman", None)
+    flight = pair_flight(1, 1)
+    with pytest.raises(InputError, match=r"pip install 'filterpy>=2\.0'"):
+        example("estimator", "ukf").update(Pair(), flight.prior, flight.sets[0])
 
 
 def test_refuses_a_reach_that_is_none() -> None:

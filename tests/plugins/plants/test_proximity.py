@@ -227,6 +227,16 @@ def test_scene_is_that_of_the_equations() -> None:
     np.testing.assert_allclose(np.diff(mean), np.diff(t) * sqrt(GM_SUN / A**3), rtol=1e-9)
 
 
+def test_scene_of_another_spin() -> None:
+    made, t = plant(), np.array([0.0, 8e4])
+    scene = made.scene(t, rotation_rate=np.array([RATE, 1.01 * RATE]), rotation_angle=0.3)
+    f = made.anomaly(t)
+    phase = 0.3 + 1.01 * RATE * t[1] - (f[1] - f[0])
+    np.testing.assert_allclose(scene["to_body"][0, :, 1], [np.cos(phase), np.sin(phase), 0.0])
+    with pytest.raises(InputError, match="no parameter spin; it has primary_gm"):
+        made.scene(t, spin=1.0)
+
+
 def _true(mean: float) -> float:
     big = brentq(lambda q: q - E * np.sin(q) - mean, mean - 1, mean + 1, xtol=1e-15)
     half = np.sqrt((1 + E) / (1 - E)) * np.tan(big / 2)

@@ -53,7 +53,7 @@ def sensitivities(matrix: Complex | Array, structure: BlockStructure) -> Array:
     """
     squared = structure.squared(matrix)
     square = BlockStructure([b.squared() for b in structure.blocks])
-    here = upper_bound(squared, square)
+    here = upper_bound(squared, square, tolerance=_ROOM)
     if here.value <= 1e-12 * float(np.linalg.norm(squared)):
         raise InputError("µ is zero: no block has a share of it")
     bound = here.value * (1.0 + _ROOM)

@@ -244,6 +244,7 @@ class _Whitened:
         self.norm = max(float(np.linalg.norm(made, 2, axis=(1, 2)).max()), _SMALLEST)
         self.m = made / self.norm
         self.basis = basis.at(basis.fixed / self.norm**2)
+        self._less = np.where(basis.of_g, 0.3, 1.0)
 
     def there(self, d: Complex, g: Complex) -> tuple[Complex, Complex]:
         """Return D, of trace n, and G in these coordinates."""
@@ -256,8 +257,15 @@ class _Whitened:
     ) -> tuple[Array, tuple[float, Complex, Complex]]:
         """Return the centre for a level b above that of x: parameters, and level, D and G."""
         x = _centre(self.m, self.basis, x, b, decrement_at_end)
+        found = self._found(x)
+        # what rounding may have added grows with G, which a µ of zero lets grow without end
+        while (smaller := self._found(x * self._less))[0] < found[0]:
+            x, found = x * self._less, smaller
+        return x, found
+
+    def _found(self, x: Array) -> tuple[float, Complex, Complex]:
         d, g = self.basis.matrices(x)
-        return x, (level(self.m, d, g, self.basis.free, self.basis.fixed), d, g)
+        return level(self.m, d, g, self.basis.free, self.basis.fixed), d, g
 
     def back(self, found: tuple[float, Complex, Complex]) -> tuple[Complex, Complex]:
         """Return D and G of the matrices as they were."""

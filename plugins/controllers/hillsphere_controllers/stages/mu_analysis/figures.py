@@ -13,9 +13,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_bounds", "draw_shares"]
+__all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "with_share_curves"]
 
 _DRAWN = 6
+_COLUMNS = 4
+_NAMED = 0.05
+"""Share from which on a block is drawn by itself."""
 _TITLES = {"robust_stability": "Robust stability", "robust_performance": "Robust performance"}
 
 
@@ -71,3 +74,46 @@ def draw_shares(figure: Figure, product: MuAnalysis) -> None:
     axes.set_xlabel("share of the block in µ")
     axes.set_ylabel("block")
     axes.legend(fontsize=8)
+
+
+def with_share_curves(product: MuAnalysis) -> list[Analysed]:
+    """Return the analyses whose shares are known over frequency and are drawn."""
+    return [one for one in product.results if one.curve_shares.size][:_COLUMNS]
+
+
+def draw_share_curves(figure: Figure, product: MuAnalysis) -> None:
+    """Draw bounds above the shares of the blocks over frequency, one column an analysis."""
+    found = with_share_curves(product)
+    grid = figure.subplots(2, len(found), squeeze=False, sharex=True, sharey="row")
+    for column, one in enumerate(found):
+        above, below = grid[:, column]
+        omega = one.omega_rad_s
+        above.semilogx(omega, one.curve_upper, color=PALETTE["blue"], label="µ, from above")
+        above.semilogx(omega, one.curve_lower, color=PALETTE["sky"], ls="--", label="from below")
+        if one.curve_nominal.size:
+            above.semilogx(omega, one.curve_nominal, color=PALETTE["black"], label="nominal")
+        above.axhline(1.0, color="#777777", ls=":", lw=1.2)
+        title = product.label(one.loop)
+        above.set_title(f"{title}\n{_TITLES[one.analysis].lower()}", fontsize=9)
+        _draw_shares_over(below, one)
+        below.set_xlabel("frequency (rad/s)")
+        below.legend(fontsize=7)
+    grid[0, 0].legend(fontsize=8)
+    grid[0, 0].set_ylabel("µ, gain")
+    grid[1, 0].set_ylabel("share of the block")
+
+
+def _draw_shares_over(axes: Axes, one: Analysed) -> None:
+    colours = [colour for name, colour in PALETTE.items() if name not in ("yellow", "black")]
+    largest = np.nanmax(one.curve_shares, axis=1, initial=0.0)
+    named = [int(k) for k in np.argsort(-largest) if largest[k] >= _NAMED]
+    for place, k in enumerate(named):
+        style = ("-", "--", ":")[place // len(colours) % 3]
+        axes.semilogx(
+            one.omega_rad_s, one.curve_shares[k], style, color=colours[place % len(colours)],
+            label=one.blocks[k].rpartition(".")[2],
+        )  # fmt: skip
+    rest = [k for k in range(len(one.blocks)) if k not in named]
+    if rest:
+        together = one.curve_shares[rest].sum(axis=0)
+        axes.semilogx(one.omega_rad_s, together, color="#777777", label="others together")

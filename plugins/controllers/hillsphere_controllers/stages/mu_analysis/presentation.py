@@ -8,7 +8,12 @@ import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
-from hillsphere_controllers.stages.mu_analysis.figures import draw_bounds, draw_shares
+from hillsphere_controllers.stages.mu_analysis.figures import (
+    draw_bounds,
+    draw_share_curves,
+    draw_shares,
+    with_share_curves,
+)
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 
 __all__ = ["presented"]
@@ -42,6 +47,8 @@ def presented(product: MuAnalysis, reference: str | None) -> Presentation:
         "mu_certificates": _certificates(product),
         "mu_worst_cases": _worst_cases(product),
     }
+    if len(set(product.model.tolist())) > 1:
+        tables |= {f"mu_models_{name}": _by_model(product, name) for name in _analyses(product)}
     figures = {}
     if any(one.omega_rad_s.size for one in product.results):
         shown = {one.analysis for one in product.results if one.omega_rad_s.size}
@@ -52,6 +59,14 @@ def presented(product: MuAnalysis, reference: str | None) -> Presentation:
             "are intervals on each of which one pair of scalings proves the bound at its height: "
             "together they cover all frequencies.",
             size_in=(7.4, 0.8 + 3.2 * len(shown)),
+        )
+    if columns := with_share_curves(product):
+        figures["mu_sensitivity_curves"] = Figure(
+            "µ and shares of the blocks over frequency",
+            partial(draw_share_curves, product=product),
+            "Above: bounds of µ, and the gain of the nominal loop; below: relative change of the "
+            "upper bound with the size of each block. Blocks that never reach 5 % are together.",
+            size_in=(1.6 + 3.0 * len(columns), 6.4),
         )
     if any(one.shares.size for one in product.results):
         tables["mu_sensitivities"] = _shares(product)
@@ -228,19 +243,91 @@ def _shares(product: MuAnalysis) -> Table:
     )
 
 
+def _analyses(product: MuAnalysis) -> list[str]:
+    return [name for name in _TITLES if any(one.analysis == name for one in product.results)]
+
+
+def _by_model(product: MuAnalysis, analysis: str) -> Table:
+    """Return one row a model and one column a controller."""
+    rows: dict[int, dict[str, Cell]] = {
+        int(m): {"model": product.models[int(m)]} for m in dict.fromkeys(product.model.tolist())
+    }
+    for loop, nominal in enumerate(product.nominal):
+        cell = "not stable"
+        if np.isfinite(nominal):
+            one = next(o for o in product.results if (o.loop, o.analysis) == (loop, analysis))
+            cell = f"{nominal:.4f}; {one.lower:.4f} to {one.upper:.4f}"
+        rows[int(product.model[loop])][f"controller_{int(product.controller[loop])}"] = cell
+    columns = [
+        Column("model", "", "uncertain model"),
+        *(Column(f"controller_{k}", "", name) for k, name in enumerate(product.controllers)),
+    ]
+    note = (
+        "Nominal performance; what a perturbation reaches, to the bound certified for all "
+        "frequencies."
+    )
+    title = _TITLES[analysis]
+    return Table(f"{title[0].upper()}{title[1:]} by model", columns, list(rows.values()), [note])
+
+
 def _verdict(product: MuAnalysis) -> list[str]:
     said = []
-    for loop, nominal in enumerate(product.nominal):
-        name = product.label(loop)
-        if not np.isfinite(nominal):
-            said.append(f"{name}: the nominal loop is not stable; nothing was analysed.")
-            continue
-        parts = [_sentence(one) for one in product.results if one.loop == loop]
-        said.append(f"{name}: {'; '.join(parts)}.")
+    for number, controller in enumerate(product.controllers):
+        loops = np.flatnonzero(product.controller == number)
+        if len(loops) > 1:
+            said += _summed_up(product, controller, loops.tolist())
+        else:
+            said += [_said(product, int(loop)) for loop in loops]
     wrong = [one for one in product.results if one.singular > _SINGULAR]
     if wrong:
         said.append(f"{len(wrong)} worst cases do not pass their check: see Certificates.")
     return said
+
+
+def _said(product: MuAnalysis, loop: int) -> str:
+    name = product.label(loop)
+    if not np.isfinite(product.nominal[loop]):
+        return f"{name}: the nominal loop is not stable; nothing was analysed."
+    parts = [_sentence(one) for one in product.results if one.loop == loop]
+    return f"{name}: {'; '.join(parts)}."
+
+
+def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[str]:
+    """Return a sentence an analysis of a controller with several models."""
+    said = []
+    unstable = [loop for loop in loops if not np.isfinite(product.nominal[loop])]
+    if unstable:
+        said.append(
+            f"{controller}: the nominal loop is not stable with {_names(product, unstable)}."
+        )
+    for analysis in _analyses(product):
+        found = [o for o in product.results if o.loop in loops and o.analysis == analysis]
+        if not found:
+            continue
+        highest = max(found, key=lambda one: one.upper)
+        if analysis == "worst_case_gain":
+            said.append(
+                f"{controller}: gain at worst up to {highest.upper:.4g} "
+                f"({product.models[int(product.model[highest.loop])]})."
+            )
+            continue
+        sure = [one for one in found if one.upper < 1.0]
+        broken = [one.loop for one in found if one.lower > 1.0]
+        open_ = [one.loop for one in found if one.lower <= 1.0 <= one.upper]
+        what = "stable" if analysis == "robust_stability" else "a gain below one"
+        parts = [f"{what} for all perturbations declared with {len(sure)} of {len(found)} models"]
+        if sure:
+            parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
+        if broken:
+            parts.append(f"not with {_names(product, broken)}")
+        if open_:
+            parts.append(f"not known with {_names(product, open_)}")
+        said.append(f"{controller}: {'; '.join(parts)}.")
+    return said
+
+
+def _names(product: MuAnalysis, loops: list[int]) -> str:
+    return ", ".join(product.models[int(product.model[loop])] for loop in loops)
 
 
 def _sentence(one: Analysed) -> str:

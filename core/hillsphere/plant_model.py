@@ -1,0 +1,161 @@
+"""What an estimator believes of the world, made of a plant, a law and sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from math import ceil
+from typing import Self
+
+import numpy as np
+
+from hillsphere.dynamics import Derivatives, StepMap, system
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers, Plant, Scene
+from hillsphere.sensor_suite import SensorSuite
+from hillsphere.simulation.flow import closed_system, velocity_rows
+from hillsphere.simulation.protocols import ContinuousLaw
+
+__all__ = ["PlantModel"]
+
+
+class PlantModel:
+    r"""An `hillsphere.interfaces.EstimationModel` of a plant that sensors see.
+
+    Without a law, `control` is the plant's, held. With a continuous law it is what the law was
+    given at the last sample, its own estimate above the reference, 2 q rows: then the law's command
+    is that of the estimate, the same for every column of a case, and no deviation of a sigma point
+    is controlled away.
+
+    Random accelerations of the standard deviations σ are held over steps of dt and add
+
+    .. math:: Q = \sum_k \Phi_k G \sigma^2 G^\mathsf{T} \Phi_k^\mathsf{T}, \quad
+              G = [dt^2/2;\; dt],
+
+    Φ_k the transition from the end of the k-th step, along the believed flight.
+
+    Parameters
+    ----------
+    plant : Plant
+        Its equations, at nominal parameters.
+    suite : SensorSuite
+        What sees it.
+    law : ContinuousLaw, optional
+        What commands it.
+    noise : callable, optional
+        t_s (N,) → σ (p, N), m/s², one row per velocity; none if left out.
+    step_s : float
+        Longest step of the step map.
+    noise_step_s : float
+        dt, as nearly as whole steps divide an interval.
+    method : {"rk6", "dop853"}
+        Formula of the step map.
+
+    Raises
+    ------
+    InputError
+        If a step is not positive, or the plant and the law do not fit.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        suite: SensorSuite,
+        *,
+        law: ContinuousLaw | None = None,
+        noise: Callable[[Array], Array] | None = None,
+        step_s: float = 60.0,
+        noise_step_s: float = 60.0,
+        method: str = "rk6",
+    ) -> None:
+        if not (step_s > 0.0 and noise_step_s > 0.0):
+            raise InputError(f"steps must be positive, got {step_s} and {noise_step_s} s")
+        self.plant, self.suite, self.law = plant, suite, law
+        self.step_s, self.noise_step_s = step_s, noise_step_s
+        self._noise = noise
+        self._scene: Scene = {}
+        self._n, self._p = len(plant.states), len(plant.controls)
+        self._velocities = velocity_rows(plant)
+        if law is None:
+            equations = system(plant, controls=True)
+        else:
+            equations, _ = closed_system(plant, law, ())
+        self._map = StepMap(equations, method)
+        self._slopes = Derivatives(system(plant))
+
+    def within(self, scene: Scene) -> Self:
+        """Return the same model with what surrounds the sensors, arrays (…, N) or (…, 1)."""
+        made = copy(self)
+        made._scene = dict(scene)
+        return made
+
+    def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
+        """Return the states (n, K) later; see `hillsphere.interfaces.EstimationModel`."""
+        duration = t1_s - t0_s
+        steps = max(1, ceil(float(np.max(np.abs(duration), initial=0.0)) / self.step_s - 1e-9))
+        y, p = self._entering(x, control)
+        found: Array = self._map.propagate(y, duration, steps, p, t0_s)[: self._n]
+        return found
+
+    def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
+        """Return roots (N, n, r) of Q; see `hillsphere.interfaces.EstimationModel`."""
+        n, cases = x.shape
+        duration = t1_s - t0_s
+        longest = float(np.max(np.abs(duration), initial=0.0))
+        if self._noise is None or not longest:
+            return np.zeros((cases, n, 1))
+        steps = max(1, round(longest / self.noise_step_s))
+        inner = max(1, ceil(longest / steps / self.step_s - 1e-9))
+        y, p = self._entering(x, control)
+        path = self._map.trajectory(y, duration, steps * inner, p, t0_s)[:n, ::inner]
+        dt = duration / steps
+        positions = self._positions()
+        phi = np.repeat(np.eye(n)[None], cases, axis=0)
+        roots = []
+        for k in range(steps, 0, -1):
+            start = t0_s + (k - 1) * dt
+            sigma = np.broadcast_to(self._noise(start), (len(self._velocities), cases))
+            push = np.zeros((cases, n, len(self._velocities)))
+            for column, (r, v) in enumerate(zip(positions, self._velocities, strict=True)):
+                push[:, r, column] = 0.5 * dt * dt * sigma[column]
+                push[:, v, column] = dt * sigma[column]
+            roots.append(phi @ push)
+            middle = 0.5 * (path[:, k - 1] + path[:, k])
+            slope = self._slopes.both(middle, None, start + 0.5 * dt)[1].transpose(2, 0, 1)
+            step = slope * dt[:, None, None]
+            phi = phi @ (np.eye(n) + step + 0.5 * step @ step)
+        if steps == 1:
+            return roots[0]
+        rows = np.swapaxes(np.concatenate(roots, axis=2), 1, 2)
+        return np.asarray(np.swapaxes(np.linalg.qr(rows, mode="r"), 1, 2))
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        """Return what perfect sensors show; see `hillsphere.interfaces.EstimationModel`."""
+        own = {
+            name: value if value.shape[-1] == 1 else np.take(value, case, axis=-1)
+            for name, value in self._scene.items()
+        }
+        return self.suite.observe(x, t_s, own)
+
+    def _entering(self, x: Array, control: Array) -> tuple[Array, Array]:
+        """Return states and run-time parameters of the compiled system."""
+        cases = x.shape[1]
+        law = self.law
+        if law is None:
+            if len(control) not in (0, self._p):
+                raise InputError(f"control must have {self._p} rows or none, got {len(control)}")
+            return x, control if len(control) else np.zeros((self._p, cases))
+        q = law.inputs
+        if len(control) != 2 * q:
+            raise InputError(
+                f"control must hold the law's estimate and reference, {2 * q} rows, got "
+                f"{len(control)}"
+            )
+        y = np.concatenate([x, law.initial(cases), np.zeros((1, cases))])
+        gain = np.repeat(np.eye(self._p).reshape(-1, 1), cases, axis=1)
+        seen, goal = control[:q], control[q:]
+        held = [goal, seen] if law.measurement == "held" else [goal]
+        return y, np.concatenate([np.zeros((self._p, cases)), gain, *held])
+
+    def _positions(self) -> list[int]:
+        return [i for i, v in enumerate(self.plant.states) if (v.length, v.time) == (1, 0)]
