@@ -29,10 +29,11 @@ class PlantModel:
 
     Random accelerations of the standard deviations σ are held over steps of dt and add
 
-    .. math:: Q = \sum_k \Phi_k G \sigma^2 G^\mathsf{T} \Phi_k^\mathsf{T}, \quad
-              G = [dt^2/2;\; dt],
+    .. math:: Q = \sum_k \Phi_k G_k \sigma^2 G_k^\mathsf{T} \Phi_k^\mathsf{T}, \quad
+              G_k = \int_0^{dt} e^{A_k s} B\, ds \approx [dt^2/2;\; dt],
 
-    Φ_k the transition from the end of the k-th step, along the believed flight.
+    A_k the slope of the free motion along the believed flight, B where accelerations enter, Φ_k the
+    transition from the end of the k-th step.
 
     Parameters
     ----------
@@ -109,21 +110,20 @@ class PlantModel:
         y, p = self._entering(x, control)
         path = self._map.trajectory(y, duration, steps * inner, p, t0_s)[:n, ::inner]
         dt = duration / steps
-        positions = self._positions()
-        phi = np.repeat(np.eye(n)[None], cases, axis=0)
+        entry = np.zeros((n, len(self._velocities)))
+        entry[self._velocities, np.arange(len(self._velocities))] = 1.0
+        one = np.eye(n)
+        phi = np.repeat(one[None], cases, axis=0)
         roots = []
         for k in range(steps, 0, -1):
             start = t0_s + (k - 1) * dt
             sigma = np.broadcast_to(self._noise(start), (len(self._velocities), cases))
-            push = np.zeros((cases, n, len(self._velocities)))
-            for column, (r, v) in enumerate(zip(positions, self._velocities, strict=True)):
-                push[:, r, column] = 0.5 * dt * dt * sigma[column]
-                push[:, v, column] = dt * sigma[column]
-            roots.append(phi @ push)
             middle = 0.5 * (path[:, k - 1] + path[:, k])
             slope = self._slopes.both(middle, None, start + 0.5 * dt)[1].transpose(2, 0, 1)
             step = slope * dt[:, None, None]
-            phi = phi @ (np.eye(n) + step + 0.5 * step @ step)
+            held = (one + step @ (one / 2.0 + step / 6.0)) @ entry
+            roots.append(phi @ (held * (dt * sigma).T[:, None, :]))
+            phi = phi @ (one + step @ (one + step / 2.0))
         if steps == 1:
             return roots[0]
         rows = np.swapaxes(np.concatenate(roots, axis=2), 1, 2)
@@ -156,6 +156,3 @@ class PlantModel:
         seen, goal = control[:q], control[q:]
         held = [goal, seen] if law.measurement == "held" else [goal]
         return y, np.concatenate([np.zeros((self._p, cases)), gain, *held])
-
-    def _positions(self) -> list[int]:
-        return [i for i, v in enumerate(self.plant.states) if (v.length, v.time) == (1, 0)]

@@ -62,10 +62,13 @@ def uncertain(models: LinearModels, **keys: Any) -> UncertainModels:
 
 
 def run(
-    models: UncertainModels, controllers: dict[str, LtiSystem] | None = None, **keys: Any
+    models: UncertainModels,
+    controllers: dict[str, LtiSystem] | None = None,
+    more: dict[str, Any] | None = None,
+    **keys: Any,
 ) -> MuAnalysis:
     given = controllers or {}
-    table = {"needs": {"uncertain": "uncertain", "controllers": list(given)}} | keys
+    table = {"needs": {"uncertain": "uncertain", "controllers": list(given)}} | keys | (more or {})
     spec = validate(MuAnalysisSpec, table, where="stage")
     assert isinstance(spec, MuAnalysisSpec)
     stage = MuAnalysisStage(spec)
@@ -182,7 +185,7 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
         "sensitivity_curves": True, "points": 6,
     }  # fmt: skip
     given = {"soft": gain(np.array([[0.4]])), "none": gain(np.zeros((1, 1)))}
-    made = run(several, given, **keys)
+    made = run(several, given, keys)
     assert made.model.tolist() == [0, 2, 0, 2]
     assert [one.omega_rad_s.size > 0 for one in made.results] == [False, True, False, True]
     one = made.results[1]
@@ -198,11 +201,11 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     assert "mu_sensitivity_curves" in shown.figures
     rows = shown.tables["mu_models_robust_performance"].rows
     assert [row["model"] for row in rows] == ["point=1", "point=10"]
-    soft, none = shown.verdict
+    soft, _ = shown.verdict
     assert soft.startswith("soft: a gain below one for all perturbations declared with 0 of 2")
     assert "not with point=1, point=10" in soft
     with pytest.raises(InputError, match=r"models: needs\.uncertain"):
-        run(several, given, models=["point=3"])
+        run(several, given, {"models": ["point=3"]})
 
 
 def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> None:

@@ -26,7 +26,7 @@ GAIN = {"gain": "stage.descent.actuator.gain.ax"}
 
 
 def uncertain() -> UncertainModels:
-    """Return ẏ = −y + 0.8 (1 + 0.2 a) y + 0.3 g y + d, with a at 2 ± 0.6 and the gain at 1 ± 0.1."""
+    """Return a loop of two uncertain gains, a = 2 ± 0.6, gain = 1 ± 0.1."""
     system = LtiSystem(
         np.array([[-0.2]]),
         np.array([[1.0, 1.0, 1.0]]),
@@ -99,7 +99,7 @@ def test_blocks_without_an_input_stay_out(analysis: MuAnalysis) -> None:
 def test_faults_are_said(analysis: MuAnalysis) -> None:
     with pytest.raises(InputError, match="controllers: none is called 'ka'"):
         run(analysis, controllers=["ka"])
-    with pytest.raises(InputError, match="inputs: the models have no block 'gian'.*gain"):
+    with pytest.raises(InputError, match=r"inputs: the models have no block 'gian'.*gain"):
         run(analysis, inputs={"gian": "stage.descent.actuator.gain.ax"})
     with pytest.raises(StageError, match="no worst case"):
         run(analysis, analyses=["robust_stability"])

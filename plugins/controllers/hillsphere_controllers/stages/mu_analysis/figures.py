@@ -32,7 +32,8 @@ def draw_bounds(figure: Figure, product: MuAnalysis) -> None:
     grid = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
     for axes, name in zip(grid, shown, strict=True):
-        drawn = [one for one in product.results if one.analysis == name][:_DRAWN]
+        drawn = [one for one in product.results if one.analysis == name and one.omega_rad_s.size]
+        drawn = drawn[:_DRAWN]
         for place, one in enumerate(drawn):
             _draw_loop(axes, one, colours[place % len(colours)], product.label(one.loop))
         axes.axhline(1.0, color="#777777", ls=":", lw=1.2)
@@ -94,7 +95,8 @@ def draw_share_curves(figure: Figure, product: MuAnalysis) -> None:
             above.semilogx(omega, one.curve_nominal, color=PALETTE["black"], label="nominal")
         above.axhline(1.0, color="#777777", ls=":", lw=1.2)
         title = product.label(one.loop)
-        above.set_title(f"{title}\n{_TITLES[one.analysis].lower()}", fontsize=9)
+        what = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
+        above.set_title(f"{title}\n{what}", fontsize=9)
         _draw_shares_over(below, one)
         below.set_xlabel("frequency (rad/s)")
         below.legend(fontsize=7)

@@ -51,12 +51,15 @@ class Piece:
         The loop, closed by its controller.
     drawn : bool
         Whether bounds over frequency are wanted.
+    channel : str
+        Name of the outputs whose performance it is, where it is not that of all.
     """
 
     loop: int
     analysis: str
     model: UncertainModel
     drawn: bool
+    channel: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +222,7 @@ def _result(
     physical = np.array([in_units[u.name] for _, u in real])
     shown = certified.peak < lower < np.inf
     return Analysed(
-        loop=piece.loop, analysis=piece.analysis, upper=float(upper), lower=float(lower),
+        loop=piece.loop, analysis=piece.analysis, channel=piece.channel, upper=float(upper), lower=float(lower),
         peak=float(lower if shown else certified.peak),
         peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
         frequency_rad_s=float(frequency_rad_s), grid_peak=float(grid_peak),

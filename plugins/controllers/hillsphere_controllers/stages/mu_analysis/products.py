@@ -20,6 +20,8 @@ class Analysed:
         Number of the loop.
     analysis : {"robust_stability", "robust_performance", "worst_case_gain"}
         Which one.
+    channel : str
+        Outputs whose performance is worst, where each counts by itself; empty otherwise.
     upper, lower : float
         Bounds, over all frequencies, of µ or of the gain: the upper one certified, the lower one
         reached by `delta`.
@@ -62,6 +64,7 @@ class Analysed:
 
     loop: int
     analysis: str
+    channel: str
     upper: float
     lower: float
     peak: float
@@ -103,8 +106,8 @@ class MuAnalysis:
     controller, model : ndarray of int, shape (L,)
         Of each loop.
     nominal : ndarray, shape (L,)
-        H∞ norm of the nominal loop from its disturbances to its weighted signals; infinite if it is
-        not stable: then it is not analysed. Zero if it has none.
+        H∞ norm of the nominal loop from its disturbances to its weighted signals, the largest of
+        those that count by themselves; infinite if it is not stable: then it is not analysed. Zero if it has none.
     nominal_grid : ndarray, shape (L,)
         Largest gain of the nominal loop at the frequencies of what is published; NaN without them.
     results : tuple of Analysed

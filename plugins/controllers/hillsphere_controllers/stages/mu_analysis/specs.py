@@ -57,6 +57,7 @@ class MuAnalysisSpec(StageSpec):
         {
             "needs": {"uncertain": "uncertain", "controllers": ["design"]},
             "models": ["*"],
+            "outputs": [],
             "curves": ["*"],
             "points": 10,
             "analyses": ["robust_performance"],
@@ -88,6 +89,11 @@ class MuAnalysisSpec(StageSpec):
     models: tuple[str, ...] = option(
         "which of the uncertain models are analysed, by name, in which * stands for any "
         "characters; left out: all",
+        default=(),
+    )
+    outputs: tuple[str, ...] = option(
+        "outputs whose performance counts, each name a channel by itself of which the worst is "
+        "shown, so that all gains are below one where its is; left out: all together as one",
         default=(),
     )
     sensitivities: bool = option("whether the shares of the blocks are computed", default=True)

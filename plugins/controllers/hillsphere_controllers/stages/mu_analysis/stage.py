@@ -21,6 +21,7 @@ from hillsphere_controllers.stages.mu_analysis.loops import Analyses, Piece
 from hillsphere_controllers.stages.mu_analysis.presentation import presented
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
+from hillsphere_controllers.stages.signals import places
 from hillsphere_controllers.stages.uncertain import lft_of
 from hillsphere_controllers.systems.algebra import lower_lft
 
@@ -71,7 +72,7 @@ class MuAnalysisStage:
         seed = int(ctx.rng("starts").integers(1 << 31))
         chosen = _chosen(spec.models, uncertain, "models")
         drawn = _chosen(spec.curves, uncertain, "curves")
-        places: list[tuple[int, int]] = []
+        of_loop: list[tuple[int, int]] = []
         loops: list[LtiSystem] = []
         for c, controller in enumerate(systems):
             for m in chosen:
@@ -79,20 +80,28 @@ class MuAnalysisStage:
                 if not model.names:
                     raise InputError(f"{uncertain.labels[m]}: nothing is uncertain")
                 loops.append(_closed(model.system, controller, uncertain, names[c]))
-                places.append((c, m))
+                of_loop.append((c, m))
         grid = self._grid()
         nominal: list[float] = []
         on_grid: list[float] = []
         pieces: list[Piece] = []
-        for number, (_, m) in enumerate(places):
+        for number, (_, m) in enumerate(of_loop):
             model = _with_system(uncertain.models[m], loops[number])
-            inner = lft_of(model).nominal
+            channels = _channels(model, spec.outputs)
+            inner = [lft_of(one).nominal for one in channels.values()]
             # the norm is infinite if any state is not stable, performance or not
-            nominal.append(hinf_norm(inner).value)
-            gains = largest_gains(inner.response(grid)) if grid.size else [np.nan]
-            on_grid.append(float(np.max(gains)) if np.isfinite(nominal[-1]) else np.nan)
+            nominal.append(max(hinf_norm(one).value for one in inner))
+            gains = [largest_gains(one.response(grid)).max() for one in inner if grid.size]
+            on_grid.append(float(max(gains, default=np.nan)))
+            if not np.isfinite(nominal[-1]):
+                on_grid[-1] = np.nan
             if loops[number].is_stable:
-                pieces += [Piece(number, one, model, m in drawn) for one in spec.analyses]
+                for analysis in spec.analyses:
+                    taken = {"": model} if analysis == "robust_stability" else channels
+                    pieces += [
+                        Piece(number, analysis, one, m in drawn, name)
+                        for name, one in taken.items()
+                    ]
         advance = ctx.track("analyses", len(pieces))
         results: list[Analysed] = []
         work = Analyses(
@@ -103,9 +112,13 @@ class MuAnalysisStage:
         )  # fmt: skip
         with Workers(ctx, work) as workers:
             for found in workers.map(pieces):
-                results.append(found)
+                last = results[-1] if results else None
+                if last is None or (last.loop, last.analysis) != (found.loop, found.analysis):
+                    results.append(found)
+                elif found.upper > last.upper:  # of the channels, the worst
+                    results[-1] = found
                 advance(1)
-        pairs = np.array(places, dtype=np.int64)
+        pairs = np.array(of_loop, dtype=np.int64)
         return MuAnalysis(
             controllers=names,
             models=uncertain.labels,
@@ -165,6 +178,19 @@ def _closed(
             f"and {uncertain.controls}"
         )
     return lower_lft(system, controller)
+
+
+def _channels(model: UncertainModel, outputs: tuple[str, ...]) -> dict[str, UncertainModel]:
+    """Return the model with each of its channels of performance by itself, by their names."""
+    if not outputs:
+        return {"": model}
+    system, p = model.system, lft_of(model).structure.shape[0]
+    made = {}
+    for name in outputs:
+        rows = [*range(p), *(p + k for k in places(system.outputs[p:], [name], "outputs"))]
+        own = LtiSystem(system.a, system.b, system.c[rows], system.d[rows], system.dt_s)
+        made[name] = _with_system(model, own)
+    return made
 
 
 def _with_system(model: UncertainModel, system: LtiSystem) -> UncertainModel:
