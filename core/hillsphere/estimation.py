@@ -183,7 +183,8 @@ class Innovation:
     residual : ndarray, shape (m, N)
         Measured minus expected, SI; angles the short way round. Zero where nothing was used.
     covariance : ndarray, shape (N, m, m)
-        Its covariance; rows that were not used are independent, with their measured variance.
+        Its covariance; rows that were not used are independent, with the variance stated for
+        them, or 1.
     used : ndarray of bool, shape (m, N)
         Which rows were used: present and, if there is a gate, within it.
     nis : ndarray, shape (N,)

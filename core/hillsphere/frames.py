@@ -42,7 +42,9 @@ _FAMILIES = {
     ),
 }
 
-_EARTH = {
+_OTHERS = {
+    "ecliptic": Frame("ecliptic", "centre of the Sun", "ecliptic and equinox of J2000", True)
+} | {
     name: Frame(name, "centre of mass of the Earth", axes, inertial)
     for name, axes, inertial in (
         ("teme", "true equator and mean equinox (of date; over an arc taken as inertial)", True),
@@ -58,7 +60,7 @@ def frame(name: str) -> Frame:
     Parameters
     ----------
     name : str
-        ``"hill:BODY"``, ``"body:BODY"``, ``"teme"``, ``"gcrs"`` or ``"itrf"``.
+        ``"hill:BODY"``, ``"body:BODY"``, ``"ecliptic"``, ``"teme"``, ``"gcrs"`` or ``"itrf"``.
 
     Returns
     -------
@@ -70,11 +72,11 @@ def frame(name: str) -> Frame:
     InputError
         If there is no such frame.
     """
-    if name in _EARTH:
-        return _EARTH[name]
+    if name in _OTHERS:
+        return _OTHERS[name]
     family, _, body = name.partition(":")
     if family not in _FAMILIES or not body:
-        known = ", ".join([*(f + ":BODY" for f in _FAMILIES), *_EARTH])
+        known = ", ".join([*(f + ":BODY" for f in _FAMILIES), *_OTHERS])
         raise InputError(f"no frame {name!r}; known: {known}")
     centre, axes = (text.format(body=body) for text in _FAMILIES[family])
     return Frame(name, centre, axes)

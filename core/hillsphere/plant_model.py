@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from math import ceil
 from typing import Self
@@ -106,10 +106,8 @@ class PlantModel:
         if self._noise is None or not longest:
             return np.zeros((cases, n, 1))
         steps = max(1, round(longest / self.noise_step_s))
-        inner = max(1, ceil(longest / steps / self.step_s - 1e-9))
-        y, p = self._entering(x, control)
-        path = self._map.trajectory(y, duration, steps * inner, p, t0_s)[:n, ::inner]
         dt = duration / steps
+        middles = self._middles(x, t0_s, dt, steps, control)
         entry = np.zeros((n, len(self._velocities)))
         entry[self._velocities, np.arange(len(self._velocities))] = 1.0
         one = np.eye(n)
@@ -118,8 +116,7 @@ class PlantModel:
         for k in range(steps, 0, -1):
             start = t0_s + (k - 1) * dt
             sigma = np.broadcast_to(self._noise(start), (len(self._velocities), cases))
-            middle = 0.5 * (path[:, k - 1] + path[:, k])
-            slope = self._slopes.both(middle, None, start + 0.5 * dt)[1].transpose(2, 0, 1)
+            slope = self._slopes.both(middles[k - 1], None, start + 0.5 * dt)[1].transpose(2, 0, 1)
             step = slope * dt[:, None, None]
             held = (one + step @ (one / 2.0 + step / 6.0)) @ entry
             roots.append(phi @ (held * (dt * sigma).T[:, None, :]))
@@ -128,6 +125,18 @@ class PlantModel:
             return roots[0]
         rows = np.swapaxes(np.concatenate(roots, axis=2), 1, 2)
         return np.asarray(np.swapaxes(np.linalg.qr(rows, mode="r"), 1, 2))
+
+    def _middles(
+        self, x: Array, t0_s: Array, dt: Array, steps: int, control: Array
+    ) -> Sequence[Array]:
+        """Return the believed states (n, N) in the middle of each step of the noise."""
+        if steps == 1:
+            # half a step of free motion: what it leaves out of the slopes is of second order
+            return [x + 0.5 * dt * self._slopes.rate(x, None, t0_s)]
+        inner = max(1, ceil(float(np.max(np.abs(dt))) / self.step_s - 1e-9))
+        y, p = self._entering(x, control)
+        path = self._map.trajectory(y, dt * steps, steps * inner, p, t0_s)[: self._n, ::inner]
+        return [0.5 * (path[:, k] + path[:, k + 1]) for k in range(steps)]
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         """Return what perfect sensors show; see `hillsphere.interfaces.EstimationModel`."""

@@ -60,7 +60,9 @@ def cramer_rao(
     controls : sequence of ndarray, shape (p, N), optional
         K − 1: between the times.
     pooled : bool
-        Whether the information of the measurements is averaged over the trajectories.
+        Whether the information of the measurements is averaged over the trajectories. Where these
+        lie apart that is a bound as well, but a lower one than need be: some see better than
+        others.
 
     Returns
     -------

@@ -18,8 +18,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, usable
-from hillsphere_estimators.iterated_extended import about_prior
+from hillsphere_estimators.innovations import Expected, about_prior, usable
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import upper_triangle

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from hillsphere.estimation import Innovation, MeasurementSet
+from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array
 from hillsphere_estimators.differences import Layout, layout_of
 
-__all__ = ["Expected", "gate_threshold", "gated", "usable", "whitened"]
+__all__ = ["Expected", "about_prior", "gate_threshold", "gated", "usable", "whitened"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Expected:
         """Return it in SI, with standard deviations sigma (m, N) of the noise."""
         covariance = self.covariance()
         solved = np.linalg.solve(covariance, self.residual[:, :, None])[:, :, 0]
-        unit = np.where(self.used, sigma, np.where(np.isfinite(sigma), sigma, 1.0)).T
+        unit = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, 1.0).T
         return Innovation(
             (self.residual * unit).T,
             covariance * unit[:, :, None] * unit[:, None, :],
@@ -150,6 +150,17 @@ def gated(layout: Layout, expected: Expected, sigmas: float) -> Expected:
         limit = gate_threshold(sigmas, rows.stop - rows.start)[used[rows].sum(axis=0)]
         used[rows] &= (distance <= limit) | ~straight
     return expected if np.array_equal(used, expected.used) else expected.without(used)
+
+
+def about_prior(prior: Belief, x: Array, expected: Expected) -> Expected:
+    """Return what slopes at x (n, N) say of the prior: its linear rows go with those of Sᵀ."""
+    off = (x - prior.x).T[:, None]
+    return Expected(
+        expected.residual + (off @ expected.linear)[:, 0],
+        np.swapaxes(prior.root, 1, 2) @ expected.linear,
+        expected.bent,
+        expected.used,
+    )
 
 
 @lru_cache(maxsize=256)

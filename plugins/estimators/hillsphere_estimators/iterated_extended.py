@@ -13,14 +13,14 @@ import numpy as np
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, gated, usable
+from hillsphere_estimators.innovations import Expected, about_prior, gated, usable
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.roots import lower_root
 from hillsphere_estimators.sigma_points import considered
 from hillsphere_estimators.specs import IteratedExtendedSpec
 from hillsphere_estimators.unscented import absorbed
 
-__all__ = ["IteratedExtended", "about_prior"]
+__all__ = ["IteratedExtended"]
 
 
 class IteratedExtended:
@@ -68,14 +68,3 @@ class IteratedExtended:
             spec.iterations, spec.tolerance_sigmas, damped=free is None,
         )  # fmt: skip
         return after, first.innovation(measurements.sigma)
-
-
-def about_prior(prior: Belief, x: Array, expected: Expected) -> Expected:
-    """Return what slopes at x (n, N) say of the prior: its linear rows go with those of Sᵀ."""
-    off = (x - prior.x).T[:, None]
-    return Expected(
-        expected.residual + (off @ expected.linear)[:, 0],
-        np.swapaxes(prior.root, 1, 2) @ expected.linear,
-        expected.bent,
-        expected.used,
-    )

@@ -147,7 +147,8 @@ def _updated(
     z = layout.difference(values, middle)
     m, cases = z.shape
     residual, nis = np.zeros((m, cases)), np.zeros(cases)
-    unit = np.where(np.isfinite(measurements.sigma), measurements.sigma, 1.0)
+    sigma = measurements.sigma
+    unit = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, 1.0)
     covariance = np.zeros((cases, m, m))
     covariance[:, np.arange(m), np.arange(m)] = unit.T**2
     made = []

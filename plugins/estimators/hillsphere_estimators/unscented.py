@@ -24,6 +24,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.innovations import Expected, gated, usable, whitened
+from hillsphere_estimators.innovations import Expected, about_prior, gated, usable, whitened
 from hillsphere_estimators.resting import distance, regular_root, rested
 from hillsphere_estimators.roots import lower_root, upper_triangle
 from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
@@ -201,10 +202,4 @@ def absorbed(
 def _about(at: Belief, prior: Belief, expected: Expected) -> Expected:
     """Return what a linearisation about one belief says of measurements expected by another."""
     slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
-    off = (at.x - prior.x).T[:, None]
-    return Expected(
-        expected.residual + (off @ slopes)[:, 0],
-        np.swapaxes(prior.root, 1, 2) @ slopes,
-        expected.bent,
-        expected.used,
-    )
+    return about_prior(prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64)))

@@ -38,6 +38,13 @@ def hillsphere_components() -> list[Component]:
             "spacecraft near a spinning asteroid, in the Hill frame of its elliptic orbit",
         ),
         Component(
+            "plant",
+            "heliocentric",
+            "hillsphere_plants.heliocentric:Heliocentric",
+            "hillsphere_plants.proximity_specs:HeliocentricSpec",
+            "an asteroid and spacecraft far from it, around the Sun",
+        ),
+        Component(
             "stage",
             "formation_reference",
             "hillsphere_plants.proximity_reference:FormationReferenceStage",

@@ -1,4 +1,4 @@
-"""Specs of the plant ``proximity`` and of its reference trajectories."""
+"""Specs of the plants ``proximity`` and ``heliocentric``, and of reference trajectories."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import Self
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
+from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference
 
 __all__ = [
     "FormationReferenceSpec",
+    "HeliocentricSpec",
     "ProximitySpec",
     "RelativeElementsSpec",
     "SpacecraftSpec",
@@ -101,6 +103,28 @@ class ProximitySpec(Spec):
             text = f"names repeat: {', '.join(given)}"
             raise PydanticCustomError("rule", "{text}", {"text": text, "key": "spacecraft"})
         return self
+
+
+class HeliocentricSpec(Spec):
+    """Bodies and spacecraft on their ways around the Sun, in the axes of the ecliptic of J2000."""
+
+    examples = (
+        {"bodies": [{"name": "asteroid"}]},
+        {"bodies": [{"name": "asteroid"}, SpacecraftSpec.examples[0]]},
+    )
+
+    bodies: tuple[SpacecraftSpec, ...] = option(
+        "the bodies; six states and three controls each, in this order", min_length=1, max_length=20
+    )
+    primary_gm_m3_s2: float = quantity(
+        "gravitational_parameter",
+        "gravitational parameter of the Sun; left out: the nominal value",
+        default=NOMINAL_SOLAR_GM_M3_S2,
+        gt=0,
+    )
+    radiation_pressure_n_m2: float = option(
+        "radiation pressure of the Sun at 1 au, N/m²", default=4.56e-6, ge=0
+    )
 
 
 class RelativeElementsSpec(Spec):

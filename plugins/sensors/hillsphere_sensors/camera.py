@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated, sighted
 from hillsphere_sensors.spacecraft_specs import CameraSpec
 
 __all__ = ["Camera"]
@@ -63,6 +63,13 @@ class Camera(SpacecraftSensor):
         self.pixels_per_slope = spec.focal_length_m / self.pixel_m
         """Pixels from the middle of the image to where x/z is one."""
 
+    def pose(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
+        """Return where the camera is from its target's centre, m, and where it looks, (3, N)."""
+        r = self._states(x, self.spec.spacecraft)[:3]
+        if self.spec.target_rows:
+            r = r - self._states(x, self.spec.target_rows)[:3]
+        return r, self._boresight(scene, t_s)
+
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         u, v, ahead, _ = self._target(x, t_s, scene)
         if self.spec.output == "angles":
@@ -89,17 +96,14 @@ class Camera(SpacecraftSensor):
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """Return the target in the camera's axes (each (N,)), and whether there is one."""
         spec = self.spec
-        own = self._states(x, spec.spacecraft)
-        r = own[:3]
-        if spec.target_rows:
-            r = r - self._states(x, spec.target_rows)[:3]
-        frame = line_of_sight_frame(self._boresight(scene, t_s))
-        u, v, ahead = rotated(frame, -r)
+        r, boresight = self.pose(x, t_s, scene)
+        u, v, ahead = sighted(boresight, -r)
         there = np.ones(t_s.shape, dtype=bool)
         if spec.target == "centre":
             return u, v, ahead, there
         turn = self._from(scene, "to_body", (3, 3), t_s)
         sun = self._from(scene, "sun", (3,), t_s) if spec.sunlit else None
+        frame = line_of_sight_frame(boresight)
         # the camera's axes in those of the body
         inside = np.einsum("ikn,jkn->ijn", *np.broadcast_arrays(frame, turn))
         place = rotated(turn, r)

@@ -67,10 +67,8 @@ def camera_image(
     state = np.asarray(x, dtype=float)[:, None]
     turn = np.asarray(scene["to_body"], dtype=float)
     spec = camera.spec
-    r = camera._states(state, spec.spacecraft)[:3]
-    if spec.target_rows:
-        r = r - camera._states(state, spec.target_rows)[:3]
-    frame = line_of_sight_frame(camera._boresight(scene, time))
+    r, boresight = camera.pose(state, time, scene)
+    frame = line_of_sight_frame(boresight)
     edge = np.tan(0.5 * spec.field_of_view_rad)
     slopes = edge * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = (grid.ravel() for grid in np.meshgrid(slopes, slopes))

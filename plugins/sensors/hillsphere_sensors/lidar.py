@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated, sighted
 from hillsphere_sensors.spacecraft_specs import LidarSpec
 
 __all__ = ["Lidar"]
@@ -55,8 +55,7 @@ class Lidar(SpacecraftSensor):
         distance, _ = self._range(r, t_s, scene)
         if not self.spec.angles:
             return distance[None]
-        frame = line_of_sight_frame(self._boresight(scene, t_s))
-        u, v, ahead = rotated(frame, -r)
+        u, v, ahead = sighted(self._boresight(scene, t_s), -r)
         return np.array([distance, np.arctan2(u, ahead), np.arctan2(v, ahead)])
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.spacecraft_specs import SpacecraftSensorSpec
 
-__all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated"]
+__all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated", "sighted"]
 
 Booleans = NDArray[np.bool_]
 
@@ -160,7 +160,7 @@ def line_of_sight_frame(boresight: Array) -> Array:
         If a boresight is along z.
     """
     size = np.sqrt(np.sum(boresight**2, axis=0))
-    level = np.hypot(boresight[0], boresight[1])
+    level = np.sqrt(boresight[0] ** 2 + boresight[1] ** 2)
     if not (level > 1e-12 * size).all():
         raise InputError("a boresight along ±z leaves open which way is up: turn it off the axis")
     z = boresight / size
@@ -169,13 +169,36 @@ def line_of_sight_frame(boresight: Array) -> Array:
     return np.array([x, y, z])
 
 
+def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
+    """Return the components of vectors (3, N) in the axes of `line_of_sight_frame`.
+
+    Without making these: a filter asks for it at every sigma point.
+
+    Raises
+    ------
+    InputError
+        If a boresight is along z.
+    """
+    bx, by, bz = boresight
+    rx, ry, rz = way
+    square = bx * bx + by * by
+    size = np.sqrt(square + bz * bz)
+    level = np.sqrt(square)
+    if not (level > 1e-12 * size).all():
+        raise InputError("a boresight along ±z leaves open which way is up: turn it off the axis")
+    flat = bx * rx + by * ry
+    return (
+        (bx * ry - by * rx) / level,
+        (level * rz - bz * flat / level) / size,
+        (flat + bz * rz) / size,
+    )
+
+
 def rotated(matrices: Array, vectors: Array) -> Array:
     """Return matrices (3, 3, N or 1) times vectors (3, …, N)."""
-    parts = [
-        sum(row[j].reshape((1,) * (vectors.ndim - 2) + row[j].shape) * vectors[j] for j in range(3))
-        for row in matrices
-    ]
-    return np.array(parts)
+    between = (slice(None),) * 2 + (None,) * (vectors.ndim - 2)
+    a, (x, y, z) = matrices[between], vectors
+    return np.array([row[0] * x + row[1] * y + row[2] * z for row in a])
 
 
 def _threshold(probability: float) -> float:

@@ -208,6 +208,30 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
         run(several, given, {"models": ["point=3"]})
 
 
+def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
+    """Two outputs, y and y/2: each by itself, they are below what they are together."""
+    (model,) = spring.models
+    s = model.system
+    row = s.c[1:2]
+    wide = LtiSystem(
+        s.a, s.b, np.vstack([s.c[:2], 0.5 * row, s.c[2:]]),
+        np.vstack([s.d[:2], 0.5 * s.d[1:2], s.d[2:]]), inputs=s.inputs,
+        outputs=(*s.outputs[:2], "half", *s.outputs[2:]),
+    )  # fmt: skip
+    models = replace(spring, models=(replace(model, system=wide),))
+    given = {"none": gain(np.zeros((1, 1)))}
+    keys: dict[str, Any] = {"analyses": ["robust_performance"], "points": 3}
+    (alone,) = run(spring, given, keys).results
+    made = run(models, given, keys | {"outputs": ["half", s.outputs[1]]})
+    (worst,) = made.results
+    assert worst.channel == s.outputs[1]
+    assert worst.upper == pytest.approx(alone.upper, rel=1e-6)
+    together = run(models, given, keys)
+    assert together.nominal[0] == pytest.approx(made.nominal[0] * np.sqrt(1.25), rel=1e-6)
+    with pytest.raises(InputError, match="outputs: no signal 'z'"):
+        run(models, given, keys | {"outputs": ["z"]})
+
+
 def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> None:
     with pytest.raises(InputError, match=r"needs\.controllers.*closes their loops"):
         run(spring)

@@ -13,6 +13,7 @@ from hillsphere.interfaces import Array
 from hillsphere.testing import check_sensor
 from hillsphere_plants.proximity_reference import relative_orbit
 from hillsphere_sensors.camera_image import camera_image
+from hillsphere_sensors.spacecraft import line_of_sight_frame, rotated, sighted
 
 AXES = np.array([191.0, 135.0, 95.0])
 DEGREE = np.pi / 180.0
@@ -90,6 +91,15 @@ def test_pixels_are_angles() -> None:
     np.testing.assert_allclose(shown, np.tan(angles) * 1.212e-3 / pixels.pixel_m, rtol=1e-12)
     edge = np.tan(15 * DEGREE) * 1.212e-3 / pixels.pixel_m
     assert edge == pytest.approx(1024.0)
+
+
+def test_components_are_those_of_the_axes() -> None:
+    random = np.random.default_rng(6)
+    boresight, way = random.normal(size=(2, 3, 100))
+    want = rotated(line_of_sight_frame(boresight), way)
+    np.testing.assert_allclose(sighted(boresight, way), want, rtol=0, atol=1e-14)
+    axes = line_of_sight_frame(boresight)
+    np.testing.assert_allclose(np.cross(axes[0], axes[1], axis=0), axes[2], rtol=0, atol=1e-14)
 
 
 def test_field_of_view() -> None:

@@ -27,7 +27,7 @@ _NEAR_SIZES = (0.3, 1.0, 0.1)
 """Likewise where the bandwidth is known."""
 _POLISHED, _LEFT = 80, 30
 """Steps of polishing, and after the parts of a controller were lowered together."""
-_DRAWS = 6
+_DRAWS, _ATTEMPTS = 6, 3
 _OFTEN = 10
 """In the descent, one point in so many is certified, and the last one."""
 _HARDER = 10.0
@@ -180,6 +180,8 @@ class Search:
                 x, abscissa = self._stable(start, random, objective)
             point = objective.evaluate(x)
             if not np.isfinite(point.value):
+                if best.point is not None:
+                    return self._found(start, objective, best.point)
                 theta = objective.theta(x)
                 return Found(
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
@@ -224,17 +226,24 @@ class Search:
         def apart(x: Array) -> Array:
             return np.asarray((alike.apart(objective.theta(x)) - self.middle) / self.spread)
 
-        x, abscissa = self._stable(start, random, objective)
-        point = objective.evaluate(x)
-        if np.isfinite(point.value):
-            try:
-                _lowered(objective, point, random, lowest)
-            except (KeyboardInterrupt, Interrupted):
-                if lowest.point is not None:
-                    best.passed(best.objective.evaluate(apart(lowest.point.x)))
-                raise
-            x = lowest.known.x
-        return apart(x), abscissa, objective.evaluations
+        found, least = self.middle, np.inf
+        for _ in range(_ATTEMPTS):
+            x, abscissa = self._stable(start, random, objective)
+            least = min(least, abscissa)
+            point = objective.evaluate(x)
+            converged = False
+            if np.isfinite(point.value):
+                try:
+                    converged = _lowered(objective, point, random, lowest)
+                except (KeyboardInterrupt, Interrupted):
+                    if lowest.point is not None:
+                        best.accepted(best.objective.evaluate(apart(lowest.point.x)))
+                    raise
+            found = apart(lowest.known.x if lowest.point is not None else x)
+            if converged:
+                break
+            start = replace(start, theta=None)  # stuck: another one
+        return found, least, objective.evaluations
 
     def _stable(
         self, start: Start, random: np.random.Generator, objective: Objective
@@ -306,9 +315,15 @@ class Best:
         return self.point
 
     def passed(self, point: Point) -> Point:
-        """Take a point into account that a method goes on from; now and then certify it."""
+        """Remember the peaks of a point that a method goes on from; now and then certify it.
+
+        One that is not certified may be higher than it seems, and is not the best one.
+        """
         self._count += 1
-        return self._taken(point) if self._count % _OFTEN else self.accepted(point)
+        if self._count % _OFTEN == 0:
+            return self.accepted(point)
+        self.objective.remember(point)
+        return point
 
     def accepted(self, point: Point) -> Point:
         """Certify a point that a method goes on from, and take it into account."""

@@ -98,11 +98,11 @@ def draw_share_curves(figure: Figure, product: MuAnalysis) -> None:
         what = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
         above.set_title(f"{title}\n{what}", fontsize=9)
         _draw_shares_over(below, one)
-        below.set_xlabel("frequency (rad/s)")
+        for axes, what in ((above, "µ, gain"), (below, "share of the block")):
+            axes.set_xlabel("frequency (rad/s)")
+            axes.set_ylabel(what)
         below.legend(fontsize=7)
     grid[0, 0].legend(fontsize=8)
-    grid[0, 0].set_ylabel("µ, gain")
-    grid[1, 0].set_ylabel("share of the block")
 
 
 def _draw_shares_over(axes: Axes, one: Analysed) -> None:

@@ -222,7 +222,8 @@ def _result(
     physical = np.array([in_units[u.name] for _, u in real])
     shown = certified.peak < lower < np.inf
     return Analysed(
-        loop=piece.loop, analysis=piece.analysis, channel=piece.channel, upper=float(upper), lower=float(lower),
+        loop=piece.loop, analysis=piece.analysis, channel=piece.channel,
+        upper=float(upper), lower=float(lower),
         peak=float(lower if shown else certified.peak),
         peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
         frequency_rad_s=float(frequency_rad_s), grid_peak=float(grid_peak),

@@ -107,7 +107,8 @@ class MuAnalysis:
         Of each loop.
     nominal : ndarray, shape (L,)
         H∞ norm of the nominal loop from its disturbances to its weighted signals, the largest of
-        those that count by themselves; infinite if it is not stable: then it is not analysed. Zero if it has none.
+        those that count by themselves; infinite if it is not stable: then it is not analysed. Zero
+        if it has none.
     nominal_grid : ndarray, shape (L,)
         Largest gain of the nominal loop at the frequencies of what is published; NaN without them.
     results : tuple of Analysed

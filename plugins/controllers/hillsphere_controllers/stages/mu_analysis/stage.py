@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -115,8 +117,8 @@ class MuAnalysisStage:
                 last = results[-1] if results else None
                 if last is None or (last.loop, last.analysis) != (found.loop, found.analysis):
                     results.append(found)
-                elif found.upper > last.upper:  # of the channels, the worst
-                    results[-1] = found
+                else:
+                    results[-1] = _worst(last, found)
                 advance(1)
         pairs = np.array(of_loop, dtype=np.int64)
         return MuAnalysis(
@@ -178,6 +180,17 @@ def _closed(
             f"and {uncertain.controls}"
         )
     return lower_lft(system, controller)
+
+
+def _worst(one: Analysed, other: Analysed) -> Analysed:
+    """Return the larger bounds of two channels of a loop, each with what proves it."""
+    above = max(one, other, key=attrgetter("upper"))
+    below = max(one, other, key=attrgetter("lower"))
+    return replace(
+        above, lower=below.lower, frequency_rad_s=below.frequency_rad_s, names=below.names,
+        units=below.units, values=below.values, normalised=below.normalised, delta=below.delta,
+        pole_re=below.pole_re, pole_im=below.pole_im, singular=below.singular,
+    )  # fmt: skip
 
 
 def _channels(model: UncertainModel, outputs: tuple[str, ...]) -> dict[str, UncertainModel]:

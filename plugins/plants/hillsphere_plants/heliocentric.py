@@ -1,0 +1,92 @@
+"""Bodies and spacecraft on their ways around the Sun, together as one state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from hillsphere.interfaces import Parameter, Scales, Variable
+from hillsphere.symbolic import Expr, Params, dot, power, sum_of
+from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY
+from hillsphere_plants.proximity import AU_M
+from hillsphere_plants.proximity_specs import HeliocentricSpec
+
+__all__ = ["Heliocentric"]
+
+
+class Heliocentric:
+    r"""Motion around the Sun of an asteroid and of spacecraft that are far from it.
+
+    In the frame ``ecliptic`` each moves by
+
+    .. math:: \ddot r = -\left(GM - \frac{C_R A}{m} P_0\, \mathrm{au}^2\right)\frac{r}{|r|^3} + u ;
+
+    they do not attract each other: at 10 000 km a body of 2 m³/s² pulls by 2e-14 m/s².
+
+    Parameters
+    ----------
+    spec : HeliocentricSpec
+        Run-time parameters: ``primary_gm`` and, of each under radiation pressure, ``radiation1`` …,
+        its C_R A/m.
+    """
+
+    frame = "ecliptic"
+
+    def __init__(self, spec: HeliocentricSpec) -> None:
+        self.spec = spec
+        self.bodies: tuple[str, ...] = tuple(
+            body.name or f"body {i + 1}" for i, body in enumerate(spec.bodies)
+        )
+        self._radiation = [
+            body.reflectivity * body.area_to_mass_m2_kg * bool(spec.radiation_pressure_n_m2)
+            for body in spec.bodies
+        ]
+
+    @property
+    def states(self) -> tuple[Variable, ...]:
+        """Position and velocity of the first, then of the next; x1 … if several."""
+        return self._numbered(POSITION_AND_VELOCITY)
+
+    @property
+    def controls(self) -> tuple[Variable, ...]:
+        """Three accelerations each."""
+        return self._numbered(CONTROLS)
+
+    @property
+    def scales(self) -> Scales:
+        """1 au, and a radian of the circular orbit there."""
+        return Scales(AU_M, (AU_M**3 / self.spec.primary_gm_m3_s2) ** 0.5)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the Sun's gravitational parameter and those of radiation pressure."""
+        pushed = (
+            Parameter(f"radiation{i + 1}", value, "m2/kg")
+            for i, value in enumerate(self._radiation)
+            if value
+        )
+        return (Parameter("primary_gm", self.spec.primary_gm_m3_s2, "m3/s2", True), *pushed)
+
+    def derivative(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        """Return dx/dt, SI."""
+        found: list[Expr] = []
+        for i, value in enumerate(self._radiation):
+            r, v, command = x[6 * i : 6 * i + 3], x[6 * i + 3 : 6 * i + 6], u[3 * i : 3 * i + 3]
+            gm = p["primary_gm"]
+            if value:
+                push = self.spec.radiation_pressure_n_m2 * AU_M**2
+                gm = gm - p[f"radiation{i + 1}"] * push
+            pull = -gm * power(dot(r, r), -1.5)
+            found += [*v, *(sum_of([pull * q, c]) for q, c in zip(r, command, strict=True))]
+        return tuple(found)
+
+    def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
+        """Return none."""
+        return {}
+
+    def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
+        count = len(self.bodies)
+        if count == 1:
+            return tuple(of_one)
+        return tuple(replace(v, name=f"{v.name}{i + 1}") for i in range(count) for v in of_one)
