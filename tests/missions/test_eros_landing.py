@@ -71,8 +71,9 @@ def potential(r: Array) -> Array:
 
 def acceleration(x: Array) -> Array:
     """Acceleration of states (6, N) in axes that turn with the body, without the Sun."""
-    steps = np.eye(3)[:, :, None]
-    difference = np.stack([potential(x[:3] + h) - potential(x[:3] - h) for h in steps]) / 2.0
+    steps = np.concatenate([np.eye(3), -np.eye(3)])[:, :, None]
+    values = potential((x[:3] + steps).transpose(1, 0, 2).reshape(3, -1)).reshape(6, -1)
+    difference = (values[:3] - values[3:]) / 2.0
     total: Array = difference + 2.0 * SPIN * np.stack([x[4], -x[3], np.zeros_like(x[3])])
     return total
 
