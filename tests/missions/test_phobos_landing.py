@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from tests.missions.conftest import Run
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory, mission_run: Callable[..., Run]) -> Run:
     out = tmp_path_factory.mktemp("missions") / "phobos-landing"

@@ -105,7 +105,7 @@ def test_robust_design_is_better_where_it_counts() -> None:
     assert found.design.gamma >= nominal.gamma
     assert grid(plant, found.design.controller, 5) <= found.worst.gamma * (1.0 + 1e-6)
     assert len(found.scenarios) > 1
-    assert found.starts.size == 2
+    assert found.starts.size == 1
     assert_allclose(found.each, [found.worst.gamma], rtol=0, atol=0)
     assert_allclose(max(s.gamma for s in found.scenarios), found.design.gamma, rtol=1e-12)
 
