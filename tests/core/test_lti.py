@@ -51,7 +51,7 @@ def test_a_part_by_names() -> None:
         ({"b": np.ones((2, 1))}, "B must be 1 × 1 to fit the others, got 2 × 1"),
         ({"a": np.array([[np.nan]])}, "A must be a matrix of finite numbers"),
         ({"c": np.ones(1)}, "C must be a matrix of finite numbers, got shape"),
-        ({"dt_s": 0.0}, "a sampling period must be > 0 s, got 0.0"),
+        ({"dt_s": 0.0}, "a sampling period must be a number > 0 s, got 0.0"),
         ({"inputs": ("u", "v")}, "inputs: 1 different names are needed"),
     ],
 )

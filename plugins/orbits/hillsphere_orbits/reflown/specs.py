@@ -38,7 +38,7 @@ class TransfersReflownSpec(StageSpec):
     examples = (
         {
             "needs": {"flights": ["fidelity_ladder"], "orbits": ["family"]},
-            "rungs": ["hill", "circular", "elliptic"],
+            "rungs": ["hill", "three_body"],
             "cheapest": 4,
             "start_true_anomaly_deg": 90,
         },

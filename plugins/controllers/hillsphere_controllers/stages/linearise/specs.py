@@ -29,14 +29,14 @@ class LineariseSpec(StageSpec):
     produces = "hillsphere_controllers.stages.linearise.products:LinearisedFlight"
     provides = ("hillsphere.linear_products:LinearModels",)
     examples = (
-        {"plant": "hill", "needs": {"reference": "descent"}, "points": 2},
+        {"plant": "hill", "needs": {"reference": "reference_trajectories"}, "points": 2},
         {
             "plant": "hill",
-            "needs": {"reference": "descent"},
+            "needs": {"reference": "reference_trajectories"},
             "follow": "rt1",
             "command_error": 0.05,
         },
-        {"plant": "hill", "needs": {"reference": "descent"}, "times_s": [0, 600, 1200]},
+        {"plant": "hill", "needs": {"reference": "reference_trajectories"}, "times_s": [0, 600, 1200]},
     )
 
     needs: LineariseNeeds = option("products of earlier stages")
