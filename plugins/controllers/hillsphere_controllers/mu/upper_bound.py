@@ -136,9 +136,15 @@ def upper_bound(
     beta2 = max(1.3 * best[0], best[0] + 1e-6)
     for _ in range(_MOST_STEPS):
         if best[0] < (1.0 - 1e-9) * goal:
-            x, centred = white.centre(white.basis.parameters(*best[1:]), goal)
-            if centred[0] < goal:
-                best = centred
+            d, g = white.back(best)
+            whole = n / float(np.trace(d).real)
+            # of M as it is: what is fitted to these scalings has its units
+            begun_there = basis.parameters(d * whole, g * whole)
+            level_there = (target / size) ** 2 if target is not None else np.inf
+            d, g = basis.matrices(_centre(m, basis, begun_there, level_there))
+            reached = level(m, d, g, free, basis.fixed)
+            if reached < level_there:
+                return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
             break
         x, found = white.centre(x, beta2)
         reached, gained = found[0], best[0] - found[0]
