@@ -36,7 +36,11 @@ class LineariseSpec(StageSpec):
             "follow": "rt1",
             "command_error": 0.05,
         },
-        {"plant": "hill", "needs": {"reference": "reference_trajectories"}, "times_s": [0, 600, 1200]},
+        {
+            "plant": "hill",
+            "needs": {"reference": "reference_trajectories"},
+            "times_s": [0, 600, 1200],
+        },
     )
 
     needs: LineariseNeeds = option("products of earlier stages")
