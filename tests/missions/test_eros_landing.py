@@ -30,6 +30,9 @@ SPIN = np.radians(1639.389232) / 86400.0
 SITE_LATITUDE, SITE_LONGITUDE = np.radians([2.0, 178.0])
 
 
+pytestmark = pytest.mark.slow  # 40 s
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Run the packaged mission in short, in this process."""

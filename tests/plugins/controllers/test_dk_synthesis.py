@@ -255,6 +255,7 @@ def test_what_does_not_fit_is_refused() -> None:
         dk_synthesis(LAG, 1, 1, PAIR, iterations=-1)
 
 
+@pytest.mark.slow
 def test_real_stiffness_is_worth_less_gain() -> None:
     """D,G–K for the two masses is certified below what D–K reaches in as many steps."""
     structures = (REAL_SPRING, COMPLEX_SPRING)
