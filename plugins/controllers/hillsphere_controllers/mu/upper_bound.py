@@ -101,9 +101,7 @@ def upper_bound(
     -------
     UpperBound
         The bound; zero for a matrix of zeros. Infinite, in a skewed problem, if scalings do not
-        show that the other blocks alone leave I − M Δ invertible. Where µ is below some 1e-5 of the
-        norm of M, as where blocks of very different units act on each other one way, it is a bound
-        all the same, but rounding may keep the scalings from the least one.
+        show that the other blocks alone leave I − M Δ invertible.
 
     Raises
     ------
