@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from hillsphere.mission_layers import Layers, parse_setting
+from hillsphere.mission_likes import Derived, derived
 from hillsphere.mission_links import check_links, resolve_data_paths, topological
 from hillsphere.mission_tables import (
     FORMAT,
@@ -158,11 +159,12 @@ def load_mission(
         _lay_profile(profile, profiles, layers, problems)
     for text_of_setting in sets:
         _lay_setting(text_of_setting, layers, problems)
-    found = validated(layers, registry)
-    check_links(found, layers)
+    written = derived(layers, MISSION_KINDS)
+    found = validated(written, registry)
+    check_links(found, written)
     directory = os.path.dirname(os.path.realpath(path))
-    resolve_data_paths(found, layers, directory, allow_path=allow_path)
-    problems += found.problems
+    resolve_data_paths(found, written, directory, allow_path=allow_path)
+    problems += written.problems + found.problems
     if problems or found.head is None:
         raise MissionError(_listed(problems, source))
     return Mission(
@@ -179,7 +181,7 @@ def load_mission(
         profiles=tuple(profiles),
         specs=found.specs,
         components=found.components,
-        places=_places(found, layers),
+        places=_places(found, written),
     )
 
 
@@ -276,12 +278,12 @@ def _lay_setting(text: str, layers: Layers, problems: list[Problem]) -> None:
     problems.append(Problem(setting.source, None, setting.key, message))
 
 
-def _places(tables: Tables, layers: Layers) -> dict[Key, str]:
+def _places(tables: Tables, written: Derived) -> dict[Key, str]:
     """Where the tables, and the keys in them that name input files, were written."""
     keys: list[Key] = []
     for kind, name, spec in tables:
         keys += [(kind, name), *((kind, name, *where) for where, _ in spec.data_paths())]
-    problems = {key: layers.problem(key, "") for key in keys}
+    problems = {key: written.problem(key, "") for key in keys}
     return {
         key: problem.source if problem.line is None else f"{problem.source}:{problem.line}"
         for key, problem in problems.items()
@@ -290,8 +292,11 @@ def _places(tables: Tables, layers: Layers) -> dict[Key, str]:
 
 def _listed(problems: list[Problem], source: str) -> list[Problem]:
     """Sort by line, the file before the settings, remarks last; end a list that is too long."""
-    unique = dict.fromkeys(problems)
-    ordered = sorted(unique, key=lambda p: (p.is_remark, p.source != source, p.line or 0))
+    # A fault in a table that others are like is told once: of the table itself, if it stays.
+    unique: dict[Problem, Problem] = {}
+    for problem in sorted(problems, key=lambda p: p.user != ""):
+        unique.setdefault(replace(problem, user=""), problem)
+    ordered = sorted(unique.values(), key=lambda p: (p.is_remark, p.source != source, p.line or 0))
     if sum(not problem.is_remark for problem in ordered) > MOST_PROBLEMS:
         more = Problem(source, None, (), "there are more problems than are listed", True)
         return [*ordered[:MOST_PROBLEMS], more]

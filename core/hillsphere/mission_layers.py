@@ -1,22 +1,21 @@
 """A mission's tables with what is laid over them: a profile, then each ``--set``.
 
-Tables merge deeply, everything else is replaced whole. Every value remembers where it came from,
-so that a message names the line of the file, the profile's own line or the setting.
+Tables merge deeply, everything else is replaced whole, and `false` in place of a named table drops
+it. Every value remembers where it came from, so that a message names the line of the file, the
+profile's own line or the setting.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from hillsphere.annotations import inner
 from hillsphere.problems import Key, MissionError, Problem, format_key
-from hillsphere.spec import Spec
 from hillsphere.toml_source import Locations, parse_toml
 
-__all__ = ["Layers", "Setting", "parse_setting", "without_superseded_units"]
+__all__ = ["Layers", "Setting", "parse_setting"]
 
 _UNQUOTED = re.compile(r"[^\s\"'\[\]{}#=,](?:[^\"'\[\]{}#=,\n]*[^\s\"'\[\]{}#=,])?")
 
@@ -74,6 +73,8 @@ class Layers:
     tables: dict[str, Any]
     locations: Locations
     _origins: dict[Key, _Origin] = field(default_factory=dict)
+    _dropped: dict[Key, _Origin] = field(default_factory=dict)
+    _laid_on_dropped: dict[Key, _Origin] = field(default_factory=dict)
     _layer: int = 0
 
     def lay_profile(self, prefix: Key, tables: Mapping[str, Any]) -> None:
@@ -99,13 +100,39 @@ class Layers:
         return None
 
     def _merged(self, below: Any, above: Any, path: Key, origin: _Origin) -> Any:
+        if len(path) == 2 and isinstance(below, dict) and isinstance(above, bool):
+            # The text stays: other tables may be like it, and a later layer may take it back.
+            if above:
+                self._dropped.pop(path, None)
+            else:
+                self._dropped[path] = origin
+            return below
         if isinstance(below, dict) and isinstance(above, Mapping):
+            if path in self._dropped:
+                self._laid_on_dropped[path] = origin
             table = dict(below)
             for key, value in above.items():
                 table[key] = self._merged(below.get(key), value, (*path, key), origin)
             return table
         self._origins[path] = origin
         return dict(above) if isinstance(above, Mapping) else above
+
+    def dropped_at(self, kind: str, name: str) -> str | None:
+        """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
+        origin = self._dropped.get((kind, name))
+        if origin is None:
+            return None
+        problem = origin.problem((kind, name), "")
+        return problem.source if problem.line is None else f"{problem.source}:{problem.line}"
+
+    def laid_on_dropped(self, kind: str, name: str) -> Problem | None:
+        """Return what is wrong with a setting that changes a table which was dropped before."""
+        origin = self._laid_on_dropped.get((kind, name))
+        place = self.dropped_at(kind, name)
+        if origin is None or place is None:
+            return None
+        again = f"--set {kind}.{name}=true takes it back"
+        return origin.problem((kind, name), f"this table is dropped at {place}; {again}")
 
     def layer(self, key: Key) -> int:
         """Return 0 for what the file says itself, more for what was laid over it later."""
@@ -189,46 +216,3 @@ def _parsed_value(written: str, source: str, key: Key) -> Any:
 def _encoded(text: str) -> bytes:
     # A command line may hold bytes that are not UTF-8; the reader refuses them by name.
     return text.encode("utf-8", "surrogateescape")
-
-
-def without_superseded_units(
-    spec: type[Spec], table: Mapping[str, Any], path: Key, layers: Layers
-) -> dict[str, Any]:
-    """Drop a quantity in one unit where a later layer gives it in another.
-
-    Parameters
-    ----------
-    spec : type
-        Spec of the table.
-    table : mapping
-        Its keys, all layers merged.
-    path : tuple
-        Path of the table in the mission.
-    layers : Layers
-        Tells which layer a key came from.
-
-    Returns
-    -------
-    dict
-        The keys that hold. Two units from one layer both stay: that is the user's fault to mend.
-    """
-    kept = dict(table)
-    for keys in spec.units_by_field().values():
-        given = [key for key in keys if key in table]
-        if len(given) > 1:
-            latest = max(layers.layer((*path, key)) for key in given)
-            for key in given:
-                if layers.layer((*path, key)) < latest:
-                    del kept[key]
-    for name, nested in _nested(spec):
-        if isinstance(value := kept.get(name), dict):
-            kept[name] = without_superseded_units(nested, value, (*path, name), layers)
-    return kept
-
-
-def _nested(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
-    """Yield the fields that hold one table of their own Spec (arrays are replaced whole)."""
-    for name, info in spec.model_fields.items():
-        annotation = inner(info.annotation)
-        if isinstance(annotation, type) and issubclass(annotation, Spec):
-            yield name, annotation

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TypeAlias
 
 from hillsphere.errors import PluginError
-from hillsphere.mission_layers import Layers
+from hillsphere.mission_likes import Derived
 from hillsphere.mission_tables import MOST_PROBLEMS, Tables
 from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registered
@@ -28,14 +28,14 @@ def linked_to(spec: Spec) -> dict[Node, Key]:
     return found
 
 
-def check_links(tables: Tables, layers: Layers) -> None:
+def check_links(tables: Tables, layers: Derived) -> None:
     """Add a problem for every reference that leads nowhere, to the wrong product or in a circle.
 
     Parameters
     ----------
     tables : Tables
         The validated tables; problems are added to theirs.
-    layers : Layers
+    layers : Derived
         Where everything stands.
     """
     edges: dict[Node, dict[Node, Key]] = {}
@@ -46,7 +46,10 @@ def check_links(tables: Tables, layers: Layers) -> None:
             if len(tables.problems) > MOST_PROBLEMS:
                 return
             names = tables.names.get(other_kind, [])
-            if ref.name not in names:
+            if (place := layers.layers.dropped_at(other_kind, ref.name)) is not None:
+                message = _dropped(kind, other_kind, ref.name, place)
+                tables.problems.append(layers.problem(key, message))
+            elif ref.name not in names:
                 words = other_kind.replace("_", " ")
                 hint = did_you_mean(ref.name, names, otherwise="there are")
                 hint = hint or f"; write a table [{other_kind}.NAME]"
@@ -56,7 +59,10 @@ def check_links(tables: Tables, layers: Layers) -> None:
                 here.setdefault((other_kind, ref.name), key)
         for where, table in spec.table_names():
             other_kind, _, other = table.partition(".")
-            if table != "stage" and other not in tables.names.get(other_kind, []):
+            if (place := layers.layers.dropped_at(other_kind, other)) is not None:
+                message = _dropped(kind, other_kind, other, place)
+                tables.problems.append(layers.problem((kind, name, *where), message))
+            elif table != "stage" and other not in tables.names.get(other_kind, []):
                 names = [f"{k}.{n}" for k, group in tables.names.items() for n in group]
                 hint = did_you_mean(table, names, otherwise="there are")
                 message = f"no table is named {table[:80]!r}{hint}"
@@ -71,7 +77,13 @@ def check_links(tables: Tables, layers: Layers) -> None:
         tables.problems.append(layers.problem(key, message))
 
 
-def _check_product(product: str, name: str, key: Key, tables: Tables, layers: Layers) -> None:
+def _dropped(kind: str, other_kind: str, other: str, place: str) -> str:
+    """Say that a table which stays refers to one that was dropped."""
+    words = other_kind.replace("_", " ")
+    return f"{words} table {other!r} is dropped at {place}; drop this {kind} too, or change the key"
+
+
+def _check_product(product: str, name: str, key: Key, tables: Tables, layers: Derived) -> None:
     record = tables.components.get("stage", {}).get(name)
     if record is None:  # no such stage, or of unknown type: said elsewhere
         return
@@ -163,14 +175,16 @@ def topological(nodes: Iterable[Node], specs: Mapping[str, Mapping[str, Spec]]) 
     return list(ordered)
 
 
-def resolve_data_paths(tables: Tables, layers: Layers, directory: str, *, allow_path: bool) -> None:
+def resolve_data_paths(
+    tables: Tables, layers: Derived, directory: str, *, allow_path: bool
+) -> None:
     """Put absolute paths in place of the input files that Specs name.
 
     Parameters
     ----------
     tables : Tables
         The validated tables; Specs are replaced, problems added.
-    layers : Layers
+    layers : Derived
         Where everything stands.
     directory : str
         Directory of the mission file. Input files are looked for there, then in the packaged data.

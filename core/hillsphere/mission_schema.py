@@ -1,7 +1,8 @@
 """JSON Schema of a mission file with every installed plugin, for editors and other programs.
 
 The schema says what a table may hold, key by key, each quantity in every unit. It accepts a little
-more than `load_mission`: rules between keys, references, needs and files are checked there only.
+more than `load_mission`: rules between keys, references, needs, files and the keys of a table
+that is `like` another one are checked there only.
 """
 
 from __future__ import annotations
@@ -112,14 +113,24 @@ def _kind(
         definitions[name] = table
         rules.append(
             {
-                "if": {"properties": {"type": {"const": type_}}, "required": ["type"]},
+                "if": {
+                    "properties": {"type": {"const": type_}, "like": False},
+                    "required": ["type"],
+                },
                 "then": {"$ref": f"#/$defs/{name}"},
             }
         )
     table_schema: dict[str, Any] = {
         "type": "object",
-        "properties": {"type": {"enum": [record.component.type for record in records]}},
-        "required": ["type"],
+        "properties": {
+            "type": {"enum": [record.component.type for record in records]},
+            "like": {
+                "type": "string",
+                "pattern": f"^{TABLE_NAME}$",
+                "description": f"the {kind} table that this one begins as a copy of",
+            },
+        },
+        "anyOf": [{"required": ["type"]}, {"required": ["like"]}],
     }
     if rules:
         table_schema["allOf"] = rules

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from hillsphere.errors import PluginError, UnknownComponentError
 from hillsphere.faults import faults_of
-from hillsphere.mission_layers import Layers, without_superseded_units
+from hillsphere.mission_likes import Derived, without_superseded_units
 from hillsphere.plugins import KINDS, Registered, Registry, kind_words
 from hillsphere.problems import Problem, did_you_mean, shown
 from hillsphere.spec import Spec, option
@@ -98,13 +98,13 @@ class Tables:
                 yield kind, name, spec
 
 
-def validated(layers: Layers, registry: Registry) -> Tables:
+def validated(layers: Derived, registry: Registry) -> Tables:
     """Validate everything in a mission but the links between its tables.
 
     Parameters
     ----------
-    layers : Layers
-        The mission's tables with profile and settings laid over them.
+    layers : Derived
+        The mission's tables with everything laid over them and every ``like`` carried out.
     registry : Registry
         The installed components.
 
@@ -148,7 +148,7 @@ def unknown_top_key(key: str) -> str:
     return f"unknown key or kind of table {key[:60]!r}{hint}"
 
 
-def _format_problem(layers: Layers) -> Problem | None:
+def _format_problem(layers: Derived) -> Problem | None:
     given = layers.tables.get("format")
     if isinstance(given, int) and not isinstance(given, bool) and given == FORMAT:
         return None
@@ -158,7 +158,7 @@ def _format_problem(layers: Layers) -> Problem | None:
     return layers.problem(("format",), message)
 
 
-def _kind(kind: str, value: Any, layers: Layers, registry: Registry, found: Tables) -> None:
+def _kind(kind: str, value: Any, layers: Derived, registry: Registry, found: Tables) -> None:
     if isinstance(value, list) and any(isinstance(item, dict) for item in value):
         message = f"[[{kind}]] is an array of tables; give each a name: [{kind}.NAME]"
         found.problems.append(layers.problem((kind,), message))
@@ -175,7 +175,11 @@ def _kind(kind: str, value: Any, layers: Layers, registry: Registry, found: Tabl
     found.names[kind] = [name for name in value if name not in plain]
     for name, table in value.items():
         if name in plain:
-            if not plain_is_told:
+            if table is False and layers.rank((kind, name))[1] > 0:
+                hint = did_you_mean(name, found.names[kind], otherwise=f"{kind} tables")
+                message = f"there is no table {kind}.{name} to drop{hint}"
+                found.problems.append(layers.problem((kind, name), message))
+            elif not plain_is_told:
                 message = f"expected a table [{kind}.NAME], got {shown(table)}"
                 found.problems.append(layers.problem((kind, name), message))
             continue
@@ -188,7 +192,7 @@ def _table(
     kind: str,
     name: str,
     table: Mapping[str, Any],
-    layers: Layers,
+    layers: Derived,
     registry: Registry,
     found: Tables,
 ) -> None:
@@ -200,6 +204,8 @@ def _table(
             "a table's name has at most 64 small letters, digits, '_' and '-' and begins with a "
             "letter"
         )
+    if (kind, name) in layers.unsound:
+        return
     if "type" not in table:
         refuse(_missing_type(kind, name, layers, registry, found), "type")
         return
@@ -224,8 +230,8 @@ def _table(
         found.specs.setdefault(kind, {})[name] = spec
 
 
-def _missing_type(kind: str, name: str, layers: Layers, registry: Registry, found: Tables) -> str:
-    if layers.layer((kind, name)) > 0:  # laid over the file: most likely a misspelt name
+def _missing_type(kind: str, name: str, layers: Derived, registry: Registry, found: Tables) -> str:
+    if layers.rank((kind, name))[1] > 0:  # laid over the file: most likely a misspelt name
         others = [other for other in found.names[kind] if other != name]
         hint = did_you_mean(name, others, otherwise=f"{kind} tables")
         return f"there is no table {kind}.{name} to change{hint}; a new one needs a type"

@@ -38,6 +38,8 @@ class Problem:
         What is wrong and the remedy.
     is_remark : bool
         It is about the list of problems, not one of them: it belongs at the end.
+    user : str
+        The table that suffers from it, if the value stands in another one which that is like.
     """
 
     source: str
@@ -45,13 +47,13 @@ class Problem:
     key: Key
     message: str
     is_remark: bool = False
+    user: str = ""
 
     def __str__(self) -> str:
         """Return ``file:line: key: message``."""
         where = self.source if self.line is None else f"{self.source}:{self.line}"
-        return f"{where}: {format_key(self.key)}: {self.message}" if self.key else (
-            f"{where}: {self.message}"
-        )  # fmt: skip
+        told = f"{self.message} (in {self.user}, which is like it)" if self.user else self.message
+        return f"{where}: {format_key(self.key)}: {told}" if self.key else f"{where}: {told}"
 
 
 class MissionError(InputError):

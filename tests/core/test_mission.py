@@ -108,7 +108,8 @@ def test_two_units_in_one_profile_are_a_fault(load: Any) -> None:
 def test_setting_in_another_unit_replaces_inside_a_nested_table(
     tmp_path: Path, sound_mission: str
 ) -> None:
-    from hillsphere.mission_layers import Layers, without_superseded_units
+    from hillsphere.mission_layers import Layers
+    from hillsphere.mission_likes import derived, without_superseded_units
     from hillsphere.spec import option, quantity
     from hillsphere.toml_source import parse_toml
 
@@ -121,8 +122,9 @@ def test_setting_in_another_unit_replaces_inside_a_nested_table(
     tables, locations, _ = parse_toml(b"[gravity.a]\ninner = { size_km = 1 }\n", "f")
     layers = Layers(tables, locations)
     layers.lay_setting(parse_setting("gravity.a.inner.size_cm=5"))
-    table = layers.tables["gravity"]["a"]
-    kept = without_superseded_units(Outer, table, ("gravity", "a"), layers)
+    tables_with = derived(layers, ["gravity"])
+    table = tables_with.tables["gravity"]["a"]
+    kept = without_superseded_units(Outer, table, ("gravity", "a"), tables_with)
     assert kept == {"inner": {"size_cm": 5}}
 
 
