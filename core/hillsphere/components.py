@@ -31,6 +31,13 @@ def hillsphere_components() -> list[Component]:
             "a planet or spacecraft on a Keplerian orbit around the Sun, for ephemerides",
         ),
         Component(
+            "body",
+            "spice",
+            "hillsphere.spice:SpiceOrbit",
+            "hillsphere.ephemeris_specs:SpiceOrbitSpec",
+            "a body where a SPICE kernel says that it is (extra 'spice')",
+        ),
+        Component(
             "shape",
             "ellipsoid",
             "hillsphere.shapes.ellipsoid:EllipsoidShape",

@@ -11,7 +11,7 @@ References
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ECLIPTIC_OBLIQUITY_RAD",
+    "Ephemeris",
     "KeplerOrbit",
     "anomaly_from_mean",
     "from_equator",
@@ -37,6 +38,23 @@ ECLIPTIC_OBLIQUITY_RAD = 84381.448 / 3600.0 * np.pi / 180.0
 """Between ecliptic and equator of J2000, as heliocentric elements are published with (IAU 1976)."""
 
 _ITERATIONS = 60
+
+
+@runtime_checkable
+class Ephemeris(Protocol):
+    """Where a body is in the Solar System over time."""
+
+    @property
+    def name(self) -> str:
+        """Name, for tables and figures."""
+        ...
+
+    def states(self, t_s: Array, epoch: Epoch | None = None) -> Array:
+        """Return the heliocentric states (6, N), m and m/s, at times (N,), s after an epoch.
+
+        In the axes of ecliptic and equinox J2000. Without an epoch times count from the body's own.
+        """
+        ...
 
 
 class KeplerOrbit:
@@ -64,18 +82,31 @@ class KeplerOrbit:
         )
 
     @classmethod
-    def of(cls, body: Moon) -> KeplerOrbit:
+    def of(cls, body: Moon, mean_anomaly_rad: float | None = None) -> KeplerOrbit:
         """Return the orbit of a body of type ``asteroid`` that gives all elements.
 
         Without an epoch of its own (`Moon.epoch`) its mean anomaly is that at whatever epoch times
         count from.
+
+        Parameters
+        ----------
+        body : Moon
+            The body.
+        mean_anomaly_rad : float, optional
+            Mean anomaly instead of the body's own, at whatever epoch times count from.
+
+        Returns
+        -------
+        KeplerOrbit
+            Its ellipse.
 
         Raises
         ------
         InputError
             If some are missing.
         """
-        angles = (body.inclination_rad, body.node_rad, body.periapsis_rad, body.mean_anomaly_rad)
+        mean = body.mean_anomaly_rad if mean_anomaly_rad is None else mean_anomaly_rad
+        angles = (body.inclination_rad, body.node_rad, body.periapsis_rad, mean)
         keys = ("inclination", "node", "periapsis", "mean_anomaly")
         given = [value for value in angles if value is not None]
         if len(given) < len(keys):
@@ -86,7 +117,8 @@ class KeplerOrbit:
             )
         made = cls.__new__(cls)
         made.name, made.gm_m3_s2 = body.name, body.primary_gm_m3_s2
-        made.epoch = None if body.epoch is None else Epoch.parse(body.epoch, "TDB")
+        own = body.epoch if mean_anomaly_rad is None else None
+        made.epoch = None if own is None else Epoch.parse(own, "TDB")
         made.elements = np.array([body.semi_major_axis_m, body.eccentricity, *given])
         return made
 

@@ -1,13 +1,13 @@
-"""Spec of the body ``solar_orbit``: a planet on a Keplerian orbit around the Sun."""
+"""Specs of bodies in the Solar System: on a Keplerian orbit, or as a SPICE kernel says."""
 
 from __future__ import annotations
 
 from math import pi
 
 from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
-from hillsphere.spec import Spec, option, quantity
+from hillsphere.spec import DataPath, Spec, data_path, option, quantity
 
-__all__ = ["KeplerOrbitSpec"]
+__all__ = ["KeplerOrbitSpec", "SpiceOrbitSpec"]
 
 
 class KeplerOrbitSpec(Spec):
@@ -40,3 +40,19 @@ class KeplerOrbitSpec(Spec):
     node_rad: float = quantity("angle", "longitude of the ascending node", default=0.0)
     periapsis_rad: float = quantity("angle", "argument of periapsis", default=0.0)
     mean_anomaly_rad: float = quantity("angle", "mean anomaly at the epoch", default=0.0)
+
+
+class SpiceOrbitSpec(Spec):
+    """A body whose place over time is read from a SPICE kernel (SPK), with the extra ``spice``."""
+
+    examples = ({"name": "apophis", "kernel": "apophis.bsp", "target": "20099942"},)
+
+    name: str = option("name used in figures", default="body", min_length=1)
+    kernel: DataPath = data_path("SPK kernel (.bsp) that holds the body, and what it is given from")
+    target: str = option(
+        "the body: its NAIF number, or a name that SPICE knows", min_length=1, max_length=40
+    )
+    centre: str = option(
+        "what its states count from, by number or name; for a place in the Solar System the Sun",
+        default="10", min_length=1, max_length=40,
+    )  # fmt: skip

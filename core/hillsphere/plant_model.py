@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from math import ceil
 from typing import Self
 
 import numpy as np
 
-from hillsphere.dynamics import Derivatives, StepMap, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers, Plant, Scene
+from hillsphere.plant_flow import PlantFlow
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere.simulation.flow import closed_system, velocity_rows
+from hillsphere.simulation.flow import velocity_rows
 from hillsphere.simulation.protocols import ContinuousLaw
 
 __all__ = ["PlantModel"]
@@ -25,7 +25,8 @@ class PlantModel:
     Without a law, `control` is the plant's, held. With a continuous law it is what the law was
     given at the last sample, its own estimate above the reference, 2 q rows: then the law's command
     is that of the estimate, the same for every column of a case, and no deviation of a sigma point
-    is controlled away.
+    is controlled away. Further p rows are accelerations beside the command, unknown to the law, and
+    p more by what part more is done of each component than commanded.
 
     Random accelerations of the standard deviations σ are held over steps of dt and add
 
@@ -55,7 +56,13 @@ class PlantModel:
     Raises
     ------
     InputError
-        If a step is not positive, or the plant and the law do not fit.
+        If a step is not positive or the formula unknown; on first use, if the plant and the law do
+        not fit.
+
+    Notes
+    -----
+    Making one is cheap: its equations are written and compiled when they are first used, and
+    shared between models of equal equations.
     """
 
     def __init__(
@@ -77,12 +84,7 @@ class PlantModel:
         self._scene: Scene = {}
         self._n, self._p = len(plant.states), len(plant.controls)
         self._velocities = velocity_rows(plant)
-        if law is None:
-            equations = system(plant, controls=True)
-        else:
-            equations, _ = closed_system(plant, law, ())
-        self._map = StepMap(equations, method)
-        self._slopes = Derivatives(system(plant))
+        self._flow = PlantFlow(plant, law, method)
 
     def within(self, scene: Scene) -> Self:
         """Return the same model with what surrounds the sensors, arrays (…, N) or (…, 1)."""
@@ -95,7 +97,7 @@ class PlantModel:
         duration = t1_s - t0_s
         steps = max(1, ceil(float(np.max(np.abs(duration), initial=0.0)) / self.step_s - 1e-9))
         y, p = self._entering(x, control)
-        found: Array = self._map.propagate(y, duration, steps, p, t0_s)[: self._n]
+        found: Array = self._flow.steps.propagate(y, duration, steps, p, t0_s)[: self._n]
         return found
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
@@ -108,35 +110,39 @@ class PlantModel:
         steps = max(1, round(longest / self.noise_step_s))
         dt = duration / steps
         middles = self._middles(x, t0_s, dt, steps, control)
+        turned = np.array([t0_s + (k + 0.5) * dt for k in range(steps)]).reshape(-1)
+        slopes = self._flow.slopes.both(middles, None, turned)[1].reshape(n, n, steps, cases)
+        turns = np.ascontiguousarray((slopes * dt).transpose(2, 3, 0, 1))
         entry = np.zeros((n, len(self._velocities)))
         entry[self._velocities, np.arange(len(self._velocities))] = 1.0
         one = np.eye(n)
-        phi = np.repeat(one[None], cases, axis=0)
+        phi: Array | None = None
         roots = []
-        for k in range(steps, 0, -1):
-            start = t0_s + (k - 1) * dt
-            sigma = np.broadcast_to(self._noise(start), (len(self._velocities), cases))
-            slope = self._slopes.both(middles[k - 1], None, start + 0.5 * dt)[1].transpose(2, 0, 1)
-            step = slope * dt[:, None, None]
-            held = (one + step @ (one / 2.0 + step / 6.0)) @ entry
-            roots.append(phi @ (held * (dt * sigma).T[:, None, :]))
-            phi = phi @ (one + step @ (one + step / 2.0))
+        for k in range(steps - 1, -1, -1):
+            sigma = np.broadcast_to(self._noise(t0_s + k * dt), (len(self._velocities), cases))
+            # ∫ e^{A s} ds B / dt = (1 + A dt/2 + A² dt²/6) B, to second order
+            first = turns[k] @ entry
+            held = entry + 0.5 * first + turns[k] @ first / 6.0
+            held *= (dt * sigma).T[:, None, :]
+            roots.append(held if phi is None else phi @ held)
+            if k:
+                across = one + turns[k] + 0.5 * turns[k] @ turns[k]
+                phi = across if phi is None else phi @ across
         if steps == 1:
-            return roots[0]
+            return np.asarray(roots[0])
         rows = np.swapaxes(np.concatenate(roots, axis=2), 1, 2)
         return np.asarray(np.swapaxes(np.linalg.qr(rows, mode="r"), 1, 2))
 
-    def _middles(
-        self, x: Array, t0_s: Array, dt: Array, steps: int, control: Array
-    ) -> Sequence[Array]:
-        """Return the believed states (n, N) in the middle of each step of the noise."""
+    def _middles(self, x: Array, t0_s: Array, dt: Array, steps: int, control: Array) -> Array:
+        """Return the believed states (n, steps N) in the middle of each step of the noise."""
         if steps == 1:
             # half a step of free motion: what it leaves out of the slopes is of second order
-            return [x + 0.5 * dt * self._slopes.rate(x, None, t0_s)]
+            return np.asarray(x + 0.5 * dt * self._flow.slopes.rate(x, None, t0_s))
         inner = max(1, ceil(float(np.max(np.abs(dt))) / self.step_s - 1e-9))
         y, p = self._entering(x, control)
-        path = self._map.trajectory(y, dt * steps, steps * inner, p, t0_s)[: self._n, ::inner]
-        return [0.5 * (path[:, k] + path[:, k + 1]) for k in range(steps)]
+        path = self._flow.steps.trajectory(y, dt * steps, steps * inner, p, t0_s)
+        path = path[: self._n, ::inner]
+        return np.asarray(0.5 * (path[:, :-1] + path[:, 1:])).reshape(self._n, -1)
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         """Return what perfect sensors show; see `hillsphere.interfaces.EstimationModel`."""
@@ -155,13 +161,17 @@ class PlantModel:
                 raise InputError(f"control must have {self._p} rows or none, got {len(control)}")
             return x, control if len(control) else np.zeros((self._p, cases))
         q = law.inputs
-        if len(control) != 2 * q:
+        told, p = 2 * q, self._p
+        if len(control) not in (told, told + p, told + 2 * p):
             raise InputError(
-                f"control must hold the law's estimate and reference, {2 * q} rows, got "
-                f"{len(control)}"
+                f"control must hold the law's estimate and reference, {told} rows, and may hold "
+                f"{p} or {2 * p} more, got {len(control)}"
             )
         y = np.concatenate([x, law.initial(cases), np.zeros((1, cases))])
-        gain = np.repeat(np.eye(self._p).reshape(-1, 1), cases, axis=1)
-        seen, goal = control[:q], control[q:]
+        seen, goal = control[:q], control[q:told]
+        more = np.zeros((2 * p, cases))
+        more[: len(control) - told] = control[told:]
+        gain = np.zeros((p, p, cases))
+        gain[np.arange(p), np.arange(p)] = 1.0 + more[p:]
         held = [goal, seen] if law.measurement == "held" else [goal]
-        return y, np.concatenate([np.zeros((self._p, cases)), gain, *held])
+        return y, np.concatenate([more[:p], gain.reshape(p * p, cases), *held])

@@ -11,7 +11,24 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import MeasurementSet
 from hillsphere.interfaces import Array, Channel, Scene, Sensor
 
-__all__ = ["SensorSuite"]
+__all__ = ["CommonScene", "SensorSuite"]
+
+
+class CommonScene(dict[str, Array]):
+    """The scene of one call of a suite: states and times are the same for all its sensors.
+
+    What one of them has computed of these, others find in `kept`, under a key that says what it is
+    and whose. It lives as long as the call.
+
+    Parameters
+    ----------
+    scene : Scene
+        What surrounds the sensors.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.kept: dict[tuple[str, int], Array] = {}
 
 
 class SensorSuite:
@@ -53,6 +70,7 @@ class SensorSuite:
 
     def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
         """Return what perfect sensors show, SI, (m, N), visible or not."""
+        scene = CommonScene(scene)
         return np.concatenate([s.observe(x, t_s, scene) for s in self.sensors])
 
     def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:

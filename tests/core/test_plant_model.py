@@ -139,3 +139,27 @@ def test_refused() -> None:
         PlantModel(PLANT, SUITE, law=LAW).advance(x, t, t + 60.0, NOTHING, case)
     with pytest.raises(InputError, match="3 rows or none"):
         PlantModel(PLANT, SUITE).advance(x, t, t + 60.0, np.zeros((2, 1)), case)
+
+
+def test_equations_are_compiled_on_first_use_and_shared(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    def counted(*args: Any) -> StepMap:
+        made.append(args[1])
+        return StepMap(*args)
+
+    monkeypatch.setattr("hillsphere.plant_flow.StepMap", counted)
+    monkeypatch.setattr("hillsphere.plant_flow._MADE", {})
+    one, other = PlantModel(PLANT, SUITE), PlantModel(plant(), SUITE)
+    commanded = PlantModel(PLANT, SUITE, law=LAW)
+    assert made == []
+    x, t, case = columns(START, 2), np.zeros(2), np.zeros(2, dtype=np.int64)
+    first = one.advance(x, t, t + 60.0, NOTHING, case)
+    np.testing.assert_array_equal(other.within({}).advance(x, t, t + 60.0, NOTHING, case), first)
+    assert made == ["rk6"]
+    commanded.advance(x, t, t + 60.0, columns(np.tile(START, 2), 2), case)
+    finer = PlantModel(PLANT, SUITE, method="dop853")
+    np.testing.assert_allclose(finer.advance(x, t, t + 60.0, NOTHING, case), first, rtol=1e-12)
+    assert made == ["rk6", "rk6", "dop853"]
+    with pytest.raises(InputError, match="rk7"):
+        PlantModel(PLANT, SUITE, method="rk7")

@@ -57,6 +57,7 @@ def test_its_components_are_listed(installed: tuple[Path, Path], tmp_path: Path)
     mine = [c for c in listed["components"] if c["plugin"] == "hillsphere_dumbbell"]
     assert [(c["kind"], c["type"]) for c in mine] == [
         ("gravity", "dumbbell"),
+        ("sensor", "limb_ranger"),
         ("stage", "zero_velocity"),
     ]
     assert {c["distribution"] for c in mine} == {"hillsphere-dumbbell 1.0.0"}

@@ -17,7 +17,7 @@ from hillsphere.simulation.acting import Act, ByEquations, ByHold, ByImpulse
 from hillsphere.simulation.block import BLOCK, CAUSES, Part, Recorder, Result, Settings, fly_block
 from hillsphere.simulation.cases import Batch, Cases, batch_of
 from hillsphere.simulation.ends import Limit, Watch
-from hillsphere.simulation.flow import closed_system, compiled, velocity_rows
+from hillsphere.simulation.flow import compiled, compiled_loop, velocity_rows
 from hillsphere.simulation.navigation import PerfectNavigation
 from hillsphere.simulation.outcomes import Flights
 from hillsphere.simulation.protocols import (
@@ -230,9 +230,8 @@ class Simulator:
                 f"{type(plant).__name__} has no {what} on which {type(law).__name__} could act"
             )
         if isinstance(law, ContinuousLaw):
-            system, command = closed_system(plant, law, self._run_time)
-            self._command = system.function(*command)
-            return StepMap(system, self._method)
+            loop, self._command = compiled_loop(plant, law, self._run_time, self._method)
+            return loop
         return compiled(plant, self._run_time, self._method, controls=law.actuation == "hold")
 
     def _batch(self, cases: Cases, samples: int | ArrayLike) -> Batch:

@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hillsphere.dynamics import External, StepMap, System, system
+from hillsphere.dynamics import ArrayFunction, External, StepMap, System, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Plant, Variable
 from hillsphere.simulation.protocols import ContinuousLaw
@@ -23,10 +23,12 @@ from hillsphere.symbolic import (
     variable,
 )
 
-__all__ = ["closed_system", "compiled", "thrust_vectors", "velocity_rows"]
+__all__ = ["closed_system", "compiled", "compiled_loop", "thrust_vectors", "velocity_rows"]
 
 EFFORT = "loop:effort"
 _MAPS: WeakKeyDictionary[Plant, dict[tuple[object, ...], StepMap]] = WeakKeyDictionary()
+_Loops = dict[tuple[object, ...], tuple[StepMap, ArrayFunction]]
+_LOOPS: WeakKeyDictionary[ContinuousLaw, WeakKeyDictionary[Plant, _Loops]] = WeakKeyDictionary()
 
 
 def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bool) -> StepMap:
@@ -52,6 +54,22 @@ def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bo
     key = (tuple(run_time), method, controls)
     if key not in known:
         known[key] = StepMap(system(plant, run_time=run_time, controls=controls), method)
+    return known[key]
+
+
+def compiled_loop(
+    plant: Plant, law: ContinuousLaw, run_time: Sequence[str], method: str
+) -> tuple[StepMap, ArrayFunction]:
+    """Return `closed_system` and its command compiled, once for as long as plant and law live.
+
+    A law whose equations are those of another, at another period, names that as its ``equations``.
+    """
+    same: ContinuousLaw = getattr(law, "equations", law)
+    known = _LOOPS.setdefault(same, WeakKeyDictionary()).setdefault(plant, {})
+    key = (tuple(run_time), method)
+    if key not in known:
+        closed, command = closed_system(plant, law, run_time)
+        known[key] = StepMap(closed, method), closed.function(*command)
     return known[key]
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from hillsphere import create, load_mission
 from hillsphere.errors import InputError
+from hillsphere.estimation import Belief
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
-from hillsphere.testing import check_gravity, check_plugin, check_stage, example
+from hillsphere.plant_model import PlantModel
+from hillsphere.sensor_suite import SensorSuite
+from hillsphere.testing import check_gravity, check_plugin, check_sensor, check_stage, example
 
 import hillsphere_dumbbell
 from hillsphere_dumbbell.specs import DumbbellSpec
@@ -89,3 +92,56 @@ def test_mission_is_valid() -> None:
     spec = mission.specs["gravity"]["moon"]
     assert isinstance(spec, DumbbellSpec)
     assert spec.length_m == 12e3
+
+
+@pytest.mark.parametrize(("number", "size_m"), [(0, 500.0), (1, 20e3)])
+def test_limb_ranger_keeps_its_contract(number: int, size_m: float) -> None:
+    x = np.concatenate([points_around(size_m), np.zeros((3, 40))])
+    check_sensor(example("sensor", "limb_ranger", number), x, np.arange(40.0), {})
+
+
+def test_limb_ranger_by_the_tangent_to_the_sphere() -> None:
+    sensor = create("sensor", "limb_ranger", radius_m=300.0, field_of_view_deg=61, spacecraft=2)
+    x = np.zeros((12, 3))
+    x[8] = 600.0, 1500.0, 4e6
+    t, none = np.zeros(3), np.zeros((1, 3))
+    seen = sensor.observe(x, t, {})[0]
+    # the tangent from 600 m touches a sphere of 300 m under 30 degrees
+    assert seen[0] == pytest.approx(np.pi / 6)
+    # the tangent's length by Pythagoras
+    assert np.tan(seen[1]) == pytest.approx(300.0 / np.sqrt(1500.0**2 - 300.0**2))
+    assert sensor.visible(x, t, {}).tolist() == [True, True, False]
+    assert np.isnan(sensor.measure(x, t, {}, none, none)[0]).tolist() == [False, False, True]
+    with pytest.raises(InputError, match="spacecraft 2 needs 12 states"):
+        sensor.observe(x[:6], t, {})
+
+
+@pytest.mark.parametrize("type_", ["unscented", "iterated_extended", "information"])
+def test_estimators_take_the_limb_ranger_as_any_sensor(type_: str) -> None:
+    body = create("body", "moon", primary_gm_km3_s2=42828.37, semi_major_axis_km=9377.0)
+    gravity = create("gravity", "dumbbell", gm_m3_s2=7e5, length_m=10e3, rod_fraction=0.5)
+    plant = create("plant", "hill", body=body, gravity=gravity)
+    suite = SensorSuite([create("sensor", "limb_ranger", radius_km=5.0, sigma_rad=1e-4)])
+    model, estimator = PlantModel(plant, suite), create("estimator", type_)
+    cases, random = 60, np.random.default_rng(3)
+    x = np.repeat([[40e3], [5e3], [1e3], [0.0], [-1.0], [0.0]], cases, axis=1)
+    sigma = np.array([800.0, 800.0, 800.0, 0.01, 0.01, 0.01])
+    t, none = np.zeros(cases), np.zeros((0, cases))
+    root = np.repeat(np.diag(sigma)[None], cases, axis=0)
+    belief = Belief(x + sigma[:, None] * random.normal(size=x.shape), root, t)
+    for k in range(4):
+        later = np.full(cases, 600.0 * k)
+        x = model.advance(x, t, later, none, np.arange(cases))
+        belief = estimator.predict(model, belief, later, none) if k else belief
+        seen = suite.measurements(x, later, {}, *(random.normal(size=(1, cases)) for _ in "ab"))
+        belief, _ = estimator.update(model, belief, seen)
+        t = later
+    out = x[:3] / np.linalg.norm(x[:3], axis=0)
+    off = np.sum(out * (belief.x - x)[:3], axis=0)
+    said = np.sqrt(np.einsum("in,nij,jn->n", out, belief.covariance[:, :3, :3], out))
+    # the last measurement alone, by the slope of the angle: nothing may be known worse than by it
+    distance = np.linalg.norm(x[:3], axis=0)
+    alone = 1e-4 * distance * np.sqrt((distance / 5e3) ** 2 - 1.0)
+    assert (said < 1.5 * alone).all()
+    assert (said > 0.4 * alone).all()
+    assert 0.7 < np.sqrt(np.mean((off / said) ** 2)) < 1.35

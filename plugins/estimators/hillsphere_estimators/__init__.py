@@ -44,4 +44,32 @@ def hillsphere_components() -> list[Component]:
             "hillsphere_estimators.specs:SequentialExtendedSpec",
             "FilterPy's extended Kalman filter, case by case",
         ),
+        Component(
+            "stage",
+            "orbit_refinement",
+            "hillsphere_estimators.refinement.stage:OrbitRefinementStage",
+            "hillsphere_estimators.refinement.specs:OrbitRefinementSpec",
+            "an asteroid's orbit by telescopes, then with tracked spacecraft near it",
+        ),
+        Component(
+            "stage",
+            "navigation",
+            "hillsphere_estimators.navigation.stage:NavigationStage",
+            "hillsphere_estimators.navigation.specs:NavigationSpec",
+            "spacecraft that find their way by sensors and a filter, controlled by its estimate",
+        ),
+        Component(
+            "stage",
+            "navigation_comparison",
+            "hillsphere_estimators.navigation.comparison:NavigationComparisonStage",
+            "hillsphere_estimators.navigation.specs:NavigationComparisonSpec",
+            "sets of sensors side by side: errors, order, bound, consistency, the lightest",
+        ),
+        Component(
+            "stage",
+            "initialisation",
+            "hillsphere_estimators.initialisation.stage:InitialisationStage",
+            "hillsphere_estimators.initialisation.specs:InitialisationSpec",
+            "a first belief of spacecraft states from sensors alone, by least squares",
+        ),
     ]

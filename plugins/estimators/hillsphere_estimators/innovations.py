@@ -52,10 +52,12 @@ class Expected:
         """Return it in SI, with standard deviations sigma (m, N) of the noise."""
         covariance = self.covariance()
         solved = np.linalg.solve(covariance, self.residual[:, :, None])[:, :, 0]
-        unit = np.where(np.isfinite(sigma) & (sigma > 0.0), sigma, 1.0).T
+        unit = np.where((sigma > 0.0) & (sigma < np.inf), sigma, 1.0).T
+        covariance *= unit[:, :, None]
+        covariance *= unit[:, None]
         return Innovation(
             (self.residual * unit).T,
-            covariance * unit[:, :, None] * unit[:, None, :],
+            covariance,
             self.used,
             np.sum(solved * self.residual, axis=1),
         )
@@ -107,13 +109,16 @@ def whitened(
     """
     values = np.where(measurements.present, measurements.values, middle)
     residual = layout.difference(values, middle) - shift
-    unit = np.where(used, measurements.sigma, 1.0)
-    keep = used.T[:, None]
-    scale = unit.T[:, None]
+    if used.all():
+        scale = 1.0 / measurements.sigma
+        row = scale.T[:, None]
+        return Expected((residual * scale).T, linear * row, bent * row, used)
+    scale = 1.0 / np.where(used, measurements.sigma, 1.0)
+    row, keep = scale.T[:, None], used.T[:, None]
     return Expected(
-        np.where(used, residual / unit, 0.0).T,
-        np.where(keep, linear / scale, 0.0),
-        np.where(keep, bent / scale, 0.0),
+        np.where(used, residual * scale, 0.0).T,
+        np.where(keep, linear * row, 0.0),
+        np.where(keep, bent * row, 0.0),
         used,
     )
 

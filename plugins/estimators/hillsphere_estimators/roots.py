@@ -24,15 +24,7 @@ def upper_triangle(rows: Array) -> Array:
     ndarray, shape (N, n, n)
         By Householder's method: squares of A are never formed, so that U keeps what is small.
     """
-    missing = rows.shape[2] - rows.shape[1]
-    if missing > 0:
-        rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
-    n = rows.shape[2]
-    # LAPACK's own result, transposed: the triangle, and what the reflections are made of
-    raw, _ = np.linalg.qr(rows, mode="raw")
-    diagonal = np.diagonal(raw, axis1=1, axis2=2)
-    signs = np.where(diagonal < 0.0, -1.0, 1.0)
-    return np.asarray(np.swapaxes(raw, 1, 2)[:, :n] * (signs[:, :, None] * _triangle(n)))
+    return np.swapaxes(lower_root(rows), 1, 2)
 
 
 def lower_root(rows: Array) -> Array:
@@ -46,11 +38,19 @@ def lower_root(rows: Array) -> Array:
     Returns
     -------
     ndarray, shape (N, n, n)
-        That of Cholesky's method, if Aᵀ A is positive definite.
+        That of Cholesky's method, if Aᵀ A is positive definite; contiguous.
     """
-    return np.swapaxes(upper_triangle(rows), 1, 2)
+    missing = rows.shape[2] - rows.shape[1]
+    if missing > 0:
+        rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
+    n = rows.shape[2]
+    # LAPACK's own result, transposed: the triangle, and what the reflections are made of
+    raw, _ = np.linalg.qr(rows, mode="raw")
+    lower = raw[:, :, :n] * _triangle(n)
+    lower *= np.where(np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0)[:, None]
+    return np.asarray(lower)
 
 
 @lru_cache(maxsize=64)
 def _triangle(n: int) -> Array:
-    return np.triu(np.ones((n, n)))
+    return np.tri(n)

@@ -85,10 +85,11 @@ def sigma_points(belief: Belief, reach: float) -> Array:
     """Return the sigma points (n, 2n + 1, N): the mean, n points ahead, n behind."""
     n, cases = belief.x.shape
     points = np.empty((n, 2 * n + 1, cases))
-    steps = reach * belief.root.transpose(1, 2, 0)
-    points[:, 0] = belief.x
-    points[:, 1 : n + 1] = belief.x[:, None] + steps
-    points[:, n + 1 :] = belief.x[:, None] - steps
+    steps = reach * np.ascontiguousarray(belief.root.transpose(1, 2, 0))
+    middle = belief.x[:, None]
+    points[:, :1] = middle
+    np.add(middle, steps, out=points[:, 1 : n + 1])
+    np.subtract(middle, steps, out=points[:, n + 1 :])
     return points
 
 
@@ -171,10 +172,12 @@ def _cases(each: int, cases: int) -> Integers:
 def _images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
     half = off.shape[1] // 2
     ahead, behind = off[:, :half], off[:, half:]
-    odd = (ahead - behind) * (0.5 / reach)
     both = ahead + behind
     shift = both.sum(axis=1) * (0.5 / reach**2)
-    even = np.empty((len(middle), half + 1, middle.shape[1]))
-    even[:, :half] = both * (0.5 / reach)
-    even[:, half] = np.sqrt(rule.beta - rule.alpha**2) * shift
-    return Images(middle, shift, odd.transpose(2, 1, 0), even.transpose(2, 1, 0))
+    # contiguous by cases: what follows are products of many small matrices
+    odd = np.empty((middle.shape[1], half, len(middle)))
+    even = np.empty((len(odd), half + 1, len(middle)))
+    np.multiply((ahead - behind).transpose(2, 1, 0), 0.5 / reach, out=odd)
+    np.multiply(both.transpose(2, 1, 0), 0.5 / reach, out=even[:, :half])
+    even[:, half] = np.sqrt(rule.beta - rule.alpha**2) * shift.T
+    return Images(middle, shift, odd, even)

@@ -70,7 +70,11 @@ class BatchedUnscentedSpec(_SigmaPointSpec):
         "with 'iterated': a case rests when its mean moves by less, in standard deviations",
         default=1e-3, gt=0,
     )  # fmt: skip
-    gate_sigmas: float | None = option(_GATE, default=None, gt=0, le=30)
+    gate_sigmas: float | None = option(
+        f"{_GATE}. Where the curvature of what is expected exceeds the noise (a wide belief) a "
+        "block is taken unseen",
+        default=None, gt=0, le=30,
+    )  # fmt: skip
 
 
 class IteratedExtendedSpec(Spec):

@@ -34,7 +34,7 @@ from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.innovations import Expected, about_prior, gated, usable, whitened
 from hillsphere_estimators.resting import distance, regular_root, rested
-from hillsphere_estimators.roots import lower_root, upper_triangle
+from hillsphere_estimators.roots import lower_root
 from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 
@@ -185,13 +185,14 @@ def absorbed(
     rows[:, :k, m:] = np.swapaxes(belief.root, 1, 2)
     rows[:, k : k + bent, :m] = root_power * expected.bent
     rows[:, k + bent :, :m] = np.eye(m)
-    upper = upper_triangle(rows)
+    lower = lower_root(rows)
     residual = (root_power[:, :, 0] * expected.residual)[:, :, None]
     if free is None:
-        white = np.linalg.solve(np.swapaxes(upper[:, :m, :m], 1, 2), residual)
-        step = np.swapaxes(upper[:, :m, m:], 1, 2) @ white
-        root = np.swapaxes(upper[:, m:, m:], 1, 2)
+        white = np.linalg.solve(lower[:, :m, :m], residual)
+        step = lower[:, m:, :m] @ white
+        root = np.ascontiguousarray(lower[:, m:, m:])
     else:
+        upper = np.swapaxes(lower, 1, 2)
         gain = np.swapaxes(np.linalg.solve(upper[:, :m, :m], upper[:, :m, m:]), 1, 2)
         gain *= free[:, None]
         step = gain @ residual

@@ -347,7 +347,9 @@ class Proximity:
             raise InputError(
                 f"the motion has no parameter {', '.join(unknown)}; it has {', '.join(names)}"
             )
-        p = np.array([np.broadcast_to(values.get(q.name, q.value), t.shape) for q in self._own])
+        p = np.array([q.value for q in self._own])
+        if values:
+            p = np.array([np.broadcast_to(values.get(q.name, q.value), t.shape) for q in self._own])
         return self._surroundings(np.zeros((1, t.size)), p, t)
 
     def _body_rows(self, orbit: OrbitPoint, t: Expr, p: Params) -> tuple[Vec3, Vec3, Vec3]:

@@ -60,8 +60,9 @@ class BodySurface:
         """Return the distances (N,), m, of the surface along directions (3, N) of any length."""
         if self._shape is not None:
             return self._shape.radius_array(directions)
-        scaled = directions / self.semi_axes_m[:, None]
-        return np.asarray(np.sqrt(np.sum(directions**2, axis=0) / np.sum(scaled**2, axis=0)))
+        x, y, z = directions * directions
+        a, b, c = self.semi_axes_m.tolist()
+        return np.asarray(np.sqrt((x + y + z) / (x / (a * a) + y / (b * b) + z / (c * c))))
 
     def grid(self, points: int) -> tuple[Array, Array, Array]:
         """Return a grid whose points see equal solid angles from the centre.

@@ -71,8 +71,11 @@ class Camera(SpacecraftSensor):
         return r, self._boresight(scene, t_s)
 
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        spec = self.spec
+        if (spec.target, spec.output, spec.target_rows) == ("centre", "angles", 0):
+            return self._angles_of_centre(self._states(x, spec.spacecraft)[:3], t_s, scene)
         u, v, ahead, _ = self._target(x, t_s, scene)
-        if self.spec.output == "angles":
+        if spec.output == "angles":
             return np.array([np.arctan2(u, ahead), np.arctan2(v, ahead)])
         return self.pixels_per_slope * np.array([u, v]) / _forward(u, v, ahead)
 

@@ -47,11 +47,14 @@ class InterSatellite(SpacecraftSensor):
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         self._surroundings(t_s, scene)
         d = self._way(x)
-        level = np.hypot(d[0], d[1])
-        found = [np.sqrt(np.sum(d * d, axis=0)), np.arctan2(d[1], d[0]), np.arctan2(d[2], level)]
+        level = d[0] * d[0] + d[1] * d[1]
+        found = np.empty((3, d.shape[1]))
+        np.sqrt(level + d[2] * d[2], out=found[0])
+        np.arctan2(d[1], d[0], out=found[1])
+        np.arctan2(d[2], np.sqrt(level), out=found[2])
         # arctan2 gives +π where the interval of angles begins at −π
-        found[1] = np.where(found[1] >= np.pi, -np.pi, found[1])
-        return np.array(found)[self._kept]
+        found[1, found[1] >= np.pi] = -np.pi
+        return found if len(self._kept) == 3 else found[self._kept]
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
         spec, way = self.spec, self._way(x)

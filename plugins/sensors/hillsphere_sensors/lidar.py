@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated, sighted
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
 from hillsphere_sensors.spacecraft_specs import LidarSpec
 
 __all__ = ["Lidar"]
@@ -55,8 +55,7 @@ class Lidar(SpacecraftSensor):
         distance, _ = self._range(r, t_s, scene)
         if not self.spec.angles:
             return distance[None]
-        u, v, ahead = sighted(self._boresight(scene, t_s), -r)
-        return np.array([distance, np.arctan2(u, ahead), np.arctan2(v, ahead)])
+        return np.concatenate([distance[None], self._angles_of_centre(r, t_s, scene)])
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
         r = self._states(x, self.spec.spacecraft)[:3]
@@ -79,7 +78,7 @@ class Lidar(SpacecraftSensor):
         turn = self._from(scene, "to_body", (3, 3), t_s)
         place = rotated(turn, r)
         if self.spec.spot == "below":
-            away = np.sqrt(np.sum(r * r, axis=0))
+            away = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
             found = away - self.surface.radius(place)
             return found, np.asarray(found > 0.0)
         boresight = self._boresight(scene, t_s)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere.sensor_suite import CommonScene
 from hillsphere_sensors.spacecraft_specs import SpacecraftSensorSpec
 
 __all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated", "sighted"]
@@ -118,6 +119,18 @@ class SpacecraftSensor(ABC):
                 f"{6 * number} of the states, which are {x.shape}"
             )
         return rows
+
+    def _angles_of_centre(self, r: Array, t_s: Array, scene: Scene) -> Array:
+        """Return azimuth and elevation (2, N) of the origin from the boresight, at places r (3, N).
+
+        Sensors of one suite that look at the same time compute them once.
+        """
+        kept = scene.kept if isinstance(scene, CommonScene) else {}
+        key = ("angles of the centre", self.common.spacecraft)
+        if key not in kept:
+            u, v, ahead = sighted(self._boresight(scene, t_s), -r)
+            kept[key] = np.array([np.arctan2(u, ahead), np.arctan2(v, ahead)])
+        return kept[key]
 
     def _from(self, scene: Scene, name: str, shape: tuple[int, ...], t_s: Array) -> Array:
         """Return an array of the scene, shape (…, N) or (…, 1)."""

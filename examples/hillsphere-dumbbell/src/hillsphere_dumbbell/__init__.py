@@ -1,4 +1,4 @@
-"""A dumbbell-shaped moon and zero-velocity maps, as a plugin for Hillsphere."""
+"""A dumbbell-shaped moon, zero-velocity maps and a limb sensor, as a plugin for Hillsphere."""
 
 from __future__ import annotations
 
@@ -22,5 +22,12 @@ def hillsphere_components() -> list[Component]:
             target="hillsphere_dumbbell.zero_velocity:ZeroVelocityStage",
             spec="hillsphere_dumbbell.specs:ZeroVelocitySpec",
             summary="zero-velocity curves and equilibrium points of a plant",
+        ),
+        Component(
+            kind="sensor",
+            type="limb_ranger",
+            target="hillsphere_dumbbell.limb_ranger:LimbRanger",
+            spec="hillsphere_dumbbell.specs:LimbRangerSpec",
+            summary="apparent size of a warm, round body, which tells the distance",
         ),
     ]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import ClassVar
 
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference
 
-__all__ = ["DumbbellSpec", "ZeroVelocitySpec"]
+__all__ = ["DumbbellSpec", "LimbRangerSpec", "ZeroVelocitySpec"]
 
 
 class DumbbellSpec(Spec):
@@ -26,6 +27,28 @@ class DumbbellSpec(Spec):
     rod_fraction: float = option("fraction of the mass in the rod", default=0.0, ge=0, le=1)
     first_share: float = option(
         "share of the first sphere (towards +x) in the mass of both", default=0.5, ge=0, le=1
+    )
+
+
+class LimbRangerSpec(Spec):
+    """How large a round body looks in a thermal camera."""
+
+    examples = ({"radius_m": 160.0, "sigma_rad": 5e-4}, {"radius_km": 5.0, "bias_rad": 1e-4})
+
+    radius_m: float = quantity("length", "mean radius of the body", gt=0)
+    spacecraft: int = option("on which spacecraft it flies: number of its six states", default=1,
+                             ge=1)  # fmt: skip
+    sigma_rad: float = quantity(
+        "angle", "standard deviation of the angular radius's noise", default=5e-4, gt=0
+    )
+    bias_rad: float = quantity(
+        "angle", "standard deviation of a bias, constant within a case", default=0.0, ge=0
+    )
+    resolution_rad: float = quantity(
+        "angle", "least angular radius that it resolves", default=1e-4, gt=0
+    )
+    field_of_view_rad: float = quantity(
+        "angle", "full field of view, into which the body must fit", default=pi, gt=0, le=pi
     )
 
 

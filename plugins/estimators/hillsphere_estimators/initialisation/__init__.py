@@ -1,0 +1,1 @@
+"""What is believed at first: from sensors alone, by least squares from many starts."""

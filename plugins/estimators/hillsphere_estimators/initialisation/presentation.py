@@ -1,0 +1,96 @@
+"""Table and figure of first beliefs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, kstest
+
+from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.initialisation.products import StartingBelief
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+__all__ = ["present_beginning"]
+
+
+def present_beginning(product: StartingBelief) -> Presentation:
+    """Show how well the states are known at first.
+
+    Parameters
+    ----------
+    product : StartingBelief
+        Of the stage.
+
+    Returns
+    -------
+    Presentation
+        Errors of each spacecraft beside their standard deviations, the distribution of the NEES.
+    """
+    n, cases = product.means.shape
+    off = product.means - product.truths
+    variances = np.diagonal(product.covariances, axis1=1, axis2=2).T
+    rows: list[Mapping[str, Cell]] = []
+    for first in range(0, n, 6):
+        place, speed = slice(first, first + 3), slice(first + 3, first + 6)
+        rows.append(
+            {
+                "spacecraft": first // 6 + 1,
+                "position_rms_m": _root(off[place] ** 2),
+                "position_sigma_m": _root(variances[place]),
+                "velocity_rms_mm_s": 1e3 * _root(off[speed] ** 2),
+                "velocity_sigma_mm_s": 1e3 * _root(variances[speed]),
+            }
+        )
+    columns = [
+        Column("spacecraft", "-", "spacecraft"),
+        Column("position_rms_m", "m", "position, rms", 4),
+        Column("position_sigma_m", "m", "σ", 4),
+        Column("velocity_rms_mm_s", "mm/s", "velocity, rms", 4),
+        Column("velocity_sigma_mm_s", "mm/s", "σ", 4),
+    ]
+    nees = product.nees
+    low, high = chi_square_band(n, cases)
+    mean, fits = float(nees.mean()), float(kstest(nees, chi2(n).cdf).pvalue)
+    inside = "lies" if low <= mean <= high else "does not lie"
+    verdict = (
+        f"From sensors alone, over {product.t_s / 3600:.3g} h: the mean NEES of {n} states, "
+        f"{mean:.3g}, {inside} in the 99.9 % band {low:.3g} … {high:.3g}; probability of the "
+        f"distribution under χ²: {fits:.2g} (Kolmogorov and Smirnov)."
+    )
+    return Presentation(
+        metrics={
+            "initialisation_mean_nees": Metric(mean),
+            "initialisation_chi_square_probability": Metric(fits),
+            "initialisation_settled": Metric(float(product.settled.mean())),
+        },
+        tables={"initialisation": Table("First beliefs, from sensors alone", columns, rows)},
+        figures={
+            "initialisation": Figure(
+                "Consistency of the first beliefs",
+                lambda figure: _draw(figure, product),
+                "Normalised errors squared of all cases, sorted, beside the χ² distribution.",
+                size_in=(6.5, 4.0),
+            )
+        },
+        verdict=[verdict],
+    )
+
+
+def _draw(figure: MatplotlibFigure, product: StartingBelief) -> None:
+    axes = figure.subplots()
+    n, cases = product.means.shape
+    share = (np.arange(cases) + 0.5) / cases
+    axes.step(np.sort(product.nees), share, where="mid", color=PALETTE["blue"], label="cases")
+    axes.plot(chi2(n).ppf(share), share, "--", color=PALETTE["vermillion"], label=f"χ², {n} states")
+    axes.set_xlabel("normalised error squared [-]")
+    axes.set_ylabel("share of cases below [-]")
+    axes.legend(loc="lower right")
+
+
+def _root(squares: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+    return float(np.sqrt(np.mean(np.sum(squares, axis=0))))

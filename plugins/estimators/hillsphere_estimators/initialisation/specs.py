@@ -1,0 +1,76 @@
+"""Spec of the stage ``initialisation``."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference
+
+__all__ = ["BeginningSpec", "InitialisationSpec"]
+
+
+class BeginningSpec(Spec):
+    """Where a spacecraft truly is at first, in the axes of the plant."""
+
+    examples = ({"position_m": [29.0, -1503.0, 407.0]},)
+
+    position_m: Vector3 = quantity("length", "place")
+    velocity_m_s: Vector3 = quantity("speed", "velocity", default=(0.0, 0.0, 0.0))
+
+
+class InitialisationSpec(StageSpec):
+    """What sensors alone tell of where spacecraft are, nothing being known before."""
+
+    produces = "hillsphere_estimators.initialisation.products:StartingBelief"
+    examples = (
+        {
+            "plant": "proximity",
+            "sensors": ["lidar"],
+            "spacecraft": [{"position_km": [3.0, -16.0, 4.0]}],
+            "duration_h": 2,
+            "interval_min": 30,
+            "seeds": 20,
+            "depths_km": [5, 20],
+        },
+    )
+
+    plant: Ref = reference("plant", "motion of the spacecraft, six states each, without control")
+    sensors: tuple[Ref, ...] = reference("sensor", "what measures")
+    spacecraft: tuple[BeginningSpec, ...] = option(
+        "true states at first, in the order of the plant's", min_length=1, max_length=20
+    )
+    duration_s: float = quantity("time", "how long is measured", gt=0)
+    interval_s: float = quantity("time", "between measurements", gt=0)
+    seeds: int = option("random cases", default=100, ge=2, le=10000)
+    depths_m: tuple[float, ...] = quantity(
+        "length", "distances to begin from along each camera's line of sight; every combination "
+        "of the spacecraft is tried",
+        gt=0, min_length=1, max_length=20,
+    )  # fmt: skip
+    tries: int = option("from how many, the best at the first measurement, it is solved",
+                        default=3, ge=1, le=50)  # fmt: skip
+    speed_m_s: float = quantity(
+        "speed", "greatest speed that is thought of, each axis: weight of the start", default=1.0,
+        gt=0,
+    )  # fmt: skip
+    pointing_rad: float = quantity(
+        "angle", "how far off, each axis, a spacecraft looks at first from the asteroid's centre",
+        default=0.03, ge=0, lt=1,
+    )  # fmt: skip
+    step_s: float = quantity("time", "longest step of the step map", default=60.0, gt=0)
+
+    @model_validator(mode="after")
+    def _several(self) -> Self:
+        def refuse(key: str, text: str) -> None:
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+
+        if not self.sensors:
+            refuse("sensors", "lists no sensor; name at least one")
+        if self.interval_s > self.duration_s:
+            refuse("interval_s", f"is longer than the {self.duration_s:g} s that are measured")
+        if len(self.depths_m) ** len(self.spacecraft) > 20_000:
+            refuse("depths_m", "makes more than 20000 combinations; give fewer distances")
+        return self

@@ -1,0 +1,236 @@
+"""Tables, figures and sentences of the stage ``navigation_comparison``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.navigation.comparison_products import NavigationComparison
+from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
+from hillsphere_estimators.navigation.specs import NavigationComparisonSpec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+__all__ = ["present_comparison"]
+
+_COLUMNS = [
+    Column("set", "", "sensors"),
+    Column("point", "", "at"),
+    Column("spacecraft", "", "spacecraft"),
+    Column("cases", "-", "flights"),
+    Column("median_m", "m", "median error", 4),
+    Column("low_m", "m", "5 %", 4),
+    Column("high_m", "m", "95 %", 4),
+    Column("draw_m", "m", "published draw", 5),
+    Column("velocity_mm_s", "mm/s", "median velocity error", 4),
+    Column("draw_mm_s", "mm/s", "published draw", 5),
+    Column("rms_m", "m", "rms", 4),
+    Column("bound_m", "m", "bound", 4),
+    Column("ratio", "-", "rms over bound", 4),
+    Column("nees", "-", "mean NEES", 4),
+    Column("consistent", "", "within the band"),
+]
+_ORDER = [
+    Column("claim", "", "less error"),
+    Column("point", "", "at"),
+    Column("ratio", "-", "ratio of rms", 4),
+    Column("low", "-", "lower limit", 4),
+    Column("high", "-", "upper limit", 4),
+    Column("answer", "", "answer"),
+]
+
+
+def present_comparison(
+    product: NavigationComparison, spec: NavigationComparisonSpec
+) -> Presentation:
+    """Show sets of sensors side by side.
+
+    Returns
+    -------
+    Presentation
+        Tables ``navigation_comparison`` and ``navigation_order``; figures
+        ``navigation_comparison`` (campaigns), ``navigation_courses`` and
+        ``navigation_consistency`` (flights).
+    """
+
+    def named(name: str) -> str:
+        return f"{name}_{spec.label}" if spec.label else name
+
+    tables: dict[str, Table] = {}
+    figures: dict[str, Figure] = {}
+    metrics: dict[str, Metric] = {}
+    verdict: list[str] = []
+    if product.cases.size:
+        tables[named("navigation_comparison")] = Table(
+            "Errors at the end of the flights", _COLUMNS, _rows(product),
+            [
+                "Errors are lengths of vectors; a published draw is one flight, not a median, and "
+                "its interval between measurements is not printed.",
+                "The bound is the posterior Cramér-Rao bound along planned flights.",
+            ],
+        )  # fmt: skip
+        figures[named("navigation_comparison")] = Figure(
+            "Position errors at the end",
+            lambda figure: _draw_campaigns(figure, product),
+            "Median and 5 to 95 %; dashes: the Cramér-Rao bound of the rms; crosses: published.",
+            (8.0, 4.2),
+        )
+        inside = (product.nees >= product.nees_low) & (product.nees <= product.nees_high)
+        metrics[named("navigation_consistent_share")] = Metric(float(np.mean(inside)))
+    if product.answers:
+        rows, sentences = _order(product, spec.confidence)
+        tables[named("navigation_order")] = Table(
+            "Do the errors fall from set to set?", _ORDER, rows,
+            [f"Ratio of rms position errors on the same draws, {100 * spec.confidence:g} % "
+             "interval of a paired bootstrap."],
+        )  # fmt: skip
+        metrics[named("navigation_order")] = Metric(sentences[0])
+        verdict += sentences[1:]
+    if product.lightest:
+        metrics[named("navigation_lightest")] = Metric(product.lightest)
+        verdict.append(
+            f"The lightest set of sensors with rms position errors of at most "
+            f"{spec.required_position_m:g} m: {product.lightest}."
+        )
+    if product.time_s.size:
+        figures[named("navigation_courses")] = Figure(
+            "Errors of the estimated positions",
+            lambda figure: _draw_courses(figure, product),
+            "The first flight of each; dashed: three standard deviations as its filter believes.",
+            (8.0, 2.6 + 2.2 * len(product.spacecraft)),
+        )
+        figures[named("navigation_consistency")] = Figure(
+            "Normalised errors squared",
+            lambda figure: _draw_nees(figure, product),
+            "Mean over the flights of each stage; grey: where 99.9 % of such means of a "
+            "consistent filter lie.",
+        )
+    return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
+
+
+def _rows(product: NavigationComparison) -> list[Mapping[str, Cell]]:
+    rows: list[Mapping[str, Cell]] = []
+    for c, label in enumerate(product.labels):
+        for p, point in enumerate(product.points):
+            nees = float(product.nees[c, p])
+            inside = bool(product.nees_low[c, p] <= nees <= product.nees_high[c, p])
+            for s, craft in enumerate(product.spacecraft):
+                low, median, high = product.position_m[:, c, p, s].tolist()
+                rms, bound = float(product.rms_m[c, p, s]), float(product.bound_m[c, p, s])
+                draw, speed = product.paper_position_m[c, s], product.paper_velocity_m_s[c, s]
+                rows.append(
+                    {
+                        "set": label,
+                        "point": point,
+                        "spacecraft": craft,
+                        "cases": int(product.cases[c, p]),
+                        "median_m": median,
+                        "low_m": low,
+                        "high_m": high,
+                        "draw_m": _given(draw),
+                        "velocity_mm_s": 1e3 * float(product.velocity_m_s[c, p, s]),
+                        "draw_mm_s": _given(1e3 * speed),
+                        "rms_m": rms,
+                        "bound_m": bound,
+                        "ratio": rms / bound,
+                        "nees": nees,
+                        "consistent": "yes" if inside else "no",
+                    }
+                )
+    return rows
+
+
+def _order(
+    product: NavigationComparison, confidence: float
+) -> tuple[list[Mapping[str, Cell]], list[str]]:
+    """Return the rows of the table, and the summary with sentences for the head of the report."""
+    rows: list[Mapping[str, Cell]] = []
+    answers = iter(product.answers)
+    for c in range(len(product.labels) - 1):
+        for p, point in enumerate(product.points):
+            low, value, high = product.ratio[:, c, p].tolist()
+            rows.append(
+                {
+                    "claim": f"{product.labels[c + 1]} than {product.labels[c]}",
+                    "point": point,
+                    "ratio": value,
+                    "low": low,
+                    "high": high,
+                    "answer": next(answers),
+                }
+            )
+    kinds = set(product.answers)
+    summary = (
+        "confirmed" if kinds == {"confirmed"} else "refuted" if "refuted" in kinds else "undecided"
+    )
+    sentence = (
+        f"Errors fall from {' to '.join(product.labels)}: {summary} at {100 * confidence:g} % "
+        f"confidence on the same draws ({sum(a == 'confirmed' for a in product.answers)} of "
+        f"{len(product.answers)} steps confirmed)."
+    )
+    return rows, [summary, sentence]
+
+
+def _draw_campaigns(figure: MatplotlibFigure, product: NavigationComparison) -> None:
+    every = np.atleast_1d(figure.subplots(1, len(product.spacecraft), sharey=True))
+    total = len(product.points)
+    for s, (axes, craft) in enumerate(zip(every, product.spacecraft, strict=True)):
+        for p, point in enumerate(product.points):
+            place = np.arange(len(product.labels)) + 0.7 * ((p + 0.5) / total - 0.5)
+            low, median, high = product.position_m[:, :, p, s]
+            colour = PALETTE[COLOURS[p % len(COLOURS)]]
+            axes.errorbar(place, median, [median - low, high - median], fmt="o", color=colour,
+                          capsize=3, label=point or "median")  # fmt: skip
+            axes.plot(place, product.bound_m[:, p, s], "_", color=colour, markersize=14)
+        paper = product.paper_position_m[:, s]
+        if np.isfinite(paper).any():
+            axes.plot(np.arange(len(paper)), paper, "x", color=PALETTE["black"], markersize=8,
+                      label="published")  # fmt: skip
+        axes.set_xticks(np.arange(len(product.labels)), product.labels, rotation=20)
+        axes.set_yscale("log")
+        axes.set_title(craft)
+    every[0].set_ylabel("position error [m]")
+    every[-1].legend(loc="best")
+
+
+def _draw_courses(figure: MatplotlibFigure, product: NavigationComparison) -> None:
+    every = np.atleast_1d(figure.subplots(len(product.spacecraft), 1, sharex=True))
+    label = ""
+    for c, name in enumerate(product.labels):
+        there = np.isfinite(product.time_s[c])
+        time, label = hours_or_days(product.time_s[c, there])
+        colour = PALETTE[COLOURS[c % len(COLOURS)]]
+        for s, axes in enumerate(every):
+            axes.plot(time, product.error_m[c, s, there], color=colour, label=name)
+            axes.plot(time, 3.0 * product.sigma_m[c, s, there], "--", color=colour, linewidth=1.0)
+    for axes, craft in zip(every, product.spacecraft, strict=True):
+        axes.set_yscale("log")
+        axes.set_ylabel(f"{craft}\nposition error [m]")
+    every[0].legend(loc="upper right", ncols=2)
+    every[-1].set_xlabel(label)
+
+
+def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
+    axes = figure.subplots()
+    low, high = chi_square_band(product.flight_states[0], product.flight_runs[0])
+    axes.axhspan(low, high, color="#999999", alpha=0.4, linewidth=0, label="99.9 % band")
+    label = ""
+    for c, name in enumerate(product.labels):
+        there = np.isfinite(product.time_s[c])
+        time, label = hours_or_days(product.time_s[c, there])
+        colour = PALETTE[COLOURS[c % len(COLOURS)]]
+        axes.plot(time, product.mean_nees[c, there], color=colour, label=name)
+    if np.nanmax(product.mean_nees) > 5.0 * high:
+        axes.set_yscale("log")
+    axes.set_ylabel(f"mean NEES of {int(product.flight_states[0])} states [-]")
+    axes.set_xlabel(label)
+    axes.legend(loc="best")
+
+
+def _given(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,173 @@
+"""Numbers of each flight of a navigation, and the quantities of which histories are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.campaign.cases import Histories, kept_histories
+from hillsphere.closed_loop.course import Rows
+from hillsphere.interfaces import Array
+from hillsphere_estimators.navigation.filtering import FilterLog
+
+__all__ = ["Record", "histories_of", "metrics_of", "moment"]
+
+
+@dataclass(frozen=True)
+class Record:
+    """One block of N flights, K measurements.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of the plant.
+    time_s : ndarray, shape (K,)
+        Since the start.
+    x : ndarray, shape (n, K, N)
+        True states.
+    goal : ndarray, shape (n, K)
+        Reference.
+    error, sigma : ndarray, shape (n, K, N)
+        Of the estimates.
+    nees, nis, used, sent : ndarray, shape (K, N)
+        See `FilterLog`.
+    bound_m : ndarray, shape (S, K)
+        Lower bound of the rms position error.
+    dv_m_s : ndarray, shape (N,)
+        Δv spent.
+    """
+
+    rows: Rows
+    time_s: Array
+    x: Array
+    goal: Array
+    error: Array
+    sigma: Array
+    nees: Array
+    nis: Array
+    used: Array
+    sent: Array
+    bound_m: Array
+    dv_m_s: Array
+
+    @classmethod
+    def of(
+        cls, rows: Rows, log: FilterLog, time_s: Array, x: Array, goal: Array, bound_m: Array,
+        dv_m_s: Array,
+    ) -> Record:  # fmt: skip
+        """Make one of a log; flights that all ended early have no more entries there."""
+
+        def joined(entries: list[Array], shape: tuple[int, ...]) -> Array:
+            out = np.full((len(time_s), *shape), np.nan)
+            for k, entry in enumerate(entries):
+                out[k] = entry
+            return out
+
+        n, count = x.shape[0], x.shape[2]
+        error = joined(log.error, (n, count)).transpose(1, 0, 2)
+        sigma = joined(log.sigma, (n, count)).transpose(1, 0, 2)
+        nees, nis = joined(log.nees, (count,)), joined(log.nis, (count,))
+        used, sent = joined(log.used, (count,)), joined(log.sent, (count,))
+        return cls(rows, time_s, x, goal, error, sigma, nees, nis, used, sent, bound_m, dv_m_s)
+
+    def lengths(self, values: Array, which: str) -> Array:
+        """Return the lengths (S, …) of three rows each of values (n, …)."""
+        rows = self.rows.positions if which == "position" else self.rows.velocities
+        each = values[rows].reshape(self.rows.vectors, -1, *values.shape[1:])
+        return np.asarray(np.sqrt(np.sum(each * each, axis=1)))
+
+
+def moment(time_s: float) -> str:
+    """Return a time as it stands in the name of a metric: 6h, 90min, 20s."""
+    for unit, size in (("h", 3600.0), ("min", 60.0), ("s", 1.0)):
+        if abs(time_s / size - round(time_s / size)) < 1e-6:
+            return f"{round(time_s / size)}{unit}"
+    return f"{time_s:.3f}s".replace(".", "p")
+
+
+def metrics_of(
+    record: Record, report_at_s: tuple[float, ...], rms_from_s: float
+) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
+    """Return names, units and values (m, N) of the metrics.
+
+    Parameters
+    ----------
+    record : Record
+        The flights.
+    report_at_s : tuple of float
+        Times at which errors are given; the last measurement before each counts.
+    rms_from_s : float
+        From when root mean squares count.
+    """
+    position = record.lengths(record.error, "position")
+    velocity = record.lengths(record.error, "velocity")
+    sigma = record.lengths(record.sigma, "position")
+    away = record.lengths(record.x - record.goal[:, :, None], "position")
+    counted = record.time_s >= rms_from_s - 1e-6
+    found: dict[str, tuple[str, Array]] = {}
+    for i in range(record.rows.vectors):
+        s = i + 1
+        found[f"position_error_{s}"] = "m", position[i, -1]
+        found[f"velocity_error_{s}"] = "m/s", velocity[i, -1]
+        found[f"position_sigma_{s}"] = "m", sigma[i, -1]
+        found[f"rms_position_error_{s}"] = "m", _rms(position[i, counted])
+        found[f"rms_velocity_error_{s}"] = "m/s", _rms(velocity[i, counted])
+        found[f"control_error_{s}"] = "m", away[i, -1]
+        found[f"rms_control_error_{s}"] = "m", _rms(away[i, counted])
+        found[f"position_bound_{s}"] = "m", _same(record.bound_m[i, -1], away[i, -1])
+    found["nees"] = "-", record.nees[-1]
+    found["mean_nees"] = "-", np.mean(record.nees[counted], axis=0)
+    dof = np.sum(record.used[counted], axis=0)
+    found["mean_nis"] = "-", np.sum(record.nis[counted], axis=0) / np.maximum(dof, 1.0)
+    sent = np.sum(record.sent, axis=0)
+    found["rejected"] = "-", 1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0)
+    found["dv"] = "m/s", record.dv_m_s
+    for time in report_at_s:
+        k = int(np.searchsorted(record.time_s, time + 1e-6)) - 1
+        name = moment(time)
+        for i in range(record.rows.vectors):
+            found[f"position_error_{i + 1}_at_{name}"] = "m", position[i, k]
+            found[f"velocity_error_{i + 1}_at_{name}"] = "m/s", velocity[i, k]
+            found[f"position_sigma_{i + 1}_at_{name}"] = "m", sigma[i, k]
+        found[f"nees_at_{name}"] = "-", record.nees[k]
+    units = tuple(unit for unit, _ in found.values())
+    return tuple(found), units, np.array([values for _, values in found.values()])
+
+
+def histories_of(record: Record, begun_s: float, history: bool | Sequence[str]) -> Histories:
+    """Return what is wanted of the flights measurement by measurement.
+
+    Per spacecraft ``position_error_S``, ``velocity_error_S``, ``position_sigma_S``,
+    ``control_error_S``; ``nees``, ``nis`` per row used; ``error.STATE`` and ``sigma.STATE``.
+    """
+    position = record.lengths(record.error, "position")
+    velocity = record.lengths(record.error, "velocity")
+    sigma = record.lengths(record.sigma, "position")
+    away = record.lengths(record.x - record.goal[:, :, None], "position")
+    made: dict[str, tuple[str, Array]] = {}
+    for i in range(record.rows.vectors):
+        made[f"position_error_{i + 1}"] = "m", position[i]
+        made[f"velocity_error_{i + 1}"] = "m/s", velocity[i]
+        made[f"position_sigma_{i + 1}"] = "m", sigma[i]
+        made[f"control_error_{i + 1}"] = "m", away[i]
+    made["nees"] = "-", record.nees
+    made["nis"] = "-", record.nis / np.maximum(record.used, 1.0)
+    for j, name in enumerate(record.rows.names):
+        unit = "m/s" if j in record.rows.velocities else "m"
+        made[f"error.{name}"] = unit, record.error[j]
+        made[f"sigma.{name}"] = unit, record.sigma[j]
+    names = kept_histories(history, tuple(made))
+    times = np.where(np.isnan(record.nees), np.nan, record.time_s[:, None] + begun_s)
+    return Histories(
+        times, names, tuple(made[n][0] for n in names), np.array([made[n][1] for n in names])
+    )
+
+
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values * values, axis=0)))
+
+
+def _same(value: float, like: Array) -> Array:
+    return np.full(like.shape, float(value))

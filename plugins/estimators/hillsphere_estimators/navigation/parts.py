@@ -1,0 +1,243 @@
+"""What a navigation is made of: sensors, the filter's model with its biases, its start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.closed_loop.course import Rows
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief
+from hillsphere.interfaces import Array, Plant, Sensor
+from hillsphere.plant_model import PlantModel
+from hillsphere.sensor_suite import SensorSuite
+from hillsphere.simulation import ContinuousLaw
+from hillsphere.simulation.flow import thrust_vectors
+from hillsphere.spec import Ref
+from hillsphere_estimators.bias_states import BiasStates
+from hillsphere_estimators.navigation.specs import OWN, BiasSpec, NavigationSpec
+from hillsphere_estimators.navigation.world import Faults, noise_of
+
+__all__ = [
+    "Beginnings",
+    "biases_of",
+    "checked_law",
+    "faults_of",
+    "intervals_of",
+    "members_of",
+    "model_of",
+    "prior_of",
+    "prior_sigma",
+    "sensors_of",
+    "true_sensors",
+]
+
+_WHOLE = 1e-6
+
+
+class Beginnings(Protocol):
+    """Beliefs before the first measurement, and the truth behind them, of M cases.
+
+    What the stage ``initialisation`` yields: means and truths (n, M), covariances (M, n, n).
+    """
+
+    @property
+    def means(self) -> Array:
+        """Believed states (n, M), SI."""
+        ...
+
+    @property
+    def covariances(self) -> Array:
+        """Their covariances (M, n, n)."""
+        ...
+
+    @property
+    def truths(self) -> Array:
+        """True states (n, M)."""
+        ...
+
+
+def intervals_of(spec: NavigationSpec) -> int:
+    """Return how many whole intervals a flight lasts."""
+    return max(1, ceil(spec.duration_s / spec.interval_s * (1.0 - _WHOLE)))
+
+
+def checked_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
+    """Return the law, if there is one.
+
+    Raises
+    ------
+    InputError
+        If it does not act continuously on an estimate of all states of the plant.
+    """
+    if spec.law is None:
+        return None
+    law: object = spec.law.get()
+    if not isinstance(law, ContinuousLaw) or law.measurement != "held":
+        raise InputError(
+            f"law: a continuous law that acts on an estimate is needed (type "
+            f"'lyapunov_formation'), got a {type(law).__name__}; leave law out for free motion"
+        )
+    if law.inputs != len(plant.states):
+        raise InputError(
+            f"law: it sees {law.inputs} values, the plant has {len(plant.states)} states; make it "
+            "for this plant"
+        )
+    return law
+
+
+def sensors_of(refs: Sequence[Ref]) -> tuple[Sensor, ...]:
+    """Return the sensors that references hold."""
+    found = []
+    for ref in refs:
+        sensor: object = ref.get()
+        if not isinstance(sensor, Sensor):
+            raise InputError(f"sensors: a sensor is needed, got a {type(sensor).__name__}")
+        found.append(sensor)
+    return tuple(found)
+
+
+def true_sensors(spec: NavigationSpec, believed: SensorSuite) -> SensorSuite:
+    """Return the true sensors.
+
+    Raises
+    ------
+    InputError
+        If their channels are not those that the filter believes in.
+    """
+    if not spec.truth.sensors:
+        return believed
+    suite = SensorSuite(sensors_of(spec.truth.sensors))
+    if suite.blocks != believed.blocks:
+        raise InputError(
+            "truth.sensors: their channels must be those of 'sensors', one by one: "
+            f"{_channels(suite)} instead of {_channels(believed)}"
+        )
+    return suite
+
+
+def faults_of(spec: NavigationSpec, suite: SensorSuite) -> Faults:
+    """Return the true sensors with what goes wrong."""
+    names = [ref.name for ref in spec.sensors]
+    silent = [
+        (
+            [i for i, name in enumerate(names) if not out.sensors or name in out.sensors],
+            *out.interval_s,
+        )
+        for out in spec.outages
+    ]
+    return Faults(
+        suite, spec.dropouts, spec.outliers, spec.outlier_sigmas, silent, spec.faults_from_s
+    )
+
+
+def members_of(spec: NavigationSpec, suite: SensorSuite) -> tuple[NDArray[np.bool_], ...]:
+    """Return the rows (m,) of each member of the filter."""
+    if not spec.members:
+        return (np.ones(suite.rows, dtype=bool),)
+    names = [ref.name for ref in spec.sensors]
+    rows = [sum(channel.rows for channel in block) for block in suite.blocks]
+    return tuple(np.repeat([name in group for name in names], rows) for group in spec.members)
+
+
+def model_of(
+    spec: NavigationSpec, plant: Plant, suite: SensorSuite, law: ContinuousLaw | None
+) -> PlantModel:
+    """Return what the filter believes of the world, without biases."""
+    return PlantModel(
+        plant,
+        suite,
+        law=law,
+        noise=noise_of(plant),
+        step_s=spec.step_s,
+        noise_step_s=spec.noise_step_s,
+        method=spec.method,
+    )
+
+
+def biases_of(
+    spec: NavigationSpec, plant: Plant, suite: SensorSuite, law: ContinuousLaw | None
+) -> BiasStates | None:
+    """Return the further states of the filter; None without any.
+
+    Raises
+    ------
+    InputError
+        If a channel is unknown.
+    """
+    if not spec.biases:
+        return None
+    first = 0 if law is None else 2 * law.inputs
+    count = len(plant.controls)
+    controls = first + count * (1 if law is None else 2)
+    shown, commanded = [], []
+    columns: list[BiasSpec] = []
+    for bias in spec.biases:
+        if bias.of == "thrust" and law is None:
+            raise InputError("biases: 'thrust' needs a law; without one nothing is commanded")
+        if bias.of == "acceleration":
+            groups = [[first + i] for i in range(count)]
+        elif bias.of == "thrust":  # the same for all axes of a spacecraft
+            size = count // thrust_vectors(count)
+            groups = [list(range(j, j + size)) for j in range(first + count, controls, size)]
+        else:
+            groups = [[row] for row in _rows_of(spec, bias, suite)]
+        for rows in groups:
+            one = np.zeros((suite.rows, 1)), np.zeros((controls, 1))
+            one[bias.of in OWN][rows] = 1.0
+            shown.append(one[0])
+            commanded.append(one[1])
+            columns.append(bias)
+    return BiasStates(
+        np.array([bias.sigma for bias in columns]),
+        np.array([bias.time_s or np.inf for bias in columns]),
+        np.concatenate(shown, axis=1),
+        np.concatenate(commanded, axis=1),
+        np.array([bias.considered for bias in columns]),
+    )
+
+
+def prior_sigma(spec: NavigationSpec, rows: Rows, start: Array) -> Array:
+    """Return the standard deviations (n,) of the states before the first measurement."""
+    belief = spec.belief
+    sigma = np.full(len(rows.names), belief.velocity_m_s)
+    places = start[rows.positions].reshape(-1, 3 if len(rows.positions) % 3 == 0 else 1)
+    away = np.repeat(np.linalg.norm(places, axis=1), places.shape[1])
+    sigma[rows.positions] = np.maximum(belief.position_relative * away, belief.position_m)
+    return sigma
+
+
+def prior_of(sigma: Array, x: Array, t_s: Array) -> Belief:
+    """Return a belief of means x (n, N) and independent standard deviations (n,)."""
+    root = np.repeat(np.diag(sigma)[None], x.shape[1], axis=0)
+    return Belief(np.ascontiguousarray(x), root, t_s)
+
+
+def _rows_of(spec: NavigationSpec, bias: BiasSpec, suite: SensorSuite) -> list[int]:
+    """Return the rows of a sensor's channels that have a bias of their own."""
+    first, found, known = 0, [], []
+    for ref, block in zip(spec.sensors, suite.blocks, strict=True):
+        for channel in block:
+            if ref.name == bias.of:
+                known.append(channel.name)
+                if bias.channel in ("", channel.name):
+                    if channel.kind == "direction":
+                        raise InputError(
+                            f"biases: channel {channel.name!r} of {bias.of!r} is a direction, "
+                            "which cannot have one; take a sensor that shows angles"
+                        )
+                    found.append(first)
+            first += channel.rows
+    if not found:
+        raise InputError(
+            f"biases: sensor {bias.of!r} has no channel {bias.channel!r}; it has {', '.join(known)}"
+        )
+    return found
+
+
+def _channels(suite: SensorSuite) -> str:
+    return "; ".join(", ".join(channel.name for channel in block) for block in suite.blocks)

@@ -1,0 +1,344 @@
+"""Specs of the stages ``navigation`` and ``navigation_comparison``."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.closed_loop.specs import StartSpec
+from hillsphere.spec import (
+    DataPath,
+    Pair,
+    Ref,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    quantity,
+    reference,
+)
+
+__all__ = [
+    "BeliefSpec",
+    "BiasSpec",
+    "ComparisonNeeds",
+    "NavigationComparisonSpec",
+    "NavigationNeeds",
+    "NavigationSpec",
+    "OutageSpec",
+    "TruthSpec",
+]
+
+
+OWN = ("acceleration", "thrust")
+"""Biases that are not those of a sensor."""
+
+
+class NavigationNeeds(Spec):
+    """Products of earlier stages that ``navigation`` takes."""
+
+    examples = ({},)
+
+    reference: Ref | None = need(
+        "hillsphere.products:FlightSet", "a trajectory that is followed", default=None
+    )
+    belief: Ref | None = need(
+        "hillsphere_estimators.initialisation.products:StartingBelief",
+        "beliefs before the first measurement and the true states behind them, one for each case "
+        "in turn, instead of start and belief",
+        default=None,
+    )
+
+
+class BeliefSpec(Spec):
+    """How well the start is known, each axis on its own; the larger of two sigmas counts."""
+
+    examples = ({"position_relative": 0.1, "velocity_mm_s": 1}, {"position_m": 50})
+
+    position_relative: float = option(
+        "standard deviation of each position as a part of its spacecraft's distance from the "
+        "origin",
+        default=0.0, ge=0,
+    )  # fmt: skip
+    position_m: float = quantity("length", "standard deviation of each position", default=0.0, ge=0)
+    velocity_m_s: float = quantity(
+        "speed", "standard deviation of each velocity", default=1e-3, gt=0
+    )
+    off: Literal["truth", "estimate"] = option(
+        "what differs at random from the start: the truth (the estimate begins where the flight "
+        "was planned to begin), or the estimate",
+        default="truth",
+    )
+
+    @model_validator(mode="after")
+    def _some_position(self) -> Self:
+        if not (self.position_relative or self.position_m):
+            raise _rule("position_m", "give position_m or position_relative: zero is no belief")
+        return self
+
+
+class TruthSpec(Spec):
+    """How the true world differs from the one that the filter believes in."""
+
+    examples = (
+        {},
+        {"plant": "proximity", "scale": {"rotation_rate": 1.01}, "thrust": 1.02},
+    )
+
+    plant: Ref | None = reference(
+        "plant", "true equations of motion, of the same states; left out: as believed", default=None
+    )
+    sensors: tuple[Ref, ...] = reference(
+        "sensor", "true sensors, of the same channels; left out: as believed", default=()
+    )
+    scale: dict[str, float] = option(
+        "parameters of the true plant by which factor they differ from nominal "
+        "(rotation_rate = 1.01)",
+        default={},
+    )
+    thrust: float = option("what is done of what is commanded", default=1.0, gt=0, le=10)
+
+
+class OutageSpec(Spec):
+    """A time in which some sensors are silent."""
+
+    examples = ({"interval_h": [6, 30]}, {"sensors": ["lidar"], "interval_h": [6, 30]})
+
+    sensors: tuple[str, ...] = option("their names; left out: all of them", default=())
+    interval_s: Pair = quantity("time", "[from, to], since the start")
+
+
+class BiasSpec(Spec):
+    """A further state of the filter: an error that lasts."""
+
+    examples = (
+        {"of": "camera", "channel": "azimuth", "sigma": 0.02},
+        {"of": "acceleration", "sigma": 2e-8, "time_h": 12, "considered": True},
+    )
+
+    of: str = option(
+        "name of a sensor; 'acceleration': one for each component, beside the command; or "
+        "'thrust': for each spacecraft by what part more is done than commanded"
+    )
+    channel: str = option(
+        "of a sensor: which channel has it; left out: each of them, and each its own", default=""
+    )
+    sigma: float = option("standard deviation, SI (m, rad, m/s²; a part of thrust)", gt=0)
+    time_s: float | None = quantity(
+        "time", "in which it is forgotten (first-order Gauss-Markov); left out: never",
+        default=None, gt=0,
+    )  # fmt: skip
+    considered: bool = option(
+        "whether it is not estimated, and only its uncertainty reckoned with", default=False
+    )
+
+
+class NavigationSpec(StageSpec):
+    """Spacecraft that find their way by sensors and a filter, and are controlled by its estimate.
+
+    What may differ from case to case: parameters of the true plant, as ``plant.NAME`` or, where
+    the truth has a plant of its own, ``truth.plant.NAME``; ``thrust``, what is done of a command.
+    The filter does not know of it. The orbit of the body is the same in all cases.
+    """
+
+    produces = "hillsphere_estimators.navigation.products:NavigationFlight"
+    examples = (
+        {
+            "plant": "proximity",
+            "sensors": ["lidar"],
+            "estimator": "unscented",
+            "start": {"position_km": [30, -40, 20]},
+            "belief": {"position_relative": 0.05},
+            "interval_min": 10,
+            "duration_min": 20,
+            "report_at_min": [10],
+        },
+    )
+
+    needs: NavigationNeeds = option("products of earlier stages", default=NavigationNeeds())
+    plant: Ref = reference("plant", "equations of motion that the filter believes in")
+    law: Ref | None = reference(
+        "compensator",
+        "continuous law that acts on the estimate, at whatever interval; left out: nothing acts",
+        default=None,
+    )
+    sensors: tuple[Ref, ...] = reference("sensor", "what measures")
+    estimator: Ref = reference("estimator", "the filter, of all states")
+    opening: Ref | None = reference(
+        "estimator",
+        "a filter that takes its place for the first updates (one without a gate, that a wide "
+        "belief would make reject what is good); left out: none",
+        default=None,
+    )
+    gate_after: int = option(
+        "with opening: number of updates that it takes", default=0, ge=0, le=1_000_000
+    )
+    members: tuple[tuple[str, ...], ...] = option(
+        "decentralised: names of the sensors of each member; each filters its own measurements, "
+        "and what they believe is joined by covariance intersection, which reckons with any "
+        "correlation; left out: one filter takes all",
+        default=(),
+    )
+    follow: str = option(
+        "with needs.reference: name of the trajectory in it; left out: the only one", default=""
+    )
+    start: StartSpec = option(
+        "where and when the flight is planned to begin; left out: where the reference does",
+        default=StartSpec(),
+    )
+    belief: BeliefSpec = option(
+        "how well the start is known", default=BeliefSpec(position_relative=0.1)
+    )
+    interval_s: float = quantity("time", "between two sets of measurements", gt=0)
+    duration_s: float = quantity(
+        "time", "how long it lasts, in whole intervals; measurements at both ends", gt=0
+    )
+    step_s: float = quantity("time", "longest step of the step maps", default=60.0, gt=0)
+    noise_step_s: float = quantity(
+        "time", "over which the random accelerations that the plant declares are held",
+        default=60.0, gt=0,
+    )  # fmt: skip
+    method: Literal["rk6", "dop853"] = option("formula of the step maps", default="rk6")
+    truth: TruthSpec = option(
+        "how the true world differs from the believed one; left out: not at all",
+        default=TruthSpec(),
+    )
+    dropouts: float = option("part of all blocks of measurements that is missing", default=0.0,
+        ge=0, lt=1,
+    )  # fmt: skip
+    outliers: float = option("part of all blocks that is far off", default=0.0, ge=0, lt=1)
+    outlier_sigmas: float = option(
+        "by how much, in the sigmas of their noise", default=30.0, ge=0, le=1e6
+    )
+    faults_from_s: float = quantity(
+        "time",
+        "time since the start from which there are dropouts and outliers: what comes before, "
+        "against a wide belief, no gate can tell from the truth",
+        default=0.0, ge=0,
+    )  # fmt: skip
+    outages: tuple[OutageSpec, ...] = option("when which sensors are silent", default=())
+    biases: tuple[BiasSpec, ...] = option("further states of the filter", default=())
+    report_at_s: tuple[float, ...] = quantity(
+        "time", "times since the start at which errors are given besides those at the end",
+        default=(),
+    )  # fmt: skip
+    rms_from_s: float = quantity(
+        "time", "time since the start from which root mean squares count", default=0.0, ge=0
+    )
+    label: str = option(
+        "appended to the names of tables, figures and metrics, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not self.sensors:
+            raise _rule("sensors", "nothing measures; name at least one")
+        names = [ref.name for ref in self.sensors]
+        bound = any(ref.target is not None for ref in self.sensors)
+        if not bound and len(set(names)) < len(names):
+            raise _rule("sensors", "a name stands twice")
+        if self.interval_s > self.duration_s:
+            raise _rule("interval_s", "is longer than the flight; shorten it")
+        asked = [("outages", n) for out in self.outages for n in out.sensors]
+        asked += [("members", n) for group in self.members for n in group]
+        asked += [("biases", b.of) for b in self.biases if b.of not in OWN]
+        if not bound:
+            for key, name in asked:
+                if name not in names:
+                    known = ", ".join(names)
+                    raise _rule(key, f"{name!r} is none of the sensors, which are {known}")
+        if self.members:
+            flat = [n for group in self.members for n in group]
+            if sorted(flat) != sorted(names) and not bound:
+                raise _rule("members", "each sensor must belong to one member, and only to one")
+        if self.gate_after and self.opening is None:
+            raise _rule("gate_after", "needs opening, the filter of the updates before")
+        if self.needs.reference is None and self.start.position_m is None:
+            raise _rule("start", "where? give needs.reference or start.position_m")
+        for time in self.report_at_s:
+            if time > self.duration_s:
+                raise _rule("report_at_s", f"{time:g} s is after the end, {self.duration_s:g} s")
+        if self.rms_from_s > self.duration_s:
+            raise _rule("rms_from_s", "is after the end")
+        return self
+
+
+class ComparisonNeeds(Spec):
+    """What is compared: flights, campaigns, or both."""
+
+    examples = ({"flights": ["navigation", "navigation"]},)
+
+    flights: tuple[Ref, ...] = need(
+        "hillsphere_estimators.navigation.products:NavigationFlight",
+        "stages 'navigation', shown in one figure",
+        default=(),
+        max_length=20,
+    )
+    campaigns: tuple[Ref, ...] = need(
+        "hillsphere.products:CaseTable",
+        "campaigns of 'navigation' stages on the same random numbers, in the order that is "
+        "claimed: from the greatest errors to the least; sweeps over the interval, or none",
+        default=(),
+        max_length=20,
+    )
+
+
+class NavigationComparisonSpec(StageSpec):
+    """Sets of sensors side by side: errors beside published ones, their order, their bound."""
+
+    produces = "hillsphere_estimators.navigation.comparison_products:NavigationComparison"
+    examples = ({"needs": {"flights": ["navigation", "navigation"]}, "labels": ["a", "b"]},)
+
+    needs: ComparisonNeeds = option("products of earlier stages")
+    labels: tuple[str, ...] = option(
+        "name of each flight or campaign in tables; left out: that of its stage", default=()
+    )
+    ordered: bool = option(
+        "whether the errors are claimed to fall from each campaign to the next", default=False
+    )
+    reference: DataPath | None = data_path(
+        "cited CSV table of published errors with the columns case (the label's number, counted "
+        "from 1), spacecraft, position_error_m and velocity_error_mm_s",
+        default=None,
+    )
+    confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
+    masses_kg: tuple[float, ...] = quantity(
+        "mass", "of each campaign's set of sensors, for the choice of the lightest", default=()
+    )
+    required_position_m: float | None = quantity(
+        "length", "what the rms position error of every spacecraft may be at most",
+        default=None, gt=0,
+    )  # fmt: skip
+    label: str = option(
+        "appended to the names of tables, figures and metrics",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        campaigns, flights = len(self.needs.campaigns), len(self.needs.flights)
+        if not campaigns and not flights:
+            raise _rule("needs", "nothing is compared; give flights, campaigns or both")
+        if campaigns and flights and campaigns != flights:
+            raise _rule("needs", f"{flights} flights for {campaigns} campaigns; give one for each")
+        count = campaigns or flights
+        for key, given in (("labels", self.labels), ("masses_kg", self.masses_kg)):
+            if given and len(given) != count:
+                raise _rule(key, f"{len(given)} for {count} to be compared")
+        if self.required_position_m is not None and not self.masses_kg:
+            raise _rule("required_position_m", "needs masses_kg, by which the lightest is found")
+        if (self.masses_kg or self.reference or self.ordered) and not campaigns:
+            raise _rule("needs", "masses_kg, reference and ordered are about campaigns; name them")
+        return self
+
+
+def _rule(key: str, text: str) -> PydanticCustomError:
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -1,0 +1,435 @@
+"""The stage ``navigation``: sensors and a filter in the loop, N flights at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from hillsphere.campaign.cases import CaseBatch, CaseResults
+from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief
+from hillsphere.interfaces import (
+    Array,
+    Context,
+    EstimationModel,
+    Estimator,
+    Parameter,
+    Plant,
+    Scene,
+)
+from hillsphere.plant_model import PlantModel
+from hillsphere.presentation import Presentation
+from hillsphere.products import FlightSet
+from hillsphere.seeds import draws
+from hillsphere.sensor_suite import SensorSuite
+from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
+from hillsphere_estimators.bias_states import Biased
+from hillsphere_estimators.navigation.bounds import planned_bound
+from hillsphere_estimators.navigation.filtering import Filtering, FilterLog, Views
+from hillsphere_estimators.navigation.metrics import Record, histories_of, metrics_of
+from hillsphere_estimators.navigation.parts import (
+    Beginnings,
+    biases_of,
+    checked_law,
+    faults_of,
+    intervals_of,
+    members_of,
+    model_of,
+    prior_of,
+    prior_sigma,
+    sensors_of,
+    true_sensors,
+)
+from hillsphere_estimators.navigation.presentation import present_navigation
+from hillsphere_estimators.navigation.products import NavigationFlight
+from hillsphere_estimators.navigation.scene import proximity_scene
+from hillsphere_estimators.navigation.specs import NavigationSpec
+from hillsphere_estimators.navigation.world import AtInterval, Drift, ShakenReference, noise_of
+
+__all__ = ["NavigationStage"]
+
+_STREAM = "navigation"
+_ORBIT = ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
+"""Parameters of the body's orbit. Kepler's equation is solved for a few lanes at a time, until all
+of them have converged: if these differed, a case would take other last bits from its neighbours."""
+_PATHS = 16
+"""Flights from different starts over which a bound is averaged."""
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What flights along one reference share.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n,)
+        State at which the flight is planned to begin.
+    goal : ndarray, shape (n, K)
+        Reference at the measurements.
+    sigma : ndarray, shape (n,)
+        How well the start is known.
+    bound_m : ndarray, shape (S, K)
+        Bound of the rms position error.
+    """
+
+    start: Array
+    goal: Array
+    sigma: Array
+    bound_m: Array
+
+
+class NavigationStage:
+    """Sensors, a filter and a law in a loop.
+
+    Parameters
+    ----------
+    spec : NavigationSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If plant, law, sensors and Spec do not fit together.
+    """
+
+    def __init__(self, spec: NavigationSpec) -> None:
+        self.spec = spec
+        self.plant: Plant = spec.plant.get()
+        self.true_plant: Plant = self.plant if spec.truth.plant is None else spec.truth.plant.get()
+        names = [tuple(v.name for v in plant.states) for plant in (self.plant, self.true_plant)]
+        if names[0] != names[1]:
+            raise InputError(
+                f"truth.plant: its states are {', '.join(names[1])}, those of plant "
+                f"{', '.join(names[0])}; they must be the same"
+            )
+        self.rows = Rows(self.plant)
+        if self.rows.others:
+            other = ", ".join(self.rows.names[i] for i in self.rows.others)
+            raise InputError(
+                f"plant: navigation estimates positions and velocities; this one has {other} too"
+            )
+        self.law = checked_law(spec, self.plant)
+        self._prefix = "plant." if spec.truth.plant is None else "truth.plant."
+        self._nominal = {q.name: q for q in self.true_plant.parameters()}
+        if unknown := sorted(set(spec.truth.scale) - set(self._nominal)):
+            raise InputError(
+                f"truth.scale: the true plant has no parameter {', '.join(unknown)}; it has "
+                f"{', '.join(self._nominal)}"
+            )
+        self._suite = SensorSuite(sensors_of(spec.sensors))
+        self._faults = faults_of(spec, true_sensors(spec, self._suite))
+        self._members = members_of(spec, self._suite)
+        self._biases = biases_of(spec, self.plant, self._suite, self.law)
+        self._estimator: Estimator = spec.estimator.get()
+        opening = spec.opening or spec.estimator
+        self._opening: Estimator = opening.get()
+        self._count = intervals_of(spec) + 1
+        self._since: Array = np.arange(self._count, dtype=float) * spec.interval_s
+        self._known: tuple[object, object, _Plan] | None = None
+
+    def case_inputs(self) -> tuple[Parameter, ...]:
+        """Return what may differ from case to case, see `NavigationSpec`."""
+        scale = self.spec.truth.scale
+        found = [
+            replace(q, name=self._prefix + q.name, value=q.value * scale.get(q.name, 1.0))
+            for q in self._nominal.values()
+            if q.name not in _ORBIT
+        ]
+        if self.law is not None:
+            found.append(Parameter("thrust", self.spec.truth.thrust))
+        return tuple(found)
+
+    def run(
+        self,
+        ctx: Context,
+        reference: FlightSet | None = None,
+        belief: Beginnings | None = None,
+    ) -> NavigationFlight:
+        """Fly a block of 64 cases of different draws, none of them dispersed.
+
+        Parameters
+        ----------
+        ctx : Context
+            Seed and progress.
+        reference : FlightSet, optional
+            What is followed.
+        belief : StartingBelief, optional
+            What is believed at the start.
+
+        Returns
+        -------
+        NavigationFlight
+            Case by case.
+        """
+        advance = ctx.track("navigation", BLOCK)
+        numbers = np.arange(BLOCK)
+        batch = CaseBatch(
+            numbers, numbers, np.zeros(BLOCK, bool), (), np.zeros((0, BLOCK)), ctx.seed, _STREAM
+        )
+        plan = self._plan(reference, belief)
+        record, flights = self._fly(plan, batch, belief)
+        advance(BLOCK)
+        return self._product(plan, record, flights)
+
+    def run_cases(
+        self,
+        batch: CaseBatch,
+        history: bool | Sequence[str] = False,
+        reference: FlightSet | None = None,
+        belief: Beginnings | None = None,
+    ) -> CaseResults:
+        """Fly a block of cases.
+
+        Parameters
+        ----------
+        batch : CaseBatch
+            Inputs by the names of `case_inputs`; noise by its draws.
+        history : bool or sequence of str
+            Whether to keep histories, or which, see `histories_of`.
+        reference : FlightSet, optional
+            What is followed.
+        belief : StartingBelief, optional
+            What is believed at the start.
+
+        Returns
+        -------
+        CaseResults
+            Metrics as in `metrics_of`.
+        """
+        plan = self._plan(reference, belief)
+        record, flights = self._fly(plan, batch, belief)
+        names, units, values = self._metrics(record)
+        status, cause = list(flights.status), list(flights.cause)
+        lost = np.isnan(record.nees[-1])
+        for lane in range(len(status)):
+            if not lost[lane]:  # what comes after the last measurement is none of its business
+                status[lane], cause[lane] = "completed", ""
+            elif status[lane] == "completed":
+                status[lane], cause[lane] = "diverged", "filter"
+        kept = histories_of(record, self.spec.start.time_s, history) if history else None
+        return CaseResults(names, units, values, tuple(status), tuple(cause), lost, kept)
+
+    def prepare_cases(
+        self,
+        names: Sequence[str],
+        reference: FlightSet | None = None,
+        belief: Beginnings | None = None,
+    ) -> None:
+        """Compile what `run_cases` needs for batches of these inputs."""
+        self._plan(reference, belief)
+        self._simulator(self._run_time(names), None)
+
+    def present(
+        self,
+        product: NavigationFlight,
+        reference: FlightSet | None = None,
+        belief: Beginnings | None = None,
+    ) -> Presentation:
+        """Show the flights."""
+        return present_navigation(product, self.spec)
+
+    @cached_property
+    def _model(self) -> PlantModel:
+        return model_of(self.spec, self.plant, self._suite, self.law)
+
+    def _control(self, estimate: Array, goal: Array) -> Array:
+        """Return what the model's motion is told: the law's estimate and reference, if any."""
+        pushes = 0
+        if self._biases is not None:
+            pushes = len(self.plant.controls) * (1 if self.law is None else 2)
+        told = [] if self.law is None else [estimate, goal]
+        return np.concatenate([*told, np.zeros((pushes, estimate.shape[1]))])
+
+    def _untouched(self, estimate: Array, goal: Array) -> Array:
+        """Return the same for the model without biases."""
+        told = [] if self.law is None else [estimate, goal]
+        return np.concatenate([*told, np.zeros((0, estimate.shape[1]))])
+
+    def _scene(self, t_s: Array, believed: Array) -> Scene:
+        return proximity_scene(self.plant, self.rows.positions, t_s, believed)
+
+    def _plan(self, product: FlightSet | None, belief: Beginnings | None) -> _Plan:
+        """Return what flights along this reference share, made once."""
+        known = self._known
+        if known is not None and known[0] is product and known[1] is belief:
+            return known[2]
+        spec, rows = self.spec, self.rows
+        given = np.full(len(rows.names), np.nan)
+        if spec.start.position_m is not None:
+            given[rows.positions] = self._checked(spec.start.position_m, "position_m")
+            given[rows.velocities] = 0.0
+        if spec.start.velocity_m_s is not None:
+            given[rows.velocities] = self._checked(spec.start.velocity_m_s, "velocity_m_s")
+        course: Course = (
+            course_at(rows, given)
+            if product is None
+            else course_along(self.plant, rows, product, spec.follow)
+        )
+        start = np.where(np.isnan(given), course.start, given)
+        goal = np.array(course.at(self._since))
+        sigma = prior_sigma(spec, rows, start)
+        prior = np.diag(sigma**2)
+        if belief is not None:
+            start, prior = np.mean(belief.means, axis=1), np.mean(belief.covariances, axis=0)
+        starts = np.repeat(start[:, None], 1 if spec.belief.off == "estimate" else _PATHS, axis=1)
+        if belief is None and spec.belief.off == "truth":
+            # any draws will do, if they are the same for all: a bound is no random number
+            wide = draws(0, "bound", np.arange(_PATHS), "start", (len(start),))
+            starts = starts + sigma[:, None] * wide
+        bound = planned_bound(
+            self._model, starts, prior, spec.start.time_s + self._since, goal,
+            self._untouched, self._scene, self._faults.heard,
+        )  # fmt: skip
+        variance = np.array([np.mean(one.sigma[rows.positions] ** 2, axis=1) for one in bound])
+        each = variance.T.reshape(rows.vectors, -1, self._count)
+        plan = _Plan(start, goal, sigma, np.sqrt(np.sum(each, axis=1)))
+        self._known = (product, belief, plan)
+        return plan
+
+    def _checked(self, given: tuple[float, ...], key: str) -> Array:
+        count = len(self.rows.positions)
+        if len(given) != count:
+            raise InputError(f"start.{key}: {len(given)} numbers, the plant has {count}")
+        return np.array(given)
+
+    def _run_time(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return the true plant's parameters that are not nominal or differ, in its order."""
+        differ = {n.removeprefix(self._prefix) for n in names} | set(self.spec.truth.scale)
+        return tuple(name for name in self._nominal if name in differ)
+
+    def _simulator(
+        self, names: tuple[str, ...], navigation: Filtering | None,
+        reference: ShakenReference | None = None,
+    ) -> Simulator:  # fmt: skip
+        spec = self.spec
+        law = (
+            Drift(spec.interval_s, self.plant.controls)
+            if self.law is None
+            else AtInterval(self.law, spec.interval_s)
+        )
+        per = max(1, int(np.ceil(spec.interval_s / spec.step_s - 1e-9)))
+        return Simulator(
+            self.true_plant, law, reference=reference, navigation=navigation, run_time=names,
+            method=spec.method, substeps=per,
+        )  # fmt: skip
+
+    def _begin(
+        self, plan: _Plan, batch: CaseBatch, belief: Beginnings | None, t0: Array
+    ) -> tuple[Array, Belief]:
+        """Return true states (n, N) and beliefs before the first measurement."""
+        if belief is not None:
+            column = batch.draws % belief.means.shape[1]
+            return belief.truths[:, column].copy(), Belief.of(
+                belief.means[:, column], belief.covariances[column], t0
+            )
+        n, width = len(plan.start), len(batch.draws)
+        planned = np.repeat(plan.start[:, None], width, axis=1)
+        off = planned + plan.sigma[:, None] * draws(
+            batch.seed, batch.stream, batch.draws, "start", (n,)
+        )
+        truth, mean = (off, planned) if self.spec.belief.off == "truth" else (planned, off)
+        return np.ascontiguousarray(truth), prior_of(plan.sigma, mean, t0)
+
+    def _fly(
+        self, plan: _Plan, batch: CaseBatch, belief: Beginnings | None
+    ) -> tuple[Record, Flights]:
+        """Fly a block."""
+        spec, rows = self.spec, self.rows
+        known = {q.name: q.value for q in self.case_inputs()}
+        fixed = {n: self._nominal[n].value * spec.truth.scale.get(n, 1.0) for n in self._nominal}
+        if unknown := [name for name in batch.names if name not in known]:
+            raise InputError(f"navigation has no input {', '.join(unknown)}")
+        names = self._run_time(batch.names)
+        width = len(batch.numbers)
+        p = {name: batch.value(self._prefix + name, fixed[name]) for name in names}
+        thrust = batch.value("thrust", spec.truth.thrust)
+        t0 = np.full(width, spec.start.time_s)
+        x0, start = self._begin(plan, batch, belief, t0)
+        # the random accelerations are those of the true plant
+        shaken = ShakenReference(
+            plan.goal, spec.interval_s, spec.noise_step_s, t0, noise_of(self.true_plant),
+            thrust, batch.seed, batch.stream, batch.draws,
+        )  # fmt: skip
+        moved = {name: value for name, value in p.items() if not name.startswith("gravity.")}
+
+        def true_scene(t_s: Array, believed: Array) -> Scene:
+            return proximity_scene(self.true_plant, rows.positions, t_s, believed, **moved)
+
+        model = self._model
+        log = FilterLog()
+        biases, n = self._biases, len(rows.names)
+
+        def within(scene: Scene) -> EstimationModel:
+            inner = model.within(scene)
+            return inner if biases is None else Biased(inner, n, biases)
+
+        navigation = Filtering(
+            model=model if biases is None else Biased(model, n, biases),
+            within=within,
+            faults=self._faults,
+            believed=self._suite,
+            views=Views(self._scene, true_scene),
+            estimators=(self._opening, self._estimator),
+            gate_after=spec.gate_after,
+            members=self._members,
+            start=start,
+            control=self._control,
+            goal=plan.goal,
+            interval_s=spec.interval_s,
+            log=log,
+        )
+        gain = np.eye(len(self.plant.controls))[:, :, None] * thrust
+        flights = self._simulator(names, navigation, shaken).fly(
+            Cases(x0, np.array([p[name] for name in names]).reshape(len(names), width),
+                  gain=gain, draws=batch.draws, t0_s=t0),
+            self._count,
+            seed=batch.seed,
+            stage=batch.stream,
+            history=True,
+        )  # fmt: skip
+        assert flights.history is not None
+        x = flights.history.x[:, : self._count]
+        record = Record.of(
+            rows, log, self._since, x, plan.goal, plan.bound_m,
+            flights.history.dv_m_s[self._count - 1],
+        )  # fmt: skip
+        return record, flights
+
+    def _metrics(self, record: Record) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
+        return metrics_of(record, self.spec.report_at_s, self.spec.rms_from_s)
+
+    def _product(self, plan: _Plan, record: Record, flights: Flights) -> NavigationFlight:
+        truth = self.spec.truth
+        names, units, values = self._metrics(record)
+        crafts = getattr(self.plant, "spacecraft", None)
+        labels = tuple(crafts or (f"spacecraft {i + 1}" for i in range(self.rows.vectors)))
+        matched = truth.plant is None and not truth.sensors and not truth.scale
+        x = record.x[:, :, 0]
+        return NavigationFlight(
+            frame=self.plant.frame,
+            spacecraft=labels,
+            states=self.rows.names,
+            time_s=self._since,
+            x=x,
+            estimate=x + record.error[:, :, 0],
+            goal=plan.goal,
+            sigma=record.sigma[:, :, 0],
+            position_error_m=record.lengths(record.error, "position"),
+            velocity_error_m_s=record.lengths(record.error, "velocity"),
+            position_sigma_m=record.lengths(record.sigma, "position"),
+            control_error_m=record.lengths(record.x - plan.goal[:, :, None], "position"),
+            nees=record.nees,
+            nis=record.nis,
+            used=record.used,
+            sent=record.sent,
+            bound_m=plan.bound_m,
+            matched=matched and truth.thrust == 1.0,
+            lost=int(np.isnan(record.nees[-1]).sum()),
+            metrics=names,
+            units=units,
+            values=values,
+        )

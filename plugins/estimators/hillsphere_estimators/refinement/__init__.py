@@ -1,0 +1,1 @@
+"""The orbit of an asteroid, first from telescopes, then by spacecraft that draw near."""

@@ -1,0 +1,120 @@
+"""Refinement of an asteroid's orbit: consistency over seeds, and what each sensor brings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hillsphere import create
+from hillsphere.errors import InputError
+from hillsphere.testing import RecordingContext, check_presentation, example
+from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.refinement.products import OrbitRefinement
+
+GOLDSTONE = {"station": "Goldstone", "latitude_deg": 35.4, "longitude_deg": -116.9}
+
+
+def asteroid() -> Any:
+    """Return one on the orbit of Table 1 of the formation navigation paper."""
+    return create(
+        "body", "asteroid", semi_major_axis_au=0.9224, eccentricity=0.1912,
+        inclination_rad=0.05814, node_rad=3.5682, periapsis_rad=2.2061,
+        rotation_rate_rad_s=5.8177e-5,
+    )  # fmt: skip
+
+
+def refinement(**keys: Any) -> Any:
+    def telescope(longitude: float) -> Any:
+        return create(
+            "sensor", "deep_space_station", station="telescope", latitude_deg=25,
+            longitude_deg=longitude, measures=["angles"], mask_elevation_deg=0,
+        )  # fmt: skip
+
+    def camera(craft: int) -> Any:
+        return create("sensor", "inter_satellite", spacecraft=craft, partner=1, range=False)
+
+    cameras = [camera(2), camera(3)]
+    tracking = [create("sensor", "deep_space_station", spacecraft=k, **GOLDSTONE) for k in (2, 3)]
+    paused = create("sensor", "deep_space_station", spacecraft=2, **GOLDSTONE, outages_d=[[10, 20]])
+    doppler = create("sensor", "sun_doppler", spacecraft=2)
+    given: dict[str, Any] = {
+        "plant": create("plant", "heliocentric", bodies=[{}, {}, {}]),
+        "asteroid": asteroid(),
+        "earth": example("body", "solar_orbit"),
+        "geometries": [
+            {"name": "near", "epoch": "2029-03-01", "mean_anomaly_deg": 210},
+            {"name": "far", "epoch": "2029-01-15", "mean_anomaly_deg": 180},
+        ],
+        "seeds": 10,
+        "optical": [telescope(-16.0), telescope(-155.0)],
+        "optical_duration_d": 10,
+        "optical_interval_h": 8,
+        "initial_error": 1e-3,
+        "estimator": create("estimator", "information", iterations=5, tolerance_sigmas=1e-2),
+        "spacecraft": [{"offset_km": [-7000, -7000, 500]}, {"offset_km": [7000, -6900, -1500]}],
+        "acceleration_noise_m_s2": 1e-9,
+        "duration_d": 1,
+        "interval_h": 4,
+        "arms": [
+            {"name": "all", "sensors": [*cameras, *tracking, doppler]},
+            {"name": "no Doppler", "sensors": [*cameras, *tracking]},
+            {"name": "paused", "sensors": [*cameras, paused, tracking[1]]},
+            {"name": "cameras", "sensors": cameras},
+        ],
+    }
+    return create("stage", "orbit_refinement", **{**given, **keys})
+
+
+@pytest.fixture(scope="module")
+def product() -> OrbitRefinement:
+    made = refinement().run(RecordingContext())
+    assert isinstance(made, OrbitRefinement)
+    return made
+
+
+def test_errors_are_as_large_as_the_covariance_says(product: OrbitRefinement) -> None:
+    assert product.settled.all()
+    cases = product.settled.size
+    low, high = chi_square_band(6, cases)
+    assert low <= product.optical.nees[-1].mean() <= high
+    for known in product.tracked[:3]:
+        assert low <= known.nees[-1].mean() <= high
+        ratio = np.mean(known.position_m[-1] ** 2) / np.mean(known.position_sigma_m[-1] ** 2)
+        assert 0.4 < ratio < 2.5
+    low, high = chi_square_band(product.states, cases)
+    assert low <= product.joint_nees[0].mean() <= high
+
+
+def test_what_sensors_bring(product: OrbitRefinement) -> None:
+    full, plain, paused, blind = (k.position_sigma_m[-1].mean(axis=1) for k in product.tracked)
+    fast = [k.velocity_sigma_m_s[-1].mean(axis=1) for k in product.tracked]
+    assert (full <= plain * 1.001).all()
+    assert (fast[0] <= fast[1] * 1.001).all()
+    # where a station is silent less is known, of the velocity too
+    assert (plain < paused).all()
+    assert (fast[1] < fast[2]).all()
+    assert (paused < blind).all()
+    # tracking is worth one to two orders of magnitude
+    before = product.tracked[0].position_sigma_m[0].mean(axis=1)
+    assert (before / full > 10.0).all()
+
+
+def test_presentation(product: OrbitRefinement) -> None:
+    shown = refinement().present(product)
+    check_presentation(shown)
+    assert any("not considerably improved" in line for line in shown.verdict)
+    rows = shown.tables["refinement_tracking"].rows
+    assert len(rows) == 2 * 4
+
+
+def test_refusals() -> None:
+    with pytest.raises(InputError, match="needs 12 states, the asteroid's six first; it has 18"):
+        refinement(spacecraft=[{"offset_km": [1e4, 0, 0]}])
+    with pytest.raises(InputError, match="lacks mean_anomaly_deg"):
+        refinement(geometries=[{"name": "one", "epoch": "2029-01-15"}])
+    with pytest.raises(InputError, match="names repeat"):
+        refinement(geometries=[{"name": "one", "epoch": "2029-01-15", "mean_anomaly_deg": 1}] * 2)
+    with pytest.raises(InputError, match="longer than"):
+        refinement(interval_h=72)
