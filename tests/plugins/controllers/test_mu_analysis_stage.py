@@ -201,6 +201,14 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     assert "mu_sensitivity_curves" in shown.figures
     rows = shown.tables["mu_models_robust_performance"].rows
     assert [row["model"] for row in rows] == ["point=1", "point=10"]
+    needs = {"uncertain": "u", "controllers": list(given), "beside": ["before"]}
+    whole = validate(MuAnalysisSpec, {"needs": needs, "columns": ["soft"]} | keys, where="s")
+    assert isinstance(whole, MuAnalysisSpec)
+    columns = MuAnalysisStage(whole).present(made, several, (), (made,))
+    check_presentation(columns)
+    # Two columns of the analysis beside, and of its own that of one controller.
+    wide, narrow = (one.figures["mu_sensitivity_curves"].size_in[0] for one in (columns, shown))
+    assert wide - narrow == pytest.approx(3.2)
     soft, _ = shown.verdict
     assert soft.startswith("soft: a gain below one for all perturbations declared with 0 of 2")
     assert "not with point=1, point=10" in soft
@@ -230,6 +238,19 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
     assert together.nominal[0] == pytest.approx(made.nominal[0] * np.sqrt(1.25), rel=1e-6)
     with pytest.raises(InputError, match="outputs: no signal 'z'"):
         run(models, given, keys | {"outputs": ["z"]})
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"columns": ["kb"], "sensitivity_curves": True}, "'kb' is none of needs.controllers"),
+        ({"columns": ["ka"]}, "set sensitivity_curves"),
+    ],
+)
+def test_columns_are_those_of_controllers(keys: dict[str, Any], said: str) -> None:
+    table = {"needs": {"uncertain": "u", "controllers": ["ka"]}} | keys
+    with pytest.raises(InputError, match=said):
+        validate(MuAnalysisSpec, table, where="s")
 
 
 def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> None:

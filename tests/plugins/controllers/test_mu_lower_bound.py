@@ -67,6 +67,81 @@ def test_lower_bound_is_proved_and_below_the_upper(seed: int, count: int) -> Non
         assert found.value <= upper.value * (1.0 + 1e-9)
 
 
+def largest_alone(m: Complex, structure: BlockStructure) -> float:
+    """Return what one block of M gains by itself: µ of Δ that is zero elsewhere."""
+    found = [0.0]
+    for block, (rows, columns) in zip(structure.blocks, structure.parts(), strict=True):
+        part = m[columns, rows]
+        if block.kind == "full":
+            found.append(float(np.linalg.norm(part, 2)))
+        elif block.kind == "complex":
+            found.append(float(np.abs(np.linalg.eigvals(part)).max()))
+    return max(found)
+
+
+def changed(
+    random: np.random.Generator, m: Complex, structure: BlockStructure, kind: str
+) -> Complex:
+    """Return M with zeros, or scaled badly."""
+    if kind == "sparse":
+        return m * (random.random(m.shape) < 0.3)
+    if kind == "triangular":
+        return np.triu(m)
+    if kind == "badly_scaled":
+        return np.asarray(m * 10.0 ** random.uniform(-6.0, 6.0, m.shape))
+    made = m.copy()
+    for block, (rows, columns) in zip(structure.blocks, structure.parts(), strict=True):
+        if kind == "no_full_gain" and block.kind == "full":
+            made[columns, rows] = 0.0
+    return made
+
+
+KINDS = ("dense", "sparse", "triangular", "badly_scaled", "no_full_gain")
+
+
+@settings(derandomize=True, deadline=None, max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4), kind=st.sampled_from(KINDS))
+def test_no_block_alone_does_more(seed: int, count: int, kind: str) -> None:
+    random = np.random.default_rng(seed)
+    structure = random_blocks(random, count)
+    m = changed(random, random_matrix(random, *structure.shape), structure, kind)
+    found = lower_bound(m, structure, starts=2)
+    assert found.value >= largest_alone(m, structure) * (1.0 - 1e-9)
+    if found.value > 0.0:
+        assert_proved(m, structure, found)
+
+
+@pytest.mark.parametrize(("seed", "kind"), [(54, "dense"), (166, "triangular")])
+def test_searches_over_all_blocks_ended_below_one(seed: int, kind: str) -> None:
+    """At 0.94 instead of 1.36, and at nothing."""
+    random = np.random.default_rng(seed)
+    kinds = [
+        repeated_real(1), repeated_real(2), repeated_complex(1), repeated_complex(2), full(2),
+        full(1, 2), full(3, 1),
+    ]  # fmt: skip
+    numbers = random.integers(len(kinds), size=random.integers(1, 6))
+    structure = BlockStructure([kinds[k] for k in numbers])
+    m = changed(random, random_matrix(random, *structure.shape), structure, kind)
+    found = lower_bound(m, structure)
+    assert found.value >= largest_alone(m, structure) * (1.0 - 1e-12) > 0.5
+    assert_proved(m, structure, found)
+
+
+def test_a_full_block_that_gains_nothing_by_itself() -> None:
+    """µ² = |M₁₂ M₂₁|. The search left along the lengths of vectors, on which nothing depends."""
+    random = np.random.default_rng(56)
+    random.integers(7, size=random.integers(1, 6))
+    m = random_matrix(random, 3, 2) * (random.random((3, 2)) < 0.3)
+    assert np.flatnonzero(m).tolist() == [3, 4]
+    structure = BlockStructure([full(1, 2), repeated_complex()])
+    upper = upper_bound(m, structure)
+    found = lower_bound(m, structure, scalings=upper.scalings)
+    assert_allclose(found.value, np.sqrt(abs(m[1, 1] * m[2, 0])), rtol=1e-8)
+    assert_proved(m, structure, found)
+    silent = BlockStructure([full(2), repeated_complex()])
+    assert lower_bound(np.diag([0.0, 0.0, 2.0]), silent).value == pytest.approx(2.0, rel=1e-12)
+
+
 def test_bounds_are_near_to_each_other() -> None:
     """Among random problems with a block that is not real."""
     shares = []

@@ -15,6 +15,7 @@ from hillsphere_controllers.mu.blocks import (
     repeated_complex,
     repeated_real,
 )
+from hillsphere_controllers.mu.lower_bound import LowerBound
 from hillsphere_controllers.mu.robustness import (
     Robustness,
     complexified,
@@ -187,6 +188,44 @@ def test_nothing_destabilises_a_loop_that_is_open() -> None:
     assert found.upper == found.lower == 0.0
     assert found.worst is None
     assert found.margin == (np.inf, np.inf)
+
+
+@pytest.mark.parametrize("dt_s", [None, 0.02])
+def test_robust_performance_is_no_better_than_nominal(dt_s: float | None) -> None:
+    """µ peaks where one mode lets a stiffness matter, nominal performance at another mode."""
+    random = np.random.default_rng(7)
+    for _ in range(2):
+        a = np.zeros((6, 6))
+        for k, omega in enumerate(random.uniform(0.3, 3.0, 3)):
+            damping = random.uniform(0.01, 0.1)
+            a[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, omega], [-omega, -damping]]
+        b, c = random.normal(size=(6, 4)), random.normal(size=(4, 6))
+        system = LtiSystem(a, b, c, np.zeros((4, 4)))
+        system = system if dt_s is None else discrete(system, dt_s)
+        blocks = BlockStructure([repeated_real(1, "k"), full(1)])
+        nominal = hinf_norm(
+            LtiSystem(system.a, system.b[:, 2:], system.c[2:], system.d[2:, 2:], dt_s)
+        )
+        found = robust_performance(system, blocks)
+        assert nominal.value * (1.0 - 1e-9) <= found.lower <= found.upper
+        assert_poles_on_the_border(found, system)
+
+
+@pytest.mark.parametrize("dt_s", [None, 0.02])
+def test_nominal_performance_is_known_where_the_search_finds_nothing(
+    monkeypatch: pytest.MonkeyPatch, dt_s: float | None
+) -> None:
+    def nothing(_: LtiSystem, structure: BlockStructure, *__: object, **___: object) -> LowerBound:
+        p, m = structure.shape
+        return LowerBound(0.0, np.zeros((m, p), dtype=complex), 1.0)
+
+    monkeypatch.setattr("hillsphere_controllers.mu.robustness.lower_bound_near", nothing)
+    a, b = np.array([[0.0, 1.0], [-4.0, -0.1]]), np.array([[0.0, 0.0], [0.0, 1.0]])
+    system = LtiSystem(a, b, np.array([[0.0, 0.0], [1.0, 0.0]]), np.zeros((2, 2)))
+    system = system if dt_s is None else discrete(system, dt_s)
+    found = robust_performance(system, BlockStructure([repeated_real(1, "k")]))
+    assert_allclose(found.lower, 1.0 / (0.1 * np.sqrt(4.0 - 0.0025)), rtol=1e-8)
+    assert_poles_on_the_border(found, system)
 
 
 def test_worst_gain_of_the_column() -> None:

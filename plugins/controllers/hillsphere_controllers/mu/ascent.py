@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ Complex = NDArray[np.complex128]
 _MOST = 60
 _CORRECTIONS = 12
 _REAL = 1e-13
+_LOST = 1e100
+"""Parameters of that size tell nothing: lengths of vectors overflow soon after."""
 FARTHEST = 0.7
 """Frequency moves by no more than that in its logarithm."""
 
@@ -80,24 +83,28 @@ class Ascent:
 
         def looked(x: Array) -> tuple[complex, Complex]:
             nonlocal last
+            if not np.abs(x).max(initial=0.0) < _LOST:
+                raise FloatingPointError("the search has left along a direction that is flat")
             if x.tobytes() != last[0]:
                 last = (x.tobytes(), self.eigenvalue(x))
             return last[1]
 
-        found = minimize(
-            lambda x: -looked(x)[0].real,
-            begun,
-            jac=lambda x: -looked(x)[1].real,
-            bounds=self.bounds,
-            constraints={
-                "type": "eq",
-                "fun": lambda x: looked(x)[0].imag,
-                "jac": lambda x: looked(x)[1].imag,
-            },
-            method="SLSQP",
-            options={"maxiter": _MOST, "ftol": 1e-11},
-        )
-        x = self._made_real(np.asarray(found.x))
+        x = None
+        with suppress(FloatingPointError):
+            found = minimize(
+                lambda x: -looked(x)[0].real,
+                begun,
+                jac=lambda x: -looked(x)[1].real,
+                bounds=self.bounds,
+                constraints={
+                    "type": "eq",
+                    "fun": lambda x: looked(x)[0].imag,
+                    "jac": lambda x: looked(x)[1].imag,
+                },
+                method="SLSQP",
+                options={"maxiter": _MOST, "ftol": 1e-11},
+            )
+            x = self._made_real(np.asarray(found.x))
         if x is None:
             x = self._made_real(begun)
         if x is None:

@@ -5,8 +5,9 @@ in [−1, 1], whose complex ones are on the unit circle and whose full blocks ar
 norm [1]_. Good starts are the singular direction of the upper bound's F, and the power iteration of
 [1]_, which ends at a local maximum where it converges at all; where real scalars stay inside their
 range it often does not. From the best iterates the eigenvalue is raised further in all parameters
-at once, and in frequency where M is that of a system, under the condition that it is real. What is
-returned is checked by the smallest singular value of I − M Δ.
+at once, and in frequency where M is that of a system, under the condition that it is real. Where
+this ends below what one block does by itself (`single_blocks`), that is taken and raised instead.
+What is returned is checked by the smallest singular value of I − M Δ.
 
 References
 ----------
@@ -17,7 +18,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,11 @@ from hillsphere_controllers.mu.ascent import Ascent
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.power_iteration import iterated, singular_direction
 from hillsphere_controllers.mu.scalings import Scalings
+from hillsphere_controllers.mu.single_blocks import single_block, single_blocks
 
-__all__ = ["LowerBound", "lower_bound", "lower_bound_near", "moving_response"]
+__all__ = [
+    "LowerBound", "lower_bound", "lower_bound_near", "lower_bound_of_block", "moving_response",
+]  # fmt: skip
 
 Complex = NDArray[np.complex128]
 
@@ -69,7 +73,7 @@ def lower_bound(
     starts: int = 8,
     seed: int = 0,
 ) -> LowerBound:
-    """Return a lower bound of µ of a matrix.
+    """Return a lower bound of µ of a matrix, no smaller than that of any block alone.
 
     Parameters
     ----------
@@ -133,6 +137,33 @@ def lower_bound_near(
     return _best(at, structure, scalings, starts, seed, None if fixed else omega_rad_s)
 
 
+def lower_bound_of_block(
+    system: LtiSystem, structure: BlockStructure, block: int, omega_rad_s: float
+) -> LowerBound | None:
+    """Return the lower bound that one block alone gives a system at a frequency.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, in continuous time, without poles on the imaginary axis.
+    structure : BlockStructure
+        Of Δ.
+    block : int
+        Its number.
+    omega_rad_s : float
+        The frequency, which may be infinite; at zero and there a full block is real.
+
+    Raises
+    ------
+    InputError
+        If the system does not fit the structure.
+    """
+    m, _ = moving_response(system, structure, omega_rad_s)(0.0)
+    delta = single_block(m, structure, block)
+    made = None if delta is None else _checked(m, delta, structure)
+    return None if made is None else replace(made, frequency_rad_s=omega_rad_s)
+
+
 def moving_response(
     system: LtiSystem, structure: BlockStructure, omega_rad_s: float
 ) -> Callable[[float], tuple[Complex, Complex]]:
@@ -177,15 +208,27 @@ def _best(
             structure.perturbation(list(random.uniform(-1.0, 1.0, count))) for _ in range(starts)
         ]
     best = none
-    for q in likely:
+
+    def raise_from(q: Complex) -> None:
+        nonlocal best
         raised = ascent.raised(q)
         if raised is None:
-            continue
+            return
         delta, z = raised
         made = _checked(at(z)[0], delta, structure)
         if made is not None and made.value > best.value:
             frequency = np.nan if omega is None else float(omega * np.exp(z))
             best = LowerBound(made.value, made.delta, made.singular, frequency)
+
+    for q in likely:
+        raise_from(q)
+    for delta in single_blocks(m, structure):
+        if 1.0 / float(np.linalg.norm(delta, 2)) <= best.value:
+            break
+        made = _checked(m, delta, structure)
+        if made is not None and made.value > best.value:
+            best = made if omega is None else replace(made, frequency_rad_s=omega)
+            raise_from(delta * made.value)
     return best
 
 
