@@ -202,6 +202,49 @@ class Bands:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """Histories of the cases of a small campaign, one by one.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Of the q quantities.
+    case : ndarray of int, shape (N,)
+        Numbers of the cases.
+    time_s : ndarray, shape (K,)
+        Times after the first sample of each case.
+    values : ndarray, shape (q, K, N)
+        Their values; NaN beyond the end of a case.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    case: Integers
+    time_s: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Points that come in groups, in each of which one thing grows.
+
+    Parameters
+    ----------
+    name, unit : str
+        What grows, ``"σ of the worst case"``, and its unit; ``"-"`` for none.
+    values : ndarray, shape (P,)
+        How large it is at the P points.
+    groups : tuple of str
+        Name of the group of each point.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    groups: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class CaseTable:
     """What came of a campaign, one row per case, stored by columns.
 
@@ -248,6 +291,10 @@ class CaseTable:
         One name per point.
     bands : Bands or None
         Quantiles over time, if they were asked for and any case has a history.
+    ladder : Ladder or None
+        Of the P points, if their list has one.
+    lines : Lines or None
+        Histories of the single cases, if a sweep was asked for them.
     """
 
     stage: str
@@ -273,6 +320,8 @@ class CaseTable:
     points: Array | None = None
     point_labels: tuple[str, ...] = ()
     bands: Bands | None = None
+    ladder: Ladder | None = None
+    lines: Lines | None = None
 
     @property
     def reproducible(self) -> bool:
@@ -295,9 +344,13 @@ class CaseList:
         Values of the k quantities at the N points.
     labels : tuple of str
         One name per point; empty for names made of the values.
+    ladder : Ladder or None
+        Which points differ by the size of one thing only: along it a sweep tells where failures
+        begin.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
     labels: tuple[str, ...] = ()
+    ladder: Ladder | None = None

@@ -267,6 +267,23 @@ def test_bands_are_the_same_bits_killed_or_not_by_one_worker_or_two(hillsphere: 
     assert "  the same as in the run, to the last bit\n" in done.stdout
 
 
+def test_lines_of_a_sweep_stand_before_the_bands_of_a_campaign(hillsphere: Runner) -> None:
+    path = hillsphere.directory / "waves.toml"
+    text = path.read_text("utf-8") + (
+        '\n[stage.few]\ntype = "sweep"\nrepeat = "wave"\nover = { "stage.wave.height" = [0, 1] }\n'
+        'lines = ["height"]\nneeds = { behind = "many" }\n'
+    )
+    path.write_text(text, "utf-8")
+    bands = ("--set", 'stage.many.bands=["height"]', "--set", "stage.many.cases=64")
+    done = hillsphere("run", "waves.toml", *bands, "--out", "out", "--workers", "0")
+    assert (done.returncode, done.stderr) == (0, "")
+    table = load_product_of(hillsphere, "few")
+    lines = table.lines
+    assert (lines.names, lines.units, lines.case.tolist()) == (("height",), ("m",), [0, 1])
+    np.testing.assert_array_equal(lines.values[0, -1], table.values[0])
+    assert (hillsphere.directory / "out" / "figures" / "sweep_lines.png").is_file()
+
+
 @pytest.mark.parametrize(
     ("setting", "message"),
     [

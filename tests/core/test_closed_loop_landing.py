@@ -382,3 +382,92 @@ def test_the_figure_of_a_descent_has_arrows() -> None:
         stage(Solid(), needs={}, target={"position_m": [0, 0, 9]}, start={"position_m": [0, 0, 9]},
               samples=1).run(RecordingContext())
     ).figures  # fmt: skip
+
+
+def test_overtime_flies_on_until_contact() -> None:
+    """Late flights touch where the reference, continued at its last velocity, takes them."""
+    heights = np.linspace(-20.0, 40.0, LANES)
+    product = descent()
+    batch = block(("offset.z",), heights)
+    keys: dict[str, Any] = {"law": Idle(), "require": {"touchdown_speed_m_s": 1}}
+    plain = stage(**keys).run_cases(batch, history=True, reference=product)
+    found = stage(**keys, overtime_s=100).run_cases(batch, history=True, reference=product)
+    high, low = heights > 1e-6, heights < -1e-6
+    assert (np.array(plain.status)[high] == "completed").all()
+    assert (np.array(found.status) == "impact").all()
+    # Nobody steers: contact is as much later as 0.5 m/s takes for the height.
+    assert_allclose(metric(found, "early")[high], -heights[high] / 0.5, rtol=0, atol=1e-6)
+    assert_allclose(metric(found, "final_speed")[high], np.hypot(0.1, 0.5), rtol=1e-9)
+    assert_allclose(metric(found, "final_position_error")[high], heights[high], rtol=1e-6)
+    # What is largest, and flights that end before, are as without overtime.
+    for name in ("largest_position_error", "largest_velocity_error", "largest_command"):
+        assert_allclose(metric(found, name), metric(plain, name), rtol=0, atol=1e-9)
+    assert_array_equal(found.values[:, low], plain.values[:, low])
+    # Too little of it: still above the ground, which is no success where contact is asked for.
+    short = stage(**keys, overtime_s=45, success=["impact"]).run_cases(batch, reference=product)
+    assert_array_equal(np.array(short.status) == "completed", heights > 30.0)  # to a whole period
+    assert_array_equal(short.failed, heights > 30.0)
+    late = stage(law=Idle(), overtime_s=100, require={"late_s": 30})
+    judged = late.run_cases(batch, reference=product)
+    assert_array_equal(judged.failed, heights > 15.0)
+    assert set(judged.cause) == {"impact", "late"}
+
+
+def test_overtime_steers_towards_the_continued_reference() -> None:
+    """The law works on; what is largest until the reference's end is as without."""
+    pushes = np.full(LANES, 4e-5)
+    product = descent()
+    found = stage(overtime_s=600).run_cases(block(("plant.push",), pushes), reference=product)
+    plain = stage().run_cases(block(("plant.push",), pushes), reference=product)
+    assert found.status[0] == "impact"
+    assert plain.status[0] == "completed"
+    for name in ("largest_position_error", "largest_velocity_error", "largest_command"):
+        assert_allclose(metric(found, name)[0], metric(plain, name)[0], rtol=1e-12)
+    # An integral-free law leaves push / KP of height: contact as much later.
+    assert -2.0 < metric(found, "early")[0] < 0.0
+    assert_allclose(metric(found, "final_speed")[0], np.hypot(0.1, 0.5), rtol=0.01)
+
+
+@pytest.mark.parametrize("period", [60.0, 45.0])
+@pytest.mark.parametrize("kind", ["held", "zero"])
+def test_the_command_of_the_overtime(period: float, kind: str) -> None:
+    """Held or zero from the reference's end on, which need not be a sample."""
+    product = descent()
+    u = np.array(product.flights.u)
+    u[:, -1] = [[0.0], [0.0], [2e-4]]
+    lifted = FlightSet(Trajectories(**{**vars(product.flights), "u": u}))
+    law = Idle()
+    law.period_s = period
+    flown = stage(
+        law=law,
+        overtime_s=100,
+        overtime_command=kind,
+        start={"position_m": (lifted.flights.x[:3, 0, 0] + [0, 0, 500.0]).tolist()},
+    )
+    found = flown.run(RecordingContext(), reference=lifted)
+    beyond = found.time_s[-1] - 600.0
+    assert 100.0 <= beyond < 100.0 + period
+    gain = 2e-4 * beyond if kind == "held" else 0.0
+    assert_allclose(found.end_x[5], -0.5 + gain, rtol=0, atol=1e-9)
+    end = lifted.flights.x[:, -1, 0]
+    assert_allclose(found.goal[:3, -1], end[:3] + beyond * end[3:], rtol=1e-12)
+    assert_allclose(found.goal[3:, -1], end[3:], rtol=1e-12)
+    shown = flown.present(found)
+    check_presentation(shown)
+    assert f"its command {kind}" in str(shown.tables)
+
+
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        ({"overtime_s": 60, "samples": 3}, "samples"),
+        ({"overtime_s": 60, "duration_s": 600}, "duration_s"),
+        ({"overtime_s": 60, "needs": {}, "target": {"position_m": [0, 0, 9]}, "samples": 2},
+         "overtime_s"),
+        ({"overtime_command": "zero"}, "overtime_command"),
+        ({"require": {"late_s": 60}}, "require"),
+    ],
+)  # fmt: skip
+def test_overtime_needs_a_reference_with_an_end(keys: dict[str, Any], key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        stage(**keys)

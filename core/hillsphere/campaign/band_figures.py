@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-__all__ = ["MOST_PANELS", "band_figure"]
+__all__ = ["MOST_PANELS", "band_figure", "draw_bands"]
 
 MOST_PANELS = 9
 """Panels of the figure: a page."""
@@ -53,9 +53,19 @@ def _draw(figure: Canvas, bands: Bands, count: int) -> None:
 
 
 def _panel(axes: Axes, bands: Bands, quantity: int) -> None:
+    unit, scale = time_unit(float(bands.time_s[-1]))
+    draw_bands(axes, bands, quantity, scale)
+    axes.set_xlabel(f"time ({unit})")
+    axes.set_ylabel(labelled(bands.names[quantity], bands.units[quantity]))
+    some = bands.count[quantity][bands.count[quantity] > 0]
+    if some.size and some.min() < some.max():
+        remark(axes, f"{some[0]} to {some[-1]} cases")
+
+
+def draw_bands(axes: Axes, bands: Bands, quantity: int, scale: float) -> None:
+    """Draw the quantiles of one quantity over time in units of so many seconds."""
     last = bands.time_s.size - 1
     at = np.unique(np.linspace(0, last, min(last + 1, _MOST_SAMPLES)).round().astype(int))
-    unit, scale = time_unit(float(bands.time_s[-1]))
     time, values = bands.time_s[at] / scale, bands.values[:, quantity, at]
     many = len(bands.levels)
     # The outermost levels are a band, so are the next ones; one that is left over is a line.
@@ -70,8 +80,3 @@ def _panel(axes: Axes, bands: Bands, quantity: int) -> None:
         middle = bands.levels[many // 2]
         name = "median" if middle == 0.5 else f"{100 * middle:.4g} %"
         axes.plot(time, values[many // 2], color=PALETTE["blue"], label=name)
-    axes.set_xlabel(f"time ({unit})")
-    axes.set_ylabel(labelled(bands.names[quantity], bands.units[quantity]))
-    some = bands.count[quantity][bands.count[quantity] > 0]
-    if some.size and some.min() < some.max():
-        remark(axes, f"{some[0]} to {some[-1]} cases")

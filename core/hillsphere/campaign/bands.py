@@ -9,9 +9,9 @@ import numpy as np
 from hillsphere.campaign.cases import Histories
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Integers
-from hillsphere.products import Bands
+from hillsphere.products import Bands, Lines
 
-__all__ = ["Parts", "bands_of"]
+__all__ = ["Parts", "bands_of", "lines_of"]
 
 Parts = Callable[[], Iterable[tuple[Integers, Histories]]]
 """Yields numbers of cases (n,) and their histories, part by part, each time that it is called; a
@@ -70,6 +70,37 @@ def bands_of(
                 values[:, i, begin + k] = np.quantile(there, ordered)
         del some  # before the next one takes its memory
     return Bands(names, units, ordered, grid.time_s, values, count)
+
+
+def lines_of(parts: Parts, cases: Integers) -> Lines | None:
+    """Return the histories of cases one by one.
+
+    Parameters
+    ----------
+    parts : callable
+        As for `bands_of`.
+    cases : ndarray of int, shape (N,)
+        Numbers of the cases, ascending.
+
+    Returns
+    -------
+    Lines or None
+        None if no case has a sample.
+
+    Raises
+    ------
+    StageError
+        As for `bands_of`.
+    """
+    grid = _Grid()
+    for numbers, histories in parts():
+        here, _ = _places(numbers, cases)
+        grid.add(numbers[here], histories, here)
+    if grid.known is None or not grid.time_s.size:
+        return None
+    names, units = grid.known
+    whole = _gathered(parts, cases, len(names), slice(0, grid.time_s.size))
+    return Lines(names, units, cases, grid.time_s, whole)
 
 
 def _places(numbers: Integers, cases: Integers) -> tuple[Integers, Integers]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hillsphere.campaign.statistics import ratio_interval
+from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Table
 from hillsphere.products import CaseTable
 
@@ -38,6 +39,8 @@ class Crossing:
 def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, list[Crossing]]:
     """Find the crossings along the last swept number that takes more than one value.
 
+    Where the points are a list with a ladder, along that, for each of its groups.
+
     Parameters
     ----------
     table : CaseTable
@@ -55,27 +58,32 @@ def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, li
         One for each combination of the other swept values.
     """
     points = table.points
-    numbers = [
-        d
-        for d, unit in enumerate(table.swept_units)
-        if unit and points is not None and np.unique(points[d]).size > 1
-    ]
-    if points is None or not numbers:
+    if points is None:
         return "", []
-    along, count = numbers[-1], points.shape[1]
+    if table.ladder is not None:
+        name, x_all, names = table.ladder.name, table.ladder.values, table.ladder.groups
+    else:
+        numbers = [
+            d for d, unit in enumerate(table.swept_units) if unit and np.unique(points[d]).size > 1
+        ]
+        if not numbers:
+            return "", []
+        along = numbers[-1]
+        name, x_all = table.swept[along], points[along]
+        names = tuple(_others(label, name) for label in table.point_labels)
+    count = points.shape[1]
     cases = np.bincount(table.point, minlength=count)
     failures = np.bincount(table.point, weights=table.failed, minlength=count)
     low, high = ratio_interval(failures, cases, level)
     ratio = failures / np.maximum(cases, 1)
-    others = np.delete(points, along, axis=0)
-    _, group = np.unique(others, axis=1, return_inverse=True)
+    group = _groups(table, None if table.ladder is not None else along)
     found = []
     for g in range(int(group.max()) + 1):
-        here = np.flatnonzero((group.ravel() == g) & (cases > 0))
+        here = np.flatnonzero((group == g) & (cases > 0))
         if not here.size:
             continue
-        here = here[np.argsort(points[along, here], kind="stable")]
-        x, above = points[along, here], ratio[here] > threshold
+        here = here[np.argsort(x_all[here], kind="stable")]
+        x, above = x_all[here], ratio[here] > threshold
         first = int(np.argmax(above)) if above.any() else len(here)
         if first == len(here):
             value = np.inf
@@ -84,18 +92,32 @@ def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, li
         else:
             a, b = ratio[here[first - 1]], ratio[here[first]]
             value = float(x[first - 1] + (threshold - a) / (b - a) * (x[first] - x[first - 1]))
-        sure = high[here] < threshold
+        # A single case that does not differ at random says all of its point.
+        single = cases[here] == 1
+        sure = np.where(single, ~above, high[here] < threshold)
         upto = len(here) if sure.all() else int(np.argmin(sure))
-        beyond = low[here] > threshold
+        beyond = np.where(single, above, low[here] > threshold)
         found.append(
             Crossing(
-                others=_others(table.point_labels[int(here[0])], table.swept[along]),
+                others=names[int(here[0])],
                 value=value,
                 surely_below=float(x[upto - 1]) if upto else np.nan,
                 surely_above=float(x[int(np.argmax(beyond))]) if beyond.any() else np.inf,
             )
         )
-    return table.swept[along], found
+    return name, found
+
+
+def _groups(table: CaseTable, along: int | None) -> Integers:
+    """Return a number (P,) for each combination of what is not followed, or group of a ladder."""
+    if along is None:
+        assert table.ladder is not None
+        order = {name: k for k, name in enumerate(dict.fromkeys(table.ladder.groups))}
+        return np.array([order[name] for name in table.ladder.groups], dtype=np.int64)
+    assert table.points is not None
+    others = np.delete(table.points, along, axis=0)
+    _, group = np.unique(others, axis=1, return_inverse=True)
+    return np.asarray(group.ravel(), dtype=np.int64)
 
 
 def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | None:
@@ -103,7 +125,8 @@ def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | 
     along, found = crossings(table, threshold, level)
     if not along:
         return None
-    unit = table.swept_units[table.swept.index(along)]
+    ladder = table.ladder
+    unit = table.swept_units[table.swept.index(along)] if ladder is None else ladder.unit
     rows: list[dict[str, Cell]] = [
         {
             "others": one.others,
@@ -126,7 +149,7 @@ def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | 
         rows,
         [
             f"Linear between the points of the sweep; sure by the {100 * level:g} % intervals of "
-            "the points."
+            "the points, and where there is one case at each, by the cases themselves."
         ],
     )
 

@@ -13,6 +13,7 @@ from hillsphere.campaign.designs import Design
 from hillsphere.campaign.repeated import Repeated
 from hillsphere.campaign.swept import Swept
 from hillsphere.interfaces import Array, Integers
+from hillsphere.products import Ladder
 from hillsphere.uncertainty.dispersed import Dispersed, Quantity
 
 __all__ = ["Plan", "Variant"]
@@ -120,6 +121,11 @@ class Plan:
     def point_labels(self) -> tuple[str, ...]:
         """One name per point; none for no sweep."""
         return self._swept.named(self.swept_units) if self.swept else ()
+
+    @property
+    def ladder(self) -> Ladder | None:
+        """Which points differ by the size of one thing only, if their list says so."""
+        return self._swept.ladder
 
     def point_of(self, cases: Integers) -> Integers:
         """Return the swept point of each case (N,)."""

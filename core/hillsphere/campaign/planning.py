@@ -67,7 +67,7 @@ def plan_of(
         If a name is not found, a value does not fit, something is set twice or changes nothing, or
         the design does not suit the dispersions.
     """
-    swept = no_sweep() if swept is None else swept
+    swept = no_sweep() if swept is None else swept.of_stage(repeated.stage)
     inputs = repeated.case_inputs()
     quantities = _set_there(swept, repeated, inputs)
     keys = [i for i in range(len(swept.names)) if i not in quantities]

@@ -167,6 +167,11 @@ class SweepNeeds(Spec):
     rows: Ref | None = need(
         "hillsphere.products:CaseList", "for 'list': the points, one per row", default=None
     )
+    behind: Ref | None = need(
+        "hillsphere.products:CaseTable",
+        "with lines: a campaign of the same flight whose bands are drawn behind them",
+        default=None,
+    )
 
 
 class SweepSpec(CampaignSpec):
@@ -174,7 +179,7 @@ class SweepSpec(CampaignSpec):
 
     What is swept is named by table and key, ``"stage.hover.period_s"``, ``"gravity.phobos.C2,0"``,
     ``"dispersions.field.scale"``: whatever the stage can take case by case, and any other key of
-    the mission that it depends on.
+    the mission that it depends on. ``"repeat.period_s"`` is a key of the stage that is repeated.
     """
 
     examples = (
@@ -189,7 +194,8 @@ class SweepSpec(CampaignSpec):
 
     needs: SweepNeeds = option("products of earlier stages", default=SweepNeeds())
     over: dict[str, tuple[Any, ...] | RangeSpec] = option(
-        'what is swept: "kind.table.key" = list of values, or first, last, points and spacing',
+        'what is swept: "kind.table.key", or "repeat.key" of the repeated stage = list of values, '
+        "or first, last, points and spacing",
         default={},
     )
     design: Literal["grid", "latin_hypercube", "sobol", "list"] = option(
@@ -206,6 +212,11 @@ class SweepSpec(CampaignSpec):
     repetitions: int = option(
         "cases at each point, with the same random numbers at every point", default=1, ge=1
     )
+    lines: tuple[str, ...] = option(
+        "quantities whose histories are kept and drawn as a line for each case, by name or "
+        "pattern ('*' is any characters), of at most 1000 cases; left out: none",
+        default=(),
+    )
     threshold: float | None = option(
         "failure ratio: where along the last swept number it is first exceeded is shown, for each "
         "combination of the others",
@@ -215,6 +226,8 @@ class SweepSpec(CampaignSpec):
     @model_validator(mode="after")
     def _fits_the_design(self) -> Self:
         is_list = self.design == "list"
+        if self.needs.behind is not None and not self.lines:
+            raise _rule("needs", "behind: there are no lines; name their quantities")
         if is_list != bool(self.rows or self.needs.rows) or (self.rows and self.needs.rows):
             raise _rule("rows", "'list' takes either rows or needs.rows, the other designs neither")
         if is_list == bool(self.over):

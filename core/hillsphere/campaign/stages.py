@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hillsphere.campaign.bands import bands_of
+from hillsphere.campaign.bands import Parts, bands_of, lines_of
 from hillsphere.campaign.cases import Histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.crossings import crossing_table
 from hillsphere.campaign.engine import run_campaign
+from hillsphere.campaign.line_figures import MOST_LINES, line_figure
 from hillsphere.campaign.plan import Plan
 from hillsphere.campaign.planning import plan_of
 from hillsphere.campaign.presentation import present_campaign
@@ -22,6 +23,7 @@ from hillsphere.campaign.statistics import ended
 from hillsphere.campaign.stopping import StopCriteria
 from hillsphere.campaign.swept import Swept, case_list, grid, listed, sampled
 from hillsphere.campaign.table import table_of
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Context, Integers
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseList, CaseTable
@@ -117,6 +119,10 @@ class Campaign(ABC):
                 advance(0)
                 yield part
 
+        return self.with_histories(table, parts)
+
+    def with_histories(self, table: CaseTable, parts: Parts) -> CaseTable:
+        """Return the table with what is made of the histories that were kept."""
         kept = table.case[ended(table) & independent_cases(table)]
         return replace(table, bands=bands_of(parts, kept, self.spec.quantiles))
 
@@ -137,7 +143,7 @@ class Campaign(ABC):
         return None
 
     def bands(self) -> tuple[str, ...]:
-        """Return the quantities whose quantiles over time are wanted, by name or pattern."""
+        """Return the quantities whose histories are kept, by name or pattern."""
         return ()
 
 
@@ -199,17 +205,38 @@ class Sweep(Campaign):
     def plan(self, repeated: Repeated, *, rows: CaseList | None = None, **needs: Any) -> Plan:
         """Return the cases; see `Campaign.plan`."""
         stream = self.spec.draws_as or repeated.by
-        return plan_of(
+        made = plan_of(
             repeated,
             self._names(),
             cases=self.spec.repetitions,
             swept=self._swept(repeated.mission.seed, stream, rows),
             stream=stream,
         )
+        if self.spec.lines and made.cases > MOST_LINES:
+            raise InputError(
+                f"lines: {made.cases} cases, of which no figure can tell the lines; at most "
+                f"{MOST_LINES}"
+            )
+        return made
+
+    def bands(self) -> tuple[str, ...]:
+        """Return the quantities whose histories are kept; see `Campaign.bands`."""
+        return self.spec.lines
+
+    def with_histories(self, table: CaseTable, parts: Parts) -> CaseTable:
+        """Return the table with its lines; see `Campaign.with_histories`."""
+        return replace(table, lines=lines_of(parts, table.case))
 
     def present(self, product: CaseTable, **needs: Any) -> Presentation:
         """Return what `Campaign.present` does, and where failures exceed the threshold."""
         shown = super().present(product, **needs)
+        if product.lines is not None:
+            behind: CaseTable | None = needs.get("behind")
+            bands = None if behind is None else behind.bands
+            if behind is not None and bands is None:
+                raise InputError("needs.behind: this campaign has no bands; let it keep some")
+            figure = line_figure(product, product.lines, bands)
+            shown = replace(shown, figures={"sweep_lines": figure, **shown.figures})
         if self.spec.threshold is None:
             return shown
         found = crossing_table(product, self.spec.threshold, self.spec.confidence)

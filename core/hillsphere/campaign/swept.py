@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from pathlib import Path
@@ -16,7 +16,7 @@ from hillsphere.campaign.designs import factorial, space_filling
 from hillsphere.campaign.specs import RangeSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
-from hillsphere.products import CaseList
+from hillsphere.products import CaseList, Ladder
 from hillsphere.uncertainty.samples import read_columns
 
 __all__ = ["MOST_POINTS", "Swept", "case_list", "grid", "listed", "no_sweep", "sampled"]
@@ -44,6 +44,8 @@ class Swept:
         One name per point; empty for names made of the values.
     units : tuple of str
         What its numbers are said to be in, one per name, ``""`` for nothing said; may be empty.
+    ladder : Ladder or None
+        Of the P points, if a list has one.
     """
 
     design: str
@@ -52,6 +54,7 @@ class Swept:
     index: Integers
     labels: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    ladder: Ladder | None = None
 
     @cached_property
     def numeric(self) -> tuple[bool, ...]:
@@ -74,7 +77,25 @@ class Swept:
         """Return the same points in another order."""
         labels = tuple(self.labels[i] for i in order.tolist()) if self.labels else ()
         index = np.ascontiguousarray(self.index[:, order])
-        return Swept(self.design, self.names, self.levels, index, labels, self.units)
+        ladder = self.ladder
+        if ladder is not None:
+            groups = tuple(ladder.groups[i] for i in order.tolist())
+            ladder = replace(ladder, values=ladder.values[order], groups=groups)
+        return replace(self, index=index, labels=labels, ladder=ladder)
+
+    def of_stage(self, stage: str) -> Swept:
+        """Return the same with the repeated stage's name where ``repeat`` stands for it.
+
+        Raises
+        ------
+        InputError
+            If one key is named in both ways.
+        """
+        names = tuple(re.sub(r"^repeat\.", f"stage.{stage}.", name) for name in self.names)
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"{name} is swept twice: by this name and by that of 'repeat'")
+        return replace(self, names=names)
 
     def named(self, units: Sequence[str]) -> tuple[str, ...]:
         """Return one name per point: its own, or one made of the values."""
@@ -197,6 +218,12 @@ def listed(cases: CaseList) -> Swept:
         )
     if len(cases.labels) not in (0, count):
         raise InputError(f"list of cases: {len(cases.labels)} labels for {count} points")
+    ladder = cases.ladder
+    if ladder is not None and not (len(ladder.groups) == len(ladder.values) == count):
+        raise InputError(
+            f"list of cases: {len(ladder.values)} steps and {len(ladder.groups)} groups of a "
+            f"ladder for {count} points"
+        )
     if not d or not count or len(set(cases.names)) < d:
         raise InputError("list of cases: needs at least one point, and names that differ")
     if not np.isfinite(cases.values).all():
@@ -206,7 +233,7 @@ def listed(cases: CaseList) -> Swept:
     for i, row in enumerate(cases.values):
         values, index[i] = np.unique(row, return_inverse=True)
         levels.append(tuple(values.tolist()))
-    return Swept("list", cases.names, tuple(levels), index, cases.labels, cases.units)
+    return Swept("list", cases.names, tuple(levels), index, cases.labels, cases.units, ladder)
 
 
 def case_list(path: str | Path) -> CaseList:

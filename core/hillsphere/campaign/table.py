@@ -56,4 +56,5 @@ def table_of(plan: Plan, outcomes: Sequence[BlockOutcome], stage: str, stopped: 
         swept_units=plan.swept_units,
         points=plan.points,
         point_labels=plan.point_labels,
+        ladder=plan.ladder,
     )

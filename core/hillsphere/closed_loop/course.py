@@ -114,6 +114,26 @@ class Course:
         out[:, same] = self._x[:, near[same]]
         return out
 
+    def extended(self, more_s: float, *, held: bool) -> Course:
+        """Return the same course, continued beyond its end for so long.
+
+        Positions go on at the velocity of the end, velocities stay, other states go on at the rate
+        of the last step; the command is held at its last value, or zero.
+        """
+        if self._cubic is None or not more_s > 0.0:
+            return self
+        rows, end = self.rows, self._x[:, -1].copy()
+        step_s = self._t[-1] - self._t[-2]
+        rate = (end - self._x[:, -2]) / step_s
+        end[rows.positions] += more_s * end[rows.velocities]
+        end[rows.others] += more_s * rate[rows.others]
+        u = self._u
+        if u is not None:
+            last = u[:, -1:] if held else np.zeros_like(u[:, -1:])
+            u = np.concatenate([u[:, :-1], last, last], axis=1)
+        t = np.append(self._t, self.length_s + more_s)
+        return Course(rows, t, np.concatenate([self._x, end[:, None]], axis=1), u)
+
     def command(self, t: Array) -> Array | None:
         """Return the command (p, N) from times (N,) on; None if there is none."""
         if self._u is None:

@@ -32,8 +32,9 @@ METRICS = (
 
 The speed at the end is that in the plant's frame: of a flight that ends on the surface the one with
 which it touches. Early is how long before its planned end a flight ended: that of the reference, or
-of the last sample if this comes first. The largest command is that of the law alone, without what
-the reference brings, at the samples.
+of the last sample if this comes first; negative of one that ended later. The largest command is
+that of the law alone, without what the reference brings, at the samples. Nothing beyond the planned
+end counts among the largest of a flight that has overtime.
 """
 
 _REQUIRED = {
@@ -48,6 +49,7 @@ _REQUIRED = {
 
 
 _TOUCHDOWN = "touchdown_speed"
+_SAME_TIME = 1e-9
 
 
 def metric_units(command: str) -> tuple[str, ...]:
@@ -66,8 +68,8 @@ class Largest:
         Reference at each sample and at the end of the last.
     total : int
         Number of cases.
-    first : int
-        Sample from which deviations count.
+    first, final : int
+        Samples from which, and until which, deviations count; commands before the latter.
     commands : int
         Number of rows of a command.
 
@@ -79,14 +81,16 @@ class Largest:
         Size of what the law commands, likewise.
     """
 
-    def __init__(self, rows: Rows, goal: Array, total: int, first: int, commands: int) -> None:
+    def __init__(
+        self, rows: Rows, goal: Array, total: int, first: int, final: int, commands: int
+    ) -> None:
         self.deviations, self.command = np.zeros((2, total)), np.zeros(total)
         self._thrusts = thrust_vectors(commands)
         order = [*rows.positions, *rows.velocities]
         # One row-wise copy per sample; plants whose states are already in this order need none.
         self._order = slice(0, len(order)) if order == list(range(len(order))) else order
         self._goal = np.ascontiguousarray(goal[order].T)[:, :, None]
-        self._first = first
+        self._first, self._final = first, final
         axes = len(rows.positions) // rows.vectors
         self._starts = np.arange(0, len(order), axes)
         self._vectors = rows.vectors
@@ -96,16 +100,16 @@ class Largest:
         squares = np.zeros((2 * self._vectors, BLOCK))
         place = slice(first, first + count)
         goal, order, starts, begin = self._goal, self._order, self._starts, self._first
-        last = len(goal) - 1
+        last, final = len(goal) - 1, self._final
 
         most = np.zeros(BLOCK)
 
         def record(now: Moment) -> None:
-            if now.k >= begin:
+            if begin <= now.k <= final:
                 gap = now.x[order] - goal[now.k]
                 gap *= gap
                 np.maximum(squares, np.add.reduceat(gap, starts), out=squares, where=now.flying)
-            if now.own is not None:
+            if now.own is not None and now.k < final:
                 size = np.add.reduce((now.own * now.own).reshape(self._thrusts, -1, BLOCK), axis=1)
                 np.maximum(most, np.maximum.reduce(size, axis=0), out=most, where=now.flying)
             if now.k == last:
@@ -134,7 +138,7 @@ def measure(
     planned_s : float
         How long they were to last.
     largest : Largest
-        At the samples; the deviation at the end counts too.
+        At the samples; the deviation at an end that is not later than planned counts too.
 
     Returns
     -------
@@ -142,17 +146,19 @@ def measure(
         In the order of `METRICS`.
     """
     distance, speed = rows.distance(flights.x - goal), rows.speed(flights.x - goal)
+    lasted = flights.time_s - begun
+    late = lasted > planned_s * (1.0 + _SAME_TIME)
     return np.array(
         [
             flights.dv_m_s,
             distance,
             speed,
-            np.maximum(largest.deviations[0], distance),
-            np.maximum(largest.deviations[1], speed),
-            flights.time_s - begun,
+            np.maximum(largest.deviations[0], np.where(late, 0.0, distance)),
+            np.maximum(largest.deviations[1], np.where(late, 0.0, speed)),
+            lasted,
             flights.firings.astype(float),
             rows.speed(flights.x),
-            planned_s - (flights.time_s - begun),
+            planned_s - lasted,
             largest.command,
         ]
     )
@@ -178,24 +184,28 @@ def judge(
     -------
     status, cause : tuple of str
         Those of the flights; of one that ended well but beyond what is required
-        ``"requirement"`` and the name of the metric, the first in order after ``"early"`` and
-        ``"touchdown_speed"``, the final speed of one that ended by an impact.
+        ``"requirement"`` and the name of the metric, the first in order after ``"early"``,
+        ``"late"`` and ``"touchdown_speed"``, the final speed of one that ended by an impact.
     failed : ndarray of bool, shape (N,)
         Whether that counts as a failure.
     """
     status, cause = list(flights.status), list(flights.cause)
     failed = ~np.isin(np.array(status), list(success))
     touched = np.array(status) == "impact"
+    early, final_speed = (values[METRICS.index(name)] for name in ("early", "final_speed"))
     # A crash far from the site, or a hard one, is told as such, not by the miss.
     rules = [
-        ("early", METRICS.index("early"), require.early_s),
-        (_TOUCHDOWN, METRICS.index("final_speed"), require.touchdown_speed_m_s),
+        ("early", early, require.early_s),
+        ("late", -early, require.late_s),
+        (_TOUCHDOWN, final_speed, require.touchdown_speed_m_s),
     ]
-    rules += [(metric, row, requirement(require, metric)) for row, metric in enumerate(METRICS)]
-    for metric, row, most in rules:
+    rules += [
+        (metric, values[row], requirement(require, metric)) for row, metric in enumerate(METRICS)
+    ]
+    for metric, reached, most in rules:
         if most is None:
             continue
-        beyond = ~failed & ~(values[row] <= most)
+        beyond = ~failed & ~(reached <= most)
         if metric == _TOUCHDOWN:
             beyond &= touched
         for lane in np.flatnonzero(beyond).tolist():

@@ -113,8 +113,21 @@ def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     return [
         f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
         "case 0 of a campaign. The largest errors are those at the samples that count and at the "
-        "end." + _inputs(spec)
+        "end." + _overtime(spec) + _inputs(spec)
     ]
+
+
+def _overtime(spec: ClosedLoopSpec) -> str:
+    if not spec.overtime_s:
+        return ""
+    late = spec.require.late_s
+    return (
+        f" A flight that has not ended with its reference goes on for at most "
+        f"{spec.overtime_s:g} s, along the reference's last velocity, its command "
+        f"{'held' if spec.overtime_command == 'held' else 'zero'}; early is then negative"
+        f"{'' if late is None else f', and may be no less than −{late:g} s'}, the errors at the "
+        "end are from there, and the largest are those until the reference's end."
+    )
 
 
 def _inputs(spec: ClosedLoopSpec) -> str:

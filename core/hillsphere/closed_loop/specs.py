@@ -181,6 +181,12 @@ class RequirementsSpec(Spec):
         default=None,
         gt=0,
     )
+    late_s: float | None = quantity(
+        "time",
+        "how long after the end of the reference a flight may end; with overtime_s",
+        default=None,
+        gt=0,
+    )
 
 
 class ClosedLoopSpec(StageSpec):
@@ -211,12 +217,14 @@ class ClosedLoopSpec(StageSpec):
             "law": "tracking",
             "needs": {"reference": "descent"},
             "success": ["impact"],
+            "overtime_min": 5,
             "tolerance": 1e-9,
             "limits": {"position_error_m": 500, "dv_m_s": 30},
             "require": {
                 "final_velocity_error_m_s": 0.2,
                 "touchdown_speed_m_s": 1,
                 "early_min": 1,
+                "late_min": 2,
             },
         },
     )
@@ -248,6 +256,18 @@ class ClosedLoopSpec(StageSpec):
     )
     samples: int | None = option(
         "at how many samples the law acts, instead of a duration", default=None, ge=1, le=10_000_000
+    )
+    overtime_s: float = quantity(
+        "time",
+        "how much longer than its reference a flight may last that has not ended by then, as a "
+        "landing that still is above the ground: the reference goes on at the velocity of its end "
+        "and the law follows it; the largest errors and commands are those until the reference's "
+        "end",
+        default=0.0,
+        ge=0,
+    )
+    overtime_command: Literal["held", "zero"] = option(
+        "with overtime_s: the reference's command beyond its end", default="held"
     )
     method: Literal["rk6", "dop853"] = option("formula of the step map", default="dop853")
     substeps: int = option(
@@ -316,6 +336,16 @@ class ClosedLoopSpec(StageSpec):
             raise _rule("samples", "duration_s says it already; give one of the two")
         if self.duration_s is None and self.samples is None and not given:
             raise _rule("duration_s", "how long? give a duration or the number of samples")
+        if self.overtime_s and not given:
+            raise _rule("overtime_s", "a state that is held has no end; leave it out")
+        if self.overtime_s and (self.duration_s is not None or self.samples is not None):
+            key = "samples" if self.duration_s is None else "duration_s"
+            raise _rule(key, "with overtime_s a flight lasts as long as its reference, and longer")
+        if not self.overtime_s:
+            if self.overtime_command != "held":  # also a spec made anew from all of another one
+                raise _rule("overtime_command", "there is no overtime_s; leave it out")
+            if self.require.late_s is not None:
+                raise _rule("require", "late_s: no flight ends later without overtime_s")
         if self.tolerance is not None and self.most_substeps < 2 * self.substeps:
             raise _rule("most_substeps", "must be at least twice substeps")
         for key in ("sees", "success"):

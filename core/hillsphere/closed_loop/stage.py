@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil
+from math import ceil, floor
 
 import numpy as np
 
@@ -63,8 +63,10 @@ class _Loop:
         What commands.
     course : Course
         What is followed.
+    planned_s : float
+        How long they are to last: until the last sample, or the end of the reference.
     samples : int
-        At how many samples the law acts.
+        At how many samples the law acts, those of the overtime included.
     goal : ndarray, shape (n, K + 1)
         The reference at them, and at the end of the last.
     reference : SampledReference
@@ -75,16 +77,11 @@ class _Loop:
 
     law: Compensator | ContinuousLaw
     course: Course
+    planned_s: float
     samples: int
     goal: Array
     reference: SampledReference
     simulators: dict[tuple[tuple[str, ...], int], Simulator]
-
-    @property
-    def planned_s(self) -> float:
-        """How long they are to last: until the last sample, or the end of the reference."""
-        whole = self.samples * self.law.period_s
-        return min(whole, self.course.length_s or whole)
 
 
 class ClosedLoopStage:
@@ -247,17 +244,23 @@ class ClosedLoopStage:
             law = law.flying(controller.controller)
         spec, period = self.spec, self.law.period_s
         course = self._held() if product is None else self._along(product)
+        length = course.length_s
         if spec.samples is not None:
             samples = spec.samples
         else:
-            duration = course.length_s if spec.duration_s is None else spec.duration_s
-            samples = max(1, ceil(duration / period * (1.0 - _ENDS)))
+            duration = length if spec.duration_s is None else spec.duration_s
+            samples = _periods(duration + spec.overtime_s, period)
+        planned = min(samples * period, length or np.inf)
+        if spec.overtime_s:
+            # To the end of the last period, which may be later than the overtime.
+            held = spec.overtime_command == "held"
+            course = course.extended(samples * period - length, held=held)
         times: Array = np.arange(samples + 1, dtype=float) * period
         goal = course.at(times)
         steps = course.steps(times[:-1], period)
         command = course.command(times[:-1]) if steps is None else None
         reference = SampledReference(goal[self._seen], command, steps)
-        loop = _Loop(law, course, samples, goal, reference, {})
+        loop = _Loop(law, course, planned, samples, goal, reference, {})
         self._known = (product, controller, loop)
         return loop
 
@@ -336,8 +339,10 @@ class ClosedLoopStage:
             t0_s=begun,
             dv_budget_m_s=None if budget is None else batch.value("dv_budget", budget),
         )
-        first = ceil(spec.errors_from_s / self.law.period_s * (1.0 - _ENDS))
-        seen = Largest(self.rows, loop.goal, width, first, len(self.commands))
+        period = self.law.period_s
+        first = ceil(spec.errors_from_s / period * (1.0 - _ENDS))
+        final = floor(loop.planned_s / period * (1.0 + _ENDS)) if spec.overtime_s else loop.samples
+        seen = Largest(self.rows, loop.goal, width, first, final, len(self.commands))
         flights = self._simulator(loop, names, spec.substeps * (1 + finer)).fly(
             cases,
             loop.samples,
@@ -447,3 +452,8 @@ class ClosedLoopStage:
             series_radius_m=around.series_radius_m,
             hill_distance_m=around.hill_distance_m,
         )
+
+
+def _periods(duration_s: float, period_s: float) -> int:
+    """Return how many whole periods, one at least, last so long."""
+    return max(1, ceil(duration_s / period_s * (1.0 - _ENDS)))

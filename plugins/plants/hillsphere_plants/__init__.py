@@ -46,6 +46,13 @@ def hillsphere_components() -> list[Component]:
         ),
         Component(
             "stage",
+            "equilibria",
+            "hillsphere_plants.equilibria_stage:EquilibriaStage",
+            "hillsphere_plants.equilibria_specs:EquilibriaSpec",
+            "libration points in the true gravity of a body, and the motion about them",
+        ),
+        Component(
+            "stage",
             "formation_reference",
             "hillsphere_plants.proximity_reference:FormationReferenceStage",
             "hillsphere_plants.proximity_specs:FormationReferenceSpec",

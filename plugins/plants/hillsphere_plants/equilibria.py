@@ -11,14 +11,14 @@ from hillsphere.dynamics import Derivatives, system
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 
-__all__ = ["equilibrium_near", "libration_points"]
+__all__ = ["equilibrium_near", "held_anomaly", "libration_points", "rest_eigenvalues"]
 
 _ITERATIONS = 60
 _EXACT, _CLOSE = 1e-15, 1e-6  # of the distance: a step that is done, one that may be rounding
 _ANOMALIES = (0.0, 1.0, 2.5)
 
 
-def libration_points(plant: Plant) -> Mapping[str, Array]:
+def libration_points(plant: Plant, true_anomaly_rad: float | None = None) -> Mapping[str, Array]:
     """Find the libration points, in the moon's true gravity.
 
     Parameters
@@ -26,6 +26,9 @@ def libration_points(plant: Plant) -> Mapping[str, Array]:
     plant : Plant
         ``hill`` (L1, L2) or ``three_body`` (L1 to L5), circular, or elliptic with a circle for
         its ellipse. L1 lies between the moon and its primary, L4 leads the moon.
+    true_anomaly_rad : float or None
+        For an elliptic plant: where accelerations vanish for a moment, the moon being there; only
+        L1 and L2.
 
     Returns
     -------
@@ -46,16 +49,16 @@ def libration_points(plant: Plant) -> Mapping[str, Array]:
     angle = getattr(plant, "primary_longitude_rad", pi)
     to_primary = np.array([cos(angle), sin(angle), 0.0])
     guesses = {"L1": near * to_primary, "L2": -near * to_primary}
-    if not alone:
+    if not alone and true_anomaly_rad is None:
         distance: float = plant.primary_distance_m  # type: ignore[attr-defined]
         guesses["L3"] = 2.0 * distance * to_primary
         for name, turn in (("L4", -pi / 3.0), ("L5", pi / 3.0)):
             guesses[name] = distance * np.array([cos(angle + turn), sin(angle + turn), 0.0])
-    found = equilibrium_near(plant, np.array(list(guesses.values())).T)
+    found = equilibrium_near(plant, np.array(list(guesses.values())).T, true_anomaly_rad)
     return dict(zip(guesses, found.T, strict=True))
 
 
-def equilibrium_near(plant: Plant, guess_m: Array) -> Array:
+def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | None = None) -> Array:
     """Find equilibrium points by Newton's method with exact derivatives.
 
     Parameters
@@ -64,6 +67,8 @@ def equilibrium_near(plant: Plant, guess_m: Array) -> Array:
         States x, y, z, vx, vy, vz and perhaps a true anomaly.
     guess_m : ndarray, shape (3, N)
         First guesses, in the plant's frame.
+    true_anomaly_rad : float or None
+        Hold the plant's true anomaly here; None: the accelerations must not depend on it.
 
     Returns
     -------
@@ -81,7 +86,9 @@ def equilibrium_near(plant: Plant, guess_m: Array) -> Array:
     slopes = Derivatives(equations)
     x = np.zeros((len(equations.x), guess_m.shape[1]))
     x[:3] = guess_m / plant.scales.length_m
-    if len(x) > 6:
+    if true_anomaly_rad is not None:
+        x[6:] = held_anomaly(plant, true_anomaly_rad)
+    elif len(x) > 6:
         rates = []
         for anomaly in _ANOMALIES:
             x[6] = anomaly
@@ -89,7 +96,8 @@ def equilibrium_near(plant: Plant, guess_m: Array) -> Array:
         if not all(np.allclose(rate, rates[0], rtol=1e-12, atol=1e-12) for rate in rates):
             raise InputError(
                 "there is no equilibrium point: the accelerations vary along the orbit; give the "
-                "body eccentricity 0 and lock it, or take the circular plant"
+                "body eccentricity 0 and lock it, take the circular plant, or ask for points at "
+                "one true anomaly"
             )
     before = np.full(x.shape[1], np.inf)
     done = np.zeros(x.shape[1], dtype=bool)
@@ -113,3 +121,50 @@ def equilibrium_near(plant: Plant, guess_m: Array) -> Array:
         f"no equilibrium point is found from guess {np.flatnonzero(~done).tolist()} in "
         f"{_ITERATIONS} iterations; start nearer, outside the body"
     )
+
+
+def held_anomaly(plant: Plant, true_anomaly_rad: float) -> float:
+    """Return the true anomaly at which a plant is looked at.
+
+    Raises
+    ------
+    InputError
+        If it has none, or another state beside it.
+    """
+    names = [v.name for v in plant.states]
+    if names[6:] != ["true_anomaly"]:
+        raise InputError(
+            "a true anomaly is for a plant whose seventh and last state it is; this one has "
+            f"{', '.join(names)}"
+        )
+    return true_anomaly_rad
+
+
+def rest_eigenvalues(
+    plant: Plant, position_m: Array, true_anomaly_rad: float | None = None
+) -> np.ndarray[tuple[int, ...], np.dtype[np.complex128]]:
+    """Return the eigenvalues of the linear motion about points of rest.
+
+    Parameters
+    ----------
+    plant : Plant
+        As for `equilibrium_near`.
+    position_m : ndarray, shape (3, N)
+        The points.
+    true_anomaly_rad : float or None
+        Held there.
+
+    Returns
+    -------
+    ndarray of complex, shape (6, N)
+        1/s, the largest real part first.
+    """
+    equations = system(plant, normalised=True)
+    x = np.zeros((len(equations.x), position_m.shape[1]))
+    x[:3] = position_m / plant.scales.length_m
+    if true_anomaly_rad is not None:
+        x[6:] = held_anomaly(plant, true_anomaly_rad)
+    _, jacobian = Derivatives(equations).both(x)
+    values = np.linalg.eigvals(np.moveaxis(jacobian[:6, :6], 2, 0)) / plant.scales.time_s
+    order = np.lexsort((-values.imag, -values.real), axis=1)
+    return np.take_along_axis(values, order, axis=1).T.astype(np.complex128)

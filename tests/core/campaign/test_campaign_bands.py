@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 
 from hillsphere.campaign.band_figures import MOST_PANELS, band_figure
-from hillsphere.campaign.bands import Parts, bands_of
+from hillsphere.campaign.bands import Parts, bands_of, lines_of
 from hillsphere.campaign.block_outcome import BlockOutcome
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories, kept_histories
 from hillsphere.campaign.checkpoints import Checkpoints
@@ -22,13 +23,14 @@ from hillsphere.campaign.engine import run_campaign
 from hillsphere.campaign.executors.serial import Serial
 from hillsphere.campaign.executors.specs import SerialSpec
 from hillsphere.campaign.isolation import compute
-from hillsphere.campaign.specs import MonteCarloSpec
+from hillsphere.campaign.line_figures import line_figure
+from hillsphere.campaign.specs import MonteCarloSpec, SweepSpec
 from hillsphere.campaign.tasks import Task
 from hillsphere.drawing import draw
 from hillsphere.errors import Interrupted, StageError
 from hillsphere.faults import faults_of
 from hillsphere.interfaces import Array
-from hillsphere.products import Bands, load_product, save_product
+from hillsphere.products import Bands, CaseTable, Lines, load_product, save_product
 from hillsphere.testing import check_product
 
 LEVELS = (0.05, 0.5, 0.95)
@@ -355,3 +357,61 @@ def test_which_histories_a_stage_has_to_keep() -> None:
     assert kept_histories(("u.*",), names) == ("u.x", "u.y")
     assert kept_histories(("u.y", "x"), names) == ("x", "u.y")
     assert kept_histories(("v",), names) == names  # whoever asks tells what there is
+
+
+# --- single cases
+
+
+def test_lines_are_the_cases_themselves() -> None:
+    lines = lines_of(parts_of(range(100), range(50, CASES)), COUNTED)
+    assert lines is not None
+    check_product(lines)
+    assert_array_equal(lines.case, COUNTED)
+    assert_array_equal(lines.time_s, WHOLE.time_s)
+    there = np.isfinite(FLIGHTS.time_s[:, COUNTED])
+    assert_array_equal(lines.values, np.where(there, FLIGHTS.values[:, :, COUNTED], np.nan))
+    assert lines_of(lambda: [], COUNTED) is None
+
+
+def chosen(count: int = 6) -> CaseTable:
+    """Return a sweep of single cases with their lines; the third fails, and ends early."""
+    number = np.arange(count)
+    time = np.linspace(0.0, 6e4, 40)
+    values = np.array([[np.cos(time / 1e4 + 0.2 * k) for k in number]]).transpose(0, 2, 1)
+    values[0, 20:, 2] = np.nan
+    failed = number == 2
+    return CaseTable(
+        stage="descent", design="list", planned=count, stopped="", case=number, draw=number,
+        point=number, inputs=(), input_units=(), input_values=np.zeros((0, count)), metrics=(),
+        units=(), values=np.zeros((0, count)), status=np.where(failed, "impact", "completed"),
+        cause=np.full(count, ""), failed=failed, message_case=np.zeros(0, dtype=np.int64),
+        messages=(), swept=("x",), swept_units=("-",), points=number[None].astype(float),
+        point_labels=tuple(f"case {k}" for k in number),
+        lines=Lines(("state.x0",), ("m",), number, time, values),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("bands", [None, many(2, (0.05, 0.25, 0.5, 0.75, 0.95))])
+def test_figure_of_lines_before_bands(bands: Bands | None) -> None:
+    table = chosen()
+    assert table.lines is not None
+    check_product(table)
+    figure = line_figure(table, table.lines, bands)
+    assert draw(figure).png
+    canvas = Canvas()
+    figure.draw(canvas)
+    told = {text.get_text() for legend in canvas.legends for text in legend.get_texts()}
+    assert {"case", "failed case"} <= told
+    assert ("median" in told) == (bands is not None)
+    assert ("Behind" in figure.caption) == (bands is not None)
+
+
+def test_what_stands_behind_needs_lines() -> None:
+    keys = {"repeat": "hover", "over": {"stage.hover.samples": [1, 2]}, "needs": {"behind": "all"}}
+    made, faults = faults_of(SweepSpec, keys)
+    assert made is None
+    assert [fault.message for fault in faults] == [
+        "behind: there are no lines; name their quantities"
+    ]
+    made, faults = faults_of(SweepSpec, keys | {"lines": ["x"]})
+    assert not faults

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hillsphere.campaign.crossings import crossing_table, crossings
-from hillsphere.products import CaseTable
+from hillsphere.campaign.swept import listed
+from hillsphere.errors import InputError
+from hillsphere.products import CaseList, CaseTable, Ladder
 
 SCALES = np.array([1.0, 2.0, 3.0, 4.0])
 
@@ -51,3 +55,38 @@ def test_table_says_what_no_number_can() -> None:
     assert [row["said"] for row in table.rows] == [
         "never in this sweep", "from the first point on"
     ]  # fmt: skip
+
+
+def test_a_ladder_tells_at_which_size_each_group_fails() -> None:
+    """Points of a list whose coordinates all differ, two groups in any order, one case at each."""
+    order = np.array([5, 0, 3, 6, 1, 4, 7, 2])
+    failed = np.array([0, 0, 1, 1, 0, 0, 0, 0], dtype=bool)[order]
+    groups = tuple("first" if k < 4 else "second" for k in order.tolist())
+    table = replace(
+        swept([[0, 0, 0, 0], [0, 0, 0, 0]], cases=1), design="list", failed=failed,
+        points=np.random.default_rng(1).normal(size=(2, 8)),
+        point_labels=tuple(f"{g}, {k % 4 + 1} σ" for g, k in zip(groups, order, strict=True)),
+        swept_units=("-", "-"), ladder=Ladder("σ", "-", np.tile(SCALES, 2)[order], groups),
+    )  # fmt: skip
+    along, found = crossings(table, 0.5, 0.95)
+    assert along == "σ"
+    by_group = {one.others: one for one in found}
+    assert by_group["first"].value == 2.5
+    assert (by_group["first"].surely_below, by_group["first"].surely_above) == (2.0, 3.0)
+    assert (by_group["second"].value, by_group["second"].surely_below) == (np.inf, 4.0)
+    shown = crossing_table(table, 0.5, 0.95)
+    assert shown is not None
+    assert {row["others"] for row in shown.rows} == {"first", "second"}
+
+
+def test_a_ladder_goes_with_its_points() -> None:
+    ladder = Ladder("σ", "-", np.array([1.0, 2.0, 3.0]), ("a", "a", "b"))
+    cases = CaseList(("x",), ("m",), np.array([[7.0, 8.0, 9.0]]), ("p", "q", "r"), ladder)
+    turned = listed(cases).reordered(np.array([2, 0, 1]))
+    assert turned.labels == ("r", "p", "q")
+    assert turned.units == ("m",)
+    assert turned.ladder is not None
+    assert turned.ladder.values.tolist() == [3.0, 1.0, 2.0]
+    assert turned.ladder.groups == ("b", "a", "a")
+    with pytest.raises(InputError, match="3 steps and 2 groups"):
+        listed(replace(cases, ladder=replace(ladder, groups=("a", "b"))))

@@ -215,6 +215,11 @@ def test_sweep_of_keys_makes_variants(repeated: Repeated) -> None:
     assert plan.point_labels[3] == (
         "stage.hover.state.y = 2 m, stage.hover.period_s = 60 s, stage.hover.mode = wild"
     )
+    # the repeated stage need not be named
+    again = {name.replace("stage.hover.", "repeat."): values for name, values in over.items()}
+    assert planned(repeated, cases=40, swept=grid(again)).swept == tuple(over)
+    with pytest.raises(InputError, match=r"stage\.hover\.mode is swept twice"):
+        planned(repeated, cases=40, swept=grid(over | {"repeat.mode": ("calm",)}))
     numbers, rows = case_rows(plan)
     assert_array_equal(numbers, np.arange(320))
     assert plan.points is not None

@@ -221,6 +221,24 @@ def test_one_number_may_stand_on_several_channels() -> None:
     assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
 
 
+def test_a_number_may_be_normalised_by_its_bounds() -> None:
+    """The signals carry the deviation itself; the same loop as with its size put in before."""
+    own = {"name": "gain", "kind": "real", "lower": 0.9, "upper": 1.3, "outputs": ["rate"],
+           "inputs": ["d"]}  # fmt: skip
+    model = run(models([1.0], [0.5]), blocks=[own | {"normalise": True}]).models[0]
+    assert model.nominal[0] == pytest.approx(1.1, rel=1e-15)
+    for value in (0.9, 1.0, 1.3):  # rate → 0.3 (value − 1.1) of the rate's equation
+        closed = lft_of(model).at({"gain": value})
+        expected = plant(1.0, 0.5).a + (value - 1.1) * np.array([[0.0, 0.0], [0.0, 0.3]])
+        assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
+    plain = run(models([1.0], [0.5]), blocks=[own]).models[0]
+    expected = plant(1.0, 0.5).a + np.array([[0.0, 0.0], [0.0, 0.3]])
+    assert_allclose(lft_of(plain).at({"gain": 1.3}).a, expected, rtol=1e-12, atol=1e-14)
+    bare = {key: value for key, value in own.items() if key not in ("lower", "upper")}
+    with pytest.raises(InputError, match="give both"):
+        run(models([1.0], [0.5]), blocks=[bare | {"normalise": True}])
+
+
 def test_a_complex_number_stands_on_the_diagonal() -> None:
     blocks = [{"name": "lag", "kind": "complex", "outputs": ["rate"], "inputs": ["d"]}]
     model = run(models([1.0], [0.5]), blocks=blocks).models[0]

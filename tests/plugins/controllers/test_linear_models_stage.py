@@ -15,6 +15,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import save_product
 from hillsphere.testing import RecordingContext, check_presentation, check_stage
+from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.stages.linear_models.presentation import presented
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
@@ -260,3 +261,22 @@ def test_poles_on_the_border_are_not_counted_by_their_rounding() -> None:
     """Free masses: two poles at zero and a pair on the axis, none of them unstable."""
     table = presented(run(keys())).tables["linear_models"]
     assert [(row["unstable_poles"], row["border_poles"]) for row in table.rows] == 2 * [(0, 4)]
+
+
+@pytest.mark.parametrize("period_s", [None, 60.0])
+def test_coloured_noise_has_its_deviation_and_its_memory(period_s: float | None) -> None:
+    """A first-order Gauss-Markov process: the H2 norm is the deviation, e-folding the time."""
+    table = {
+        "systems": [
+            {"gauss_markov": {"deviation": 0.5, "correlation_time_min": 10}, "inputs": ["w"],
+             "outputs": ["n"], "channels": 2},
+        ],
+        "inputs": ["w"], "outputs": ["n"],
+    }  # fmt: skip
+    more = {} if period_s is None else {"period_s": period_s}
+    (system,) = run(table | more).systems
+    assert system.shape == (2, 2)
+    assert h2_norm(system) == pytest.approx(0.5 * np.sqrt(2.0), rel=1e-9)  # two of them
+    rate = -1.0 / 600.0
+    decay = system.poles.real if period_s is None else np.log(system.poles.real) / period_s
+    assert_allclose(decay, rate, rtol=1e-9)

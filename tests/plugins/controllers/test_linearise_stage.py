@@ -395,3 +395,29 @@ def test_any_plant_its_order_its_time_and_parameters_that_bend() -> None:
         create("stage", "lft", needs={"models": "linear"}, known=["point"], fit="affine").run(
             RecordingContext(), models=made
         )
+
+
+def test_gravity_of_arrays_has_no_derivatives_by_parameters() -> None:
+    """A polyhedron is linearised at its nominal density; dispersing it is refused with a remedy."""
+    corners = [[a, b, c] for a in (-1e4, 1e4) for b in (-1e4, 1e4) for c in (-1e4, 1e4)]
+    faces = [[1, 2, 4], [1, 4, 3], [5, 7, 8], [5, 8, 6], [1, 5, 6], [1, 6, 2],
+             [3, 4, 8], [3, 8, 7], [1, 3, 7], [1, 7, 5], [2, 6, 8], [2, 8, 4]]  # fmt: skip
+    shape = create("shape", "polyhedron", vertices=corners, faces=faces, length_unit="m")
+    gravity = create("gravity", "polyhedron", shape=shape, density_g_cm3=1.86)
+    body = create(
+        "body", "moon", name="phobos", primary_gm_m3_s2=4.282837362069909e13,
+        semi_major_axis_m=9376e3,
+    )  # fmt: skip
+    cube = create("plant", "three_body", body=body, gravity=gravity, orbit="elliptic")
+    x = np.zeros((7, 2))
+    x[0], x[1, 1], x[4] = 25e3, 10.0, 0.1
+    flights = FlightSet(
+        Trajectories(
+            frame=cube.frame, states=tuple(v.name for v in cube.states), plans=("a",),
+            labels=("a",), t_s=np.array([[0.0], [100.0]]), x=x[:, :, None],
+        )
+    )  # fmt: skip
+    assert run(cube, flights, points=1).labels == ("nominal, point 1",)
+    density = normal("gravity.phobos", ["density"], sigma_relative=0.1)
+    with pytest.raises(InputError, match=r"gravity\.density .*function of arrays.*leave disp"):
+        run(cube, flights, points=1, dispersions=[density])

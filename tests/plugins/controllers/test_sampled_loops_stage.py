@@ -126,6 +126,24 @@ def test_a_law_with_its_own_controller_and_one_model() -> None:
     assert shown.verdict == ["law is stable for all periods up to 70 s."]
 
 
+def test_a_controller_in_discrete_time_is_judged_at_its_own_period() -> None:
+    discrete = averaged(filtered(pid()), PERIOD)
+    made = stage(law=law(states="sampled", low_pass_hz=None), periods_s=[PERIOD])
+    found = made.run(RecordingContext(), models(), (ControlDesign(discrete),))
+    plant = models((8e-7,)).systems[0]
+    wanted = sampled_margins(
+        SampledLoop(LtiSystem(plant.a, plant.b[:, 3:], plant.c, plant.d[:, 3:]), discrete, PERIOD)
+    )
+    assert found.peak[0, 0, 1] == pytest.approx(wanted.peak, rel=1e-7)
+    assert np.isnan(found.radius).all()
+    assert np.isnan(found.lost_s).all()
+    check_product(found)
+    shown = made.present(found, models(), (ControlDesign(discrete),))
+    check_presentation(shown)
+    assert shown.verdict == ["one is stable, sampled every 60 s."]
+    assert not shown.figures
+
+
 def test_a_loop_that_is_not_stable_is_shown_as_such() -> None:
     made = stage(law=law(states="continuous"), periods_s=[PERIOD, 150], delay_s=5)
     found = made.run(RecordingContext(), models(), (ControlDesign(pid()),))

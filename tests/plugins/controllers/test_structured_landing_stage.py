@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.errors import SingularProblemError
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.stages.synthesis.presentation import presented
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
 from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
@@ -64,10 +67,14 @@ def stage(needs: dict[str, str] | None = None, **options: Any) -> SynthesisStage
     return SynthesisStage(spec)
 
 
-def run(made_by: SynthesisStage, *needs: UncertainModels | None) -> Synthesis:
-    made = made_by.run(RecordingContext(), MODELS, *needs)
+def run(
+    made_by: SynthesisStage,
+    known: UncertainModels | None = None,
+    wider: UncertainModels | None = None,
+) -> Synthesis:
+    made = made_by.run(RecordingContext(), MODELS, known, wider)
     check_product(made)
-    check_presentation(made_by.present(made, MODELS, *needs))
+    check_presentation(made_by.present(made, MODELS, known, wider))
     return made
 
 
@@ -104,13 +111,70 @@ def test_each_plant_by_itself_is_no_worse() -> None:
     assert made.search is not None
     assert made.search.per_plant.shape == (2,)
     assert made.search.per_plant.max() <= made.gamma * (1.0 + 1e-6)
+    norms = [hinf_norm(lower_lft(_known(rate), made.controller)).value for rate in RATES]
+    assert_allclose(made.search.joint, norms, rtol=1e-6)
+    assert (made.search.per_plant <= made.search.joint * (1.0 + 1e-6)).all()
     assert made.search.robust is None
 
 
 def test_a_wider_uncertainty_decides_between_equals() -> None:
-    made = run(stage({"wider": "w"}, starts=1, tie=1e-3), None, uncertain(0.4))
+    wider = uncertain(0.4)
+    made = run(stage({"wider": "w"}, starts=4, tie=0.2), None, wider)
     assert made.search is not None
-    assert made.gamma <= made.search.starts.min() * (1.0 + 2e-3)
+    assert made.gamma <= made.search.starts.min() * 1.2
+    equals = made.search.equals
+    assert equals[0, 0] == pytest.approx(made.gamma, rel=1e-9)
+    assert equals[0, 1] == equals[:, 1].min()
+    assert (equals[:, 0] <= equals[:, 0].min() * 1.2).all()
+    told = presented(made, None)
+    assert [row["taken"] for row in told.tables["synthesis_equals"].rows] == [
+        k == 0 for k in range(len(equals))
+    ]
+
+
+def test_searches_begin_at_the_controller_of_another_synthesis() -> None:
+    first = run(stage(starts=2))
+    assert first.search is not None
+    made_by = stage({"start": "s"}, starts=4, scatter=0.3)
+    made = made_by.run(RecordingContext(), MODELS, start=first)
+    assert made.search is not None
+    assert made.search.scatter == 0.3
+    assert made.search.starts.shape == (4,)
+    assert made.search.starts[0] <= first.gamma * (1.0 + 1e-9)  # it begins there
+    assert_allclose(made.search.starts, first.gamma, rtol=1e-3)
+    shown = made_by.present(made, MODELS, start=first)
+    check_presentation(shown)
+    rows = shown.tables["synthesis_searches"].rows
+    assert [row["begun"] for row in rows] == ["at the controller given", *["about it"] * 3]
+    assert any("no more than 0.2 %" in sentence for sentence in shown.verdict)
+    robust = stage({"start": "s", "uncertain": "u"}, starts=3, scatter=0.3)
+    designed = robust.run(RecordingContext(), MODELS, uncertain(0.3), start=first)
+    assert designed.search is not None
+    assert designed.search.robust is not None
+    assert designed.search.robust.converged
+    alone = run(stage({"uncertain": "u"}, starts=1), uncertain(0.3))
+    assert designed.gamma == pytest.approx(alone.gamma, rel=1e-3)
+
+
+def test_a_start_is_a_synthesis_of_the_same_structure() -> None:
+    first = run(stage(starts=1))
+    other = stage({"start": "s"}, parts=[{"kind": "free", "order": 1}])
+    with pytest.raises(InputError, match=r"needs\.start: its controller, of order 0"):
+        other.run(RecordingContext(), MODELS, start=first)
+    assert first.search is not None
+    moved = replace(first, search=replace(first.search, theta=1.1 * first.search.theta))
+    with pytest.raises(InputError, match=r"needs\.start"):
+        stage({"start": "s"}).run(RecordingContext(), MODELS, start=moved)
+
+
+def test_searches_end_below_a_target() -> None:
+    best = run(stage(starts=2))
+    made = run(stage(starts=2, target=1.5 * best.gamma))
+    assert made.search is not None
+    assert best.search is not None
+    assert best.gamma <= made.gamma < 1.5 * best.gamma
+    assert made.search.evaluations < best.search.evaluations
+    assert any("below the target" in sentence for sentence in presented(made, None).verdict)
 
 
 def test_uncertainties_must_be_real_parameters() -> None:
@@ -128,8 +192,52 @@ def test_uncertainties_must_be_real_parameters() -> None:
         ({"method": "structured", "structured": {"parts": [{}]}, "plants": ["a"],
           "needs": {"models": "m", "uncertain": "u"}}, "uncertain models"),
         ({"method": "structured", "structured": {"parts": [{}], "bandwidth_rad_s": 0}}, "0"),
+        ({"method": "structured", "structured": {"parts": [{}], "scatter": 0.2}}, "needs.start"),
+        ({"method": "hinf", "needs": {"models": "m", "start": "s"}}, "start"),
     ],
 )  # fmt: skip
 def test_faults_are_found_first(keys: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         validate(SynthesisSpec, {"needs": {"models": "m"}} | keys, where="stage")
+
+
+def test_mu_synthesis_without_noise_needs_a_regularisation() -> None:
+    """The certified µ is that of the plant as it is, without the noise of the synthesis."""
+    whole = plant(1.0, 0.3)
+    quiet = LtiSystem(
+        whole.a, whole.b[:, [0, 1, 3]], whole.c, whole.d[:, [0, 1, 3]], None, ("w", "d", "u"),
+        ("v", "z", "effort", "y"),
+    )  # fmt: skip
+    inner = replace(
+        quiet, b=quiet.b[:, 1:], c=quiet.c[1:], d=quiet.d[1:, 1:], inputs=("d", "u"),
+        outputs=("z", "effort", "y"),
+    )  # fmt: skip
+    models = LinearModels(
+        (inner,), ("one",), ("rate",), ("1/s",), np.array([[1.0]]), np.array([1.0]), 1, 1, ()
+    )
+    block = Uncertainty("decay", "real", lower=-1.0, nominal=0.0, upper=1.0)
+    known = UncertainModels((uncertain_model(Lft(quiet, (block,), (1,)), {}),), ("one",), 1, 1)
+
+    def made(start: Synthesis | None = None, **options: float) -> Synthesis:
+        begun = {} if start is None else {"start": "s"}
+        table = {
+            "needs": {"models": "m", "uncertain": "u"} | begun,
+            "method": "dk",
+            "dk": {"iterations": 1, "joint_steps": 0, "highest_order": 1} | options,
+        }
+        spec = validate(SynthesisSpec, table, where="stage")
+        assert isinstance(spec, SynthesisSpec)
+        return SynthesisStage(spec).run(RecordingContext(), models, known, start=start)
+
+    with pytest.raises(SingularProblemError, match="D21"):
+        made()
+    found = made(regularisation=1e-3)
+    assert found.iterations is not None
+    nominal = hinf_norm(lower_lft(inner, found.controller)).value
+    assert nominal <= found.gamma * (1.0 + 1e-9)
+    assert found.iterations.upper_mu == found.gamma
+    assert found.gamma < 0.6  # z/d alone is 1 at rest without a controller
+    # Beginning with a controller it ends no higher than this one is certified.
+    again = made(found, iterations=0, regularisation=1e-3)
+    assert again.gamma == pytest.approx(found.gamma, rel=5e-3)
+    assert_allclose(again.controller.a, found.controller.a, rtol=1e-9, atol=1e-12)

@@ -23,6 +23,8 @@ from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
+from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
 from hillsphere_controllers.stages.step_responses import step_responses
 from hillsphere_controllers.stages.synthesis.presentation import presented
 from hillsphere_controllers.stages.synthesis.products import Synthesis
@@ -163,6 +165,41 @@ def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() 
     assert "over a range of frequencies" not in said(1e-4, True)
     assert "not shown to be a local minimum (residual 5.4" in said(5.4, False)
     assert "over a range of frequencies" in said(5.4, False)
+
+
+def test_noise_of_navigation_in_a_structured_design() -> None:
+    """A weighted disturbance and coloured noise of the measurement: more noise, less gain.
+
+    For static feedback of ẋ = d + u, y = x + n, n with deviation σ and time τ = 1/a:
+    u = −k y gives var x = D²/(2k) + σ² k/(k + a) for white d of intensity D², least at
+    k = a/(σ √(2a)/D − 1).
+    """
+    intensity, a = 0.2, 0.1
+    gains = []
+    for deviation in (0.7, 2.0):
+        table = {
+            "systems": [
+                {"a": [[0]], "b": [[intensity, 1]], "c": [[1]], "inputs": ["d", "u"],
+                 "outputs": ["x"]},
+                {"gauss_markov": {"deviation": deviation, "correlation_time_s": 10},
+                 "inputs": ["w"], "outputs": ["n"]},
+            ],
+            "junctions": ["y = x + n"],
+            "inputs": ["d", "w"], "outputs": ["x"], "controls": ["u"], "measurements": ["y"],
+        }  # fmt: skip
+        spec = validate(LinearModelsSpec, table, where="stage")
+        assert isinstance(spec, LinearModelsSpec)
+        noisy = LinearModelsStage(spec).run(RecordingContext())
+        options = {"parts": [{"kind": "free"}], "starts": 2, "shaken": False,
+                   "channels": [{"outputs": ["x"], "norm": "h2"}]}  # fmt: skip
+        made = run("structured", noisy, structured=options)
+        k = -float(made.controller.d[0, 0])
+        best = a / (deviation * np.sqrt(2.0 * a) / intensity - 1.0)
+        variance = intensity**2 / (2.0 * best) + deviation**2 * best / (best + a)
+        assert made.gamma == pytest.approx(np.sqrt(variance), rel=1e-9)
+        assert k == pytest.approx(best, rel=1e-3)
+        gains.append(k)
+    assert gains[1] < 0.2 * gains[0]
 
 
 def test_structured_channels_are_named_by_their_signals() -> None:

@@ -96,6 +96,24 @@ def test_blocks_without_an_input_stay_out(analysis: MuAnalysis) -> None:
     assert_allclose(made.values[:, 0], [2.6, 4.5], rtol=1e-6)
 
 
+def test_worst_parameters_grow_together_in_standard_deviations(analysis: MuAnalysis) -> None:
+    made = run(analysis, inputs=GAIN, scales=[1, 2, 4.5], remaining=[0, -3])
+    # a = 2 + 0.2 k; the gain has no standard deviation and stays at its bound
+    assert_allclose(made.values[0], np.tile([2.2, 2.4, 2.9], 2), rtol=1e-12)
+    assert_allclose(made.values[1], np.repeat([5.0, 3.5], 3), rtol=1e-12)
+    assert_allclose(made.values[2], 1.1, rtol=1e-6)
+    assert made.ladder is not None
+    assert made.ladder.values.tolist() == made.sigmas.tolist() == [1.0, 2.0, 4.5] * 2
+    assert len(set(made.ladder.groups)) == 2
+    assert len(set(made.labels)) == 6
+    assert made.labels[2].endswith("4.5 σ")
+    plain = run(analysis)
+    assert plain.ladder is None
+    assert_allclose(plain.sigmas, 3.0, rtol=1e-6)  # the declared bounds
+    with pytest.raises(InputError, match="scales"):
+        run(analysis, scales=[0])
+
+
 def test_faults_are_said(analysis: MuAnalysis) -> None:
     with pytest.raises(InputError, match="controllers: none is called 'ka'"):
         run(analysis, controllers=["ka"])

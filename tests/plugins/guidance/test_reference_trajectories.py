@@ -220,3 +220,30 @@ def test_published_costs_need_their_columns(phobos: Any, tmp_path: Path) -> None
     published.write_text("# source: somebody\nname,dv_m_s\nrt1,8\n", encoding="utf-8")
     with pytest.raises(InputError, match="need the columns descent and dv_m_s"):
         stage(phobos, RT, reference=str(published))
+
+
+def test_other_plants_are_compared_along_the_paths(uniform: Any) -> None:
+    """Uniform fields: the difference is the same everywhere; times and ends are the flight's."""
+    hop = [
+        {"name": "hop", "start": {"position_m": [0, 0, 500]}, "end_position_m": [50, 0, 400],
+         "duration_s": 400},
+        {"name": "long", "start": {"position_m": [0, 0, 500]}, "end_position_m": [50, 0, 400],
+         "duration_s": 600},
+    ]  # fmt: skip
+    others = [type(uniform)((0.0, 0.003, -0.016)), type(uniform)((0.0, 0.0, -0.02))]
+    made = stage(uniform, hop, compare=others)
+    product = made.run(RecordingContext())
+    check_product(product)
+    assert len(product.compared) == 2
+    here = np.isfinite(product.flights.t_s)
+    assert here[:, 0].sum() < here[:, 1].sum()
+    np.testing.assert_allclose(product.difference_m_s2[0][here], 5e-3, rtol=1e-12)
+    np.testing.assert_allclose(product.difference_m_s2[1][here], 0.0, rtol=0, atol=1e-15)
+    assert np.isnan(product.difference_m_s2[:, ~here]).all()
+    shown = made.present(product)
+    check_presentation(shown)
+    rows = shown.tables["reference_differences"].rows
+    assert [row["descent"] for row in rows] == ["hop", "long"] * 2
+    assert rows[0]["at_50_percent_mm_s2"] == pytest.approx(5.0, rel=1e-12)
+    with pytest.raises(InputError, match=r"compare: plant .* with the states x, vx; it must be"):
+        stage(uniform, hop, compare=[type(uniform)((0.0,))])

@@ -106,6 +106,7 @@ class Search:
         progress: Callable[[DkIteration], None] | None,
         keep: Callable[[State], None] | None = None,
         key: str = "",
+        regularisation: float = 0.0,
     ) -> None:
         self.plant, self.structure, self.channels = plant, structure, channels
         self._given, self._back_off, self._gap, self._progress = k_step, back_off, gap, progress
@@ -113,7 +114,7 @@ class Search:
         self.steps: list[DkIteration] = []
         self._omega: Array = np.zeros(0)
         self._clock = perf_counter()
-        self._keep, self._key = keep, key
+        self._keep, self._key, self._regularisation = keep, key, regularisation
         self._done, self._is_joint, self._is_raised, self._reason = 0, False, False, ""
 
     def restore(self, state: State) -> None:
@@ -244,15 +245,18 @@ class Search:
         if self._given is not None:
             return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value
         return hinf_synthesis(
-            scaled, *self.channels, tolerance=tolerance, back_off=self._back_off
-        ).solvable
+            scaled, *self.channels, tolerance=tolerance, back_off=self._back_off,
+            regularisation=self._regularisation,
+        ).solvable  # fmt: skip
 
     def _made(self, multipliers: Sequence[Multiplier], beta: float) -> tuple[LtiSystem, float]:
         scaled = self._scaled(multipliers, beta)
         if self._given is not None:
             controller = self._given(scaled)
             return controller, hinf_norm(lower_lft(scaled, controller), 1e-6).value
-        design = hinf_synthesis(scaled, *self.channels, back_off=self._back_off)
+        design = hinf_synthesis(
+            scaled, *self.channels, back_off=self._back_off, regularisation=self._regularisation
+        )
         return design.controller, design.gamma
 
     def _step(self, kind: Kind, multipliers: tuple[Multiplier, ...], beta: float) -> None:

@@ -55,6 +55,7 @@ def dk_synthesis(
     target: float = 0.0,
     gap: float = 2e-3,
     back_off: float = 0.002,
+    regularisation: float = 0.0,
     reduction: float = 0.01,
     k_step: KStep | None = None,
     progress: Callable[[DkIteration], None] | None = None,
@@ -86,6 +87,8 @@ def dk_synthesis(
         As of `certified_peak`.
     back_off : float
         As of `hinf_synthesis`.
+    regularisation : float
+        As of `hinf_synthesis`, in each K-step; µ is certified of the plant as it is.
     reduction : float
         By how much the bound of the reduced controller may be higher, relatively; zero: no reduced
         controller is looked for.
@@ -136,12 +139,13 @@ def dk_synthesis(
         target,
         back_off,
         gap,
+        regularisation,
     )
     given = (image,) if controller is None else (image, controller)
     kept = None if checkpoint is None else KeptState(checkpoint, given, structure, options)
     search = Search(
         image, structure, (controls, measurements), k_step, back_off, gap, progress,
-        None if kept is None else kept.keep, "" if kept is None else kept.key,
+        None if kept is None else kept.keep, "" if kept is None else kept.key, regularisation,
     )  # fmt: skip
     reason, interrupted = "interrupted", False
     try:

@@ -49,6 +49,8 @@ def synthesise_sampled(
     starts: int = 10,
     seed: int = 1,
     initial: Iterable[Array] = (),
+    scatter: float = 0.0,
+    target: float = 0.0,
     largest_gain: float | None = None,
     controller_stable: bool = False,
     bandwidth_rad_s: float | None = None,
@@ -65,8 +67,10 @@ def synthesise_sampled(
         response to unit impulses.
     structure : Structure
         All of whose entries are free, or a diagonal of such.
-    starts, seed, initial, largest_gain, controller_stable, bandwidth_rad_s, shaken, progress, ctx
+    starts, seed, initial, scatter, target, largest_gain, controller_stable, bandwidth_rad_s
         As for `synthesise`; parameters and gain are those of the controller's image.
+    shaken, progress, ctx
+        As for `synthesise`.
 
     Returns
     -------
@@ -96,8 +100,9 @@ def synthesise_sampled(
     period = next(p for p in periods if p is not None)
     found = synthesise(
         [_image(plant, structure) for plant in many], structure, starts=starts, seed=seed,
-        initial=initial, largest_gain=largest_gain, controller_stable=controller_stable,
-        bandwidth_rad_s=bandwidth_rad_s, shaken=shaken, progress=progress, ctx=ctx,
+        initial=initial, scatter=scatter, target=target, largest_gain=largest_gain,
+        controller_stable=controller_stable, bandwidth_rad_s=bandwidth_rad_s, shaken=shaken,
+        progress=progress, ctx=ctx,
     )  # fmt: skip
     controller = discrete(found.controller, period)
     gamma = 0.0

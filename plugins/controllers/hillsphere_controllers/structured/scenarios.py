@@ -150,6 +150,8 @@ def synthesise_robust(
     starts: int = 10,
     seed: int = 1,
     initial: Iterable[Array] = (),
+    scatter: float = 0.0,
+    target: float = 0.0,
     region: PoleRegion | None = None,
     largest_gain: float | None = None,
     controller_stable: bool = False,
@@ -178,6 +180,11 @@ def synthesise_robust(
         Of the last design; the first has up to three, those between begin at the one before.
     initial : iterable of ndarray, shape (size,)
         Parameters near a minimum for the nominal plants, which the first design begins at.
+    scatter : float
+        If positive, the other starts of the last design are about the one before, changed by this,
+        relative, instead of random controllers; designs between begin at the one before alone.
+    target : float
+        A search ends once γ is below this for its scenarios; 0: none does.
     seed, region, largest_gain, controller_stable, bandwidth_rad_s, shaken, prefer, tie
         As in `synthesise`. The region is kept in the scenarios.
     told : callable or None
@@ -207,10 +214,12 @@ def synthesise_robust(
     done, distribution = False, np.zeros(0)
     for count in range(1, rounds + 1):
         done = done or whole
-        searches = starts if whole else 0 if near else min(starts, 3)
+        about = scatter if begun and whole and starts > 1 else 0.0
+        searches = starts if whole else 0 if near else 1 if scatter else min(starts, 3)
         design = synthesise(
             [many[j].at(delta) for j, delta in places], structure, seed=seed, initial=begun,
-            starts=0 if near and searches == 1 else searches, region=region,
+            starts=0 if near and searches == 1 else searches,
+            scatter=about, target=target, region=region,
             largest_gain=largest_gain, controller_stable=controller_stable,
             bandwidth_rad_s=bandwidth_rad_s, shaken=shaken and whole,
             prefer=prefer if whole else None, tie=tie, name=f"-{count}", progress=progress, ctx=ctx,

@@ -57,6 +57,8 @@ class Problem:
         About that of the loops: gives the scale of the search; None: the plants' poles do.
     near : bool
         Whether parameters that are given are near a minimum, so that polishing will do.
+    target : float
+        A search ends once γ is below this.
     """
 
     plants: tuple[DesignPlant, ...]
@@ -66,6 +68,11 @@ class Problem:
     controller_stable: bool = False
     bandwidth_rad_s: float | None = None
     near: bool = False
+    target: float = 0.0
+
+
+class Reached(Exception):  # noqa: N818 - no error
+    """A search is below its target."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +175,7 @@ class Search:
         random = np.random.default_rng(start.seed)
         structure = self.problem.structure
         objective = self._objective(structure, self.middle, self.spread)
-        best = Best(objective, self._tell)
+        best = Best(objective, self._tell, self.problem.target)
         near = self.problem.near and start.theta is not None
         spent = 0
         try:
@@ -188,6 +195,8 @@ class Search:
                 )
             steps = _POLISHED if near else _LEFT if spent else 0
             converged = _lowered(objective, point, random, best, polish=steps)
+        except Reached:
+            converged = False
         except (KeyboardInterrupt, Interrupted):
             if best.point is None:
                 raise
@@ -221,7 +230,7 @@ class Search:
             start = replace(start, theta=np.asarray(start.theta)[: alike.size])
         middle, spread = alike.typical(self._common)
         objective = self._objective(alike, middle, spread)
-        lowest = Best(objective, self._tell)
+        lowest = Best(objective, self._tell, self.problem.target)
 
         def apart(x: Array) -> Array:
             return np.asarray((alike.apart(objective.theta(x)) - self.middle) / self.spread)
@@ -235,7 +244,7 @@ class Search:
             if np.isfinite(point.value):
                 try:
                     converged = _lowered(objective, point, random, lowest)
-                except (KeyboardInterrupt, Interrupted):
+                except (KeyboardInterrupt, Interrupted, Reached):
                     if lowest.point is not None:
                         best.accepted(best.objective.evaluate(apart(lowest.point.x)))
                     raise
@@ -301,10 +310,17 @@ class Best:
         What certifies the points.
     tell : callable or None
         Called with the γ of each that keeps the constraints.
+    target : float
+        One with a γ below this ends the search by `Reached`.
     """
 
-    def __init__(self, objective: Objective, tell: Callable[[float], None] | None = None) -> None:
-        self.objective, self._tell = objective, tell
+    def __init__(
+        self,
+        objective: Objective,
+        tell: Callable[[float], None] | None = None,
+        target: float = 0.0,
+    ) -> None:
+        self.objective, self._tell, self._target = objective, tell, target
         self.point: Point | None = None
         self._count = 0
 
@@ -336,8 +352,11 @@ class Best:
             old = self.point
             if old is None or key < (max(old.excess - _KEPT, 0.0), old.objective):
                 self.point = point
+                gamma = float(np.exp(point.objective))
                 if self._tell is not None and key[0] == 0.0:
-                    self._tell(float(np.exp(point.objective)))
+                    self._tell(gamma)
+                if key[0] == 0.0 and gamma < self._target:
+                    raise Reached
         return point
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -113,6 +113,9 @@ class StructuredDesign:
         Whether the synthesis was stopped: the best until then.
     evaluations : int
         How often a set of closed loops was made.
+    equals : ndarray, shape (E, 2)
+        Of the controllers between which a preference decided: γ, and the value that was to be
+        small; the one that was taken stands first. None without a preference.
     """
 
     controller: LtiSystem
@@ -127,6 +130,7 @@ class StructuredDesign:
     shaken: Array
     interrupted: bool
     evaluations: int
+    equals: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def synthesise(
@@ -136,6 +140,8 @@ def synthesise(
     starts: int = 10,
     seed: int = 1,
     initial: Iterable[Array] = (),
+    scatter: float = 0.0,
+    target: float = 0.0,
     region: PoleRegion | None = None,
     largest_gain: float | None = None,
     controller_stable: bool = False,
@@ -163,6 +169,12 @@ def synthesise(
         Of all that is random; with it the result is the same, for any number of workers.
     initial : iterable of ndarray, shape (size,)
         Parameters to begin with.
+    scatter : float
+        If positive, the starts beyond those of `initial` are not random controllers, but the first
+        of `initial` with its scaled parameters changed at random by this, relative; all are taken
+        to be near a minimum, so that polishing will do.
+    target : float
+        A search ends once γ is below this; 0: none does.
     region : PoleRegion or None
         Where all closed loops' poles are to be; None: in the left half-plane.
     largest_gain : float or None
@@ -213,19 +225,24 @@ def synthesise(
         raise InputError(f"a synthesis needs a plant and a start, got {len(many)} and {starts}")
     if any(theta.shape != (structure.size,) for theta in given):
         raise InputError(f"initial parameters must be {structure.size} each, as the structure has")
+    if scatter < 0.0 or (scatter and not given):
+        raise InputError(f"a scatter is about initial parameters and ≥ 0, got {scatter}")
     if largest_gain is not None and not largest_gain > 0.0:
         raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
     if bandwidth_rad_s is not None and not 0.0 < bandwidth_rad_s < np.inf:
         raise InputError(f"a bandwidth must be > 0 and finite, got {bandwidth_rad_s}")
     problem = Problem(
-        many, structure, region, largest_gain, controller_stable, bandwidth_rad_s, near=starts == 0
-    )
+        many, structure, region, largest_gain, controller_stable, bandwidth_rad_s,
+        near=starts == 0 or scatter > 0.0, target=target,
+    )  # fmt: skip
     search = Search(problem)
     full = full_order(many, structure)
     least = 0.0 if full is None else full.bound
     run = _Run(problem, progress, ctx, name)
     begun = [(theta, 0.0) for theta in given]
-    if not (isinstance(structure, Diagonal) and structure.alike):
+    if scatter:
+        begun += [(given[0], scatter)] * (starts - len(given))
+    elif not (isinstance(structure, Diagonal) and structure.alike):
         # zero gains are a saddle for a controller with states: about them
         begun.append((search.middle, _ABOUT))
     count = max(starts, len(begun)) if starts else len(given)
@@ -243,7 +260,7 @@ def synthesise(
     candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
     if not candidates:
         raise _failure(first)
-    best, check = _best(problem, candidates, prefer, tie)
+    best, check, equals = _best(problem, candidates, prefer, tie)
     return StructuredDesign(
         controller_of(structure, best.theta),
         best.theta,
@@ -257,6 +274,7 @@ def synthesise(
         np.array([f.gamma if f.allowed else np.inf for f in second]),
         run.interrupted,
         sum(f.evaluations for f in first + second),
+        equals,
     )
 
 
@@ -366,10 +384,11 @@ def _best(
     candidates: Sequence[Found],
     prefer: Callable[[LtiSystem], float] | None,
     tie: float,
-) -> tuple[Found, Verified]:
+) -> tuple[Found, Verified, Array]:
     """Return the first whose closed loops are what they were found to be, or the best of all.
 
-    Among equals, within the tie, it is the one that is preferred.
+    Among equals, within the tie, it is the one that is preferred; γ of these (E, 2) follow, with
+    what was to be small, that of the one that is taken first.
     """
     passed: list[tuple[Found, Verified]] = []
     reasons = []
@@ -396,9 +415,12 @@ def _best(
         )
     least = min(v.gamma for _, v in passed)
     if prefer is None:
-        return min(passed, key=lambda pair: pair[1].gamma)
+        return *min(passed, key=lambda pair: pair[1].gamma), np.zeros((0, 2))
     equal = [pair for pair in passed if pair[1].gamma <= least * (1.0 + tie)]
-    return min(equal, key=lambda pair: prefer(controller_of(problem.structure, pair[0].theta)))
+    values = [prefer(controller_of(problem.structure, found.theta)) for found, _ in equal]
+    order = np.argsort(values, kind="stable")
+    best = equal[int(order[0])]
+    return *best, np.array([[equal[k][1].gamma, values[k]] for k in order.tolist()])
 
 
 def _failure(found: Sequence[Found]) -> Exception:

@@ -13,7 +13,7 @@ from hillsphere_guidance.reference_trajectories.products import ReferenceTraject
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_descents", "draw_over_time"]
+__all__ = ["draw_descents", "draw_differences", "draw_over_time"]
 
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _LINES = ("-", "--", ":", "-.")
@@ -64,6 +64,21 @@ def draw_over_time(figure: Figure, product: ReferenceTrajectories) -> None:
     bottom.set_ylabel("command [mm/s²]")
     bottom.set_xlabel("time [h]")
     top.legend(loc="upper right", ncols=1 + (len(product.flights.labels) > _MANY))
+
+
+def draw_differences(figure: Figure, product: ReferenceTrajectories) -> None:
+    """Draw how much other plants accelerate otherwise along the paths."""
+    hours = product.flights.t_s / 3600.0
+    axes: Any = figure.subplots(len(product.compared), 1, sharex=True, squeeze=False)[:, 0]
+    for one, name, sizes in zip(axes, product.compared, product.difference_m_s2, strict=True):
+        for i in range(len(product.flights.labels)):
+            one.plot(hours[:, i], 1e3 * sizes[:, i], **_style(product, i))
+        if np.nanmin(sizes) > 0.0:
+            one.set_yscale("log")
+        one.set_ylabel("difference [mm/s²]")
+        one.set_title(name)
+    axes[-1].set_xlabel("time [h]")
+    axes[0].legend(loc="upper left", ncols=1 + (len(product.flights.labels) > _MANY))
 
 
 def _style(product: ReferenceTrajectories, i: int) -> dict[str, Any]:

@@ -9,7 +9,11 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
-from hillsphere_guidance.reference_trajectories.figures import draw_descents, draw_over_time
+from hillsphere_guidance.reference_trajectories.figures import (
+    draw_descents,
+    draw_differences,
+    draw_over_time,
+)
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
 from hillsphere_guidance.reference_trajectories.specs import ReferenceTrajectoriesSpec
 
@@ -31,6 +35,8 @@ _COLUMNS = [
     Column("search", ""),
 ]
 _BELOW_M = 1e-3
+_SHARES = (0, 25, 50, 75, 100)
+"""Parts of the duration, %, at which other plants are compared in the table."""
 _METHOD = (
     "Replay errors: distance from the planned end at which an open-loop flight with the command "
     "alone ends, by propagators that had no part in planning; as planned by DOP853, as held on the "
@@ -82,6 +88,19 @@ def present_references(
             "In the frame of the motion, with ΔV; circles are starts, triangles are ends.",
             size_in=(8.0, 7.0),
         )
+    tables = {
+        f"reference_trajectories{tail}": Table("Reference trajectories", columns, rows, notes),
+        f"reference_ends{tail}": Table("Ends of the reference trajectories", *_ends(product)),
+    }
+    if product.compared:
+        tables[f"reference_differences{tail}"] = _differences(product)
+        figures[f"reference_differences{tail}"] = Figure(
+            "Accelerations by other plants",
+            lambda figure: draw_differences(figure, product),
+            "Size of the difference from the plant's own acceleration along each path, without a "
+            "command.",
+            size_in=(8.0, 1.0 + 2.6 * len(product.compared)),
+        )
     worst = product.replay_m[0].max(), product.replay_held_m[0].max()
     return Presentation(
         metrics={
@@ -89,10 +108,7 @@ def present_references(
             f"replay_error{tail}": Metric(float(worst[0]), "m"),
             f"replay_error_held{tail}": Metric(float(worst[1]), "m"),
         },
-        tables={
-            f"reference_trajectories{tail}": Table("Reference trajectories", columns, rows, notes),
-            f"reference_ends{tail}": Table("Ends of the reference trajectories", *_ends(product)),
-        },
+        tables=tables,
         figures=dict(reversed(figures.items())),
         verdict=_sentences(product),
     )
@@ -147,6 +163,33 @@ def _end(product: ReferenceTrajectories, i: int) -> tuple[Sequence[float], Seque
     x = product.flights.x[:, last, i]
     d = len(product.command)
     return x[:d].tolist(), x[d : 2 * d].tolist()
+
+
+def _differences(product: ReferenceTrajectories) -> Table:
+    """Return how much other plants accelerate otherwise, at some times and at the end."""
+    columns = [
+        Column("plant", ""),
+        Column("descent", ""),
+        *(
+            Column(f"at_{share}_percent_mm_s2", "mm/s2", f"at {share} % of the time", 4)
+            for share in _SHARES[:-1]
+        ),
+        Column("at_100_percent_mm_s2", "mm/s2", "at the end", 4),
+        Column("mean_mm_s2", "mm/s2", "mean over time", 4),
+    ]
+    rows: list[dict[str, Cell]] = []
+    for c, name in enumerate(product.compared):
+        for i, label in enumerate(product.flights.labels):
+            here = np.isfinite(product.flights.t_s[:, i])
+            t, size = product.flights.t_s[here, i], 1e3 * product.difference_m_s2[c, here, i]
+            row: dict[str, Cell] = {"plant": name, "descent": label}
+            for share in _SHARES:
+                at = t[0] + 0.01 * share * (t[-1] - t[0])
+                row[f"at_{share}_percent_mm_s2"] = float(np.interp(at, t, size))
+            row["mean_mm_s2"] = float(np.trapezoid(size, t) / (t[-1] - t[0]))
+            rows.append(row)
+    note = "Size of the difference of the accelerations, no command acting."
+    return Table("Accelerations by other plants along the descents", columns, rows, (note,))
 
 
 def _before_end(product: ReferenceTrajectories, i: int) -> Array:

@@ -48,6 +48,11 @@ class ReferenceTrajectories(FlightSet):
         Name of the body; empty if the plant does not say.
     series_radius_m : float or None
         Radius inside which the gravity is a series that may diverge.
+    compared : tuple of str, length C
+        Names of other plants.
+    difference_m_s2 : ndarray, shape (C, K, N)
+        Size of the difference of their accelerations, without a command, from those of the plant
+        along the paths.
     """
 
     command: Array
@@ -67,3 +72,5 @@ class ReferenceTrajectories(FlightSet):
     surface_m: Array | None
     body: str
     series_radius_m: float | None
+    compared: tuple[str, ...]
+    difference_m_s2: Array

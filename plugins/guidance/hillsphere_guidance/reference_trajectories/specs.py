@@ -96,6 +96,7 @@ class ReferenceTrajectoriesSpec(StageSpec):
                 }
             ],
             "step_s": 300,
+            "compare": ["hill"],
         },
     )
 
@@ -109,6 +110,13 @@ class ReferenceTrajectoriesSpec(StageSpec):
         default=(),
         gt=0,
         max_length=100,
+    )
+    compare: tuple[Ref, ...] = reference(
+        "plant",
+        "the same motion by other plants, as with another gravity model: how much their "
+        "accelerations differ along the paths; a flight by one of them is a closed_loop with that "
+        "plant",
+        default=(),
     )
     step_s: float = quantity(
         "time", "time for which each value of the command is held", default=10.0, gt=0

@@ -15,7 +15,7 @@ from hillsphere.products import Trajectories
 from hillsphere.reference import ReferenceTable
 from hillsphere_guidance.held_commands import held_command
 from hillsphere_guidance.held_steps import held_times
-from hillsphere_guidance.motion import motion_of
+from hillsphere_guidance.motion import Motion, motion_of
 from hillsphere_guidance.reference_trajectories.presentation import present_references
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
 from hillsphere_guidance.reference_trajectories.specs import (
@@ -78,6 +78,7 @@ class ReferenceTrajectoriesStage:
         self.plant: Plant = spec.plant.get()
         self.guidance: Guidance = spec.guidance.get()
         self.motion = motion_of(self.plant)
+        self._others = [self._other(one.name, one.get()) for one in spec.compare]
         self.published = ReferenceTable.read(spec.reference) if spec.reference else None
         if self.published and not {"descent", "dv_m_s"} <= set(self.published.columns):
             raise InputError(
@@ -125,6 +126,16 @@ class ReferenceTrajectoriesStage:
     def present(self, product: ReferenceTrajectories) -> Presentation:
         """Show costs, replays and paths."""
         return present_references(product, self.spec, self.published)
+
+    def _other(self, name: str, plant: Plant) -> Motion:
+        """Return the motion of a plant that is compared."""
+        names = [[v.name for v in one.states] for one in (self.plant, plant)]
+        if plant.frame != self.plant.frame or names[0] != names[1]:
+            raise InputError(
+                f"compare: plant {name!r} moves in the frame {plant.frame!r} with the states "
+                f"{', '.join(names[1])}; it must be {self.plant.frame!r} with {', '.join(names[0])}"
+            )
+        return motion_of(plant)
 
     def _start(self, descent: DescentSpec) -> Array:
         """Return the state (n,) at the start of a descent."""
@@ -236,7 +247,20 @@ class ReferenceTrajectoriesStage:
             surface_m=None if self._ground is None else self._ground.mesh(*_MESH),
             body=around.body,
             series_radius_m=around.series_radius_m,
+            compared=tuple(one.name for one in self.spec.compare),
+            difference_m_s2=self._differences(_stacked([one.t[None] for one in flown])[0], x),
         )
+
+    def _differences(self, t: Array, x: Array) -> Array:
+        """Return how much other plants accelerate otherwise (C, K, N) at states (n, K, N)."""
+        there = np.isfinite(x).all(axis=0)
+        out = np.full((len(self._others), *there.shape), np.nan)
+        begun = np.array([descent.task.time_s for descent in self.descents])
+        times, states = (t + begun)[there], np.ascontiguousarray(x[:, there])
+        for k, other in enumerate(self._others):
+            gap = other.field(states, times)[0] - self.motion.field(states, times)[0]
+            out[k, there] = np.linalg.norm(gap, axis=0)
+        return out
 
     def _heights(self, x: Array) -> Array:
         """Return heights (K, N) of states (n, K, N); NaN stays."""

@@ -39,6 +39,8 @@ class UncertainBlockSpec(Spec):
         {"name": "coupling", "kind": "real", "outputs": ["z_od"], "inputs": ["w_od"]},
         {"name": "actuator.gain.ax", "kind": "real", "lower": 0.95, "upper": 1.05,
          "outputs": ["z_act[0]"], "inputs": ["w_act[0]"]},
+        {"name": "mass", "kind": "real", "lower": 0.9, "upper": 1.2, "normalise": True,
+         "outputs": ["z_mass"], "inputs": ["w_mass"]},
     )  # fmt: skip
 
     name: str = option("of the uncertainty")
@@ -54,9 +56,16 @@ class UncertainBlockSpec(Spec):
         default=True,
     )
     lower: float = option(
-        "'real': what the number -1 stands for, for tables and worst cases", default=-1.0
+        "'real': what the number -1 stands for in tables and worst cases; the models' signals "
+        "carry the number from -1 to 1, and so its size, unless normalise is true",
+        default=-1.0,
     )
     upper: float = option("'real': what the number 1 stands for", default=1.0)
+    normalise: bool = option(
+        "'real': whether the models' inputs carry the deviation from the middle of lower and upper "
+        "instead: they are then multiplied with half the range",
+        default=False,
+    )
 
     @model_validator(mode="after")
     def _of_its_kind(self) -> Self:
@@ -64,6 +73,8 @@ class UncertainBlockSpec(Spec):
             raise rule("upper", f"must be above lower, {self.lower:g}")
         if self.kind != "real" and (self.lower, self.upper) != (-1.0, 1.0):
             raise rule("lower", "only a real number has bounds; leave them out")
+        if self.normalise and not {"lower", "upper"} <= self.model_fields_set:
+            raise rule("normalise", "it is by lower and upper; give both, for a real number")
         return self
 
 

@@ -176,6 +176,7 @@ def _with_blocks(
     p, m = lft.shape
     rows: list[int] = []
     columns: list[int] = []
+    sizes: list[float] = []
     more: list[Uncertainty] = []
     times: list[int] = []
     for k, block in enumerate(blocks):
@@ -183,6 +184,8 @@ def _with_blocks(
         to = places(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
         rows += of
         columns += to
+        half = 0.5 * (block.upper - block.lower)
+        sizes += [half if block.normalise else 1.0] * len(to)
         one, copies = _uncertainty(block, len(to), len(of), f"blocks[{k}]")
         more.append(one)
         times.append(copies)
@@ -193,8 +196,10 @@ def _with_blocks(
     order = [*range(out), *(out + i for i in (*rows, *left_rows))]
     across = [*range(into), *(into + j for j in (*columns, *left_columns))]
     inner_out, inner_in = _inner_names(lft)
+    carried = np.ones(len(across))
+    carried[into : into + len(sizes)] = sizes
     system = LtiSystem(
-        s.a, s.b[:, across], s.c[order], s.d[np.ix_(order, across)], s.dt_s,
+        s.a, s.b[:, across] * carried, s.c[order], s.d[np.ix_(order, across)] * carried, s.dt_s,
         _names(inner_in, signals.inputs, across, into),
         _names(inner_out, signals.outputs, order, out), signals.states,
     )  # fmt: skip

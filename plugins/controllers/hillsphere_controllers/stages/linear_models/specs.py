@@ -13,8 +13,8 @@ from hillsphere_controllers.stages.faults import only_one, rule
 from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, names_in
 
 __all__ = [
-    "DelaySpec", "InterconnectionSpec", "LinearModelsNeeds", "LinearModelsSpec", "LowPassSpec",
-    "ParameterSpec", "PerformanceSpec", "ShelvingSpec", "SystemSpec",
+    "DelaySpec", "GaussMarkovSpec", "InterconnectionSpec", "LinearModelsNeeds", "LinearModelsSpec",
+    "LowPassSpec", "ParameterSpec", "PerformanceSpec", "ShelvingSpec", "SystemSpec",
 ]  # fmt: skip
 
 Entry = float | str
@@ -81,6 +81,15 @@ class LowPassSpec(Spec):
     order: int = option("how many", default=1, ge=1, le=10)
 
 
+class GaussMarkovSpec(Spec):
+    """Coloured noise made of white noise: first order, as errors of navigation are declared."""
+
+    examples = ({"deviation": 0.5, "correlation_time_min": 10},)
+
+    deviation: float = option("standard deviation of the noise, in its signal's unit, SI", gt=0)
+    correlation_time_s: float = quantity("time", "in which it is forgotten", gt=0)
+
+
 class SystemSpec(Spec):
     """One linear system: by matrices, transfer function, weight, filter or file, or a model."""
 
@@ -93,6 +102,8 @@ class SystemSpec(Spec):
         {"file": "plant.mat", "variable": "P", "inputs": ["u"], "outputs": ["y"]},
         {"low_pass": {"frequency_hz": 0.05}, "inputs": ["r"], "outputs": ["r_hat"], "channels": 3},
         {"delay": {"time_s": 30}, "inputs": ["u"], "outputs": ["a"], "channels": 3},
+        {"gauss_markov": {"deviation": 0.5, "correlation_time_s": 600}, "inputs": ["w_r"],
+         "outputs": ["noise_r"], "channels": 3},
         {"model": True, "inputs": ["a"], "outputs": ["r", "v"]},
     )  # fmt: skip
 
@@ -122,6 +133,12 @@ class SystemSpec(Spec):
     )
     low_pass: LowPassSpec | None = option("a filter without gain", default=None)
     delay: DelaySpec | None = option("a delay", default=None)
+    gauss_markov: GaussMarkovSpec | None = option(
+        "what makes noise of a first-order Gauss-Markov process out of white noise of unit "
+        "intensity: added to a measurement, with its input among those that disturb, it is what "
+        "an H2 channel sees of navigation",
+        default=None,
+    )
     file: DataPath | None = data_path(
         "a file .mat or .npz with the matrices a, b, c, d", default=None
     )
@@ -139,6 +156,7 @@ class SystemSpec(Spec):
             "performance": self.performance is not None,
             "low_pass": self.low_pass is not None,
             "delay": self.delay is not None,
+            "gauss_markov": self.gauss_markov is not None,
             "file": self.file is not None,
             "model": self.model,
         }

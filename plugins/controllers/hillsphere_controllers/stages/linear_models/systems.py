@@ -16,6 +16,7 @@ from hillsphere.product_codec import HEADER, load_product
 from hillsphere_controllers.stages.linear_models.expressions import value_of
 from hillsphere_controllers.stages.linear_models.specs import (
     EntryMatrix,
+    GaussMarkovSpec,
     InterconnectionSpec,
     LowPassSpec,
     PerformanceSpec,
@@ -175,6 +176,8 @@ def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem
     if spec.delay is not None:
         _only_continuous("delay", period_s)
         return pade_delay(spec.delay.time_s, spec.delay.order)
+    if spec.gauss_markov is not None:
+        return _gauss_markov(spec.gauss_markov, period_s)
     if spec.numerator:
         top, bottom = (
             [value_of(entry, values) for entry in polynomial]
@@ -197,6 +200,18 @@ def _low_pass(spec: LowPassSpec, period_s: float | None) -> LtiSystem:
     _only_continuous("low_pass", period_s)
     corner = 2.0 * pi * spec.frequency_hz
     return series(*[transfer_function([corner], [1.0, corner])] * spec.order)
+
+
+def _gauss_markov(spec: GaussMarkovSpec, period_s: float | None) -> LtiSystem:
+    """Return σ √(2/τ)/(s + 1/τ), or what makes the same noise at samples: both of H2 norm σ."""
+    size, rate = np.array([[spec.deviation]]), 1.0 / spec.correlation_time_s
+    one, none = np.ones((1, 1)), np.zeros((1, 1))
+    if period_s is None:
+        return LtiSystem(-rate * one, np.sqrt(2.0 * rate) * size, one, none)
+    kept = np.exp(-rate * period_s)
+    return LtiSystem(
+        kept * one, np.sqrt(-np.expm1(-2.0 * rate * period_s)) * size, one, none, period_s
+    )
 
 
 def _only_continuous(key: str, period_s: float | None) -> None:

@@ -41,6 +41,14 @@ class Slopes:
         """With the parameters, then the controls at run time."""
         self.controls = len(controls)
         """Number of controls."""
+        if self.equations.external is not None and dispersed.own:
+            raise InputError(
+                f"dispersions: {dispersed.own[0]} and all other parameters are known to this plant "
+                "by number only: its gravity is a function of arrays (a polyhedron, a table), of "
+                "which no derivatives by parameters exist; leave dispersions out here and disperse "
+                "the flights, or linearise a plant whose gravity is an expression (harmonics, "
+                "ellipsoid)"
+            )
         self._derivatives = Derivatives(self.equations, [*controls, *dispersed.own])
 
     def at(self, x: Array, u: Array, p: Array, t: Array) -> Derived:

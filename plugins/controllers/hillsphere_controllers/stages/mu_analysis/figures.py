@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,7 +49,12 @@ def _draw_loop(axes: Axes, one: Analysed, colour: str, label: str) -> None:
     axes.semilogx(omega, one.curve_upper, color=colour, label=label)
     seen = one.curve_lower > 0.0
     axes.semilogx(omega[seen], one.curve_lower[seen], ".", color=colour, ms=2.5)
-    low, high = float(omega[0]), float(omega[-1])
+    _draw_intervals(axes, one, colour)
+
+
+def _draw_intervals(axes: Axes, one: Analysed, colour: str) -> None:
+    """Draw what is proved on whole intervals as bars at its height."""
+    low, high = float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])
     for k, bound in enumerate(one.interval_bound):
         begin = max(float(one.interval_low_rad_s[k]), low)
         end = min(float(one.interval_high_rad_s[k]), high)
@@ -77,45 +83,68 @@ def draw_shares(figure: Figure, product: MuAnalysis) -> None:
     axes.legend(fontsize=8)
 
 
-def with_share_curves(product: MuAnalysis) -> list[Analysed]:
+def with_share_curves(
+    columns: Sequence[tuple[MuAnalysis, Analysed, str]],
+) -> list[tuple[MuAnalysis, Analysed, str]]:
     """Return the analyses whose shares are known over frequency and are drawn."""
-    return [one for one in product.results if one.curve_shares.size][:_COLUMNS]
+    return [column for column in columns if column[1].curve_shares.size][:_COLUMNS]
 
 
-def draw_share_curves(figure: Figure, product: MuAnalysis) -> None:
+def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analysed, str]]) -> None:
     """Draw bounds above the shares of the blocks over frequency, one column an analysis."""
-    found = with_share_curves(product)
-    grid = figure.subplots(2, len(found), squeeze=False, sharex=True, sharey="row")
-    for column, one in enumerate(found):
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    grid = figure.subplots(2, len(columns), squeeze=False, sharex="col", sharey="row")
+    named = _named_blocks([one for _, one, _ in columns])
+    for column, (product, one, of) in enumerate(columns):
         above, below = grid[:, column]
         omega = one.omega_rad_s
         above.semilogx(omega, one.curve_upper, color=PALETTE["blue"], label="µ, from above")
         above.semilogx(omega, one.curve_lower, color=PALETTE["sky"], ls="--", label="from below")
         if one.curve_nominal.size:
             above.semilogx(omega, one.curve_nominal, color=PALETTE["black"], label="nominal")
+        _draw_intervals(above, one, PALETTE["blue"])
         above.axhline(1.0, color="#777777", ls=":", lw=1.2)
-        title = product.label(one.loop)
-        what = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
-        above.set_title(f"{title}\n{what}", fontsize=9)
-        _draw_shares_over(below, one)
+        title = product.label(one.loop) + (f" ({of})" if of else "")
+        kind = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
+        above.set_title(f"{title}\n{kind}", fontsize=9)
+        _draw_shares_over(below, one, named)
         for axes, what in ((above, "µ, gain"), (below, "share of the block")):
             axes.set_xlabel("frequency (rad/s)")
             axes.set_ylabel(what)
-        below.legend(fontsize=7)
+        below.xaxis.set_major_locator(LogLocator(numticks=6))
+        below.xaxis.set_minor_locator(LogLocator(numticks=40))
+        below.xaxis.set_minor_formatter(NullFormatter())
+        below.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     grid[0, 0].legend(fontsize=8)
 
 
-def _draw_shares_over(axes: Axes, one: Analysed) -> None:
+def _named_blocks(found: Sequence[Analysed]) -> dict[str, int]:
+    """Return the blocks that are drawn by themselves, the weightiest first, with their places."""
+    largest: dict[str, float] = {}
+    for one in found:
+        most = np.nanmax(one.curve_shares, axis=1, initial=0.0).tolist()
+        for name, value in zip(one.blocks, most, strict=True):
+            largest[name] = max(largest.get(name, 0.0), value)
+    kept = sorted((name for name in largest if largest[name] >= _NAMED), key=lambda n: -largest[n])
+    return {name: place for place, name in enumerate(kept)}
+
+
+def _draw_shares_over(axes: Axes, one: Analysed, named: dict[str, int]) -> None:
+    """Draw the shares of one column; a block has the same line in all of them."""
     colours = [colour for name, colour in PALETTE.items() if name not in ("yellow", "black")]
-    largest = np.nanmax(one.curve_shares, axis=1, initial=0.0)
-    named = [int(k) for k in np.argsort(-largest) if largest[k] >= _NAMED]
-    for place, k in enumerate(named):
+    for k in sorted((k for k, b in enumerate(one.blocks) if b in named),
+                    key=lambda k: named[one.blocks[k]]):  # fmt: skip
+        if np.nanmax(one.curve_shares[k], initial=0.0) < _NAMED:
+            continue
+        place = named[one.blocks[k]]
         style = ("-", "--", ":")[place // len(colours) % 3]
         axes.semilogx(
             one.omega_rad_s, one.curve_shares[k], style, color=colours[place % len(colours)],
             label=one.blocks[k].rpartition(".")[2],
         )  # fmt: skip
-    rest = [k for k in range(len(one.blocks)) if k not in named]
+    rest = [k for k in range(len(one.blocks))
+            if np.nanmax(one.curve_shares[k], initial=0.0) < _NAMED]  # fmt: skip
     if rest:
         together = one.curve_shares[rest].sum(axis=0)
         axes.semilogx(one.omega_rad_s, together, color="#777777", label="others together")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -26,7 +27,11 @@ _TITLES = {
 _SINGULAR = 1e-6
 
 
-def presented(product: MuAnalysis, reference: str | None) -> Presentation:
+def presented(
+    product: MuAnalysis,
+    reference: str | None,
+    columns: Sequence[tuple[MuAnalysis, Analysed, str]] = (),
+) -> Presentation:
     """Return tables, figures and sentences of analyses.
 
     Parameters
@@ -35,6 +40,9 @@ def presented(product: MuAnalysis, reference: str | None) -> Presentation:
         The analyses.
     reference : str or None
         Path of a cited table of published peaks.
+    columns : sequence of (MuAnalysis, Analysed, str)
+        Analyses that may stand in the figure of shares over frequency: of which product each is,
+        and what tells it from those of other products; none: those of the product.
     """
     metrics = {}
     for one in product.results:
@@ -60,13 +68,15 @@ def presented(product: MuAnalysis, reference: str | None) -> Presentation:
             "together they cover all frequencies.",
             size_in=(7.4, 0.8 + 3.2 * len(shown)),
         )
-    if columns := with_share_curves(product):
+    shown_columns = columns or [(product, one, "") for one in product.results]
+    if drawn := with_share_curves(shown_columns):
         figures["mu_sensitivity_curves"] = Figure(
             "µ and shares of the blocks over frequency",
-            partial(draw_share_curves, product=product),
-            "Above: bounds of µ, and the gain of the nominal loop; below: relative change of the "
-            "upper bound with the size of each block. Blocks that never reach 5 % are together.",
-            size_in=(1.6 + 3.0 * len(columns), 6.4),
+            partial(draw_share_curves, columns=drawn),
+            "Above: bounds of µ, the gain of the nominal loop, and as bars the intervals on each "
+            "of which one pair of scalings proves the bound; below: relative change of the upper "
+            "bound with the size of each block. Blocks that never reach 5 % are together.",
+            size_in=(1.6 + 3.2 * len(drawn), 7.0),
         )
     if any(one.shares.size for one in product.results):
         tables["mu_sensitivities"] = _shares(product)

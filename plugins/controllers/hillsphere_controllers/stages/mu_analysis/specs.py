@@ -24,6 +24,12 @@ class MuNeeds(Spec):
         default=(),
         max_length=20,
     )
+    beside: tuple[Ref, ...] = need(
+        "hillsphere_controllers.stages.mu_analysis.products:MuAnalysis",
+        "analyses whose curves stand before this one's in the figure of shares over frequency",
+        default=(),
+        max_length=4,
+    )
 
 
 class GridSpec(Spec):
@@ -62,6 +68,13 @@ class MuAnalysisSpec(StageSpec):
             "points": 10,
             "analyses": ["robust_performance"],
             "sensitivity_curves": True,
+        },
+        {
+            "needs": {"uncertain": "uncertain", "controllers": ["k0", "ka"], "beside": ["mu"]},
+            "analyses": ["robust_performance"],
+            "sensitivity_curves": True,
+            "columns": ["ka"],
+            "points": 10,
         },
     )
 
@@ -105,6 +118,11 @@ class MuAnalysisSpec(StageSpec):
         "analysed",
         default=(),
     )
+    columns: tuple[str, ...] = option(
+        "controllers that have a column in the figure of shares over frequency; left out: the "
+        "first ones of all",
+        default=(),
+    )
     points: int = option("frequencies of the curves shown", default=100, ge=2, le=2000)
     reference: DataPath | None = data_path(
         "cited CSV table of published peaks, matched by 'controller'", default=None
@@ -120,6 +138,12 @@ class MuAnalysisSpec(StageSpec):
     def _once(self) -> Self:
         if len(set(self.analyses)) < len(self.analyses):
             raise rule("analyses", "an analysis stands twice")
+        known = {ref.name for ref in self.needs.controllers}
+        if unknown := [name for name in self.columns if name not in known]:
+            raise rule("columns", f"{unknown[0]!r} is none of needs.controllers")
+        if (self.columns or self.needs.beside) and not self.sensitivity_curves:
+            key = "columns" if self.columns else "needs"
+            raise rule(key, "it is for the figure of shares over frequency; set sensitivity_curves")
         if self.reference_grid is not None and self.reference is None:
             raise rule("reference_grid", "there is no reference")
         return self

@@ -43,7 +43,11 @@ class MuAnalysisStage:
         self.spec = spec
 
     def run(
-        self, ctx: Context, uncertain: UncertainModels, controllers: tuple[ControlDesign, ...]
+        self,
+        ctx: Context,
+        uncertain: UncertainModels,
+        controllers: tuple[ControlDesign, ...],
+        beside: tuple[MuAnalysis, ...] = (),
     ) -> MuAnalysis:
         """Analyse every uncertain model with every controller.
 
@@ -55,6 +59,8 @@ class MuAnalysisStage:
             Generalised plants, or closed loops.
         controllers : tuple of ControlDesign
             That close the loops; none for closed loops.
+        beside : tuple of MuAnalysis
+            Shown beside it; not used here.
 
         Returns
         -------
@@ -138,9 +144,22 @@ class MuAnalysisStage:
         product: MuAnalysis,
         uncertain: UncertainModels,
         controllers: tuple[ControlDesign, ...],
+        beside: tuple[MuAnalysis, ...] = (),
     ) -> Presentation:
         """Show bounds over frequency with their certificates, worst cases, shares of blocks."""
-        return presented(product, self.spec.reference)
+        spec = self.spec
+        columns = [
+            (other, one, ref.name)
+            for ref, other in zip(spec.needs.beside, beside, strict=True)
+            for one in other.results
+        ]
+        columns += [
+            (product, one, spec.needs.uncertain.name if beside else "")
+            for one in product.results
+            if not spec.columns
+            or product.controllers[int(product.controller[one.loop])] in spec.columns
+        ]
+        return presented(product, spec.reference, columns)
 
     def _grid(self) -> Array:
         """Return the frequencies of what is published (K,)."""

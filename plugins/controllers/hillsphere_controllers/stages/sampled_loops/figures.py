@@ -22,15 +22,16 @@ def draw_radius(figure: Figure, product: SampledLoops) -> None:
     axes = figure.subplots()
     colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
     for k, (name, radius) in enumerate(zip(product.controllers, product.radius, strict=True)):
+        if np.isnan(radius).all():
+            continue
         colour, lost = colours[k % len(colours)], float(product.lost_s[k])
         label = name if not np.isfinite(lost) else f"{name}: lost at {lost:.4g} s"
         axes.semilogx(product.looked_s, np.minimum(radius, _TOP), color=colour, label=label)
         if np.isfinite(lost):
             axes.plot([lost], [1.0], "o", color=colour, ms=5)
     axes.axhline(1.0, color="#777777", ls=":", lw=1.2)
-    axes.set_ylim(
-        min(0.9, float(product.radius.min())), min(_TOP, float(product.radius.max()) + 0.1)
-    )
+    low, high = float(np.nanmin(product.radius)), float(np.nanmax(product.radius))
+    axes.set_ylim(min(0.9, low), min(_TOP, high + 0.1))
     axes.set_xlabel("time between samples (s)")
     axes.set_ylabel("largest spectral radius")
     axes.legend(fontsize=8)

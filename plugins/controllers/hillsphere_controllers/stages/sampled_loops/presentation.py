@@ -65,7 +65,9 @@ def presented(product: SampledLoops) -> Presentation:
     return Presentation(
         metrics=metrics,
         tables={"sampled_loops": Table("Loops as they are sampled", _COLUMNS, rows, notes)},
-        figures={
+        figures={}
+        if np.isnan(product.radius).all()
+        else {
             "sampled_loops": Figure(
                 "Spectral radius over the sampling period",
                 partial(draw_radius, product=product),
@@ -85,6 +87,13 @@ def _verdict(product: SampledLoops) -> list[str]:
     sentences = []
     for c, name in enumerate(product.controllers):
         lost, longest = float(product.lost_s[c]), float(product.looked_s[-1])
+        if np.isnan(product.radius[c]).all():  # made for one period
+            periods = ", ".join(f"{period:.4g}" for period in product.period_s)
+            stable = bool((product.spectral_radius[c] < 1.0).all())
+            sentences.append(
+                f"{name} is {'' if stable else 'not '}stable, sampled every {periods} s."
+            )
+            continue
         where = (
             f"loses stability at periods of {lost:.4g} s and more"
             if np.isfinite(lost)

@@ -32,7 +32,7 @@ class SampledLoops:
     looked_s : ndarray, shape (L,)
         Periods at which the loops of all plants were looked at.
     radius : ndarray, shape (C, L)
-        Largest spectral radius among the plants there.
+        Largest spectral radius among the plants there; NaN of a controller in discrete time.
     lost_s : ndarray, shape (C,)
         Shortest of these periods at which a loop is not stable, located; infinite for none.
     """

@@ -99,10 +99,15 @@ class SampledLoopsStage:
                     found.append(sampled_margins(loop))
                     advance(1)
         radius, lost = [], []
-        for at in flown.values():
-            radius.append([self._worst(plants, at, period) for period in looked.tolist()])
-            ends = looked[0], looked[-1]
-            lost.append(first_unstable_period(plants, at, *ends, delay_s=spec.delay_s))
+        made_for_one = [design.controller.dt_s is not None for design in controllers] or [False]
+        for at, only_one in zip(flown.values(), made_for_one, strict=True):
+            if only_one:  # a controller in discrete time says nothing at another period
+                radius.append([np.nan] * len(looked))
+                lost.append(np.nan)
+            else:
+                radius.append([self._worst(plants, at, period) for period in looked.tolist()])
+                ends = looked[0], looked[-1]
+                lost.append(first_unstable_period(plants, at, *ends, delay_s=spec.delay_s))
             advance(1)
         shape = len(flown), len(periods), len(plants)
 

@@ -14,6 +14,11 @@ from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.step_responses import step_responses
 from hillsphere_controllers.stages.synthesis.judging import inner_plant
 from hillsphere_controllers.stages.synthesis.products import Iterations, Synthesis
+from hillsphere_controllers.stages.synthesis.step_panels import (
+    LARGEST_GRID,
+    draw_each_response,
+    draw_each_step,
+)
 from hillsphere_controllers.systems.algebra import feedback, gain, lower_lft, series
 
 if TYPE_CHECKING:
@@ -72,22 +77,14 @@ def draw_steps(figure: Figure, product: Synthesis, duration_s: float | None) -> 
         loops.append(feedback(through, gain(np.eye(product.measurements), k.dt_s)))
     times, responses = step_responses(loops, duration_s)
     q = product.measurements
-    grid = figure.subplots(q, q, squeeze=False, sharex=True, sharey=True)
     names = product.plants[0].outputs[-q:] or tuple(f"measurement {i}" for i in range(q))
-    for i in range(q):
-        for j in range(q):
-            axes = grid[i, j]
-            for place, (index, response) in enumerate(zip(chosen, responses, strict=True)):
-                colour = _colour(place, len(chosen))
-                axes.plot(times, response[:, i, j], color=colour, lw=1.2,
-                          label=product.labels[index])  # fmt: skip
-            axes.axhline(float(i == j), color=_ALLOWED, ls=":", lw=1.0)
-            if j == 0:
-                axes.set_ylabel(f"of {names[i]}")
-            if i == q - 1:
-                axes.set_xlabel(f"time after a step of {names[j]} (s)")
-    if 1 < len(chosen) <= _NAMED:
-        grid[0, 0].legend(fontsize=8)
+    several = 1 < len(chosen) <= _NAMED
+    lines = [
+        (response, _colour(place, len(chosen)), product.labels[index] if several else "")
+        for place, (index, response) in enumerate(zip(chosen, responses, strict=True))
+    ]
+    draw = draw_each_response if q <= LARGEST_GRID else draw_each_step
+    draw(figure, times, lines, names)
 
 
 def draw_starts(figure: Figure, product: Synthesis) -> None:

@@ -18,7 +18,11 @@ from hillsphere_controllers.stages.synthesis.methods import (
     stopped,
 )
 from hillsphere_controllers.stages.synthesis.plants import restricted
-from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
+from hillsphere_controllers.stages.synthesis.products import (
+    RobustResult,
+    SearchResult,
+    Synthesis,
+)
 from hillsphere_controllers.stages.synthesis.specs import PartSpec, StructuredSpec, SynthesisSpec
 from hillsphere_controllers.structured.requirements import DesignPlant
 from hillsphere_controllers.structured.sampled import synthesise_sampled
@@ -29,12 +33,21 @@ from hillsphere_controllers.structured.scenarios import (
     worst_case,
 )
 from hillsphere_controllers.structured.single_loop import Pid, TransferFunction
-from hillsphere_controllers.structured.structure import Diagonal, Structure, masked, of_order
+from hillsphere_controllers.structured.structure import (
+    Diagonal,
+    Structure,
+    controller_of,
+    masked,
+    of_order,
+)
 from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
+from hillsphere_controllers.structured.verification import verified
+from hillsphere_controllers.systems.bilinear import discrete
 
 __all__ = ["by_search"]
 
-_OWN_STARTS = 3
+_OWN_STARTS, _OWN_SCATTER = 2, 0.1
+_SAME = 1e-9
 
 
 def by_search(
@@ -46,6 +59,7 @@ def by_search(
     ctx: Context,
     uncertain: UncertainModels | None,
     wider: UncertainModels | None,
+    start: Synthesis | None = None,
 ) -> Designed:
     """Return a controller of a fixed structure, for plants or for uncertain ones.
 
@@ -80,6 +94,8 @@ def by_search(
     advance = ctx.track("searches", None, lambda: said[0])
     telling = _telling(said, advance, ctx.info)
     region = region_of(options.region)
+    begun = _begun(start, structure, plants[0].dt_s)
+    scatter = options.scatter if begun else 0.0
     result: RobustResult | None = None
     if uncertain is None:
         alone = [
@@ -94,14 +110,16 @@ def by_search(
         if any(plant.dt_s is not None for plant in plants):
             _check_sampled(spec)
             found = synthesise_sampled(
-                alone, structure, starts=options.starts, seed=seed,
+                alone, structure, starts=options.starts, seed=seed, initial=begun,
+                scatter=scatter, target=options.target,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
                 bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, progress=telling,
                 ctx=ctx,
             )  # fmt: skip
         else:
             found = synthesise(
-                alone, structure, starts=options.starts, seed=seed, region=region,
+                alone, structure, starts=options.starts, seed=seed, initial=begun,
+                scatter=scatter, target=options.target, region=region,
                 largest_gain=options.largest_gain, controller_stable=options.controller_stable,
                 bandwidth_rad_s=options.bandwidth_rad_s, shaken=options.shaken, prefer=prefer,
                 tie=options.tie, progress=telling, ctx=ctx,
@@ -113,6 +131,7 @@ def by_search(
         ]
         robust = synthesise_robust(
             many, structure, rounds=options.rounds, starts=options.starts, seed=seed,
+            initial=begun, scatter=scatter, target=options.target,
             region=region, largest_gain=options.largest_gain,
             controller_stable=options.controller_stable, bandwidth_rad_s=options.bandwidth_rad_s,
             shaken=options.shaken, prefer=prefer, tie=options.tie, told=ctx.info,
@@ -124,17 +143,40 @@ def by_search(
     if found.interrupted:
         done = int(found.starts.size + found.shaken.size)
         raise stopped(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
-    own = np.zeros(0)
+    own = joint = np.zeros(0)
     if options.per_plant:
+        joint = np.array([verified([plant], found.controller).gamma for plant in alone])
         own = np.array(
             [_own(plant, j, structure, options, found, seed, telling, ctx)
              for j, plant in enumerate(alone)]
         )  # fmt: skip
     search = SearchResult(
         found.theta, found.starts, found.shaken, found.residual, len(found.active),
-        found.converged, found.evaluations, own, result,
+        found.converged, found.evaluations, own, joint, scatter, options.target, found.equals,
+        result,
     )  # fmt: skip
     return Designed(found.controller, found.gamma, found.lower_bound, search)
+
+
+def _begun(start: Synthesis | None, structure: Structure, period_s: float | None) -> list[Array]:
+    """Return the parameters at which the first search begins, none without a start."""
+    if start is None:
+        return []
+    if start.search is not None and start.search.theta.shape == (structure.size,):
+        theta = start.search.theta
+        made = controller_of(structure, theta)
+        made = made if period_s is None else discrete(made, period_s)
+        pairs = [(getattr(made, m), getattr(start.controller, m)) for m in "abcd"]
+        if made.dt_s == start.controller.dt_s and all(
+            one.shape == other.shape and np.allclose(one, other, rtol=_SAME, atol=0.0)
+            for one, other in pairs
+        ):
+            return [theta]
+    raise InputError(
+        f"needs.start: its controller, of order {start.controller.order}, is not one of this "
+        f"structure with its {structure.size} parameters; begin at a synthesis by the method "
+        "'structured' with the same parts, and of the same period"
+    )
 
 
 def _check_sampled(spec: SynthesisSpec) -> None:
@@ -162,8 +204,8 @@ def _own(
 ) -> float:
     """Return the γ that the structure reaches for one plant by itself."""
     return synthesise(
-        plant, structure, starts=min(options.starts, _OWN_STARTS), seed=seed,
-        initial=[found.theta], region=region_of(options.region), largest_gain=options.largest_gain,
+        plant, structure, starts=_OWN_STARTS, seed=seed, initial=[found.theta],
+        scatter=_OWN_SCATTER, region=region_of(options.region), largest_gain=options.largest_gain,
         controller_stable=options.controller_stable, bandwidth_rad_s=options.bandwidth_rad_s,
         shaken=False, name=f"-own-{number}", progress=telling, ctx=ctx,
     ).gamma  # fmt: skip

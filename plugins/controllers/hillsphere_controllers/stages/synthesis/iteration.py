@@ -22,9 +22,16 @@ __all__ = ["by_iteration"]
 
 
 def by_iteration(
-    spec: DkSpec, model: UncertainModel, controls: int, measurements: int, ctx: Context
+    spec: DkSpec,
+    model: UncertainModel,
+    controls: int,
+    measurements: int,
+    ctx: Context,
+    first: LtiSystem | None = None,
 ) -> Designed:
     """Return the controller that D–K iteration finds for an uncertain model.
+
+    It begins with a first controller, if there is one.
 
     Raises
     ------
@@ -55,9 +62,10 @@ def by_iteration(
         advance(1)
 
     found = dk_synthesis(
-        system, controls, measurements, structure, iterations=spec.iterations,
+        system, controls, measurements, structure, controller=first, iterations=spec.iterations,
         highest_order=spec.highest_order, joint_steps=spec.joint_steps, target=spec.target,
-        gap=spec.gap, back_off=spec.back_off, reduction=spec.reduction, progress=tell,
+        gap=spec.gap, back_off=spec.back_off, regularisation=spec.regularisation,
+        reduction=spec.reduction, progress=tell,
         checkpoint=ctx.workspace() / f"state-{ctx.fingerprint[:16]}.npz",
     )  # fmt: skip
     if found.interrupted:

@@ -17,8 +17,10 @@ from hillsphere_controllers.stages.synthesis.products import Iterations, Synthes
 from hillsphere_controllers.stages.synthesis.search_tables import (
     search_metrics,
     search_tables,
+    start_sentences,
     worst_sentence,
 )
+from hillsphere_controllers.stages.synthesis.step_panels import size_of_steps_in
 
 __all__ = ["presented"]
 
@@ -93,7 +95,8 @@ def presented(product: Synthesis, duration_s: float | None) -> Presentation:
             "Step responses",
             partial(draw_steps, product=product, duration_s=duration_s),
             "What the plant's outputs make of a step of one command after the other, in the units "
-            "of the measurements.",
+            "of the measurements; where these are many, those not commanded are grey.",
+            size_in=size_of_steps_in(product.measurements),
         )
     if product.search is not None:
         figures["synthesis_starts"] = Figure(
@@ -269,6 +272,7 @@ def _verdict(product: Synthesis) -> list[str]:
     if product.search is not None:
         search = product.search
         said += worst_sentence(search)
+        said += start_sentences(search)
         found = np.concatenate([search.starts, search.shaken])
         same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
         said.append(

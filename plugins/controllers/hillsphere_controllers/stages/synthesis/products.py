@@ -114,6 +114,15 @@ class SearchResult:
     per_plant : ndarray, shape (P,)
         γ that the same structure reaches for each plant by itself, its uncertainty aside; none if
         that was not asked for.
+    joint : ndarray, shape (P,)
+        γ of the controller of all at each of them, likewise.
+    scatter : float
+        How far from a controller that was given the searches began, relative; 0: at random ones.
+    target : float
+        Searches ended once γ was below this.
+    equals : ndarray, shape (E, 2)
+        γ of the designs that were equal, and of their worst cases for the wider uncertainty, that
+        of the one that was taken first; none without such.
     robust : RobustResult or None
         With uncertain plants: their worst cases.
     """
@@ -126,6 +135,10 @@ class SearchResult:
     converged: bool
     evaluations: int
     per_plant: Array
+    joint: Array
+    scatter: float
+    target: float
+    equals: Array
     robust: RobustResult | None
 
 

@@ -9,9 +9,11 @@ import numpy as np
 from hillsphere.presentation import Cell, Column, Metric, Table
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
 
-__all__ = ["search_metrics", "search_tables", "worst_sentence"]
+__all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 
 _LISTED = 60
+_ALIKE = 0.2
+"""Spread of γ over the starts, %, up to which they are said to end alike."""
 _SHOWN = 4
 """Values of so many parameters of a scenario stand in the table."""
 
@@ -28,7 +30,7 @@ def search_metrics(search: SearchResult) -> dict[str, Metric]:
 
 
 def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table]:
-    """Return tables of worst cases, scenarios, and γ of each plant by itself.
+    """Return tables of searches, equal designs, worst cases, scenarios, each plant by itself.
 
     Parameters
     ----------
@@ -37,17 +39,32 @@ def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table
     names : sequence of str
         Of the plants that the controller was made for.
     """
-    tables = {}
+    tables = {"synthesis_searches": _searches(search)}
+    if search.equals.size:
+        tables["synthesis_equals"] = _equals(search)
     if search.robust is not None:
         tables["synthesis_worst"] = _worst(search.robust)
         tables["synthesis_scenarios"] = _scenarios(search.robust)
     if search.per_plant.size:
-        columns = (Column("model", "", "model"), Column("gamma", "-", "γ", 6))
+        columns = (
+            Column("model", "", "model"),
+            Column("gamma", "-", "γ of a controller of its own", 6),
+            Column("joint", "-", "γ of the controller of all", 6),
+            Column("above", "%", "above", 3),
+        )
         rows: list[dict[str, Cell]] = [
-            {"model": name, "gamma": _finite(gamma)}
-            for name, gamma in zip(names, search.per_plant, strict=True)
+            {
+                "model": name,
+                "gamma": _finite(own),
+                "joint": _finite(joint),
+                "above": _finite(100.0 * (joint / own - 1.0)),
+            }
+            for name, own, joint in zip(names, search.per_plant, search.joint, strict=True)
         ]
-        note = "At its nominal parameters, by searches that begin at the joint controller."
+        note = (
+            "At its nominal parameters, by searches that begin at the controller of all: what the "
+            "structure loses by serving all of them."
+        )
         tables["synthesis_own"] = Table(
             "The same structure for each plant by itself", columns, rows[:_LISTED], (note,)
         )
@@ -66,6 +83,76 @@ def worst_sentence(search: SearchResult) -> list[str]:
         f"({robust.labels[k]}), {word} 0.5 % above that of the {robust.gammas.size - 1} scenarios "
         "that it was made for."
     ]
+
+
+def start_sentences(search: SearchResult) -> list[str]:
+    """Return sentences on the spread of γ over the starts, and on what decided between equals."""
+    said = []
+    good = search.starts[np.isfinite(search.starts)]
+    if good.size > 1:
+        spread = 100.0 * float(good.max() / good.min() - 1.0)
+        told = "no more" if spread <= _ALIKE else "more"
+        some = "" if good.size == search.starts.size else f" that found one of {search.starts.size}"
+        begun = ", all about the controller that was given," if search.scatter else ""
+        said.append(
+            f"γ of the {good.size} starts{some}{begun} spreads by {spread:.2g} %, {told} than "
+            f"{_ALIKE:g} %."
+        )
+    if (below := int(np.count_nonzero(good < search.target))) > 0:
+        said.append(
+            f"{below} of them ended below the target of {search.target:g}, not at a minimum."
+        )
+    if search.equals.shape[0] > 1:
+        worst = float(search.equals[0, 1])
+        said.append(
+            f"Of {search.equals.shape[0]} designs that are equal, that with the smallest worst "
+            f"case of the wider uncertainty was taken: {worst:.4g}; the others have up to "
+            f"{search.equals[:, 1].max():.4g}."
+        )
+    return said
+
+
+def _searches(search: SearchResult) -> Table:
+    columns = (
+        Column("search", "-", "search"),
+        Column("begun", "", "begun"),
+        Column("gamma", "-", "γ", 6),
+        Column("above", "%", "above the best", 3),
+    )
+    found = np.concatenate([search.starts, search.shaken])
+    best = found.min(initial=np.inf)
+    given = ["at the controller given"] if search.scatter else []
+    about = "about it" if search.scatter else "from a start"
+    begun = given + [about] * (search.starts.size - len(given))
+    begun += ["near one of the best"] * search.shaken.size
+    rows: list[dict[str, Cell]] = [
+        {
+            "search": k,
+            "begun": begun[k],
+            "gamma": _finite(gamma),
+            "above": _finite(100.0 * (gamma / best - 1.0)) if np.isfinite(best) else None,
+        }
+        for k, gamma in enumerate(found.tolist())
+    ]
+    note = "Nothing stands where no controller was found that keeps what is asked for."
+    return Table("Searches", columns, rows[:_LISTED], (note,))
+
+
+def _equals(search: SearchResult) -> Table:
+    columns = (
+        Column("taken", "", "taken"),
+        Column("gamma", "-", "γ", 6),
+        Column("wider", "-", "γ of its worst case of the wider uncertainty", 6),
+    )
+    rows: list[dict[str, Cell]] = [
+        {"taken": k == 0, "gamma": _finite(gamma), "wider": _finite(worst)}
+        for k, (gamma, worst) in enumerate(search.equals.tolist())
+    ]
+    note = (
+        "Designs whose γ differs by no more than the tie are equal; that with the smallest worst "
+        "case of the wider uncertainty is taken. Worst cases are those found."
+    )
+    return Table("Equal designs", columns, rows[:_LISTED], (note,))
 
 
 def _worst(robust: RobustResult) -> Table:

@@ -180,7 +180,7 @@ class StructuredSpec(Spec):
         {"parts": [{"kind": "pid"}], "starts": 2, "largest_gain": 100,
          "region": {"damping": 0.2}, "channels": [{"outputs": ["z_error"]}]},
         {"parts": [{"kind": "free", "order": 1}], "starts": 1, "controller_stable": True,
-         "bandwidth_rad_s": 1, "shaken": False, "per_plant": True},
+         "bandwidth_rad_s": 1, "shaken": False, "per_plant": True, "target": 0.9},
     )  # fmt: skip
 
     parts: tuple[PartSpec, ...] = option(
@@ -192,6 +192,15 @@ class StructuredSpec(Spec):
         "what is to be small: the largest of these; left out: all outputs of all inputs", default=()
     )
     starts: int = option("how many searches, from different controllers", default=10, ge=1, le=1000)
+    scatter: float = option(
+        "with needs.start: how far from that controller the searches after the first begin, "
+        "relative to its scaled parameters",
+        default=0.01, gt=0, le=1,
+    )  # fmt: skip
+    target: float = option(
+        "a search ends once its γ is below this, though it might fall further; 0: none does",
+        default=0.0, ge=0,
+    )  # fmt: skip
     largest_gain: float | None = option(
         "largest Frobenius norm of [A B; C D]; some plants have their infimum at infinite gain",
         default=None, gt=0,
@@ -216,7 +225,9 @@ class StructuredSpec(Spec):
     )  # fmt: skip
     rounds: int = option("with needs.uncertain: designs at most", default=10, ge=1, le=100)
     per_plant: bool = option(
-        "whether γ is shown too that the structure reaches for each plant by itself", default=False
+        "whether γ is shown too that the structure reaches for each plant by itself, by searches "
+        "near the controller of all",
+        default=False,
     )
     plant_weights: tuple[float, ...] = option(
         "what all norms of each plant are multiplied with, in their order; left out: 1",
@@ -227,7 +238,10 @@ class StructuredSpec(Spec):
 class DkSpec(Spec):
     """Options of µ synthesis by D–K (for real parameters D,G–K) iteration."""
 
-    examples = ({"iterations": 4, "highest_order": 3, "joint_steps": 0},)
+    examples = (
+        {"iterations": 4, "highest_order": 3, "joint_steps": 0},
+        {"iterations": 2, "regularisation": 1e-4},
+    )
 
     iterations: int = option("at most so many steps after the first", default=10, ge=0, le=100)
     highest_order: int = option("of the scaling of one block", default=4, ge=0, le=12)
@@ -243,6 +257,11 @@ class DkSpec(Spec):
     back_off: float = option(
         "of the H∞ synthesis in each step, see 'hinf'", default=0.002, gt=0, lt=1
     )
+    regularisation: float = option(
+        "of the H∞ synthesis in each step, see 'hinf': for measurements without noise and controls "
+        "without weight; µ is certified of the plant as it is",
+        default=0.0, ge=0,
+    )  # fmt: skip
     reduction: float = option(
         "by how much µ may be higher for a controller with fewer states, relative; that "
         "controller is then taken; 0: none is looked for",
@@ -268,6 +287,13 @@ class SynthesisNeeds(Spec):
         "case decides",
         default=None,
     )
+    start: Ref | None = need(
+        "hillsphere_controllers.stages.synthesis.products:Synthesis",
+        "for the method 'structured': a synthesis of the same structure, at whose controller the "
+        "first search begins, the others about it; for 'dk': a synthesis with whose controller it "
+        "begins, which spares it the search for first scalings",
+        default=None,
+    )
 
 
 class SynthesisSpec(StageSpec):
@@ -281,6 +307,11 @@ class SynthesisSpec(StageSpec):
             "needs": {"models": "models"},
             "method": "structured",
             "structured": StructuredSpec.examples[0],
+        },
+        {
+            "needs": {"models": "models", "start": "before"},
+            "method": "structured",
+            "structured": {"parts": [{"kind": "free", "order": 1}], "scatter": 0.3},
         },
         {
             "needs": {"models": "models"},
@@ -345,6 +376,14 @@ class SynthesisSpec(StageSpec):
             raise rule("needs", f"uncertain: the method {self.method!r} takes none; leave it out")
         if self.needs.wider is not None and self.method != "structured":
             raise rule("needs", f"wider: the method {self.method!r} takes none; leave it out")
+        if self.needs.start is not None and self.method not in ("structured", "dk"):
+            raise rule("needs", f"start: the method {self.method!r} takes none; leave it out")
+        if (
+            self.structured is not None
+            and "scatter" in self.structured.model_fields_set
+            and self.needs.start is None
+        ):
+            raise rule("structured", "scatter: there is no needs.start; leave it out")
         if self.plants and uncertain:
             raise rule("plants", "the controller is made for the uncertain models; leave it out")
         if len(self.plants) > 1 and self.method in ("hinf", "h2", "mixed_sensitivity", "lmi"):

@@ -54,6 +54,7 @@ class SynthesisStage:
         models: LinearModels,
         uncertain: UncertainModels | None = None,
         wider: UncertainModels | None = None,
+        start: Synthesis | None = None,
     ) -> Synthesis:
         """Make the controller, and judge it on all models.
 
@@ -68,6 +69,9 @@ class SynthesisStage:
             for whose worst cases the controller is made.
         wider : UncertainModels or None
             For the method ``"structured"``: their worst case decides between designs of equal γ.
+        start : Synthesis or None
+            For the method ``"structured"``: where its searches begin; for ``"dk"``: with whose
+            controller it begins.
 
         Returns
         -------
@@ -103,11 +107,12 @@ class SynthesisStage:
         own = [k for k in range(len(plants)) if chosen[k]]
         if spec.method == "dk":
             options = spec.dk or DkSpec()
-            made = by_iteration(options, _one(uncertain), controls, measurements, ctx)
+            first = None if start is None else start.controller
+            made = by_iteration(options, _one(uncertain), controls, measurements, ctx, first)
         else:
             given = [plants[k] for k in own], [models.labels[k] for k in own]
             if spec.method == "structured":
-                made = by_search(spec, *given, controls, measurements, ctx, uncertain, wider)
+                made = by_search(spec, *given, controls, measurements, ctx, uncertain, wider, start)
             else:
                 made = designed(spec, *given, controls, measurements)
         advance = ctx.track("closed loops", len(plants))
@@ -136,6 +141,7 @@ class SynthesisStage:
         models: LinearModels,
         uncertain: UncertainModels | None = None,
         wider: UncertainModels | None = None,
+        start: Synthesis | None = None,
     ) -> Presentation:
         """Show norms, margins, gains against the inverse weights, and step responses."""
         return presented(product, self.spec.step_duration_s)

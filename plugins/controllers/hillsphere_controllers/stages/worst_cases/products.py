@@ -24,6 +24,8 @@ class WorstCases(CaseList):
         Where.
     remaining : ndarray, shape (N,)
         Where the parameters stand that the uncertain model leaves out, in standard deviations.
+    sigmas : ndarray, shape (N,)
+        How many standard deviations the farthest parameter of the worst case is from nominal.
     """
 
     controller: tuple[str, ...]
@@ -32,3 +34,4 @@ class WorstCases(CaseList):
     mu: Array
     frequency_rad_s: Array
     remaining: Array
+    sigmas: Array

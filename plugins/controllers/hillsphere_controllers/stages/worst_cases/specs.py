@@ -43,6 +43,7 @@ class WorstCasesSpec(StageSpec):
             "controllers": ["design"],
             "inputs": {"gain": "stage.descent.actuator.gain.ax"},
             "remaining": [0],
+            "scales": [1, 2, 3, 4, 6],
         },
     )
 
@@ -55,9 +56,17 @@ class WorstCasesSpec(StageSpec):
     )
     inputs: dict[str, str] = option(
         "what a sweep sets for each real block that is no parameter of the mission: name of the "
-        'block = "stage.NAME.actuator.gain.ax"; left out: blocks without a name here stay nominal',
+        'block = "stage.NAME.actuator.gain.ax", or "repeat.actuator.gain.ax" for whichever stage '
+        "the sweep repeats; left out: blocks without a name here stay nominal",
         default={},
     )
+    scales: tuple[float, ...] = option(
+        "sizes to which the worst parameters are brought together, the largest of them standing so "
+        "many standard deviations from nominal; a case for each, so that a sweep with a threshold "
+        "tells at which size the flight fails; blocks without a standard deviation stay at their "
+        "bounds; left out: the size of the declared bounds",
+        default=(), gt=0,
+    )  # fmt: skip
     remaining: tuple[float, ...] = option(
         "where parameters stand that the uncertain models leave out, in standard deviations from "
         "nominal; a case for each",

@@ -9,6 +9,7 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.linear_products import UncertainModel, UncertainModels
 from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
 from hillsphere.problems import did_you_mean
+from hillsphere.products import Ladder
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.uncertain import lft_of
@@ -84,6 +85,7 @@ class WorstCasesStage:
         names = (*flight.dispersed, *spec.inputs.values())
         columns: list[Array] = []
         found: list[tuple[str, str, Analysed, float]] = []
+        sizes: list[float] = []
         for one in analysis.results:
             controller = analysis.controllers[int(analysis.controller[one.loop])]
             place = int(analysis.model[one.loop])
@@ -95,26 +97,44 @@ class WorstCasesStage:
             for away in spec.remaining:
                 values = flight.nominal[1:] + away * flight.sigma
                 kept = [k for k, name in enumerate(flight.dispersed) if name in worst]
-                values[kept] = [worst[flight.dispersed[k]] for k in kept]
                 others = [worst.get(name, nominal[name]) for name in spec.inputs]
-                columns.append(np.array([*values, *others]))
-                found.append((controller, analysis.models[place], one, away))
+                gap = np.array([worst[flight.dispersed[k]] for k in kept])
+                gap -= flight.nominal[1:][kept]
+                sigma = np.maximum(flight.sigma[kept], np.finfo(float).tiny)
+                size = float(np.max(np.abs(gap) / sigma, initial=0.0))
+                if spec.scales and not 0.0 < size < np.inf:
+                    raise StageError(
+                        f"scales: the worst case of {analysis.models[place]!r} moves no parameter "
+                        "that has a standard deviation; leave scales out"
+                    )
+                for scale in spec.scales or (size,):
+                    factor = scale / size if spec.scales else 1.0
+                    values[kept] = flight.nominal[1:][kept] + factor * gap
+                    columns.append(np.array([*values, *others]))
+                    found.append((controller, analysis.models[place], one, away))
+                    sizes.append(scale)
         if not found:
             raise StageError("needs.analysis: it has no worst case of what is asked for")
+        groups = tuple(
+            f"{controller}, {model}, {one.analysis.replace('_', ' ')}, others {away:+g} σ"
+            for controller, model, one, away in found
+        )
+        steps = np.array(sizes)
+        ladder = Ladder("σ of the worst case", "-", steps, groups) if spec.scales else None
+        said = [f", {size:g} σ" if spec.scales else "" for size in sizes]
         return WorstCases(
             names=names,
             units=(*flight.units[1:], *("" for _ in spec.inputs)),
             values=np.array(columns).T,
-            labels=tuple(
-                f"{controller}, {model}, {one.analysis.replace('_', ' ')}, others {away:+g} σ"
-                for controller, model, one, away in found
-            ),
+            labels=tuple(group + size for group, size in zip(groups, said, strict=True)),
+            ladder=ladder,
             controller=tuple(entry[0] for entry in found),
             model=tuple(entry[1] for entry in found),
             analysis=tuple(entry[2].analysis for entry in found),
             mu=np.array([entry[2].lower for entry in found]),
             frequency_rad_s=np.array([entry[2].frequency_rad_s for entry in found]),
             remaining=np.array([entry[3] for entry in found]),
+            sigmas=steps,
         )
 
     def present(
@@ -151,7 +171,9 @@ class WorstCasesStage:
         )
         notes = [
             "Worst perturbations, brought to the size of the declared bounds (their largest entry "
-            "at its bound). Taken together they are far less probable than each: the last column "
+            "at its bound)"
+            + (", and their parameters together to other sizes" if self.spec.scales else "")
+            + ". Taken together they are far less probable than each: the last column "
             "is the root of the sum of squares, in standard deviations."
         ]
         if len(product.labels) > _SHOWN:
