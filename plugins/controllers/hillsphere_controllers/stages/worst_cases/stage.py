@@ -45,7 +45,7 @@ class WorstCasesStage:
         Parameters
         ----------
         ctx : Context
-            Not used: it takes no time.
+            Told which worst cases cannot be scaled.
         analysis : MuAnalysis
             With worst perturbations.
         uncertain : UncertainModels
@@ -86,6 +86,7 @@ class WorstCasesStage:
         columns: list[Array] = []
         found: list[tuple[str, str, Analysed, float]] = []
         sizes: list[float] = []
+        unmoved: list[str] = []
         for one in analysis.results:
             controller = analysis.controllers[int(analysis.controller[one.loop])]
             place = int(analysis.model[one.loop])
@@ -103,16 +104,23 @@ class WorstCasesStage:
                 sigma = np.maximum(flight.sigma[kept], np.finfo(float).tiny)
                 size = float(np.max(np.abs(gap) / sigma, initial=0.0))
                 if spec.scales and not 0.0 < size < np.inf:
-                    raise StageError(
-                        f"scales: the worst case of {analysis.models[place]!r} moves no parameter "
-                        "that has a standard deviation; leave scales out"
-                    )
+                    # the peak is that of the actuator or of the nominal loop: nothing to enlarge
+                    unmoved.append(f"{controller}, {analysis.models[place]}")
+                    continue
                 for scale in spec.scales or (size,):
                     factor = scale / size if spec.scales else 1.0
                     values[kept] = flight.nominal[1:][kept] + factor * gap
                     columns.append(np.array([*values, *others]))
                     found.append((controller, analysis.models[place], one, away))
                     sizes.append(scale)
+        if unmoved:
+            told = ", ".join(dict.fromkeys(unmoved))
+            if not found:
+                raise StageError(
+                    f"scales: no worst case ({told}) moves a parameter that has a standard "
+                    "deviation; leave scales out"
+                )
+            ctx.info(f"without parameters that could be scaled: {told}")
         if not found:
             raise StageError("needs.analysis: it has no worst case of what is asked for")
         groups = tuple(
