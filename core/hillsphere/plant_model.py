@@ -104,11 +104,34 @@ class PlantModel:
         """Return roots (N, n, r) of Q; see `hillsphere.interfaces.EstimationModel`."""
         n, cases = x.shape
         duration = t1_s - t0_s
-        longest = float(np.max(np.abs(duration), initial=0.0))
-        if self._noise is None or not longest:
+        noise = self._noise
+        if noise is None or not duration.any():
             return np.zeros((cases, n, 1))
-        steps = max(1, round(longest / self.noise_step_s))
-        dt = duration / steps
+        # a case has its own number of steps, whatever its neighbours' durations
+        steps = np.maximum(1, np.rint(np.abs(duration) / self.noise_step_s)).astype(int)
+        counts = np.unique(steps).tolist()
+        if len(counts) == 1:
+            return self._pushed(noise, x, t0_s, duration / counts[0], counts[0], control)
+        roots = np.zeros((cases, n, n))
+        for count in counts:
+            own = np.flatnonzero(steps == count)
+            found = self._pushed(
+                noise, x[:, own], t0_s[own], duration[own] / count, count, control[:, own]
+            )
+            roots[own, :, : found.shape[2]] = found
+        return roots
+
+    def _pushed(
+        self,
+        noise: Callable[[Array], Array],
+        x: Array,
+        t0_s: Array,
+        dt: Array,
+        steps: int,
+        control: Array,
+    ) -> Array:
+        """Return roots (N, n, r) of what so many pushes add, each held for dt (N,)."""
+        n, cases = x.shape
         middles = self._middles(x, t0_s, dt, steps, control)
         turned = np.array([t0_s + (k + 0.5) * dt for k in range(steps)]).reshape(-1)
         slopes = self._flow.slopes.both(middles, None, turned)[1].reshape(n, n, steps, cases)
@@ -119,7 +142,7 @@ class PlantModel:
         phi: Array | None = None
         roots = []
         for k in range(steps - 1, -1, -1):
-            sigma = np.broadcast_to(self._noise(t0_s + k * dt), (len(self._velocities), cases))
+            sigma = np.broadcast_to(noise(t0_s + k * dt), (len(self._velocities), cases))
             # ∫ e^{A s} ds B / dt = (1 + A dt/2 + A² dt²/6) B, to second order
             first = turns[k] @ entry
             held = entry + 0.5 * first + turns[k] @ first / 6.0

@@ -176,7 +176,7 @@ def test_metrics_of_a_touchdown() -> None:
     pushes = np.linspace(-1e-4, 1e-4, LANES)
     product = descent()
     found = stage().run_cases(block(("plant.push",), pushes), history=True, reference=product)
-    assert found.units[-3:] == ("m/s", "s", "m/s2")
+    assert found.units[-4:] == ("m/s", "s", "m/s2", "m")
     touched = np.array(found.status) == "impact"
     assert 10 < touched.sum() < LANES - 10
     assert not found.failed.any()
@@ -426,6 +426,50 @@ def test_overtime_steers_towards_the_continued_reference() -> None:
     # An integral-free law leaves push / KP of height: contact as much later.
     assert -2.0 < metric(found, "early")[0] < 0.0
     assert_allclose(metric(found, "final_speed")[0], np.hypot(0.1, 0.5), rtol=0.01)
+
+
+def test_the_landing_miss_is_from_the_site() -> None:
+    """A late flight touches at the site; the reference has gone on below the ground by then."""
+    heights = np.linspace(0.0, 40.0, LANES)
+    product = descent()
+    batch = block(("offset.z",), heights)
+    keys: dict[str, Any] = {"law": Idle(), "overtime_s": 100}
+    found = stage(**keys, require={"landing_miss_m": 5.0}).run_cases(batch, reference=product)
+    assert found.metrics[-1] == "landing_miss"
+    # Nobody steers: 0.1 m/s sideways for as long as the height takes at 0.5 m/s.
+    assert_allclose(metric(found, "landing_miss")[1:], 0.2 * heights[1:], rtol=1e-6)
+    assert metric(found, "final_position_error")[-1] == pytest.approx(40.0)
+    assert_array_equal(found.failed, metric(found, "landing_miss") > 5.0)
+    assert {"landing_miss", "impact"} == set(found.cause)
+    sideways = block(("offset.x", "offset.z"), np.array([[30.0], [1.0]]) * np.ones(LANES))
+    assert_allclose(
+        metric(stage(**keys).run_cases(sideways, reference=product), "landing_miss"),
+        np.hypot(30.2, 0.0), rtol=1e-6,
+    )  # fmt: skip
+    with pytest.raises(InputError, match="landing_miss_m"):
+        stage(success=["completed"], require={"landing_miss_m": 5.0})
+
+
+@pytest.mark.parametrize("kind", ["held", "zero"])
+@pytest.mark.parametrize("overtime", [20.0, 200.0])
+def test_the_planned_end_counts_where_it_is_no_sample(overtime: float, kind: str) -> None:
+    """Velocity that goes astray between the last sample and the planned end is seen there."""
+    product = descent()  # 600 s
+    u = np.array(product.flights.u)
+    u[:, -1] = [[0.0], [0.0], [2e-4]]
+    lifted = FlightSet(Trajectories(**{**vars(product.flights), "u": u}))
+    law = Idle()
+    law.period_s = 440.0
+    push = np.linspace(-2e-4, 2e-4, LANES)  # some touch early, some late, some never
+    batch = block(("plant.push",), push)
+    keys: dict[str, Any] = {"overtime_s": overtime, "overtime_command": kind, "substeps": 40}
+    found = stage(law=law, **keys).run_cases(batch, reference=lifted)
+    late = metric(found, "early") < -1e-6
+    assert 8 < late.sum() < LANES - 8
+    most = metric(found, "largest_velocity_error")[late]
+    assert_allclose(most, 600.0 * push[late], rtol=1e-7)
+    most = metric(found, "largest_position_error")[late]
+    assert_allclose(most, 0.5 * 600.0**2 * push[late], rtol=1e-7)
 
 
 @pytest.mark.parametrize("period", [60.0, 45.0])

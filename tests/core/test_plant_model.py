@@ -116,6 +116,20 @@ def test_noise_of_several_cases() -> None:
     assert not PlantModel(PLANT, SUITE).process_noise(x, t, t + 600.0, NOTHING).any()
 
 
+def test_noise_of_unequal_durations() -> None:
+    """A short case beside a long one has its own steps, not the long one's."""
+    model = PlantModel(PLANT, SUITE, noise=noise)
+    lasts = np.array([60.0, 3600.0, 60.0, 90.0, 0.0])
+    x, t = columns(START, 5) * np.array([1.0, 1.0, 1.2, 1.0, 1.0]), np.full(5, 100.0)
+    every = model.process_noise(x, t, t + lasts, np.zeros((0, 5)))
+    for i in range(5):
+        alone = model.process_noise(x[:, i : i + 1], t[:1], t[:1] + lasts[i], NOTHING)[0]
+        np.testing.assert_allclose(every[i] @ every[i].T, alone @ alone.T, rtol=1e-9, atol=1e-30)
+    # one push of a minute: σ dt
+    sigma = np.sqrt(np.diagonal(every[0] @ every[0].T)[3:])
+    np.testing.assert_allclose(sigma, 60.0 * noise(t[:1])[:, 0], rtol=1e-3)
+
+
 def test_sensors_see_the_scene_of_the_case() -> None:
     looks = -(START[:3, None] + np.array([[0.0, 10.0], [0.0, 0.0], [0.0, 0.0]]))
     sun = np.array([[-1e11], [0.0], [0.0]])

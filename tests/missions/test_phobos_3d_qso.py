@@ -270,6 +270,7 @@ def test_amplitudes_beyond_the_largest() -> None:
         hillsphere.load_mission("phobos-3d-qso", sets=["stage.families.z_max_km=100"])
 
 
+@pytest.mark.slow
 def test_injection_errors_of_qso_la(closer: Run) -> None:
     """QSO-La lies beside the planar 1:3, QSO-M bears [1, Table 2]'s errors many times over."""
     rows = {row["orbit"]: row for row in closer.rows("nonlinear_stability")}
@@ -281,6 +282,7 @@ def test_injection_errors_of_qso_la(closer: Run) -> None:
     assert chance["QSO-La"]["survival"] < 1.0
 
 
+@pytest.mark.slow
 def test_fates_of_offsets_in_other_equations(
     closer: Run, hill_reference: type[HillReference]
 ) -> None:
@@ -310,6 +312,7 @@ def test_fates_of_offsets_in_other_equations(
         assert beyond(before) < 0.0 < beyond(after)
 
 
+@pytest.mark.slow
 def test_the_ladder_and_what_is_flown(closer: Run) -> None:
     assert closer.summary["failures"] == []
     ladder = closer.rows("fidelity_ladder")

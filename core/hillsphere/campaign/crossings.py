@@ -24,7 +24,10 @@ class Crossing:
         The other swept values, in words.
     value : float
         Where it does, linear between the two points beside it; infinite if it never does, NaN if
-        it does so from the first point on.
+        it does so from the first point on, or if the bracket is all that is known.
+    bracket : tuple of float, or None
+        Where the points beside it are single cases, chosen ones: these two points. A case that
+        passes and one that fails say nothing of where in between.
     surely_below, surely_above : float
         Largest value up to which the interval of the ratio lies below the threshold at all points,
         NaN for none; smallest from which on a point's interval lies above it, infinite for none.
@@ -34,9 +37,12 @@ class Crossing:
     value: float
     surely_below: float
     surely_above: float
+    bracket: tuple[float, float] | None = None
 
 
-def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, list[Crossing]]:
+def crossings(
+    table: CaseTable, threshold: float, level: float, *, chosen: bool
+) -> tuple[str, list[Crossing]]:
     """Find the crossings along the last swept number that takes more than one value.
 
     Where the points are a list with a ladder, along that, for each of its groups.
@@ -49,6 +55,8 @@ def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, li
         Failure ratio.
     level : float
         Confidence level of the intervals of each point.
+    chosen : bool
+        Whether nothing of the cases was drawn at random: then a single one says all of its point.
 
     Returns
     -------
@@ -84,16 +92,18 @@ def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, li
             continue
         here = here[np.argsort(x_all[here], kind="stable")]
         x, above = x_all[here], ratio[here] > threshold
+        single = np.full(len(here), chosen) & (cases[here] == 1)
+        bracket = None
         first = int(np.argmax(above)) if above.any() else len(here)
         if first == len(here):
             value = np.inf
         elif first == 0:
             value = np.nan
+        elif single[first - 1] and single[first]:
+            value, bracket = np.nan, (float(x[first - 1]), float(x[first]))
         else:
             a, b = ratio[here[first - 1]], ratio[here[first]]
             value = float(x[first - 1] + (threshold - a) / (b - a) * (x[first] - x[first - 1]))
-        # A single case that does not differ at random says all of its point.
-        single = cases[here] == 1
         sure = np.where(single, ~above, high[here] < threshold)
         upto = len(here) if sure.all() else int(np.argmin(sure))
         beyond = np.where(single, above, low[here] > threshold)
@@ -103,6 +113,7 @@ def crossings(table: CaseTable, threshold: float, level: float) -> tuple[str, li
                 value=value,
                 surely_below=float(x[upto - 1]) if upto else np.nan,
                 surely_above=float(x[int(np.argmax(beyond))]) if beyond.any() else np.inf,
+                bracket=bracket,
             )
         )
     return name, found
@@ -120,9 +131,11 @@ def _groups(table: CaseTable, along: int | None) -> Integers:
     return np.asarray(group.ravel(), dtype=np.int64)
 
 
-def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | None:
-    """Return the crossings as a table; None if no number is swept."""
-    along, found = crossings(table, threshold, level)
+def crossing_table(
+    table: CaseTable, threshold: float, level: float, *, chosen: bool
+) -> Table | None:
+    """Return the crossings as a table, see `crossings`; None if no number is swept."""
+    along, found = crossings(table, threshold, level, chosen=chosen)
     if not along:
         return None
     ladder = table.ladder
@@ -131,12 +144,23 @@ def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | 
         {
             "others": one.others,
             "value": one.value if np.isfinite(one.value) else None,
-            "said": _said(one.value),
+            "said": _said(one),
             "surely_below": one.surely_below if np.isfinite(one.surely_below) else None,
             "surely_above": one.surely_above if np.isfinite(one.surely_above) else None,
         }
         for one in found
     ]
+    sure = f"sure by the {100 * level:g} % intervals of the points"
+    notes = [f"Linear between the points of the sweep; {sure}."]
+    if any(one.bracket for one in found):
+        notes = [f"Single cases, chosen ones: they tell between which points; else {sure}."]
+    most = int(np.bincount(table.point).max(initial=0))
+    allowed = float(ratio_interval(np.zeros(1), np.array([most]), level)[1][0])
+    if most and allowed >= threshold and not (chosen and most == 1):
+        notes.append(
+            f"No point can be sure to have fewer: none of {most} failed would still allow "
+            f"{100 * allowed:.2g} %. More repetitions are needed to tell."
+        )
     return Table(
         f"Where failures exceed {100 * threshold:g} %",
         (
@@ -147,17 +171,16 @@ def crossing_table(table: CaseTable, threshold: float, level: float) -> Table | 
             Column("surely_above", unit, "surely more from"),
         ),
         rows,
-        [
-            f"Linear between the points of the sweep; sure by the {100 * level:g} % intervals of "
-            "the points, and where there is one case at each, by the cases themselves."
-        ],
+        notes,
     )
 
 
-def _said(value: float) -> str:
-    if np.isnan(value):
+def _said(one: Crossing) -> str:
+    if one.bracket is not None:
+        return f"between {one.bracket[0]:g} and {one.bracket[1]:g}"
+    if np.isnan(one.value):
         return "from the first point on"
-    return "" if np.isfinite(value) else "never in this sweep"
+    return "" if np.isfinite(one.value) else "never in this sweep"
 
 
 def _others(label: str, along: str) -> str:

@@ -125,7 +125,8 @@ def present_campaign(
         caveat = _CAVEATS.get(table.design, "")
         tables["campaign_statistics"] = statistics_table(found, levels, level, caveat)
         metrics |= _metric_values(found)
-        figures |= _distributions(table, found, level)
+        if table.design != "list":  # worst cases, say: they were chosen, not drawn
+            figures |= _distributions(table, found, level)
     if sets:
         tables["sweep_failures"] = point_table(table, level)
         tables["sweep_statistics"] = point_statistics_table(table, levels, level)
@@ -135,7 +136,7 @@ def present_campaign(
         figures["campaign_bands"] = band_figure(table.bands)
     tables["campaign_extremes"] = extreme_table(table)
     correlations = rank_correlations(table, level)
-    if correlations.strongest():
+    if correlations.strongest() and table.design != "list":  # of chosen cases ρ says nothing
         tables["campaign_correlations"] = correlation_table(correlations, level)
         figures |= _sensitivities(table, correlations, level)
         verdict += clearest(correlations, level)

@@ -32,6 +32,9 @@ from hillsphere.uncertainty.matching import matched
 __all__ = ["Campaign", "MonteCarlo", "Sweep"]
 
 
+_NO_BANDS = "needs.behind: this campaign has no bands; let it keep some"
+
+
 class Campaign(ABC):
     """What the campaigns share; see `hillsphere.campaign.engine`.
 
@@ -202,8 +205,17 @@ class Sweep(Campaign):
         if self.spec.needs.rows is None:
             self.plan(repeated)
 
-    def plan(self, repeated: Repeated, *, rows: CaseList | None = None, **needs: Any) -> Plan:
+    def plan(
+        self,
+        repeated: Repeated,
+        *,
+        rows: CaseList | None = None,
+        behind: CaseTable | None = None,
+        **needs: Any,
+    ) -> Plan:
         """Return the cases; see `Campaign.plan`."""
+        if behind is not None and behind.bands is None:
+            raise InputError(_NO_BANDS)
         stream = self.spec.draws_as or repeated.by
         made = plan_of(
             repeated,
@@ -234,12 +246,14 @@ class Sweep(Campaign):
             behind: CaseTable | None = needs.get("behind")
             bands = None if behind is None else behind.bands
             if behind is not None and bands is None:
-                raise InputError("needs.behind: this campaign has no bands; let it keep some")
+                raise InputError(_NO_BANDS)
             figure = line_figure(product, product.lines, bands)
             shown = replace(shown, figures={"sweep_lines": figure, **shown.figures})
         if self.spec.threshold is None:
             return shown
-        found = crossing_table(product, self.spec.threshold, self.spec.confidence)
+        # One case of drawn ones, or the first of some that were not flown, is one of many.
+        chosen = not self.spec.dispersions and self.spec.repetitions == 1
+        found = crossing_table(product, self.spec.threshold, self.spec.confidence, chosen=chosen)
         return (
             shown
             if found is None

@@ -8,7 +8,12 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Compensator, SynthesisedLaw
 from hillsphere.simulation import ContinuousLaw
 
-__all__ = ["check"]
+__all__ = ["check", "lands"]
+
+
+def lands(spec: ClosedLoopSpec) -> bool:
+    """Return whether flights follow a reference and may end by an impact."""
+    return spec.needs.reference is not None and "impact" in spec.success
 
 
 def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, kind: str) -> None:

@@ -134,6 +134,20 @@ class Course:
         t = np.append(self._t, self.length_s + more_s)
         return Course(rows, t, np.concatenate([self._x, end[:, None]], axis=1), u)
 
+    def acceleration_beyond(self, *, held: bool) -> Array:
+        """Return that of what flies it, right after its end (p,), see `extended`.
+
+        The reference's own before its end, changed by as much as the command changes there if that
+        is one of accelerations, which has as many rows as there are positions.
+        """
+        rows = self.rows.positions
+        if self._cubic is None:
+            return np.zeros(len(rows))
+        a: Array = self._cubic(self.length_s, 2)
+        if self._u is None or len(self._u) != len(rows):
+            return a
+        return np.asarray(a + (self._u[:, -1] if held else 0.0) - self._u[:, -2])
+
     def command(self, t: Array) -> Array | None:
         """Return the command (p, N) from times (N,) on; None if there is none."""
         if self._u is None:

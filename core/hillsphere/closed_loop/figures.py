@@ -52,7 +52,7 @@ def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec)
         _line(axes, time, error, limit, "vermillion", "limit")
         _line(axes, time[counted], error, required, "orange", "required")
         axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper right")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
 
 
 def _line(

@@ -8,13 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.closed_loop.course import Rows
+from hillsphere.closed_loop.largest import Largest
 from hillsphere.closed_loop.specs import RequirementsSpec
 from hillsphere.interfaces import Array
-from hillsphere.simulation import BLOCK, Flights, Moment
-from hillsphere.simulation.block import Recorder
-from hillsphere.simulation.flow import thrust_vectors
+from hillsphere.simulation import Flights
 
-__all__ = ["METRICS", "Largest", "judge", "measure", "metric_units", "requirement"]
+__all__ = [
+    "LANDING_MISS",
+    "METRICS",
+    "judge",
+    "measure",
+    "metric_names",
+    "metric_units",
+    "requirement",
+]
 
 METRICS = (
     "dv",
@@ -37,6 +44,14 @@ that of the law alone, without what the reference brings, at the samples. Nothin
 end counts among the largest of a flight that has overtime.
 """
 
+LANDING_MISS = "landing_miss"
+"""Distance from where a flight ended to the end of its reference, in the plant's frame.
+
+Of flights along a reference that may end by an impact. The final position error is no such miss: it
+is the distance from where the reference is at that time, and a reference that a late flight follows
+has gone on below the ground by then.
+"""
+
 _REQUIRED = {
     "dv": "dv_m_s",
     "final_speed": "final_speed_m_s",
@@ -45,83 +60,32 @@ _REQUIRED = {
     "final_velocity_error": "final_velocity_error_m_s",
     "largest_position_error": "largest_position_error_m",
     "largest_velocity_error": "largest_velocity_error_m_s",
+    LANDING_MISS: "landing_miss_m",
 }
-
 
 _TOUCHDOWN = "touchdown_speed"
 _SAME_TIME = 1e-9
 
 
-def metric_units(command: str) -> tuple[str, ...]:
-    """Return the units of `METRICS` for a law that commands in this unit."""
-    return ("m/s", "m", "m/s", "m", "m/s", "s", "-", "m/s", "s", command)
+def metric_names(lands: bool) -> tuple[str, ...]:
+    """Return `METRICS`, of flights that land somewhere with `LANDING_MISS`."""
+    return (*METRICS, LANDING_MISS) if lands else METRICS
 
 
-class Largest:
-    """Largest deviations and commands at the samples: an `Observer`, without histories.
-
-    Parameters
-    ----------
-    rows : Rows
-        Of the plant.
-    goal : ndarray, shape (n, K + 1)
-        Reference at each sample and at the end of the last.
-    total : int
-        Number of cases.
-    first, final : int
-        Samples from which, and until which, deviations count; commands before the latter.
-    commands : int
-        Number of rows of a command.
-
-    Attributes
-    ----------
-    deviations : ndarray, shape (2, N)
-        Of position, m, and velocity, m/s, from the reference; of several spacecraft the largest.
-    command : ndarray, shape (N,)
-        Size of what the law commands, likewise.
-    """
-
-    def __init__(
-        self, rows: Rows, goal: Array, total: int, first: int, final: int, commands: int
-    ) -> None:
-        self.deviations, self.command = np.zeros((2, total)), np.zeros(total)
-        self._thrusts = thrust_vectors(commands)
-        order = [*rows.positions, *rows.velocities]
-        # One row-wise copy per sample; plants whose states are already in this order need none.
-        self._order = slice(0, len(order)) if order == list(range(len(order))) else order
-        self._goal = np.ascontiguousarray(goal[order].T)[:, :, None]
-        self._first, self._final = first, final
-        axes = len(rows.positions) // rows.vectors
-        self._starts = np.arange(0, len(order), axes)
-        self._vectors = rows.vectors
-
-    def recorder(self, first: int, count: int) -> Recorder:
-        """Return what is told of one block."""
-        squares = np.zeros((2 * self._vectors, BLOCK))
-        place = slice(first, first + count)
-        goal, order, starts, begin = self._goal, self._order, self._starts, self._first
-        last, final = len(goal) - 1, self._final
-
-        most = np.zeros(BLOCK)
-
-        def record(now: Moment) -> None:
-            if begin <= now.k <= final:
-                gap = now.x[order] - goal[now.k]
-                gap *= gap
-                np.maximum(squares, np.add.reduceat(gap, starts), out=squares, where=now.flying)
-            if now.own is not None and now.k < final:
-                size = np.add.reduce((now.own * now.own).reshape(self._thrusts, -1, BLOCK), axis=1)
-                np.maximum(most, np.maximum.reduce(size, axis=0), out=most, where=now.flying)
-            if now.k == last:
-                each = squares.reshape(2, self._vectors, BLOCK).max(axis=1)
-                self.deviations[:, place] = np.sqrt(each)[:, :count]
-                self.command[place] = np.sqrt(most)[:count]
-
-        return record
+def metric_units(command: str, lands: bool) -> tuple[str, ...]:
+    """Return the units of `metric_names` for a law that commands in this unit."""
+    units = ("m/s", "m", "m/s", "m", "m/s", "s", "-", "m/s", "s", command)
+    return (*units, "m") if lands else units
 
 
 def measure(
-    rows: Rows, flights: Flights, goal: Array, begun: Array, planned_s: float, largest: Largest
+    rows: Rows,
+    flights: Flights,
+    goal: Array,
+    begun: Array,
+    planned_s: float,
+    largest: Largest,
+    site: Array | None = None,
 ) -> Array:
     """Return the metrics of flights.
 
@@ -138,30 +102,34 @@ def measure(
     planned_s : float
         How long they were to last.
     largest : Largest
-        At the samples; the deviation at an end that is not later than planned counts too.
+        At the samples; the deviation at the end counts too, of a later flight at the planned end.
+    site : ndarray, shape (n,), or None
+        Reference at its end, where flights land.
 
     Returns
     -------
     ndarray, shape (m, N)
-        In the order of `METRICS`.
+        In the order of `metric_names`.
     """
     distance, speed = rows.distance(flights.x - goal), rows.speed(flights.x - goal)
     lasted = flights.time_s - begun
     late = lasted > planned_s * (1.0 + _SAME_TIME)
-    return np.array(
-        [
-            flights.dv_m_s,
-            distance,
-            speed,
-            np.maximum(largest.deviations[0], np.where(late, 0.0, distance)),
-            np.maximum(largest.deviations[1], np.where(late, 0.0, speed)),
-            lasted,
-            flights.firings.astype(float),
-            rows.speed(flights.x),
-            planned_s - lasted,
-            largest.command,
-        ]
-    )
+    planned = largest.at_planned_end(flights.x, lasted)
+    values = [
+        flights.dv_m_s,
+        distance,
+        speed,
+        np.maximum(largest.deviations[0], np.where(late, planned[0], distance)),
+        np.maximum(largest.deviations[1], np.where(late, planned[1], speed)),
+        lasted,
+        flights.firings.astype(float),
+        rows.speed(flights.x),
+        planned_s - lasted,
+        largest.command,
+    ]
+    if site is not None:
+        values.append(rows.distance(flights.x - site[:, None]))
+    return np.array(values)
 
 
 def judge(
@@ -200,7 +168,8 @@ def judge(
         (_TOUCHDOWN, final_speed, require.touchdown_speed_m_s),
     ]
     rules += [
-        (metric, values[row], requirement(require, metric)) for row, metric in enumerate(METRICS)
+        (metric, row, requirement(require, metric))
+        for metric, row in zip(metric_names(len(values) > len(METRICS)), values, strict=True)
     ]
     for metric, reached, most in rules:
         if most is None:

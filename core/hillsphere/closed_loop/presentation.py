@@ -123,8 +123,8 @@ def _overtime(spec: ClosedLoopSpec) -> str:
     late = spec.require.late_s
     return (
         f" A flight that has not ended with its reference goes on for at most "
-        f"{spec.overtime_s:g} s, along the reference's last velocity, its command "
-        f"{'held' if spec.overtime_command == 'held' else 'zero'}; early is then negative"
+        f"{spec.overtime_s:g} s, rounded up to whole periods of the law, along the reference's "
+        f"last velocity, its command {spec.overtime_command}; early is then negative"
         f"{'' if late is None else f', and may be no less than −{late:g} s'}, the errors at the "
         "end are from there, and the largest are those until the reference's end."
     )

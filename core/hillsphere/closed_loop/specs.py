@@ -174,6 +174,13 @@ class RequirementsSpec(Spec):
     touchdown_speed_m_s: float | None = quantity(
         "speed", "the same of flights that end by an impact, no others", default=None, gt=0
     )
+    landing_miss_m: float | None = quantity(
+        "length",
+        "distance from where a flight ended to the end of the reference; of flights along one that "
+        "may end by an impact",
+        default=None,
+        gt=0,
+    )
     early_s: float | None = quantity(
         "time",
         "how long before the end of the reference, or before the last sample if this is sooner, a "
@@ -223,6 +230,7 @@ class ClosedLoopSpec(StageSpec):
             "require": {
                 "final_velocity_error_m_s": 0.2,
                 "touchdown_speed_m_s": 1,
+                "landing_miss_m": 100,
                 "early_min": 1,
                 "late_min": 2,
             },
@@ -346,6 +354,12 @@ class ClosedLoopSpec(StageSpec):
                 raise _rule("overtime_command", "there is no overtime_s; leave it out")
             if self.require.late_s is not None:
                 raise _rule("require", "late_s: no flight ends later without overtime_s")
+        if self.require.landing_miss_m is not None and not (given and "impact" in self.success):
+            raise _rule(
+                "require",
+                "landing_miss_m: flights that land follow a needs.reference, with 'impact' among "
+                "success",
+            )
         if self.tolerance is not None and self.most_substeps < 2 * self.substeps:
             raise _rule("most_substeps", "must be at least twice substeps")
         for key in ("sees", "success"):

@@ -9,11 +9,12 @@ from math import ceil, floor
 import numpy as np
 
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
-from hillsphere.closed_loop.checks import check
+from hillsphere.closed_loop.checks import check, lands
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
 from hillsphere.closed_loop.histories import histories_of
+from hillsphere.closed_loop.largest import Largest, PlannedEnd
 from hillsphere.closed_loop.limits import limits_of
-from hillsphere.closed_loop.metrics import METRICS, Largest, judge, measure, metric_units
+from hillsphere.closed_loop.metrics import judge, measure, metric_names, metric_units
 from hillsphere.closed_loop.parts import (
     Effectiveness,
     actuator_of,
@@ -65,6 +66,10 @@ class _Loop:
         What is followed.
     planned_s : float
         How long they are to last: until the last sample, or the end of the reference.
+    site : ndarray, shape (n,), or None
+        The reference at its end, where flights that may end by an impact are to land.
+    beyond : ndarray, shape (p,)
+        See `Course.acceleration_beyond`.
     samples : int
         At how many samples the law acts, those of the overtime included.
     goal : ndarray, shape (n, K + 1)
@@ -78,6 +83,8 @@ class _Loop:
     law: Compensator | ContinuousLaw
     course: Course
     planned_s: float
+    site: Array | None
+    beyond: Array
     samples: int
     goal: Array
     reference: SampledReference
@@ -192,7 +199,7 @@ class ClosedLoopStage:
         Returns
         -------
         CaseResults
-            Metrics as in `hillsphere.closed_loop.metrics.METRICS`.
+            Metrics as `hillsphere.closed_loop.metrics.metric_names` has them.
 
         Raises
         ------
@@ -251,16 +258,18 @@ class ClosedLoopStage:
             duration = length if spec.duration_s is None else spec.duration_s
             samples = _periods(duration + spec.overtime_s, period)
         planned = min(samples * period, length or np.inf)
+        site = course.at(np.array([length]))[:, 0] if lands(spec) else None
+        held = spec.overtime_command == "held"
+        beyond = course.acceleration_beyond(held=held)
         if spec.overtime_s:
             # To the end of the last period, which may be later than the overtime.
-            held = spec.overtime_command == "held"
             course = course.extended(samples * period - length, held=held)
         times: Array = np.arange(samples + 1, dtype=float) * period
         goal = course.at(times)
         steps = course.steps(times[:-1], period)
         command = course.command(times[:-1]) if steps is None else None
         reference = SampledReference(goal[self._seen], command, steps)
-        loop = _Loop(law, course, planned, samples, goal, reference, {})
+        loop = _Loop(law, course, planned, site, beyond, samples, goal, reference, {})
         self._known = (product, controller, loop)
         return loop
 
@@ -342,7 +351,14 @@ class ClosedLoopStage:
         period = self.law.period_s
         first = ceil(spec.errors_from_s / period * (1.0 - _ENDS))
         final = floor(loop.planned_s / period * (1.0 + _ENDS)) if spec.overtime_s else loop.samples
-        seen = Largest(self.rows, loop.goal, width, first, final, len(self.commands))
+        between = None
+        if spec.overtime_s and loop.planned_s - final * period > _ENDS * period:
+            impulses = self._kind() == "impulses"
+            between = PlannedEnd(
+                loop.course, loop.planned_s, loop.beyond, final, period,
+                impulses=impulses, total=width,
+            )  # fmt: skip
+        seen = Largest(self.rows, loop.goal, width, first, final, len(self.commands), between)
         flights = self._simulator(loop, names, spec.substeps * (1 + finer)).fly(
             cases,
             loop.samples,
@@ -367,11 +383,11 @@ class ClosedLoopStage:
         short = np.array(flights.status) != "completed"
         if short.any():
             goal[:, short] = loop.course.at((flights.time_s - begun)[short])
-        values = measure(self.rows, flights, goal, begun, loop.planned_s, largest)
+        values = measure(self.rows, flights, goal, begun, loop.planned_s, largest, loop.site)
         status, cause, failed = judge(flights, values, self.spec.success, self.spec.require)
         return CaseResults(
-            METRICS,
-            metric_units(self._command_units()[0]),
+            metric_names(loop.site is not None),
+            metric_units(self._command_units()[0], loop.site is not None),
             values,
             status,
             cause,

@@ -11,7 +11,13 @@ from hillsphere.dynamics import Derivatives, system
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 
-__all__ = ["equilibrium_near", "held_anomaly", "libration_points", "rest_eigenvalues"]
+__all__ = [
+    "check_orbit",
+    "equilibrium_near",
+    "held_anomaly",
+    "libration_points",
+    "rest_eigenvalues",
+]
 
 _ITERATIONS = 60
 _EXACT, _CLOSE = 1e-15, 1e-6  # of the distance: a step that is done, one that may be rounding
@@ -89,16 +95,7 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
     if true_anomaly_rad is not None:
         x[6:] = held_anomaly(plant, true_anomaly_rad)
     elif len(x) > 6:
-        rates = []
-        for anomaly in _ANOMALIES:
-            x[6] = anomaly
-            rates.append(slopes.rate(x)[3:6])
-        if not all(np.allclose(rate, rates[0], rtol=1e-12, atol=1e-12) for rate in rates):
-            raise InputError(
-                "there is no equilibrium point: the accelerations vary along the orbit; give the "
-                "body eccentricity 0 and lock it, take the circular plant, or ask for points at "
-                "one true anomaly"
-            )
+        _check_steady(slopes, x)
     before = np.full(x.shape[1], np.inf)
     done = np.zeros(x.shape[1], dtype=bool)
     for _ in range(_ITERATIONS):
@@ -121,6 +118,31 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
         f"no equilibrium point is found from guess {np.flatnonzero(~done).tolist()} in "
         f"{_ITERATIONS} iterations; start nearer, outside the body"
     )
+
+
+def check_orbit(plant: Plant, true_anomaly_rad: float | None = None) -> None:
+    """Raise `InputError` unless a plant has points of rest, for good or at a true anomaly."""
+    if true_anomaly_rad is not None:
+        held_anomaly(plant, true_anomaly_rad)
+    elif len(plant.states) > 6:
+        equations = system(plant, normalised=True)
+        x = np.zeros((len(equations.x), 1))
+        x[0] = 1.0
+        _check_steady(Derivatives(equations), x)
+
+
+def _check_steady(slopes: Derivatives, x: Array) -> None:
+    """Raise `InputError` if accelerations at states (n, N) vary with the true anomaly, x[6]."""
+    rates = []
+    for anomaly in _ANOMALIES:
+        x[6] = anomaly
+        rates.append(slopes.rate(x)[3:6])
+    if not all(np.allclose(rate, rates[0], rtol=1e-12, atol=1e-12) for rate in rates):
+        raise InputError(
+            "there is no equilibrium point: the accelerations vary along the orbit; give the body "
+            "eccentricity 0 and lock it, take the circular plant, or ask for points at one true "
+            "anomaly"
+        )
 
 
 def held_anomaly(plant: Plant, true_anomaly_rad: float) -> float:

@@ -9,11 +9,12 @@ import numpy as np
 from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
-from hillsphere_plants.equilibria import libration_points, rest_eigenvalues
+from hillsphere_plants.equilibria import check_orbit, libration_points, rest_eigenvalues
 from hillsphere_plants.equilibria_specs import EquilibriaSpec
 
 __all__ = ["Equilibria", "EquilibriaStage"]
 
+_TURN = 2.0 * np.pi
 _REAL = 1e-9
 """Part of an eigenvalue below which its real or imaginary part is rounding."""
 _COLUMNS = (
@@ -25,8 +26,9 @@ _COLUMNS = (
     Column("distance_m", "m", "distance from the centre", 10),
     Column("height_m", "m", "above the surface along the radius", 6),
     Column("growth_s", "s", "time of growth by e", 5),
-    Column("period_1_s", "s", "period of the slower oscillation", 6),
-    Column("period_2_s", "s", "of the faster", 6),
+    Column("period_1_s", "s", "period of the slowest oscillation", 6),
+    Column("period_2_s", "s", "of the next", 6),
+    Column("period_3_s", "s", "of the fastest of three", 6),
 )
 
 
@@ -66,11 +68,18 @@ class EquilibriaStage:
     ----------
     spec : EquilibriaSpec
         With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the plant has no such points, or no true anomaly.
     """
 
     def __init__(self, spec: EquilibriaSpec) -> None:
         self.spec = spec
         self.plant: Plant = spec.plant.get()
+        self._anomalies = tuple(a % _TURN for a in spec.true_anomalies_rad)
+        check_orbit(self.plant, *self._anomalies[:1])
 
     def run(self, ctx: Context) -> Equilibria:
         """Find them.
@@ -87,12 +96,10 @@ class EquilibriaStage:
 
         Raises
         ------
-        InputError
-            If the plant has no such points, or no true anomaly.
         ConvergenceError
             If a search fails.
         """
-        anomalies: tuple[float | None, ...] = self.spec.true_anomalies_rad or (None,)
+        anomalies: tuple[float | None, ...] = self._anomalies or (None,)
         advance = ctx.track("equilibria", len(anomalies))
         names: list[str] = []
         where: list[Array] = []
@@ -137,7 +144,8 @@ class EquilibriaStage:
                     "height_m": _number(product.height_m[i]),
                     "growth_s": 1.0 / growth if unstable else None,
                     "period_1_s": periods[0] if periods else None,
-                    "period_2_s": periods[-1] if len(periods) > 1 else None,
+                    "period_2_s": periods[1] if len(periods) > 1 else None,
+                    "period_3_s": periods[2] if len(periods) > 2 else None,
                 }
             )
         notes = [f"In the frame {product.frame}, in the body's gravity, which moves them off axes."]
@@ -147,9 +155,12 @@ class EquilibriaStage:
                 "that moment; growth and periods are those of the equations held there."
             )
         distances = np.linalg.norm(product.position_m, axis=0)
+        # Of several true anomalies each has metrics of its own, by its place among them.
+        places = [product.names[:i].count(name) for i, name in enumerate(product.names)]
+        many = max(places) > 0
         metrics = {
-            f"{name.lower()}_distance": Metric(float(distances[product.names.index(name)]), "m")
-            for name in dict.fromkeys(product.names)
+            f"{name.lower()}_distance{f'_{place + 1}' if many else ''}": Metric(float(d), "m")
+            for name, place, d in zip(product.names, places, distances, strict=True)
         }
         table = Table("Equilibrium points", _COLUMNS, rows, notes)
         return Presentation(metrics, {"equilibrium_points": table}, {})

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated, sighted
 from hillsphere_sensors.spacecraft_specs import LidarSpec
 
 __all__ = ["Lidar"]
@@ -23,11 +23,12 @@ class Lidar(SpacecraftSensor):
     With the spot ``below`` the spacecraft the range is :math:`|r| - R(\hat r)`, R the radius of the
     surface in that direction; azimuth and elevation are those of the spot in the axes of the
     camera (`hillsphere_sensors.camera.Camera`). With the spot where the boresight is ``pointing``
-    it is the distance along the boresight, on an ellipsoid.
+    it is the distance along the boresight, on an ellipsoid. With a field of view the spot ``below``
+    is found only where the centre of mass lies in that cone about the boresight.
 
     From the scene it takes ``"to_body"``, shape (3, 3, N), the matrices from the states' frame to
-    the body's, and, if it measures angles or looks along it, ``"boresight"``, (S, 3, N), where each
-    of S spacecraft is commanded to look, in the states' frame.
+    the body's, and, if it measures angles, has a field of view or looks along it, ``"boresight"``,
+    (S, 3, N), where each of S spacecraft is commanded to look, in the states' frame.
 
     Parameters
     ----------
@@ -62,6 +63,10 @@ class Lidar(SpacecraftSensor):
         distance, met = self._range(r, t_s, scene)
         if self.spec.maximum_range_m is not None:
             met = met & (distance <= self.spec.maximum_range_m)
+        if self.spec.field_of_view_rad is not None:
+            u, v, ahead = sighted(self._boresight(scene, t_s), -r)
+            off = np.arctan2(np.sqrt(u * u + v * v), ahead)
+            met = met & (off <= 0.5 * self.spec.field_of_view_rad)
         return met
 
     def _sigmas(self, true: Array) -> Array:

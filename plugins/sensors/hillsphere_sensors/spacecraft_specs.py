@@ -108,6 +108,11 @@ class LidarSpec(SpacecraftSensorSpec):
         "whether the spot's direction from the boresight is measured too (spot 'below')",
         default=True,
     )
+    field_of_view_rad: float | None = quantity(
+        "angle", "full cone about the boresight in which the centre must lie (spot 'below'); left "
+        "out: gimballed, it finds the body whatever the spacecraft's attitude",
+        default=None, gt=0, lt=2 * pi,
+    )  # fmt: skip
     maximum_range_m: float | None = quantity(
         "length", "greatest range; left out: none", default=None, gt=0
     )
@@ -136,6 +141,9 @@ class LidarSpec(SpacecraftSensorSpec):
         if self.angles and self.spot == "pointing":
             text = "the beam goes along the boresight: its direction from there says nothing"
             raise PydanticCustomError("rule", "{text}", {"text": text, "key": "angles"})
+        if self.field_of_view_rad is not None and self.spot == "pointing":
+            text = "the beam goes along the boresight and needs none; leave it out"
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "field_of_view"})
         return self
 
 

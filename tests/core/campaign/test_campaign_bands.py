@@ -24,10 +24,12 @@ from hillsphere.campaign.executors.serial import Serial
 from hillsphere.campaign.executors.specs import SerialSpec
 from hillsphere.campaign.isolation import compute
 from hillsphere.campaign.line_figures import line_figure
+from hillsphere.campaign.repeated import Repeated
 from hillsphere.campaign.specs import MonteCarloSpec, SweepSpec
+from hillsphere.campaign.stages import Sweep
 from hillsphere.campaign.tasks import Task
 from hillsphere.drawing import draw
-from hillsphere.errors import Interrupted, StageError
+from hillsphere.errors import InputError, Interrupted, StageError
 from hillsphere.faults import faults_of
 from hillsphere.interfaces import Array
 from hillsphere.products import Bands, CaseTable, Lines, load_product, save_product
@@ -415,3 +417,14 @@ def test_what_stands_behind_needs_lines() -> None:
     ]
     made, faults = faults_of(SweepSpec, keys | {"lines": ["x"]})
     assert not faults
+
+
+def test_a_campaign_behind_without_bands_is_told_before_any_case_is_flown() -> None:
+    keys = {"repeat": "hover", "over": {"stage.hover.samples": [1, 2]}, "lines": ["x"],
+            "needs": {"behind": "all"}}  # fmt: skip
+    made, faults = faults_of(SweepSpec, keys)
+    assert not faults
+    assert isinstance(made, SweepSpec)
+    bare = replace(chosen(), bands=None)
+    with pytest.raises(InputError, match=r"needs\.behind: this campaign has no bands"):
+        Sweep(made).plan(Repeated(None, "hover"), behind=bare)  # type: ignore[arg-type]

@@ -37,7 +37,9 @@ def swept(shares: list[list[int]], cases: int = 1000) -> CaseTable:
 
 
 def test_the_first_crossing_is_between_the_points_beside_it() -> None:
-    along, found = crossings(swept([[0, 5, 25, 400], [0, 0, 0, 0], [30, 40, 0, 90]]), 0.01, 0.95)
+    along, found = crossings(
+        swept([[0, 5, 25, 400], [0, 0, 0, 0], [30, 40, 0, 90]]), 0.01, 0.95, chosen=False
+    )
     assert along == "dispersions.field.scale"
     assert [one.others for one in found] == [f"stage.d.follow = rt{i}" for i in (1, 2, 3)]
     assert found[0].value == pytest.approx(2.25)  # .005 at 2, .025 at 3
@@ -50,11 +52,32 @@ def test_the_first_crossing_is_between_the_points_beside_it() -> None:
 
 
 def test_table_says_what_no_number_can() -> None:
-    table = crossing_table(swept([[0, 0, 0, 0], [30, 40, 0, 90]]), 0.01, 0.95)
+    table = crossing_table(swept([[0, 0, 0, 0], [30, 40, 0, 90]]), 0.01, 0.95, chosen=False)
     assert table is not None
     assert [row["said"] for row in table.rows] == [
         "never in this sweep", "from the first point on"
     ]  # fmt: skip
+
+
+def test_one_case_that_was_drawn_says_little_of_its_point() -> None:
+    """One repetition of dispersed flights, or the only one of a point that was flown in time."""
+    table = swept([[0, 0, 0, 1]], cases=1)
+    _, (one,) = crossings(table, 0.5, 0.95, chosen=False)
+    assert np.isnan(one.surely_below)
+    assert one.surely_above == np.inf
+    assert one.value == pytest.approx(3.5)
+    assert one.bracket is None
+    _, (chosen,) = crossings(table, 0.5, 0.95, chosen=True)
+    assert (chosen.surely_below, chosen.surely_above) == (3.0, 4.0)
+
+
+def test_too_few_cases_for_a_threshold_are_said_to_be() -> None:
+    few = crossing_table(swept([[0, 0, 3, 9]], cases=64), 0.01, 0.95, chosen=False)
+    assert few is not None
+    assert "none of 64 failed would still allow 5.6 %" in few.notes[-1]
+    enough = crossing_table(swept([[0, 0, 30, 90]], cases=1000), 0.01, 0.95, chosen=False)
+    assert enough is not None
+    assert len(enough.notes) == 1
 
 
 def test_a_ladder_tells_at_which_size_each_group_fails() -> None:
@@ -68,15 +91,20 @@ def test_a_ladder_tells_at_which_size_each_group_fails() -> None:
         point_labels=tuple(f"{g}, {k % 4 + 1} σ" for g, k in zip(groups, order, strict=True)),
         swept_units=("-", "-"), ladder=Ladder("σ", "-", np.tile(SCALES, 2)[order], groups),
     )  # fmt: skip
-    along, found = crossings(table, 0.5, 0.95)
+    along, found = crossings(table, 0.5, 0.95, chosen=True)
     assert along == "σ"
     by_group = {one.others: one for one in found}
-    assert by_group["first"].value == 2.5
+    # One passes and the next fails: where in between nobody has looked.
+    assert np.isnan(by_group["first"].value)
+    assert by_group["first"].bracket == (2.0, 3.0)
     assert (by_group["first"].surely_below, by_group["first"].surely_above) == (2.0, 3.0)
     assert (by_group["second"].value, by_group["second"].surely_below) == (np.inf, 4.0)
-    shown = crossing_table(table, 0.5, 0.95)
+    shown = crossing_table(table, 0.5, 0.95, chosen=True)
     assert shown is not None
-    assert {row["others"] for row in shown.rows} == {"first", "second"}
+    said = {row["others"]: (row["said"], row["value"]) for row in shown.rows}
+    assert said == {"first": ("between 2 and 3", None), "second": ("never in this sweep", None)}
+    assert "Single cases" in shown.notes[0]
+    assert len(shown.notes) == 1
 
 
 def test_a_ladder_goes_with_its_points() -> None:

@@ -329,3 +329,12 @@ def test_many_metrics_and_inputs_make_no_more_figures() -> None:
     assert all(figure.size_in[1] < 9.0 for figure in found.figures.values())
     assert len(found.tables["campaign_correlations"].rows) == 500
     assert len(found.metrics) < 50
+
+
+def test_chosen_cases_have_no_correlations() -> None:
+    """What grew together among cases that somebody chose was chosen."""
+    random = present_campaign(campaign(64), level=0.95)
+    listed = present_campaign(replace(campaign(64), design="list"), level=0.95)
+    assert "campaign_correlations" in random.tables
+    assert "campaign_correlations" not in {*listed.tables, *listed.figures}
+    assert not any("correlation" in sentence for sentence in listed.verdict)

@@ -22,6 +22,7 @@ from hillsphere_controllers.stages.lft.specs import LftSpec
 from hillsphere_controllers.stages.lft.stage import LftStage
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
+from hillsphere_controllers.stages.mu_analysis.presentation import presented
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
 from hillsphere_controllers.stages.mu_analysis.stage import MuAnalysisStage
@@ -210,7 +211,9 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     wide, narrow = (one.figures["mu_sensitivity_curves"].size_in[0] for one in (columns, shown))
     assert wide - narrow == pytest.approx(3.2)
     soft, _ = shown.verdict
-    assert soft.startswith("soft: a gain below one for all perturbations declared with 0 of 2")
+    assert soft.startswith(
+        "soft, uncertain: a gain below one for all perturbations declared with 0 of 2"
+    )
     assert "not with point=1, point=10" in soft
     with pytest.raises(InputError, match=r"models: needs\.uncertain"):
         run(several, given, {"models": ["point=3"]})
@@ -231,13 +234,44 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
     keys: dict[str, Any] = {"analyses": ["robust_performance"], "points": 3}
     (alone,) = run(spring, given, keys).results
     made = run(models, given, keys | {"outputs": ["half", s.outputs[1]]})
-    (worst,) = made.results
-    assert worst.channel == s.outputs[1]
+    assert [one.channel for one in made.results] == ["half", s.outputs[1]]
+    half, own = made.results
+    assert half.upper == pytest.approx(0.5 * own.upper, rel=0.3)
+    assert half.lower < half.upper < own.lower
+    (worst,) = made.worst
+    assert (worst.channel, worst.lower_channel) == (s.outputs[1], s.outputs[1])
+    assert (worst.upper, worst.lower) == (own.upper, own.lower)
+    # bounds of two channels stay told apart
+    crossed = replace(made, results=(replace(half, lower=2.0 * own.upper), own))
+    (mixed,) = crossed.worst
+    assert (mixed.channel, mixed.lower_channel) == (s.outputs[1], "half")
+    certificates = presented(made, None).tables["mu_certificates"]
+    assert [row["channel"] for row in certificates.rows] == ["half", s.outputs[1]]
     assert worst.upper == pytest.approx(alone.upper, rel=1e-6)
     together = run(models, given, keys)
     assert together.nominal[0] == pytest.approx(made.nominal[0] * np.sqrt(1.25), rel=1e-6)
     with pytest.raises(InputError, match="outputs: no signal 'z'"):
         run(models, given, keys | {"outputs": ["z"]})
+
+
+def test_what_is_uncertain_is_said_of_every_loop(spring: UncertainModels) -> None:
+    made = run(spring, {"k": gain(np.zeros((1, 1)))}, analyses=["robust_stability"], points=3)
+    assert made.label(0) == "k, uncertain"
+    (said,) = presented(made, None).verdict
+    assert said.startswith("k, uncertain: ")
+
+
+def test_analyses_beside_are_of_the_same_kind(spring: UncertainModels) -> None:
+    given = {"none": gain(np.zeros((1, 1)))}
+    keys: dict[str, Any] = {"analyses": ["robust_performance"], "points": 3}
+    made = run(spring, given, keys)
+    other = run(spring, given, keys | {"analyses": ["robust_stability"]})
+    needs = {"uncertain": "u", "controllers": ["none"], "beside": ["before"]}
+    table = {"needs": needs, "sensitivity_curves": True} | keys
+    spec = validate(MuAnalysisSpec, table, where="s")
+    assert isinstance(spec, MuAnalysisSpec)
+    with pytest.raises(InputError, match=r"needs\.beside: 'before' has robust_stability"):
+        MuAnalysisStage(spec).present(made, spring, (), (other,))
 
 
 @pytest.mark.parametrize(

@@ -190,6 +190,20 @@ def test_real_eigenvalue_of_a_repeated_real_scalar() -> None:
     assert_allclose(found.delta, -0.5 * np.eye(3), rtol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_multiple_real_eigenvalue_with_one_eigenvector(seed: int) -> None:
+    """Rounding finds it as three, of which two are complex: µ was found to be 0.3."""
+    random = np.random.default_rng(seed)
+    q = random.normal(size=(3, 3))
+    m = np.zeros((4, 4), dtype=complex)
+    m[:3, :3] = q @ (np.eye(3) + np.diag(np.ones(2), 1)) @ np.linalg.inv(q)
+    m[3, 3] = 0.3
+    structure = BlockStructure([repeated_real(3), full(1)])
+    found = lower_bound(m, structure)
+    assert_allclose(found.value, 1.0, rtol=1e-9)
+    assert_proved(m, structure, found)
+
+
 def test_nothing_is_found_where_nothing_is() -> None:
     turning = np.array([[0.0, 3.0], [-3.0, 0.0]])
     found = lower_bound(turning, BlockStructure([repeated_real(2)]))

@@ -228,6 +228,31 @@ def test_nominal_performance_is_known_where_the_search_finds_nothing(
     assert_poles_on_the_border(found, system)
 
 
+def test_mu_is_no_smaller_than_what_the_worst_gain_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Δ of size one that leaves the gain g < 1 shows µ ≥ g, whatever the search finds."""
+
+    def nothing(_: LtiSystem, structure: BlockStructure, *__: object, **___: object) -> LowerBound:
+        p, m = structure.shape
+        return LowerBound(0.0, np.zeros((m, p), dtype=complex), 1.0)
+
+    monkeypatch.setattr("hillsphere_controllers.mu.robustness.lower_bound_near", nothing)
+    # at rest the gain is 0.5/((1 + 0.3 δ₁)(1 + 0.2 δ₂)): largest at zero frequency
+    first = LtiSystem(
+        np.diag([-1.0, -2.0]), np.array([[-0.3, 0.0, 0.5], [0.0, -0.4, 0.0]]),
+        np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]), np.zeros((3, 3)),
+    )  # fmt: skip
+    system = LtiSystem(first.a + np.array([[0.0, 0.0], [2.0, 0.0]]), first.b, first.c, first.d)
+    blocks = BlockStructure([repeated_real(1, "a"), repeated_real(1, "b")])
+    found = robust_performance(system, blocks, gap=1e-3)
+    worst = worst_case_gain(system, blocks, gap=1e-3)
+    assert worst.lower == pytest.approx(0.5 / (0.7 * 0.8), rel=1e-6)
+    # on the border (1 − 0.3/µ)(1 − 0.2/µ) µ = 0.5
+    exact = max(np.roots([1.0, -1.0, 0.06]))
+    assert found.lower == pytest.approx(exact, rel=2e-3)
+    assert found.lower <= found.upper
+    assert_poles_on_the_border(found, system)
+
+
 def test_worst_gain_of_the_column() -> None:
     """Between the bounds, and reached by a Δ(s) that is checked here once more."""
     m = distillation_column()

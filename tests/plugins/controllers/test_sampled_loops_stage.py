@@ -179,3 +179,20 @@ def test_what_does_not_go_together() -> None:
     ):
         with pytest.raises(HillsphereError, match=message):
             stage(**keys)
+
+
+def test_a_controller_in_discrete_time_has_no_other_period() -> None:
+    discrete = averaged(filtered(pid()), PERIOD)
+    sampled = law(states="sampled", low_pass_hz=None)
+    made = stage(law=sampled, periods_s=[PERIOD, 30])
+    with pytest.raises(InputError, match=r"periods_s: one at 30 s: .*60"):
+        made.run(RecordingContext(), models(), (ControlDesign(discrete),))
+    alone = stage(periods_s=[30])
+    with pytest.raises(InputError, match=r"periods_s: one is a controller in discrete time.* 60 s"):
+        alone.run(RecordingContext(), models(), (ControlDesign(discrete),))
+    # One of the law's own is known before anything runs; its own period is as good as named.
+    own = sampled.flying(discrete)
+    with pytest.raises(InputError, match=r"periods_s: law at 30 s"):
+        stage(needs={"models": "models"}, law=own, periods_s=[30])
+    found = stage(needs={"models": "models"}, law=own).run(RecordingContext(), models(), ())
+    assert np.isnan(found.lost_s).all()

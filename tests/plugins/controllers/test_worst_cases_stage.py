@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,39 @@ def test_worst_parameters_grow_together_in_standard_deviations(analysis: MuAnaly
     assert_allclose(plain.sigmas, 3.0, rtol=1e-6)  # the declared bounds
     with pytest.raises(InputError, match="scales"):
         run(analysis, scales=[0])
+
+
+def nominal_is_worst(analysis: MuAnalysis) -> MuAnalysis:
+    """Return the analysis with a worst perturbation of performance alone."""
+    (one,) = analysis.results
+    return replace(analysis, results=(replace(one, normalised=np.zeros(2)),))
+
+
+def test_a_perturbation_that_moves_nothing_is_no_case(analysis: MuAnalysis) -> None:
+    with pytest.raises(StageError, match=r"as it is, point=1, robust performance\) moves what"):
+        run(nominal_is_worst(analysis), inputs=GAIN)
+    both = replace(analysis, results=(*nominal_is_worst(analysis).results, *analysis.results))
+    made = run(both, inputs=GAIN, remaining=[0])
+    assert len(made.labels) == 1
+    assert made.moved.tolist() == [2]
+    assert made.unmoved == ("as it is, point=1, robust performance",)
+    needs = {"analysis": "mu", "uncertain": "u", "flight": "linear"}
+    spec = validate(WorstCasesSpec, {"needs": needs}, where="stage")
+    assert isinstance(spec, WorstCasesSpec)
+    shown = WorstCasesStage(spec).present(made, both, uncertain(), flight())
+    assert "Without a case (1)" in shown.tables["worst_cases"].notes[-1]
+    assert run(analysis).moved.tolist() == [1, 1, 1]  # the gain has no input in the flight
+
+
+def test_the_worst_gain_is_flown_as_it_is(analysis: MuAnalysis) -> None:
+    (one,) = analysis.results
+    inside = replace(one, analysis="worst_case_gain", normalised=np.array([1.0, -0.4]))
+    for size in (1.0, 2.0):
+        given = replace(
+            analysis, size=size, results=(replace(inside, normalised=size * inside.normalised),)
+        )
+        made = run(given, inputs=GAIN, analyses=["worst_case_gain"], remaining=[0])
+        assert_allclose(made.values[[0, 2], 0], [2.6, 0.96], rtol=1e-12)
 
 
 def test_faults_are_said(analysis: MuAnalysis) -> None:

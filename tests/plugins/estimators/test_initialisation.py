@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,27 +10,34 @@ import pytest
 from scipy.stats import chi2, kstest
 
 from hillsphere import create
+from hillsphere.campaign.cases import CaseBatch
 from hillsphere.errors import InputError
 from hillsphere.testing import RecordingContext, check_presentation
 from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.initialisation.presentation import judged
 from hillsphere_estimators.initialisation.products import StartingBelief
 
+BODY = create(
+    "body", "asteroid", semi_major_axis_au=0.9224, eccentricity=0.1912,
+    rotation_rate_rad_s=5.8177e-5, semi_axes_m=[191, 135, 95], mean_anomaly_rad=0.0,
+)  # fmt: skip
 SC_1, SC_2 = [29.0, -1503.0, 407.0], [-1.2, -2126.0, 550.0]
 
 
-def beginning(sensors: str, **keys: Any) -> Any:
-    body = create(
-        "body", "asteroid", semi_major_axis_au=0.9224, eccentricity=0.1912,
-        rotation_rate_rad_s=5.8177e-5, semi_axes_m=[191, 135, 95], mean_anomaly_rad=0.0,
+def two_spacecraft(noise_m_s2: float = 0.0) -> Any:
+    return create(
+        "plant", "proximity", body=BODY, gravity=create("gravity", "point_mass", gm_m3_s2=1.8016),
+        spacecraft=[{}, {}], acceleration_noise_m_s2=noise_m_s2,
     )  # fmt: skip
-    gravity = create("gravity", "point_mass", gm_m3_s2=1.8016)
-    plant = create("plant", "proximity", body=body, gravity=gravity, spacecraft=[{}, {}])
-    cameras = [create("sensor", "camera", body=body, spacecraft=k, target="centre") for k in (1, 2)]
+
+
+def beginning(sensors: str, **keys: Any) -> Any:
+    cameras = [create("sensor", "camera", body=BODY, spacecraft=k, target="centre") for k in (1, 2)]
     link = create("sensor", "inter_satellite", spacecraft=1, partner=2)
-    lidars = [create("sensor", "lidar", body=body, spacecraft=k) for k in (1, 2)]
+    lidars = [create("sensor", "lidar", body=BODY, spacecraft=k) for k in (1, 2)]
     sets = {"lidar": [*cameras, *lidars], "link": [*cameras, link]}
     given: dict[str, Any] = {
-        "plant": plant, "sensors": sets[sensors], "duration_h": 3, "interval_min": 45,
+        "plant": two_spacecraft(), "sensors": sets[sensors], "duration_h": 3, "interval_min": 45,
         "spacecraft": [{"position_m": SC_1, "velocity_mm_s": [1, -2, 3]}, {"position_m": SC_2}],
         "seeds": 40, "depths_m": [700, 2000, 6000], "tries": 2, "step_min": 10,
     }  # fmt: skip
@@ -54,6 +62,64 @@ def test_covariances_fit_the_truth(sensors: str) -> None:
     check_presentation(stage.present(found))
     assert found.mean.shape == (12,)
     assert found.covariance.shape == (12, 12)
+
+
+def test_random_accelerations_are_flown_and_reckoned_with() -> None:
+    """Pushes that carry spacecraft by many standard deviations of what sensors show."""
+    quiet = beginning("lidar", seeds=20).run(RecordingContext())
+    found = beginning("lidar", seeds=20, plant=two_spacecraft(3e-6)).run(RecordingContext())
+    assert np.ptp(quiet.truths, axis=1).max() < 0.1
+    assert (np.std(found.truths[:3], axis=1) > 1.0).all()
+    low, high = chi_square_band(12, 20)
+    assert low <= found.nees.mean() <= high
+    speed = [np.sqrt(np.diagonal(f.covariances, axis1=1, axis2=2)[:, 3:6]) for f in (quiet, found)]
+    assert speed[1].mean() > 2.0 * speed[0].mean()
+
+
+def test_verdict_says_what_the_numbers_are() -> None:
+    assert judged(12.0, 11.0, 13.0, 0.3) == "consistent"
+    assert judged(12.0, 11.0, 13.0, 1e-3) == "not consistent"
+    assert judged(14.0, 11.0, 13.0, 0.3) == "overconfident"
+    assert judged(10.0, 11.0, 13.0, 0.3).startswith("cautious")
+
+
+def test_navigation_begins_with_it() -> None:
+    """At its time, in its states, with the fits that converged."""
+    stage = beginning("lidar", seeds=12)
+    found = stage.run(RecordingContext())
+    settled = found.settled.copy()
+    settled[::2] = 0.0
+    found = replace(found, settled=settled)
+
+    def flight(**keys: Any) -> Any:
+        return create(
+            "stage", "navigation", plant=stage.spec.plant.get(),
+            sensors=[ref.get() for ref in stage.spec.sensors], interval_min=30, duration_h=1,
+            estimator=create("estimator", "unscented", update="iterated", iterations=40),
+            needs={"belief": "beginning"}, **keys,
+        )  # fmt: skip
+
+    made = flight()
+    batch = CaseBatch(
+        np.arange(64), np.arange(64), np.zeros(64, bool), (), np.zeros((0, 64)), 1, "navigation"
+    )
+    told = made.run_cases(batch, ["t"], belief=found)
+    assert not told.failed.any()
+    plan = made._plan(None, found)
+    assert plan.begin_s == found.t_s == 10_800.0
+    truth, begun = made._begin(plan, batch, found, np.full(64, plan.begin_s))
+    np.testing.assert_array_equal(truth[:, :8], found.truths[:, [1, 3, 5, 7, 9, 11, 1, 3]])
+    np.testing.assert_array_equal(begun.x[:, 0], found.means[:, 1])
+    with pytest.raises(InputError, match=r"leave start\.time_s out"):
+        flight(start={"time_h": 1})._plan(None, found)
+    with pytest.raises(InputError, match="leave start out"):
+        flight(start={"position_m": [*SC_1, *SC_2]})
+    with pytest.raises(
+        InputError, match=r"needs\.belief: it is of 2 states a, b; the plant has 12"
+    ):
+        made._plan(None, replace(found, names=("a", "b")))
+    with pytest.raises(InputError, match="none of its 12 fits converged"):
+        made._plan(None, replace(found, settled=np.zeros(12)))
 
 
 def test_refusals() -> None:

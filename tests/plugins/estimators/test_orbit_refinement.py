@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,8 +84,12 @@ def test_errors_are_as_large_as_the_covariance_says(product: OrbitRefinement) ->
         assert low <= known.nees[-1].mean() <= high
         ratio = np.mean(known.position_m[-1] ** 2) / np.mean(known.position_sigma_m[-1] ** 2)
         assert 0.4 < ratio < 2.5
+    # of all states too, with every set of sensors: cameras alone, which say little of distances,
+    # tempt a filter that linearises as it goes to believe too much
+    assert product.tracked_settled.all()
     low, high = chi_square_band(product.states, cases)
-    assert low <= product.joint_nees[0].mean() <= high
+    for joint in product.joint_nees:
+        assert low <= joint.mean() <= high
 
 
 def test_what_sensors_bring(product: OrbitRefinement) -> None:
@@ -102,14 +107,37 @@ def test_what_sensors_bring(product: OrbitRefinement) -> None:
 
 
 def test_presentation(product: OrbitRefinement) -> None:
-    shown = refinement().present(product)
+    shown = refinement(claims_velocity_kept=True).present(product)
     check_presentation(shown)
     assert any("not considerably improved" in line for line in shown.verdict)
+    assert any("as large as the filter says: mean NEES of all 18" in v for v in shown.verdict)
+    assert any("after 1 d: position better" in line for line in shown.verdict)
+    # where a spacecraft is not heard its velocity is forgotten, the asteroid's is not
+    assert any("partly silent" in line for line in shown.verdict)
+    plain = refinement().present(product)
+    assert not any("considerably improved" in line for line in plain.verdict)
     rows = shown.tables["refinement_tracking"].rows
     assert len(rows) == 2 * 4
 
 
+def test_overconfidence_and_lack_of_convergence_are_said(product: OrbitRefinement) -> None:
+    joint, rested = product.joint_nees.copy(), product.tracked_settled.copy()
+    joint[3] *= 2.0
+    joint[1] *= 0.5
+    rested[2, 0, 0] = 0.0
+    shown = refinement().present(replace(product, joint_nees=joint, tracked_settled=rested))
+    (line,) = (v for v in shown.verdict if "as large as the filter says" in v)
+    assert line.startswith("Errors are not as large as the filter says with 'no Doppler', 'cameras")
+    rows = shown.tables["refinement_arms"].rows
+    assert [row["judged"] for row in rows] == [
+        "consistent", "cautious", "consistent", "overconfident",
+    ]  # fmt: skip
+    assert any("1 of 80 during tracking" in v for v in shown.verdict)
+
+
 def test_refusals() -> None:
+    with pytest.raises(InputError, match="offset_km: is zero"):
+        refinement(spacecraft=[{"offset_km": [0, 0, 0]}, {"offset_km": [1e4, 0, 0]}])
     with pytest.raises(InputError, match="needs 12 states, the asteroid's six first; it has 18"):
         refinement(spacecraft=[{"offset_km": [1e4, 0, 0]}])
     with pytest.raises(InputError, match="lacks mean_anomaly_deg"):

@@ -80,8 +80,37 @@ def test_gravity_moves_them_out_and_the_ellipse_with_the_anomaly() -> None:
     assert distance[0] < distance[1] < distance[2]  # farther from Mars at apoapsis
 
 
-def test_what_has_no_equilibrium_is_said() -> None:
-    with pytest.raises(InputError, match=r"vary along the orbit.*one true anomaly"):
-        run(phobos(0.0151, orbit="elliptic"))
-    with pytest.raises(InputError, match="seventh and last state"):
-        run(phobos(), true_anomalies_deg=[0])
+def test_what_has_no_equilibrium_is_said_before_anything_runs() -> None:
+    for plant, keys, said in (
+        (phobos(0.0151, orbit="elliptic"), {}, r"vary along the orbit.*one true anomaly"),
+        (phobos(), {"true_anomalies_deg": [0]}, "seventh and last state"),
+    ):
+        with pytest.raises(InputError, match=said):
+            create("stage", "equilibria", plant=plant, **keys)
+
+
+def test_each_anomaly_has_metrics_of_its_own() -> None:
+    """Angles are taken within a turn; the number in a metric is that of the anomaly."""
+    plant = phobos(0.0151, orbit="elliptic")
+    stage = create("stage", "equilibria", plant=plant, true_anomalies_deg=[400, -30])
+    found = stage.run(RecordingContext())
+    assert_allclose(np.degrees(found.true_anomaly_rad), [40, 40, 330, 330], rtol=1e-12)
+    shown = stage.present(found)
+    distances = np.linalg.norm(found.position_m, axis=0)
+    assert {name: metric.value for name, metric in shown.metrics.items()} == {
+        "l1_distance_1": distances[0], "l2_distance_1": distances[1],
+        "l1_distance_2": distances[2], "l2_distance_2": distances[3],
+    }  # fmt: skip
+
+
+def test_all_three_oscillations_about_the_triangular_points_are_shown() -> None:
+    plant = phobos()
+    stage = create("stage", "equilibria", plant=plant)
+    found = stage.run(RecordingContext())
+    row = stage.present(found).tables["equilibrium_points"].rows[3]
+    values = found.eigenvalues_1_s[:, 3]
+    wanted = sorted((2.0 * np.pi / values.imag[values.imag > 1e-12]).tolist(), reverse=True)
+    periods = [row[f"period_{k}_s"] for k in (1, 2, 3)]
+    assert row["point"] == "L4"
+    assert len(wanted) == 3
+    assert_allclose(periods, wanted, rtol=1e-12)

@@ -190,6 +190,20 @@ def test_lidar_along_the_boresight() -> None:
     assert beam.visible(STATES[:, None], NOW, aside)[0]
 
 
+def test_lidar_has_a_field_of_view() -> None:
+    """Ten degrees off the centre: within a cone of 22, not of 18; a gimballed one finds it."""
+    away = np.array([[1000.0, 0.0, 0.0, 0.0, 0.0, 0.0]]).T
+    angle = np.radians(10.0)
+    aside = {**scene(), "boresight": np.array([[-np.cos(angle)], [np.sin(angle)], [0.0]])[None]}
+    seen = [
+        bool(sensor("lidar", **keys).visible(away, NOW, aside)[0])
+        for keys in ({}, {"field_of_view_deg": 22}, {"field_of_view_deg": 18})
+    ]
+    assert seen == [True, True, False]
+    with pytest.raises(ValueError, match="needs none"):
+        sensor("lidar", spot="pointing", angles=False, field_of_view_deg=20)
+
+
 def test_lidar_has_a_reach() -> None:
     near, far = (
         sensor("lidar", maximum_range_m=reach).visible(STATES[:, None], NOW, scene())[0]

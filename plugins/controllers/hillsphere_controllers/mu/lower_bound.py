@@ -32,7 +32,8 @@ from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.single_blocks import single_block, single_blocks
 
 __all__ = [
-    "LowerBound", "lower_bound", "lower_bound_near", "lower_bound_of_block", "moving_response",
+    "LowerBound", "checked", "lower_bound", "lower_bound_near", "lower_bound_of_block",
+    "moving_response",
 ]  # fmt: skip
 
 Complex = NDArray[np.complex128]
@@ -160,8 +161,7 @@ def lower_bound_of_block(
     """
     m, _ = moving_response(system, structure, omega_rad_s)(0.0)
     delta = single_block(m, structure, block)
-    made = None if delta is None else _checked(m, delta, structure)
-    return None if made is None else replace(made, frequency_rad_s=omega_rad_s)
+    return None if delta is None else checked(m, delta, structure, omega_rad_s)
 
 
 def moving_response(
@@ -215,7 +215,7 @@ def _best(
         if raised is None:
             return
         delta, z = raised
-        made = _checked(at(z)[0], delta, structure)
+        made = checked(at(z)[0], delta, structure)
         if made is not None and made.value > best.value:
             frequency = np.nan if omega is None else float(omega * np.exp(z))
             best = LowerBound(made.value, made.delta, made.singular, frequency)
@@ -225,18 +225,33 @@ def _best(
     for delta in single_blocks(m, structure):
         if 1.0 / float(np.linalg.norm(delta, 2)) <= best.value:
             break
-        made = _checked(m, delta, structure)
+        made = checked(m, delta, structure)
         if made is not None and made.value > best.value:
             best = made if omega is None else replace(made, frequency_rad_s=omega)
             raise_from(delta * made.value)
     return best
 
 
-def _checked(m: Complex, delta: Complex, structure: BlockStructure) -> LowerBound | None:
+def checked(
+    m: Complex, delta: Complex, structure: BlockStructure, frequency_rad_s: float = np.nan
+) -> LowerBound | None:
+    """Return the bound that a squared Δ proves, None if I − M Δ is not singular.
+
+    Parameters
+    ----------
+    m : ndarray, shape (n, n)
+        Squared.
+    delta : ndarray, shape (n, n)
+        Squared.
+    structure : BlockStructure
+        Of Δ.
+    frequency_rad_s : float
+        At which M is that of a system.
+    """
     product = m @ delta
     singular = float(np.linalg.svd(np.eye(len(m)) - product, compute_uv=False)[-1])
     if not singular <= _SINGULAR * max(1.0, float(np.linalg.norm(product, 2))):
         return None
     made = structure.unsquared(delta)
     size = max(float(np.linalg.norm(made[rows, columns], 2)) for rows, columns in structure.parts())
-    return LowerBound(1.0 / size, made, singular)
+    return LowerBound(1.0 / size, made, singular, frequency_rad_s)

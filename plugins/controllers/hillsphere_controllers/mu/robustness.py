@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.mu.blocks import Block, BlockStructure, full, repeated_complex
+from hillsphere_controllers.mu.by_gain import bound_by_gain
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import (
@@ -143,7 +144,12 @@ def robust_stability(
 
 
 def robust_performance(
-    system: LtiSystem, uncertainty: BlockStructure, *, gap: float = 0.01, seed: int = 0
+    system: LtiSystem,
+    uncertainty: BlockStructure,
+    *,
+    gap: float = 0.01,
+    seed: int = 0,
+    starts: Sequence[Mapping[str, float]] = (),
 ) -> Robustness:
     """Return bounds of µ with a full block for performance.
 
@@ -160,13 +166,33 @@ def robust_performance(
         As of `certified_peak`.
     seed : int
         Of the lower bound's random starts.
+    starts : sequence of mapping of str to float
+        Normalised values of real blocks, by name, from which the lower bound is raised besides:
+        perturbations that are known to be bad.
 
     Raises
     ------
     InputError
         If the system is not stable or does not fit, or nothing is left for performance.
     """
-    return _robustness(system, performance_structure(system, uncertainty), gap, (), seed)
+    whole = performance_structure(system, uncertainty)
+    found = _robustness(system, whole, gap, (), seed)
+    image = in_continuous_time(system, whole)
+    low = None
+    if found.worst is not None:
+        at = to_image(found.frequency_rad_s, system.dt_s)
+        low = LowerBound(found.lower, found.worst.delta, found.worst.singular, at)
+    order = np.argsort(-found.certified.bounds)[:_PEAKS]
+    places = [*found.certified.looked_at_rad_s[order].tolist(), found.frequency_rad_s]
+    places = [to_image(w, system.dt_s) for w in places if not np.isnan(w)]
+    more = bound_by_gain(
+        image, whole, [0.0, *places, np.inf], low, found.upper, starts=starts, seed=seed
+    )
+    if more is None:
+        return found
+    at = from_image(more.frequency_rad_s, system.dt_s)
+    worst = worst_case(system, whole, more.delta, at)
+    return replace(found, lower=more.value, frequency_rad_s=at, worst=worst)
 
 
 def mu_bounds_on_grid(

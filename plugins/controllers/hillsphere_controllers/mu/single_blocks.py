@@ -16,7 +16,10 @@ __all__ = ["single_block", "single_blocks"]
 
 Complex = NDArray[np.complex128]
 
-_REAL = 1e-10
+_NEAR = 1e-3
+"""Eigenvalues so near to each other, or to the real axis, relative, may be one of several Jordan
+blocks: rounding parts a triple one by 1e-5."""
+_SINGULAR = 1e-10
 
 
 def single_blocks(m: Complex, structure: BlockStructure) -> list[Complex]:
@@ -75,10 +78,32 @@ def _smallest(part: Complex, block: Block, least: float) -> Complex | None:
             return None
         dyad: Complex = np.outer(vh[0].conj() / s[0], u[:, 0].conj())
         return dyad
-    values = np.linalg.eigvals(part)
+    values: Complex = np.linalg.eigvals(part).astype(complex)
     if block.kind == "real":
-        values = values[np.abs(values.imag) <= _REAL * np.abs(values)].real
+        values = _real_ones(part, values)
     if not np.abs(values).max(initial=0.0) > least:
         return None
     scalar: Complex = np.eye(len(part)) / values[int(np.argmax(np.abs(values)))] + 0j
     return scalar
+
+
+def _real_ones(part: Complex, values: Complex) -> Complex:
+    """Return the real numbers (k,) among eigenvalues, and those that rounding has parted.
+
+    A multiple eigenvalue without as many eigenvectors is found as several, most of them complex,
+    about it; their mean is near to rounding. Only those are kept with which I − M/λ is singular.
+    """
+    kept = []
+    for value in values:
+        close = np.abs(values - value) <= _NEAR * abs(value)
+        if abs(value.imag) > _NEAR * abs(value) or value == 0.0:
+            continue
+        for one in (float(values[close].mean().real), float(value.real)):
+            if one == 0.0:
+                continue
+            product = part / one
+            least = float(np.linalg.svd(np.eye(len(part)) - product, compute_uv=False)[-1])
+            if least <= _SINGULAR * max(1.0, float(np.linalg.norm(product, 2))):
+                kept.append(one)
+                break
+    return np.array(kept, dtype=complex)

@@ -16,18 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from hillsphere.errors import ConvergenceError, InputError
-from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
-from hillsphere_controllers.mu.ascent import FARTHEST
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
+from hillsphere_controllers.mu.gain_ascent import GainAscent
 from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import lower_bound, moving_response
-from hillsphere_controllers.mu.parameters import UnitPerturbation
 from hillsphere_controllers.mu.robustness import performance_structure, robust_stability
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.worst_case import interpolated
@@ -39,7 +36,6 @@ __all__ = ["WorstCaseGain", "worst_case_gain"]
 Complex = NDArray[np.complex128]
 
 _STARTS = 6
-_MOST = 200
 _INSIDE = 1e-9
 """Relative room that Δ leaves to its bound, so that the system built of it stays within."""
 _GROWN = (1.0 + 1e-6, 1.001, 1.03, 1.3, 3.0, 1e3)
@@ -252,33 +248,10 @@ def _raised(
 ) -> tuple[Complex, float]:
     """Return a Δ of unit size of the largest gain found, and the frequency."""
     at = moving_response(system, structure, omega)
-    unit = UnitPerturbation(uncertainty)
+    ascent = GainAscent(at, uncertainty)
+    unit = ascent.unit
     random = np.random.default_rng(seed)
     n = uncertainty.size
-
-    def cost(x: Array) -> tuple[float, Array]:
-        m, slope = at(float(x[-1]))
-        q = unit.q(x[:-1])
-        inner = np.eye(n) - m[:n, :n] @ q
-        try:
-            right = np.linalg.solve(inner, m[:n, n:])
-            left = np.linalg.solve(inner.T, (m[n:, :n] @ q).T).T  # M₂₁ Q (I − M₁₁ Q)⁻¹
-        except np.linalg.LinAlgError:
-            return -700.0, np.zeros(x.size)
-        t = m[n:, n:] + m[n:, :n] @ q @ right
-        if not np.isfinite(t).all():
-            return -700.0, np.zeros(x.size)
-        u, s, vh = np.linalg.svd(t)
-        if not s[0] > 0.0:
-            return 700.0, np.zeros(x.size)
-        v, uh = vh[0].conj(), u[:, 0].conj()
-        row = uh @ (m[n:, :n] + left @ m[:n, :n])
-        made = unit.derivative(x[:-1], row, right @ v)
-        # T changes with M by [M₂₁ side, I] dM [Q right; I]
-        outer, into = np.concatenate([uh @ left, uh]), np.concatenate([q @ right @ v, v])
-        gradient = np.append(made, outer @ slope @ into).real / s[0]
-        return -float(np.log(s[0])), -gradient
-
     starts = []
     if 0.0 < proof.upper < np.inf:
         weight = np.ones(structure.size)
@@ -292,20 +265,6 @@ def _raised(
         found = lower_bound(at(0.0)[0][:n, :n], inner, seed=seed)
         if found.value > 0.0:
             starts.append(unit.parameters(found.delta * found.value))
-    for _ in range(_STARTS):
-        x = random.normal(size=len(unit.bounds)) * np.pi
-        real = [b[0] is not None for b in unit.bounds]
-        x[real] = random.uniform(-1.0, 1.0, sum(real))
-        starts.append(x)
-    best = min(
-        (
-            minimize(
-                cost, np.append(x, 0.0), jac=True, method="L-BFGS-B",
-                bounds=[*unit.bounds, (-FARTHEST, FARTHEST)], options={"maxiter": _MOST},
-            )
-            for x in starts
-        ),
-        key=lambda found: float(found.fun),
-    )  # fmt: skip
-    delta = uncertainty.unsquared(unit.q(best.x[:-1]))
-    return delta, float(omega * np.exp(best.x[-1]))
+    starts += [ascent.random(random) for _ in range(_STARTS)]
+    best = ascent.best(starts)
+    return uncertainty.unsquared(best.q), float(omega * np.exp(best.z))

@@ -225,8 +225,10 @@ def synthesise(
         raise InputError(f"a synthesis needs a plant and a start, got {len(many)} and {starts}")
     if any(theta.shape != (structure.size,) for theta in given):
         raise InputError(f"initial parameters must be {structure.size} each, as the structure has")
-    if scatter < 0.0 or (scatter and not given):
-        raise InputError(f"a scatter is about initial parameters and ≥ 0, got {scatter}")
+    if not 0.0 <= scatter < np.inf or (scatter and not given):
+        raise InputError(f"a scatter is about initial parameters, ≥ 0 and finite, got {scatter}")
+    if not 0.0 <= target < np.inf:
+        raise InputError(f"a target must be ≥ 0 and finite, got {target}")
     if largest_gain is not None and not largest_gain > 0.0:
         raise InputError(f"a limit of the gain must be > 0, got {largest_gain}")
     if bandwidth_rad_s is not None and not 0.0 < bandwidth_rad_s < np.inf:

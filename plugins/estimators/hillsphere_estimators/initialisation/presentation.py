@@ -15,7 +15,10 @@ from hillsphere_estimators.initialisation.products import StartingBelief
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
-__all__ = ["present_beginning"]
+__all__ = ["judged", "present_beginning"]
+
+_DOUBTFUL = 0.01
+"""Probability below which a distribution is not taken for χ²."""
 
 
 def present_beginning(product: StartingBelief) -> Presentation:
@@ -58,10 +61,15 @@ def present_beginning(product: StartingBelief) -> Presentation:
     mean, fits = float(nees.mean()), float(kstest(nees, chi2(n).cdf).pvalue)
     inside = "lies" if low <= mean <= high else "does not lie"
     verdict = (
-        f"From sensors alone, over {product.t_s / 3600:.3g} h: the mean NEES of {n} states, "
-        f"{mean:.3g}, {inside} in the 99.9 % band {low:.3g} … {high:.3g}; probability of the "
-        f"distribution under χ²: {fits:.2g} (Kolmogorov and Smirnov)."
+        f"From sensors alone, over {product.t_s / 3600:.3g} h: first beliefs are "
+        f"{judged(mean, low, high, fits)}. The mean NEES of {n} states, {mean:.4g}, {inside} in "
+        f"the 99.9 % band {low:.4g} … {high:.4g}; probability of the distribution under χ²: "
+        f"{fits:.2g} (Kolmogorov and Smirnov; below {_DOUBTFUL:g} it counts as inconsistent)."
     )
+    missed = int((product.settled == 0).sum())
+    lines = [verdict]
+    if missed:
+        lines.append(f"Not converged, and counted all the same: {missed} of {cases} fits.")
     return Presentation(
         metrics={
             "initialisation_mean_nees": Metric(mean),
@@ -77,8 +85,15 @@ def present_beginning(product: StartingBelief) -> Presentation:
                 size_in=(6.5, 4.0),
             )
         },
-        verdict=[verdict],
+        verdict=lines,
     )
+
+
+def judged(mean: float, low: float, high: float, probability: float) -> str:
+    """Return what a mean NEES, its band and the probability of its distribution say."""
+    if low <= mean <= high:
+        return "consistent" if probability >= _DOUBTFUL else "not consistent"
+    return "cautious: errors are smaller than is said" if mean < low else "overconfident"
 
 
 def _draw(figure: MatplotlibFigure, product: StartingBelief) -> None:

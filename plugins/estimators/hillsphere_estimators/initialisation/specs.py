@@ -61,6 +61,9 @@ class InitialisationSpec(StageSpec):
         default=0.03, ge=0, lt=1,
     )  # fmt: skip
     step_s: float = quantity("time", "longest step of the step map", default=60.0, gt=0)
+    noise_step_s: float = quantity(
+        "time", "how long each of the plant's random accelerations is held", default=60.0, gt=0
+    )
 
     @model_validator(mode="after")
     def _several(self) -> Self:

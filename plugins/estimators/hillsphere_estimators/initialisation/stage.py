@@ -5,22 +5,32 @@ from __future__ import annotations
 from itertools import product as combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere_estimators.initialisation.arc_fit import arc_fit, screened
+from hillsphere_estimators.information import Information
+from hillsphere_estimators.initialisation.arc_fit import ArcFit, arc_fit, screened
 from hillsphere_estimators.initialisation.presentation import present_beginning
 from hillsphere_estimators.initialisation.products import StartingBelief
 from hillsphere_estimators.initialisation.specs import InitialisationSpec
 from hillsphere_estimators.navigation.scene import proximity_scene
+from hillsphere_estimators.navigation.world import noise_of
+from hillsphere_estimators.refinement.flown import flown
+from hillsphere_estimators.refinement.linearised import LinearPath, path_to
 from hillsphere_estimators.refinement.motion import BodiesModel
-from hillsphere_estimators.roots import lower_root
+from hillsphere_estimators.resting import distance
+from hillsphere_estimators.specs import InformationSpec
 
 __all__ = ["InitialisationStage"]
 
+_PASSES = 3
+"""How often the measurements are filtered along the path of the last result."""
+_RESTED = 0.1
+"""Standard deviations by which the last of them may move what counts as converged."""
 _WIDE = 10.0
 """How wide, in greatest distances and speeds, what is known before is taken: sensors decide."""
 
@@ -30,7 +40,8 @@ class InitialisationStage:
 
     The first measurements are fitted by least squares from many starts (see `arc_fit`): each along
     the line in which the spacecraft looks at the asteroid, at several distances. A line of sight is
-    known, as the attitude is. The belief is that at the last measurement.
+    known, as the attitude is. Then they are filtered along the path of the fit, which reckons with
+    the plant's random accelerations. The belief is that at the last measurement.
 
     Parameters
     ----------
@@ -76,22 +87,46 @@ class InitialisationStage:
         )
         scenes = {float(t): proximity_scene(plant, rows, np.full(seeds, t), looking) for t in times}
         model = BodiesModel(
-            plant, suite, scenes, n // 6, reach_m=float(min(spec.depths_m)), step_s=spec.step_s
-        )
-        path, _ = model.path(truth, times)
+            plant, suite, scenes, n // 6, reach_m=float(min(spec.depths_m)),
+            noise=noise_of(plant), step_s=spec.step_s, noise_step_s=spec.noise_step_s,
+        )  # fmt: skip
+        path = np.stack(flown(model, truth, times, ctx.rng("accelerations")), axis=1)
         sets = self._measured(model, suite, path, times, ctx)
         prior, starts = self._starts(looking, rows)
         starts = screened(model, sets[0], starts, spec.tries)
         ctx.info(f"{len(times)} times of {seeds} cases are fitted from {starts.shape[1]} starts")
         fit = arc_fit(model, prior, sets, starts)
-        end, phi = model.path(fit.belief.x, times)
-        root = lower_root(np.swapaxes(phi[:, -1] @ fit.belief.root, 1, 2))
+        belief, settled = self._filtered(model, prior, fit, sets)
         names = tuple(variable.name for variable in plant.states)
         return StartingBelief(
-            names, float(times[-1]), np.ascontiguousarray(end[:, -1]),
-            root @ np.swapaxes(root, 1, 2), np.ascontiguousarray(path[:, -1]), fit.squares,
-            fit.rows, fit.settled.astype(float),
+            names, float(times[-1]), belief.x, belief.covariance,
+            np.ascontiguousarray(path[:, -1]), fit.squares, fit.rows, settled.astype(float),
         )  # fmt: skip
+
+    def _filtered(
+        self, model: BodiesModel, prior: Belief, fit: ArcFit, sets: list[MeasurementSet]
+    ) -> tuple[Belief, NDArray[np.bool_]]:
+        """Return the belief at the last time, random accelerations among the unknowns.
+
+        The fit knows of none. A filter along its path does, and is repeated along its own result
+        (see `LinearPath`); with the belief comes which cases have converged.
+        """
+        times = np.array(model.times_s)
+        path = np.moveaxis(np.array(flown(model, fit.belief.x, times, None)), 0, 1)
+        present = np.stack([one.present for one in sets], axis=1)
+        estimator, last = Information(InformationSpec()), None
+        none, settled = np.zeros((0, len(prior.t_s))), fit.settled
+        for _ in range(_PASSES):
+            linear = LinearPath.about(model, path, present)
+            belief = prior
+            for one in sets:
+                if one.t_s[0] != belief.t_s[0]:
+                    belief = estimator.predict(linear, belief, one.t_s, none)
+                belief, _ = estimator.update(linear, belief, linear.beyond(one))
+            if last is not None:
+                settled = fit.settled & (distance(belief, last) < _RESTED)
+            last, path = belief, path_to(model, belief)
+        return belief, settled
 
     def present(self, product: StartingBelief) -> Presentation:
         """Show errors beside what is said of them.

@@ -57,8 +57,8 @@ def planned_bound(
         What is believed of the world, with sensors that are differentiable.
     starts : ndarray, shape (n, N)
         States at which the flights begin.
-    prior : ndarray, shape (n, n)
-        Covariance there.
+    prior : ndarray, shape (N, n, n)
+        Covariances there.
     times_s : ndarray, shape (K,)
         Times of the plant.
     goal : ndarray, shape (n, K)
@@ -96,5 +96,4 @@ def planned_bound(
         path.append(x)
         controls.append(control(x, np.repeat(goal[:, k : k + 1], cases, axis=1)))
     timed: EstimationModel = _Timed(model, scenes)
-    priors = np.repeat(prior[None], cases, axis=0)
-    return cramer_rao(timed, path, priors, sets, controls[:-1])
+    return cramer_rao(timed, path, prior, sets, controls[:-1])

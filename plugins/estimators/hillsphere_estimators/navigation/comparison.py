@@ -15,7 +15,7 @@ from hillsphere.products import CaseTable
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.comparison_presentation import present_comparison
 from hillsphere_estimators.navigation.comparison_products import NavigationComparison
-from hillsphere_estimators.navigation.metrics import moment
+from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
 from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.specs import NavigationComparisonSpec
 
@@ -78,7 +78,7 @@ class NavigationComparisonStage:
             if _points(table) != points:
                 raise InputError(f"campaigns: {name!r} has other points than {named[0]!r}")
             errors.append(found.fill(c, table, name, len(crafts)))
-        low, high = chi_square_band(_STATES * len(crafts), np.maximum(found.cases, 1))
+        low, high = chi_square_band(_STATES * len(crafts), np.maximum(found.cases - found.lost, 1))
         ratio, answers = np.zeros((3, 0, shape[1])), []
         if spec.ordered and len(campaigns) > 1:
             ratio = np.zeros((3, len(campaigns) - 1, shape[1]))
@@ -88,6 +88,9 @@ class NavigationComparisonStage:
                         errors[c + 1][p], errors[c][p], spec.confidence
                     )
                     least, _, most = ratio[:, c, p]
+                    if found.lost[c : c + 2, p].any() or np.isnan(least):
+                        answers.append("undecided")  # survivors prove nothing
+                        continue
                     answers.append(
                         "confirmed" if most < 1.0 else "refuted" if least > 1.0 else "undecided"
                     )
@@ -97,10 +100,12 @@ class NavigationComparisonStage:
             spacecraft=crafts,
             points=points,
             cases=found.cases,
+            lost=found.lost,
             position_m=found.position,
             velocity_m_s=found.velocity,
             rms_m=found.rms,
             bound_m=found.bound,
+            bound_ratio=found.bound_ratio,
             nees=found.nees,
             nees_low=np.asarray(low, dtype=float).reshape(shape[:2]),
             nees_high=np.asarray(high, dtype=float).reshape(shape[:2]),
@@ -108,7 +113,7 @@ class NavigationComparisonStage:
             paper_velocity_m_s=paper[1],
             ratio=ratio,
             answers=tuple(answers),
-            lightest=self._lightest(labels, found.rms),
+            lightest=self._lightest(labels, found.rms, found.lost),
             **_courses(flights, len(labels), len(crafts)),
         )
 
@@ -121,12 +126,16 @@ class NavigationComparisonStage:
         """Show them."""
         return present_comparison(product, self.spec)
 
-    def _lightest(self, labels: tuple[str, ...], rms: Array) -> str:
-        """Return the lightest set whose rms position errors are as required at every point."""
+    def _lightest(self, labels: tuple[str, ...], rms: Array, lost: Array) -> str:
+        """Return the lightest set whose rms position errors are as required at every point.
+
+        A flight that is lost violates any requirement.
+        """
         masses, most = self.spec.masses_kg, self.spec.required_position_m
         if most is None:
             return ""
-        meets = [bool((one <= most).all()) for one in rms]
+        meets = [bool((one <= most).all()) and not gone.any()
+                 for one, gone in zip(rms, lost, strict=True)]  # fmt: skip
         fitting = [(mass, label) for mass, label, ok in zip(masses, labels, meets, strict=True)
                    if ok]  # fmt: skip
         return "{1}, {0:g} kg".format(*min(fitting)) if fitting else "none"
@@ -136,9 +145,10 @@ class _Tables:
     """What is filled campaign by campaign, (C, P, …)."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
-        self.cases = np.zeros(shape[:2])
+        self.cases, self.lost = np.zeros((2, *shape[:2]))
         self.position = np.full((3, *shape), np.nan)
         self.velocity, self.rms, self.bound = np.full((3, *shape), np.nan)
+        self.bound_ratio = np.full((2, *shape), np.nan)
         self.nees = np.full(shape[:2], np.nan)
 
     def fill(self, c: int, table: CaseTable, name: str, crafts: int) -> list[Array]:
@@ -150,15 +160,18 @@ class _Tables:
             error = np.array([_column(table, name, f"position_error_{s + 1}")[at]
                               for s in range(crafts)])  # fmt: skip
             found.append(np.vstack([error, table.draw[at]]))
+            self.cases[c, p] = np.sum(table.point == p)
+            self.lost[c, p] = self.cases[c, p] - len(at)
             if not len(at):
                 continue
-            self.cases[c, p] = len(at)
             self.position[:, c, p] = np.quantile(error, [0.05, 0.5, 0.95], axis=1)
             self.rms[c, p] = np.sqrt(np.mean(error**2, axis=1))
             for s in range(crafts):
                 speed = _column(table, name, f"velocity_error_{s + 1}")[at]
                 self.velocity[c, p, s] = np.median(speed)
-                self.bound[c, p, s] = _column(table, name, f"position_bound_{s + 1}")[at[0]]
+                bound = _column(table, name, f"position_bound_{s + 1}")[at]
+                self.bound[c, p, s] = np.sqrt(np.mean(bound**2))
+                self.bound_ratio[:, c, p, s] = ratio_to_bound(error[s], bound)
             self.nees[c, p] = np.mean(_column(table, name, "nees")[at])
         return found
 
@@ -253,8 +266,12 @@ def _published(spec: NavigationComparisonSpec, sets: int, crafts: int) -> Array:
             values = float(row["position_error_m"]), 1e-3 * float(row["velocity_error_mm_s"])
         except (TypeError, ValueError) as error:
             raise InputError(f"reference: {path.name}, row {number}: {error}") from error
-        if 0 <= case < sets and 0 <= craft < crafts:
-            found[:, case, craft] = values
+        if not (0 <= case < sets and 0 <= craft < crafts):
+            raise InputError(
+                f"reference: {path.name}, row {number}: case {case + 1}, spacecraft {craft + 1}; "
+                f"there are {sets} sets and {crafts} spacecraft, counted from 1"
+            )
+        found[:, case, craft] = values
     return found
 
 
@@ -263,15 +280,19 @@ def _courses(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dic
     longest = max((len(flight.time_s) for flight in flights), default=0)
     time, mean = np.full((2, sets, longest), np.nan)
     error, sigma = np.full((2, sets, crafts, longest), np.nan)
-    states, runs = np.zeros((2, sets))
+    states, runs, lost = np.zeros((3, sets))
+    rms = np.full((sets, crafts), np.nan)
     for c, flight in enumerate(flights):
         k = len(flight.time_s)
         time[c, :k] = flight.time_s
         error[c, :, :k] = flight.position_error_m[:, :, 0]
         sigma[c, :, :k] = flight.position_sigma_m[:, :, 0]
-        mean[c, :k] = np.mean(flight.nees, axis=1)
-        states[c], runs[c] = len(flight.states), flight.nees.shape[1]
+        states[c], runs[c], lost[c] = len(flight.states), flight.nees.shape[1], flight.lost
+        there = np.isfinite(flight.nees[-1])
+        if there.any():
+            mean[c, :k] = np.mean(flight.nees[:, there], axis=1)
+            rms[c] = np.sqrt(np.mean(flight.position_error_m[:, -1, there] ** 2, axis=1))
     return {
         "time_s": time, "error_m": error, "sigma_m": sigma, "mean_nees": mean,
-        "flight_states": states, "flight_runs": runs,
+        "flight_rms_m": rms, "flight_states": states, "flight_runs": runs, "flight_lost": lost,
     }  # fmt: skip

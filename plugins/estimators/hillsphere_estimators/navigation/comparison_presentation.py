@@ -11,6 +11,7 @@ from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Prese
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.comparison_products import NavigationComparison
 from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
+from hillsphere_estimators.navigation.presentation import judged
 from hillsphere_estimators.navigation.specs import NavigationComparisonSpec
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ _COLUMNS = [
     Column("point", "", "at"),
     Column("spacecraft", "", "spacecraft"),
     Column("cases", "-", "flights"),
+    Column("lost", "-", "lost"),
     Column("median_m", "m", "median error", 4),
     Column("low_m", "m", "5 %", 4),
     Column("high_m", "m", "95 %", 4),
@@ -32,8 +34,21 @@ _COLUMNS = [
     Column("rms_m", "m", "rms", 4),
     Column("bound_m", "m", "bound", 4),
     Column("ratio", "-", "rms over bound", 4),
+    Column("ratio_se", "-", "its standard error", 2),
     Column("nees", "-", "mean NEES", 4),
     Column("consistent", "", "within the band"),
+]
+_PUBLISHED = ("draw_m", "draw_mm_s")
+_LEAST, _MOST = 0.85, 1.2
+"""Of an rms error over its bound, for a filter that is as good as it can be."""
+_FLIGHTS = [
+    Column("set", "", "flights"),
+    Column("spacecraft", "", "spacecraft"),
+    Column("count", "-", "number"),
+    Column("lost", "-", "lost"),
+    Column("rms_m", "m", "rms error at the end", 4),
+    Column("nees", "-", "mean NEES", 4),
+    Column("answer", "", "the filter is"),
 ]
 _ORDER = [
     Column("claim", "", "less error"),
@@ -66,21 +81,28 @@ def present_comparison(
     metrics: dict[str, Metric] = {}
     verdict: list[str] = []
     if product.cases.size:
+        published = bool(np.isfinite(product.paper_position_m).any())
+        notes = ["Errors are lengths of vectors, of the flights that were not lost.",
+                 "The bound is the posterior Cramér-Rao bound, each flight's own along its planned "
+                 "path, and the root of their mean square."]  # fmt: skip
+        if published:
+            notes.append("A published draw is one flight, not a median, and its interval between "
+                         "measurements is not printed.")  # fmt: skip
         tables[named("navigation_comparison")] = Table(
-            "Errors at the end of the flights", _COLUMNS, _rows(product),
-            [
-                "Errors are lengths of vectors; a published draw is one flight, not a median, and "
-                "its interval between measurements is not printed.",
-                "The bound is the posterior Cramér-Rao bound along planned flights.",
-            ],
-        )  # fmt: skip
+            "Errors at the end of the flights",
+            [one for one in _COLUMNS if published or one.name not in _PUBLISHED],
+            _rows(product, published),
+            notes,
+        )
         figures[named("navigation_comparison")] = Figure(
             "Position errors at the end",
             lambda figure: _draw_campaigns(figure, product),
-            "Median and 5 to 95 %; dashes: the Cramér-Rao bound of the rms; crosses: published.",
+            "Dots: median and 5 to 95 %; squares: rms; dashes: its Cramér-Rao bound"
+            + ("; crosses: published." if published else "."),
             (8.0, 4.2),
         )
-        inside = (product.nees >= product.nees_low) & (product.nees <= product.nees_high)
+        inside = _consistent(product)
+        verdict += _criteria(product, inside)
         metrics[named("navigation_consistent_share")] = Metric(float(np.mean(inside)))
     if product.answers:
         rows, sentences = _order(product, spec.confidence)
@@ -95,9 +117,12 @@ def present_comparison(
         metrics[named("navigation_lightest")] = Metric(product.lightest)
         verdict.append(
             f"The lightest set of sensors with rms position errors of at most "
-            f"{spec.required_position_m:g} m: {product.lightest}."
+            f"{spec.required_position_m:g} m, and none lost: {product.lightest}."
         )
     if product.time_s.size:
+        tables[named("navigation_flights")] = Table(
+            "Flights of the stages", _FLIGHTS, _flights(product)
+        )
         figures[named("navigation_courses")] = Figure(
             "Errors of the estimated positions",
             lambda figure: _draw_courses(figure, product),
@@ -113,35 +138,90 @@ def present_comparison(
     return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
 
 
-def _rows(product: NavigationComparison) -> list[Mapping[str, Cell]]:
+def _consistent(product: NavigationComparison) -> np.ndarray:
+    """Return where (C, P) the mean NEES is in its band and no flight was lost."""
+    return np.asarray(
+        (product.nees >= product.nees_low) & (product.nees <= product.nees_high)
+        & (product.lost == 0)
+    )  # fmt: skip
+
+
+def _criteria(product: NavigationComparison, inside: np.ndarray) -> list[str]:
+    """Return what is said of bounds, bands and losses."""
+    ratio, error = product.bound_ratio.reshape(2, -1)
+    good = (ratio >= _LEAST) & (ratio <= _MOST)
+    near = np.abs(ratio - np.clip(ratio, _LEAST, _MOST)) <= 2.0 * error
+    said = [
+        f"Rms position errors are {np.nanmin(ratio):.3g} to {np.nanmax(ratio):.3g} times their "
+        f"Cramér-Rao bound; {int(good.sum())} of {ratio.size} lie within {_LEAST:g} to {_MOST:g}"
+        + (f", {int((near & ~good).sum())} more within two standard errors of it."
+           if (near & ~good).any() else "."),
+        f"The mean NEES lies in its 99.9 % band, and no flight is lost, in {int(inside.sum())} of "
+        f"{inside.size} campaigns.",
+    ] if np.isfinite(ratio).any() else []  # fmt: skip
+    if product.lost.any():
+        worst = ", ".join(
+            f"{label} {int(gone.sum())} of {int(every.sum())}"
+            for label, gone, every in zip(product.labels, product.lost, product.cases, strict=True)
+            if gone.any()
+        )
+        said.append(f"Flights were lost: {worst}; what is left of these proves nothing.")
+    return said
+
+
+def _flights(product: NavigationComparison) -> list[Mapping[str, Cell]]:
+    rows: list[Mapping[str, Cell]] = []
+    for c, label in enumerate(product.labels):
+        runs, lost = int(product.flight_runs[c]), int(product.flight_lost[c])
+        last = product.mean_nees[c, np.isfinite(product.time_s[c])]
+        mean = float(last[-1]) if last.size else float("nan")
+        answer = judged(mean, int(product.flight_states[c]), runs, lost)[0]
+        for s, craft in enumerate(product.spacecraft):
+            rows.append(
+                {
+                    "set": label,
+                    "spacecraft": craft,
+                    "count": runs,
+                    "lost": lost,
+                    "rms_m": float(product.flight_rms_m[c, s]),
+                    "nees": mean,
+                    "answer": answer,
+                }
+            )
+    return rows
+
+
+def _rows(product: NavigationComparison, published: bool) -> list[Mapping[str, Cell]]:
+    consistent = _consistent(product)
     rows: list[Mapping[str, Cell]] = []
     for c, label in enumerate(product.labels):
         for p, point in enumerate(product.points):
             nees = float(product.nees[c, p])
-            inside = bool(product.nees_low[c, p] <= nees <= product.nees_high[c, p])
             for s, craft in enumerate(product.spacecraft):
                 low, median, high = product.position_m[:, c, p, s].tolist()
                 rms, bound = float(product.rms_m[c, p, s]), float(product.bound_m[c, p, s])
                 draw, speed = product.paper_position_m[c, s], product.paper_velocity_m_s[c, s]
-                rows.append(
-                    {
-                        "set": label,
-                        "point": point,
-                        "spacecraft": craft,
-                        "cases": int(product.cases[c, p]),
-                        "median_m": median,
-                        "low_m": low,
-                        "high_m": high,
-                        "draw_m": _given(draw),
-                        "velocity_mm_s": 1e3 * float(product.velocity_m_s[c, p, s]),
-                        "draw_mm_s": _given(1e3 * speed),
-                        "rms_m": rms,
-                        "bound_m": bound,
-                        "ratio": rms / bound,
-                        "nees": nees,
-                        "consistent": "yes" if inside else "no",
-                    }
-                )
+                ratio, error = product.bound_ratio[:, c, p, s].tolist()
+                row: dict[str, Cell] = {
+                    "set": label,
+                    "point": point,
+                    "spacecraft": craft,
+                    "cases": int(product.cases[c, p]),
+                    "lost": int(product.lost[c, p]),
+                    "median_m": median,
+                    "low_m": low,
+                    "high_m": high,
+                    "draw_m": _given(draw),
+                    "velocity_mm_s": 1e3 * float(product.velocity_m_s[c, p, s]),
+                    "draw_mm_s": _given(1e3 * speed),
+                    "rms_m": rms,
+                    "bound_m": bound,
+                    "ratio": ratio,
+                    "ratio_se": error,
+                    "nees": nees,
+                    "consistent": "yes" if consistent[c, p] else "no",
+                }
+                rows.append({k: v for k, v in row.items() if published or k not in _PUBLISHED})
     return rows
 
 
@@ -187,6 +267,8 @@ def _draw_campaigns(figure: MatplotlibFigure, product: NavigationComparison) -> 
             axes.errorbar(place, median, [median - low, high - median], fmt="o", color=colour,
                           capsize=3, label=point or "median")  # fmt: skip
             axes.plot(place, product.bound_m[:, p, s], "_", color=colour, markersize=14)
+            axes.plot(place, product.rms_m[:, p, s], "s", color=colour, markersize=5,
+                      fillstyle="none")  # fmt: skip
         paper = product.paper_position_m[:, s]
         if np.isfinite(paper).any():
             axes.plot(np.arange(len(paper)), paper, "x", color=PALETTE["black"], markersize=8,
@@ -217,8 +299,12 @@ def _draw_courses(figure: MatplotlibFigure, product: NavigationComparison) -> No
 
 def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     axes = figure.subplots()
-    low, high = chi_square_band(product.flight_states[0], product.flight_runs[0])
-    axes.axhspan(low, high, color="#999999", alpha=0.4, linewidth=0, label="99.9 % band")
+    flown = np.maximum(product.flight_runs - product.flight_lost, 1.0)
+    band = np.array(chi_square_band(product.flight_states, flown))
+    high = float(band[1].max())
+    # one grey for all, where they do not differ; else the widest says what all must keep to
+    label = "99.9 % band" + ("" if np.ptp(flown) == 0 else ", fewest flights")
+    axes.axhspan(band[0].min(), high, color="#999999", alpha=0.4, linewidth=0, label=label)
     label = ""
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])

@@ -36,7 +36,9 @@ def draw_errors(figure: Figure, product: NavigationFlight) -> None:
         low, high = np.nanquantile(error, [0.05, 0.95], axis=1)
         axes.fill_between(time, low, high, color=PALETTE["sky"], alpha=0.35, linewidth=0,
                           label="5 to 95 %")  # fmt: skip
-        axes.plot(time, error[:, 0], color=PALETTE["blue"], label="first flight")
+        axes.plot(time, error[:, 0], color=PALETTE["blue"], linewidth=1.8, label="first flight")
+        axes.plot(time, np.sqrt(np.nanmean(error**2, axis=1)), color=PALETTE["green"],
+                  linewidth=0.9, label="rms")  # fmt: skip
         axes.plot(time, 3.0 * product.position_sigma_m[i, :, 0], "--", color=PALETTE["vermillion"],
                   label="3σ believed")  # fmt: skip
         axes.plot(time, product.bound_m[i], ":", color=PALETTE["black"], label="bound")
@@ -67,10 +69,10 @@ def draw_nees(figure: Figure, product: NavigationFlight) -> None:
     time, label = hours_or_days(product.time_s)
     axes = figure.subplots()
     n, count = len(product.states), product.nees.shape[1]
-    low, high = chi_square_band(n, count)
+    low, high = chi_square_band(n, max(count - product.lost, 1))
     axes.axhspan(low, high, color="#999999", alpha=0.4, linewidth=0, label="99.9 % band")
     mean = np.nanmean(product.nees, axis=1)
-    axes.plot(time, mean, color=PALETTE["blue"], label=f"mean of {count} flights")
+    axes.plot(time, mean, color=PALETTE["blue"], label=f"mean of {count - product.lost} flights")
     axes.plot(time, np.nanmedian(product.nees, axis=1), ":", color=PALETTE["vermillion"],
               label="median")  # fmt: skip
     if np.nanmax(mean) > 5.0 * high:

@@ -29,6 +29,8 @@ class FilterLog:
         Estimate minus truth, and what the filter believes of it.
     nees, nis, used, sent : list of ndarray, shape (N,)
         Normalised errors and innovations squared; rows used, and rows that were sent.
+    seen : list of ndarray, shape (B, N)
+        Which of B sensors measured something.
     """
 
     error: list[Array] = field(default_factory=list)
@@ -37,6 +39,7 @@ class FilterLog:
     nis: list[Array] = field(default_factory=list)
     used: list[Array] = field(default_factory=list)
     sent: list[Array] = field(default_factory=list)
+    seen: list[Array] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,13 @@ class Views:
     ----------
     believed, true : callable
         (t_s, believed) → scene: as the filter has it, and as it is.
+    aim : callable
+        (believed, true) → states by which the spacecraft turn.
     """
 
     believed: Callable[[Array, Array], Scene]
     true: Callable[[Array, Array], Scene]
+    aim: Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -141,10 +147,11 @@ class Filtering:
         belief, lost = _kept(belief, memory.belief, goal, memory.lost | ~np.isfinite(x).all(axis=0))
         truth = np.where(lost, goal, x)
         look = belief.x[:n]
-        seen = self.views.believed(t_s, look)
+        aim = self.views.aim(look, truth)
+        seen = self.views.believed(t_s, aim)
         sigma = self.believed.sigma(look, t_s, seen)
         measured = self.faults.measurements(
-            truth, t_s, k * self.interval_s, self.views.true(t_s, look), memory.constant,
+            truth, t_s, k * self.interval_s, self.views.true(t_s, aim), memory.constant,
             w[: self.faults.noise], sigma,
         )  # fmt: skip
         after, innovations = updated(estimator, self.within(seen), belief, measured, self.members)
@@ -171,6 +178,9 @@ class Filtering:
         log.nis.append(noted(np.sum([one.nis for one in innovations], axis=0)))
         log.used.append(np.sum([one.dof for one in innovations], axis=0).astype(float))
         log.sent.append(measured.present.sum(axis=0).astype(float))
+        sizes = [sum(channel.rows for channel in block) for block in self.believed.blocks]
+        first = np.cumsum([0, *sizes[:-1]])
+        log.seen.append(noted(np.logical_or.reduceat(measured.present, first, axis=0)))
 
 
 def updated(

@@ -12,7 +12,7 @@ from hillsphere.closed_loop.course import Rows
 from hillsphere.interfaces import Array
 from hillsphere_estimators.navigation.filtering import FilterLog
 
-__all__ = ["Record", "histories_of", "metrics_of", "moment"]
+__all__ = ["Record", "histories_of", "metrics_of", "moment", "ratio_to_bound"]
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,12 @@ class Record:
         Of the estimates.
     nees, nis, used, sent : ndarray, shape (K, N)
         See `FilterLog`.
-    bound_m : ndarray, shape (S, K)
-        Lower bound of the rms position error.
+    seen : ndarray, shape (B, K, N)
+        Which of B sensors measured something.
+    bound_m : ndarray, shape (S, K, N)
+        Lower bounds of position errors, each flight's own.
     dv_m_s : ndarray, shape (N,)
-        Δv spent.
+        Δv of the law.
     """
 
     rows: Rows
@@ -49,15 +51,16 @@ class Record:
     nis: Array
     used: Array
     sent: Array
+    seen: Array
     bound_m: Array
     dv_m_s: Array
 
     @classmethod
     def of(
         cls, rows: Rows, log: FilterLog, time_s: Array, x: Array, goal: Array, bound_m: Array,
-        dv_m_s: Array,
+        sensors: int,
     ) -> Record:  # fmt: skip
-        """Make one of a log; flights that all ended early have no more entries there."""
+        """Make one of a log, Δv left out; flights that all ended early have no more entries."""
 
         def joined(entries: list[Array], shape: tuple[int, ...]) -> Array:
             out = np.full((len(time_s), *shape), np.nan)
@@ -70,7 +73,11 @@ class Record:
         sigma = joined(log.sigma, (n, count)).transpose(1, 0, 2)
         nees, nis = joined(log.nees, (count,)), joined(log.nis, (count,))
         used, sent = joined(log.used, (count,)), joined(log.sent, (count,))
-        return cls(rows, time_s, x, goal, error, sigma, nees, nis, used, sent, bound_m, dv_m_s)
+        seen = joined(log.seen, (sensors, count)).transpose(1, 0, 2)
+        return cls(
+            rows, time_s, x, goal, error, sigma, nees, nis, used, sent, seen, bound_m,
+            np.full(count, np.nan),
+        )  # fmt: skip
 
     def lengths(self, values: Array, which: str) -> Array:
         """Return the lengths (S, …) of three rows each of values (n, …)."""
@@ -87,6 +94,28 @@ def moment(time_s: float) -> str:
     return f"{time_s:.3f}s".replace(".", "p")
 
 
+def ratio_to_bound(error: Array, bound: Array) -> tuple[float, float]:
+    """Return an rms error over its bound, and the standard error of that.
+
+    Parameters
+    ----------
+    error, bound : ndarray, shape (N,)
+        Of N flights, each with its own bound; flights that were lost are NaN.
+
+    Returns
+    -------
+    ratio, standard_error : float
+        √(Σe²/Σb²); NaN with fewer than two flights.
+    """
+    there = np.isfinite(error) & np.isfinite(bound)
+    e, b = error[there] ** 2, bound[there] ** 2
+    if len(e) < 2 or not b.sum() > 0.0:
+        return float("nan"), float("nan")
+    square = float(e.sum() / b.sum())
+    spread = float(np.std(e - square * b, ddof=1) * len(e) ** 0.5 / b.sum())
+    return square**0.5, 0.5 * spread / max(square, 1e-300) ** 0.5
+
+
 def metrics_of(
     record: Record, report_at_s: tuple[float, ...], rms_from_s: float
 ) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
@@ -97,7 +126,7 @@ def metrics_of(
     record : Record
         The flights.
     report_at_s : tuple of float
-        Times at which errors are given; the last measurement before each counts.
+        Times of measurements at which errors are given.
     rms_from_s : float
         From when root mean squares count.
     """
@@ -116,16 +145,17 @@ def metrics_of(
         found[f"rms_velocity_error_{s}"] = "m/s", _rms(velocity[i, counted])
         found[f"control_error_{s}"] = "m", away[i, -1]
         found[f"rms_control_error_{s}"] = "m", _rms(away[i, counted])
-        found[f"position_bound_{s}"] = "m", _same(record.bound_m[i, -1], away[i, -1])
+        found[f"position_bound_{s}"] = "m", record.bound_m[i, -1]
     found["nees"] = "-", record.nees[-1]
     found["mean_nees"] = "-", np.mean(record.nees[counted], axis=0)
     dof = np.sum(record.used[counted], axis=0)
     found["mean_nis"] = "-", np.sum(record.nis[counted], axis=0) / np.maximum(dof, 1.0)
     sent = np.sum(record.sent, axis=0)
     found["rejected"] = "-", 1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0)
+    found["least_seen"] = "-", np.min(np.mean(record.seen, axis=1), axis=0)
     found["dv"] = "m/s", record.dv_m_s
     for time in report_at_s:
-        k = int(np.searchsorted(record.time_s, time + 1e-6)) - 1
+        k = int(np.argmin(np.abs(record.time_s - time)))
         name = moment(time)
         for i in range(record.rows.vectors):
             found[f"position_error_{i + 1}_at_{name}"] = "m", position[i, k]
@@ -167,7 +197,3 @@ def histories_of(record: Record, begun_s: float, history: bool | Sequence[str]) 
 
 def _rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values * values, axis=0)))
-
-
-def _same(value: float, like: Array) -> Array:
-    return np.full(like.shape, float(value))

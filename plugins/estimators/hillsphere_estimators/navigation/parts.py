@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hillsphere.closed_loop.course import Rows
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
-from hillsphere.interfaces import Array, Plant, Sensor
+from hillsphere.interfaces import Array, Integers, Plant, Sensor
 from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import ContinuousLaw
@@ -25,6 +25,7 @@ from hillsphere_estimators.navigation.world import Faults, noise_of
 __all__ = [
     "Beginnings",
     "biases_of",
+    "check_scales",
     "checked_law",
     "faults_of",
     "intervals_of",
@@ -34,9 +35,11 @@ __all__ = [
     "prior_sigma",
     "sensors_of",
     "true_sensors",
+    "usable_beliefs",
 ]
 
 _WHOLE = 1e-6
+_POSITIVE = ("gm", "semi_major_axis", "rotation_rate")
 
 
 class Beginnings(Protocol):
@@ -59,6 +62,49 @@ class Beginnings(Protocol):
     def truths(self) -> Array:
         """True states (n, M)."""
         ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        ...
+
+    @property
+    def t_s(self) -> float:
+        """When, s."""
+        ...
+
+    @property
+    def settled(self) -> Array:
+        """1 where a belief can be relied upon, else 0 (M,)."""
+        ...
+
+
+def usable_beliefs(spec: NavigationSpec, plant: Plant, given: Beginnings) -> Integers:
+    """Return which cases of an earlier stage's beliefs flights may begin with.
+
+    Raises
+    ------
+    InputError
+        If they are of other states or of another time than the flight, or if none has converged.
+    """
+    names = tuple(variable.name for variable in plant.states)
+    if given.names != names:
+        raise InputError(
+            f"needs.belief: it is of {len(given.names)} states {', '.join(given.names)}; the plant "
+            f"has {len(names)}, {', '.join(names)}: take a stage on the same plant"
+        )
+    if spec.start.time_s not in (0.0, given.t_s):
+        raise InputError(
+            f"start.time_s: the beliefs of needs.belief are of {given.t_s:g} s, the flight is to "
+            f"begin at {spec.start.time_s:g} s; leave start.time_s out"
+        )
+    cases = np.flatnonzero(np.asarray(given.settled) > 0.0)
+    if not cases.size:
+        raise InputError(
+            f"needs.belief: none of its {len(given.settled)} fits converged, so there is nothing "
+            "to begin with; give that stage more sensors or a longer arc"
+        )
+    return cases
 
 
 def intervals_of(spec: NavigationSpec) -> int:
@@ -88,6 +134,27 @@ def checked_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
             "for this plant"
         )
     return law
+
+
+def check_scales(scale: Mapping[str, float], nominal: Mapping[str, float]) -> None:
+    """Check that scaled parameters still make sense.
+
+    Raises
+    ------
+    InputError
+        For a gravitational parameter, a semi-major axis or a rotation rate of zero, and for an
+        eccentricity that is none of an ellipse.
+    """
+    for name, factor in scale.items():
+        last = name.rpartition(".")[2]
+        if factor == 0.0 and last.endswith(_POSITIVE):
+            raise InputError(f"truth.scale: {name} must stay above zero, got the factor 0")
+        value = nominal[name] * factor
+        if last == "eccentricity" and not 0.0 <= value < 1.0:
+            raise InputError(
+                f"truth.scale: {name} must stay below 1, got {nominal[name]:g} × {factor:g} = "
+                f"{value:g}"
+            )
 
 
 def sensors_of(refs: Sequence[Ref]) -> tuple[Sensor, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from hillsphere.interfaces import Array
 
 __all__ = ["NavigationFlight"]
@@ -36,8 +38,13 @@ class NavigationFlight:
     nees, nis, used, sent : ndarray, shape (K, N)
         Normalised errors squared of the n states; normalised innovations squared, the rows that
         were used of them, and those that were sent.
-    bound_m : ndarray, shape (S, K)
-        Posterior Cramér-Rao bound of the rms position error.
+    bounds_m : ndarray, shape (S, K, N)
+        Posterior Cramér-Rao bounds of the position errors, each along the flight's own planned
+        path.
+    sensors : tuple of str
+        Names of the B sensors.
+    seen : ndarray, shape (B, N)
+        Share of the measurements at which a sensor saw something.
     matched : bool
         Whether the filter's world is the true one.
     lost : int
@@ -64,9 +71,16 @@ class NavigationFlight:
     nis: Array
     used: Array
     sent: Array
-    bound_m: Array
+    bounds_m: Array
+    sensors: tuple[str, ...]
+    seen: Array
     matched: bool
     lost: int
     metrics: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
+
+    @property
+    def bound_m(self) -> Array:
+        """Bounds (S, K) of the rms position errors."""
+        return np.asarray(np.sqrt(np.mean(self.bounds_m**2, axis=2)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array, Plant, Scene
 
-__all__ = ["ScenicPlant", "proximity_scene"]
+__all__ = ["ScenicPlant", "aims", "proximity_scene"]
 
 
 @runtime_checkable
@@ -18,6 +18,24 @@ class ScenicPlant(Protocol):
     def scene(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
         """Return arrays (…, N) at times (N,); values of parameters that are not nominal."""
         ...
+
+
+def aims(positions: list[int], believed: Array, true: Array, beyond_rad: float | None) -> Array:
+    """Return by which states (n, N) spacecraft turn that search for what they do not see.
+
+    A spacecraft that looks farther than `beyond_rad` past the origin turns until it has found it,
+    and then looks there; none searches if that is left out.
+    """
+    if beyond_rad is None:
+        return believed
+    shape = (-1, 3, believed.shape[1])
+    told, place = believed[positions].reshape(shape), true[positions].reshape(shape)
+    along = np.sum(told * place, axis=1)
+    across = np.linalg.norm(np.cross(told, place, axis=1), axis=1)
+    off = np.arctan2(across, along) > beyond_rad
+    found = believed.copy()
+    found[positions] = np.where(off[:, None, :], place, told).reshape(-1, believed.shape[1])
+    return found
 
 
 def proximity_scene(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -48,7 +49,8 @@ class NavigationNeeds(Spec):
     belief: Ref | None = need(
         "hillsphere_estimators.initialisation.products:StartingBelief",
         "beliefs before the first measurement and the true states behind them, one for each case "
-        "in turn, instead of start and belief",
+        "in turn, instead of start and belief; flights begin at its time, and there on a "
+        "reference, or they hold the mean place; fits that have not converged are left out",
         default=None,
     )
 
@@ -101,6 +103,13 @@ class TruthSpec(Spec):
     )
     thrust: float = option("what is done of what is commanded", default=1.0, gt=0, le=10)
 
+    @model_validator(mode="after")
+    def _scales(self) -> Self:
+        for name, factor in self.scale.items():
+            if not (isfinite(factor) and factor >= 0.0):
+                raise _rule("scale", f"{name} = {factor:g}: a factor is a number from 0 on")
+        return self
+
 
 class OutageSpec(Spec):
     """A time in which some sensors are silent."""
@@ -109,6 +118,14 @@ class OutageSpec(Spec):
 
     sensors: tuple[str, ...] = option("their names; left out: all of them", default=())
     interval_s: Pair = quantity("time", "[from, to], since the start")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        begin, end = self.interval_s
+        if not 0.0 <= begin <= end:
+            raise _rule("interval_s", f"must be [from, to] with 0 ≤ from ≤ to, got [{begin:g}, "
+                        f"{end:g}] s")  # fmt: skip
+        return self
 
 
 class BiasSpec(Spec):
@@ -202,6 +219,13 @@ class NavigationSpec(StageSpec):
         default=60.0, gt=0,
     )  # fmt: skip
     method: Literal["rk6", "dop853"] = option("formula of the step maps", default="rk6")
+    search_beyond_rad: float | None = quantity(
+        "angle",
+        "a spacecraft that looks farther past the body than this (half its camera's field of view) "
+        "searches until it has found it, and looks there; left out: it looks where it believes "
+        "the body to be, and may never see it",
+        default=None, gt=0,
+    )  # fmt: skip
     truth: TruthSpec = option(
         "how the true world differs from the believed one; left out: not at all",
         default=TruthSpec(),
@@ -253,17 +277,48 @@ class NavigationSpec(StageSpec):
                 if name not in names:
                     known = ", ".join(names)
                     raise _rule(key, f"{name!r} is none of the sensors, which are {known}")
+        for out in self.outages:
+            if out.interval_s[0] > self.duration_s:
+                raise _rule("outages", f"{out.interval_s[0]:g} s is after the end, "
+                            f"{self.duration_s:g} s")  # fmt: skip
+        for bias in self.biases:
+            if bias.of in OWN and bias.channel:
+                raise _rule("biases", f"{bias.of!r} has no channels; leave channel out")
+        pairs = [(bias.of, bias.channel) for bias in self.biases]
+        for of, channel in pairs:
+            twice = pairs.count((of, channel)) > 1 or (channel and (of, "") in pairs)
+            if twice:
+                raise _rule("biases", f"{of!r} {channel} stands twice".replace("  ", " "))
+        if not all(self.members):
+            raise _rule("members", "a member without any sensor; name some, or leave it out")
         if self.members:
             flat = [n for group in self.members for n in group]
             if sorted(flat) != sorted(names) and not bound:
                 raise _rule("members", "each sensor must belong to one member, and only to one")
         if self.gate_after and self.opening is None:
             raise _rule("gate_after", "needs opening, the filter of the updates before")
-        if self.needs.reference is None and self.start.position_m is None:
-            raise _rule("start", "where? give needs.reference or start.position_m")
+        if self.opening is not None and not self.gate_after:
+            raise _rule("opening", "takes no update; say how many with gate_after")
+        if self.start.position_m is not None and len(self.start.position_m) % 3 == 0:
+            p = self.start.position_m
+            for i in range(0, len(p), 3):
+                if not any(p[i : i + 3]):
+                    raise _rule("start.position_m", f"spacecraft {i // 3 + 1} is at the origin, "
+                                "inside the body; move it off")  # fmt: skip
+        if self.needs.belief is not None:
+            if self.start.position_m is not None or self.start.velocity_m_s is not None:
+                raise _rule("start", "needs.belief says where flights begin; leave start out")
+        elif self.needs.reference is None and self.start.position_m is None:
+            raise _rule("start", "where? give needs.reference, start.position_m or needs.belief")
         for time in self.report_at_s:
             if time > self.duration_s:
                 raise _rule("report_at_s", f"{time:g} s is after the end, {self.duration_s:g} s")
+            part = time / self.interval_s
+            if time < 0.0 or abs(part - round(part)) > 1e-6:
+                raise _rule("report_at_s", f"at {time:g} s nothing is measured, only every "
+                            f"{self.interval_s:g} s; take a multiple of that")  # fmt: skip
+        if len(set(self.report_at_s)) < len(self.report_at_s):
+            raise _rule("report_at_s", "a time stands twice")
         if self.rms_from_s > self.duration_s:
             raise _rule("rms_from_s", "is after the end")
         return self

@@ -17,6 +17,7 @@ from hillsphere.interfaces import (
     Context,
     EstimationModel,
     Estimator,
+    Integers,
     Parameter,
     Plant,
     Scene,
@@ -29,11 +30,13 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
 from hillsphere_estimators.bias_states import Biased
 from hillsphere_estimators.navigation.bounds import planned_bound
+from hillsphere_estimators.navigation.effort import spent
 from hillsphere_estimators.navigation.filtering import Filtering, FilterLog, Views
 from hillsphere_estimators.navigation.metrics import Record, histories_of, metrics_of
 from hillsphere_estimators.navigation.parts import (
     Beginnings,
     biases_of,
+    check_scales,
     checked_law,
     faults_of,
     intervals_of,
@@ -43,10 +46,11 @@ from hillsphere_estimators.navigation.parts import (
     prior_sigma,
     sensors_of,
     true_sensors,
+    usable_beliefs,
 )
 from hillsphere_estimators.navigation.presentation import present_navigation
 from hillsphere_estimators.navigation.products import NavigationFlight
-from hillsphere_estimators.navigation.scene import proximity_scene
+from hillsphere_estimators.navigation.scene import aims, proximity_scene
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.world import AtInterval, Drift, ShakenReference, noise_of
 
@@ -56,8 +60,6 @@ _STREAM = "navigation"
 _ORBIT = ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
 """Parameters of the body's orbit. Kepler's equation is solved for a few lanes at a time, until all
 of them have converged: if these differed, a case would take other last bits from its neighbours."""
-_PATHS = 16
-"""Flights from different starts over which a bound is averaged."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +74,17 @@ class _Plan:
         Reference at the measurements.
     sigma : ndarray, shape (n,)
         How well the start is known.
-    bound_m : ndarray, shape (S, K)
-        Bound of the rms position error.
+    begin_s : float
+        When flights begin, s.
+    beliefs : ndarray of int
+        Cases of an earlier stage's beliefs, with which flights begin in turn; none without.
     """
 
     start: Array
     goal: Array
     sigma: Array
-    bound_m: Array
+    begin_s: float
+    beliefs: Integers
 
 
 class NavigationStage:
@@ -120,6 +125,7 @@ class NavigationStage:
                 f"truth.scale: the true plant has no parameter {', '.join(unknown)}; it has "
                 f"{', '.join(self._nominal)}"
             )
+        check_scales(spec.truth.scale, {name: q.value for name, q in self._nominal.items()})
         self._suite = SensorSuite(sensors_of(spec.sensors))
         self._faults = faults_of(spec, true_sensors(spec, self._suite))
         self._members = members_of(spec, self._suite)
@@ -210,7 +216,7 @@ class NavigationStage:
                 status[lane], cause[lane] = "completed", ""
             elif status[lane] == "completed":
                 status[lane], cause[lane] = "diverged", "filter"
-        kept = histories_of(record, self.spec.start.time_s, history) if history else None
+        kept = histories_of(record, plan.begin_s, history) if history else None
         return CaseResults(names, units, values, tuple(status), tuple(cause), lost, kept)
 
     def prepare_cases(
@@ -235,6 +241,12 @@ class NavigationStage:
     @cached_property
     def _model(self) -> PlantModel:
         return model_of(self.spec, self.plant, self._suite, self.law)
+
+    @cached_property
+    def _coarse(self) -> PlantModel:
+        """The model for bounds: of the sixth order, steps twice as long change them by 1e-5."""
+        twice = self.spec.model_copy(update={"step_s": 2.0 * self.spec.step_s})
+        return model_of(twice, self.plant, self._suite, self.law)
 
     def _control(self, estimate: Array, goal: Array) -> Array:
         """Return what the model's motion is told: the law's estimate and reference, if any."""
@@ -264,31 +276,38 @@ class NavigationStage:
             given[rows.velocities] = 0.0
         if spec.start.velocity_m_s is not None:
             given[rows.velocities] = self._checked(spec.start.velocity_m_s, "velocity_m_s")
+        begin_s, cases = spec.start.time_s, np.zeros(0, dtype=np.int64)
+        if belief is not None:
+            begin_s, cases = belief.t_s, usable_beliefs(spec, self.plant, belief)
+            if product is None:
+                given[rows.positions] = belief.means[:, cases].mean(axis=1)[rows.positions]
+                given[rows.velocities] = 0.0
         course: Course = (
             course_at(rows, given)
             if product is None
             else course_along(self.plant, rows, product, spec.follow)
         )
         start = np.where(np.isnan(given), course.start, given)
-        goal = np.array(course.at(self._since))
+        # a reference and what is believed count time from the same zero
+        goal = np.array(course.at(self._since + (0.0 if belief is None else begin_s)))
         sigma = prior_sigma(spec, rows, start)
-        prior = np.diag(sigma**2)
-        if belief is not None:
-            start, prior = np.mean(belief.means, axis=1), np.mean(belief.covariances, axis=0)
-        starts = np.repeat(start[:, None], 1 if spec.belief.off == "estimate" else _PATHS, axis=1)
-        if belief is None and spec.belief.off == "truth":
-            # any draws will do, if they are the same for all: a bound is no random number
-            wide = draws(0, "bound", np.arange(_PATHS), "start", (len(start),))
-            starts = starts + sigma[:, None] * wide
-        bound = planned_bound(
-            self._model, starts, prior, spec.start.time_s + self._since, goal,
-            self._untouched, self._scene, self._faults.heard,
-        )  # fmt: skip
-        variance = np.array([np.mean(one.sigma[rows.positions] ** 2, axis=1) for one in bound])
-        each = variance.T.reshape(rows.vectors, -1, self._count)
-        plan = _Plan(start, goal, sigma, np.sqrt(np.sum(each, axis=1)))
+        plan = _Plan(start, goal, sigma, begin_s, cases)
         self._known = (product, belief, plan)
         return plan
+
+    def _bound(self, plan: _Plan, x0: Array, start: Belief) -> Array:
+        """Return the bounds (S, K, N) of position errors along the flights' own planned paths."""
+        rows, cases = self.rows, x0.shape[1]
+        prior = start.covariance
+        if (x0 == x0[:, :1]).all() and (prior == prior[:1]).all():  # all fly the same path
+            x0, prior = x0[:, :1], prior[:1]
+        found = planned_bound(
+            self._coarse, x0, prior, start.t_s[0] + self._since, plan.goal,
+            self._untouched, self._scene, self._faults.heard,
+        )  # fmt: skip
+        squares = np.array([one.sigma[rows.positions] ** 2 for one in found]).transpose(1, 0, 2)
+        each = squares.reshape(rows.vectors, -1, self._count, x0.shape[1]).sum(axis=1)
+        return np.broadcast_to(np.sqrt(each), (rows.vectors, self._count, cases))
 
     def _checked(self, given: tuple[float, ...], key: str) -> Array:
         count = len(self.rows.positions)
@@ -322,7 +341,7 @@ class NavigationStage:
     ) -> tuple[Array, Belief]:
         """Return true states (n, N) and beliefs before the first measurement."""
         if belief is not None:
-            column = batch.draws % belief.means.shape[1]
+            column = plan.beliefs[batch.draws % len(plan.beliefs)]
             return belief.truths[:, column].copy(), Belief.of(
                 belief.means[:, column], belief.covariances[column], t0
             )
@@ -347,7 +366,7 @@ class NavigationStage:
         width = len(batch.numbers)
         p = {name: batch.value(self._prefix + name, fixed[name]) for name in names}
         thrust = batch.value("thrust", spec.truth.thrust)
-        t0 = np.full(width, spec.start.time_s)
+        t0 = np.full(width, plan.begin_s)
         x0, start = self._begin(plan, batch, belief, t0)
         # the random accelerations are those of the true plant
         shaken = ShakenReference(
@@ -372,7 +391,11 @@ class NavigationStage:
             within=within,
             faults=self._faults,
             believed=self._suite,
-            views=Views(self._scene, true_scene),
+            views=Views(
+                self._scene,
+                true_scene,
+                lambda told, x: aims(rows.positions, told, x, spec.search_beyond_rad),
+            ),
             estimators=(self._opening, self._estimator),
             gate_after=spec.gate_after,
             members=self._members,
@@ -394,10 +417,13 @@ class NavigationStage:
         assert flights.history is not None
         x = flights.history.x[:, : self._count]
         record = Record.of(
-            rows, log, self._since, x, plan.goal, plan.bound_m,
-            flights.history.dv_m_s[self._count - 1],
+            rows, log, self._since, x, plan.goal, self._bound(plan, x0, start), len(spec.sensors)
+        )
+        dv = spent(
+            self.plant, self.law, spec.method, spec.step_s, plan.begin_s + self._since,
+            x + record.error, plan.goal, thrust,
         )  # fmt: skip
-        return record, flights
+        return replace(record, dv_m_s=dv), flights
 
     def _metrics(self, record: Record) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
         return metrics_of(record, self.spec.report_at_s, self.spec.rms_from_s)
@@ -426,7 +452,9 @@ class NavigationStage:
             nis=record.nis,
             used=record.used,
             sent=record.sent,
-            bound_m=plan.bound_m,
+            bounds_m=np.array(record.bound_m),
+            sensors=tuple(ref.name for ref in self.spec.sensors),
+            seen=np.mean(record.seen, axis=1),
             matched=matched and truth.thrust == 1.0,
             lost=int(np.isnan(record.nees[-1]).sum()),
             metrics=names,

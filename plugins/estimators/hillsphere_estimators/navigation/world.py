@@ -159,7 +159,7 @@ class Faults:
     dropouts, outliers : float
         Parts of the blocks.
     outlier_sigmas : float
-        Standard deviation of what an outlier adds, in units of the noise.
+        What an outlier adds to each row, up or down, in units of the noise.
     silent : sequence of (sensors, from, to)
         Places of sensors in the suite and times since the start, s, in which they are silent.
     from_s : float
@@ -205,7 +205,7 @@ class Faults:
         wild = w[own + 2 * count : own + 2 * count + self.suite.rows]
         begun = since_s >= self._from
         off = begun & (far < self._far)[self._block]
-        values = values + np.where(off, self._size * sigma * wild, 0.0)
+        values = values + np.where(off, self._size * sigma * np.where(wild < 0.0, -1.0, 1.0), 0.0)
         gone = begun & (missing < self._missing)[self._block] | ~self.heard(since_s)[:, None]
         values[gone] = np.nan
         return MeasurementSet.of(t_s, values, sigma, self.suite.blocks)

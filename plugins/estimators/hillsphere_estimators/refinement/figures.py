@@ -10,6 +10,7 @@ from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.refinement.products import OrbitRefinement
+from hillsphere_estimators.refinement.verdict import silences
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -68,6 +69,9 @@ def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
                 axes.plot(t, unit * _rms(sigma[:, g]), color=colour, linewidth=2.0, label=arm)
                 axes.plot(t, unit * _rms(error[:, g]), color=colour, linewidth=0.7)
                 axes.set_yscale("log")
+            craft = product.craft_velocity_sigma_m_s[a][:, g]
+            if craft.any():
+                velocity.plot(t, _rms(craft), color=colour, linewidth=1.3, linestyle=":")
         away = product.earth_distance_m[g] / _AU
         position.set_title(f"{product.geometries[g]} ({away:.2f} au from the Earth)")
         velocity.set_xlabel("since tracking began [h]")
@@ -96,12 +100,9 @@ def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None
 
 def _shade(upper: Any, lower: Any, t: Array, rows: Array) -> None:
     """Shade the times at which less is measured than at the best."""
-    missing = rows < rows[1:].max() - 0.5
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing[1:].astype(int), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for before, last in silences(rows):
         for axes in (upper, lower):
-            axes.axvspan(t[begin + 1], t[min(end, len(t) - 1)], color="#bbbbbb", alpha=0.35,
-                         linewidth=0)  # fmt: skip
+            axes.axvspan(t[before + 1], t[last], color="#bbbbbb", alpha=0.35, linewidth=0)
 
 
 def _rms(values: Array) -> Array:

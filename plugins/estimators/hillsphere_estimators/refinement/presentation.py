@@ -6,35 +6,24 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.refinement.figures import draw_consistency, draw_optical, draw_tracked
+from hillsphere_estimators.refinement.gains import gain_ranges, gains, reported, rms
 from hillsphere_estimators.refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.refinement.specs import OrbitRefinementSpec
+from hillsphere_estimators.refinement.verdict import judged, refinement_verdict
 
-__all__ = ["present_refinement", "reported"]
+__all__ = ["present_refinement"]
 
 _AU = 1.495978707e11
 _DAY = 86400.0
 _ASTEROID = 6
 _NOTE = (
     "rms: root mean square over the random cases; σ: the same of what the filter says. Gains are "
-    "ratios of rms errors before tracking and after."
+    "ratios of rms errors before tracking and after; 5 % and 95 %: of the same ratio of cases "
+    "drawn anew from these (bootstrap)."
 )
-
-
-def reported(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
-    """Return when the table shows what is known: s after tracking began, and its index."""
-    since = known.t_s - known.t_s[0]
-    wanted = list(spec.reported_s) or [_DAY * k for k in range(1, int(since[-1] // _DAY) + 1)]
-    indices = sorted({int(np.argmin(np.abs(since - t))) for t in wanted} | {len(since) - 1})
-    return [(float(since[k]), k) for k in indices]
-
-
-def rms(values: Array) -> Array:
-    """Return the root mean square over the last axis."""
-    return np.asarray(np.sqrt(np.mean(values**2, axis=-1)))
 
 
 def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Presentation:
@@ -58,12 +47,14 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
         "refinement_tracking": _tracking_table(product, spec),
         "refinement_arms": _arms_table(product),
     }
-    position, velocity = _gains(product, 0)
+    position, velocity = gains(product, 0)
     metrics = {
         "refinement_position_gain_median": Metric(float(np.median(position))),
         "refinement_velocity_gain_median": Metric(float(np.median(velocity))),
         "refinement_mean_nees": Metric(float(np.mean(product.joint_nees[0]))),
+        "refinement_mean_nees_greatest": Metric(float(product.joint_nees.mean(axis=(1, 2)).max())),
         "refinement_settled": Metric(float(np.mean(product.settled))),
+        "refinement_tracking_settled": Metric(float(np.mean(product.tracked_settled))),
     }
     figures = {
         "refinement_optical": Figure(
@@ -77,8 +68,9 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
             "The asteroid's orbit with spacecraft near it",
             lambda figure: draw_tracked(figure, product),
             "For the geometries nearest to the Earth and farthest from it: rms error of the cases "
-            "(thin) and standard deviation (thick). Shaded: less than all of the first set's "
-            "sensors measure.",
+            "(thin) and standard deviation (thick). Dotted: the standard deviation of the velocity "
+            "of the worst known spacecraft. Shaded: less than all of the first set's sensors "
+            "measure.",
             size_in=(9.0, 6.6),
         ),
         "refinement_consistency": Figure(
@@ -89,16 +81,7 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
             size_in=(8.0, 3.8),
         ),
     }
-    return Presentation(metrics, tables, figures, verdict=_verdict(product))
-
-
-def _gains(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Array]:
-    """Return by what rms errors of position and velocity fell (G,)."""
-    known = product.tracked[arm]
-    return (
-        rms(known.position_m[0]) / rms(known.position_m[at]),
-        rms(known.velocity_m_s[0]) / rms(known.velocity_m_s[at]),
-    )
+    return Presentation(metrics, tables, figures, verdict=refinement_verdict(product, spec))
 
 
 def _state(known: Knowledge, k: int, g: int) -> dict[str, Cell]:
@@ -153,7 +136,8 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
         for a, arm in enumerate(product.arms):
             known = product.tracked[a]
             for since, k in reported(spec, known):
-                position, velocity = _gains(product, a, k)
+                position, velocity = gains(product, a, k)
+                ranges = gain_ranges(product, a, k)
                 rows.append(
                     {
                         "geometry": name,
@@ -161,7 +145,11 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
                         "after_d": since / _DAY,
                         **_state(known, k, g),
                         "position_gain": float(position[g]),
+                        "position_gain_p5": float(ranges[0][0][g]),
+                        "position_gain_p95": float(ranges[0][1][g]),
                         "velocity_gain": float(velocity[g]),
+                        "velocity_gain_p5": float(ranges[1][0][g]),
+                        "velocity_gain_p95": float(ranges[1][1][g]),
                     }
                 )
     columns = [
@@ -169,8 +157,11 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
         Column("arm", "", "sensors"),
         Column("after_d", "d", "after", 3),
         *_STATE,
-        Column("position_gain", "-", "gain of position", 3),
-        Column("velocity_gain", "-", "gain of velocity", 3),
+        *(
+            Column(f"{what}_gain{end}", "-", f"gain of {what}{text}", 3)
+            for what in ("position", "velocity")
+            for end, text in (("", ""), ("_p5", ", 5 %"), ("_p95", ", 95 %"))
+        ),
     ]
     return Table("With spacecraft near it", columns, rows, [_NOTE, _band(product, 1)])
 
@@ -179,7 +170,7 @@ def _arms_table(product: OrbitRefinement) -> Table:
     rows: list[Mapping[str, Cell]] = []
     first = product.tracked[0]
     for a, arm in enumerate(product.arms):
-        position, velocity = _gains(product, a)
+        position, velocity = gains(product, a)
         known = product.tracked[a]
         rows.append(
             {
@@ -197,6 +188,8 @@ def _arms_table(product: OrbitRefinement) -> Table:
                     np.median(rms(known.velocity_sigma_m_s[-1]) / rms(first.velocity_sigma_m_s[-1]))
                 ),
                 "joint_nees": float(product.joint_nees[a].mean()),
+                "judged": judged(product, a),
+                "settled": float(product.tracked_settled[a].mean()),
             }
         )
     columns = [
@@ -209,6 +202,8 @@ def _arms_table(product: OrbitRefinement) -> Table:
         Column("position_of_first", "-", "σ of position over the first set's, median", 3),
         Column("velocity_of_first", "-", "σ of velocity over the first set's, median", 3),
         Column("joint_nees", "-", f"mean NEES ({product.states})", 4),
+        Column("judged", "", "errors against σ"),
+        Column("settled", "-", "converged", 3),
     ]
     cases = product.joint_nees[0].size
     low, high = chi_square_band(product.states, cases)
@@ -225,42 +220,3 @@ def _band(product: OrbitRefinement, geometries: int) -> str:
         f"The mean NEES over the cases of a geometry lies within {low:.3g} … {high:.3g} (99.9 %) "
         "if errors are as large as is said."
     )
-
-
-def _verdict(product: OrbitRefinement) -> list[str]:
-    optical = product.optical
-    position, velocity = rms(optical.position_m[-1]) / 1e3, rms(optical.velocity_m_s[-1])
-    days = _span(product.tracked[0])
-    found = [
-        f"Optical angles alone: rms errors of {position.min():.3g} to {position.max():.3g} km and "
-        f"{velocity.min():.2g} to {velocity.max():.2g} m/s, by geometry."
-    ]
-    for a, arm in enumerate(product.arms):
-        p, v = _gains(product, a)
-        found.append(
-            f"{arm}, after {days:.3g} d: position better {p.min():.3g} to {p.max():.3g} times, "
-            f"velocity {v.min():.3g} to {v.max():.3g} times."
-        )
-    v = _gains(product, 0)[1]
-    answer = "refuted" if v.min() > 2.0 else "confirmed" if v.max() < 2.0 else "undecided"
-    found.append(
-        "The statement that velocity is not considerably improved by tracking (read as: by less "
-        f"than a factor of 2) is {answer} here: its rms error falls {v.min():.3g} to "
-        f"{v.max():.3g} times with {product.arms[0]!r}."
-    )
-    inside = _share_inside(product)
-    found.append(
-        f"Errors are as large as the filter says, for the asteroid at the end: in {inside:.0%} of "
-        "geometries and sets of sensors its mean NEES lies in the 99.9 % band."
-    )
-    return found
-
-
-def _share_inside(product: OrbitRefinement) -> float:
-    low, high = chi_square_band(_ASTEROID, product.settled.shape[1])
-    means = np.array([known.nees[-1].mean(axis=-1) for known in product.tracked])
-    return float(np.mean((means >= low) & (means <= high)))
-
-
-def _span(known: Knowledge) -> float:
-    return float(known.t_s[-1] - known.t_s[0]) / _DAY

@@ -56,6 +56,11 @@ class OrbitRefinement:
         Normalised errors squared of all states at the end.
     states : int
         How many states these are.
+    tracked_settled : ndarray, shape (A, G, M)
+        1 where the second part has converged, else 0.
+    craft_velocity_sigma_m_s : ndarray, shape (A, K, G, M)
+        Root of the trace of the covariance of a spacecraft's velocity, of the worst known; zero
+        without spacecraft.
     """
 
     geometries: tuple[str, ...]
@@ -66,3 +71,5 @@ class OrbitRefinement:
     tracked: tuple[Knowledge, ...]
     joint_nees: Array
     states: int
+    tracked_settled: Array
+    craft_velocity_sigma_m_s: Array

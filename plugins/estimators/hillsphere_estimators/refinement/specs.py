@@ -40,6 +40,13 @@ class ApproachSpec(Spec):
         "speed", "velocity against the asteroid, in axes that do not turn", default=(0.0, 0.0, 0.0)
     )
 
+    @model_validator(mode="after")
+    def _away(self) -> Self:
+        if not any(self.offset_m):
+            text = "is zero: in the asteroid's middle; give the spacecraft a place beside it"
+            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "offset_m"})
+        return self
+
 
 class ArmSpec(Spec):
     """One set of sensors that refine the orbit."""
@@ -141,6 +148,16 @@ class OrbitRefinementSpec(StageSpec):
         "the first",
         min_length=1,
         max_length=10,
+    )
+    passes: int = option(
+        "how often the second part is filtered anew, linearised along the path of the last "
+        "result: while distances are hardly known a filter alone believes too much",
+        default=3, ge=0, le=20,
+    )  # fmt: skip
+    claims_velocity_kept: bool = option(
+        "whether the verdict answers the claim that tracking with the first set of sensors does "
+        "not considerably improve the asteroid's velocity, by less than a factor of 2",
+        default=False,
     )
     step_s: float = quantity("time", "longest step of the step map", default=3600.0, gt=0)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,18 +18,23 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.spec import Ref
 from hillsphere_estimators.consistency import nees
 from hillsphere_estimators.initialisation.arc_fit import arc_fit, screened
+from hillsphere_estimators.refinement.flown import flown as flown_along
+from hillsphere_estimators.refinement.linearised import LinearPath, path_to
 from hillsphere_estimators.refinement.motion import BodiesModel
 from hillsphere_estimators.refinement.optical import fitted
 from hillsphere_estimators.refinement.presentation import present_refinement
 from hillsphere_estimators.refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.refinement.scenes import orbit_of, scenes_at, starts
 from hillsphere_estimators.refinement.specs import OrbitRefinementSpec
+from hillsphere_estimators.resting import distance
 
 __all__ = ["OrbitRefinementStage"]
 
 _STARTS = np.linspace(-3.0, 3.0, 241)
 """Standard deviations along the direction in which the asteroid's place is least known."""
 _TRIED = 3
+_RESTED = 0.1
+"""Standard deviations by which a last repetition may move what counts as converged."""
 _FAR_M = 1e8
 """A distance that heliocentric states resolve well, for sensors without anything near."""
 _AT_ONCE = 20_000
@@ -85,7 +89,7 @@ class OrbitRefinementStage:
         scenes = scenes_at(times, self._earth, spec.geometries, seeds)
         suite = SensorSuite([ref.get() for ref in spec.optical])
         model = BodiesModel(spec.plant.get(), suite, scenes, 1, reach_m=_FAR_M, step_s=spec.step_s)
-        flown = _flown(model, truth, times, None)
+        flown = flown_along(model, truth, times, None)
         sets = _measured(suite, "optical", spec.optical, flown, model, ctx)
         prior = self._prior(truth, ctx)
         ctx.info(f"{len(times)} optical observations of {truth.shape[1]} cases are fitted")
@@ -96,7 +100,7 @@ class OrbitRefinementStage:
             [np.linalg.norm((x - scenes[float(t)]["earth"])[:3], axis=0)
              for x, t in zip(flown, times, strict=True)], axis=0,
         )[::seeds]  # fmt: skip
-        tracked, joint = self._refined(known[-1], flown[-1], float(times[-1]), ctx)
+        tracked, joint, rested, craft = self._refined(known[-1], flown[-1], float(times[-1]), ctx)
         return OrbitRefinement(
             tuple(g.name for g in spec.geometries),
             tuple(arm.name for arm in spec.arms),
@@ -106,6 +110,8 @@ class OrbitRefinementStage:
             tracked,
             joint,
             6 * (1 + len(spec.spacecraft)),
+            rested.astype(float),
+            craft,
         )
 
     def present(self, product: OrbitRefinement) -> Presentation:
@@ -133,8 +139,12 @@ class OrbitRefinementStage:
 
     def _refined(
         self, asteroid: Belief, truth: Array, start_s: float, ctx: Context
-    ) -> tuple[tuple[Knowledge, ...], Array]:
-        """Track the spacecraft with each arm; return knowledge, and NEES of all states at last."""
+    ) -> tuple[tuple[Knowledge, ...], Array, NDArray[np.bool_], Array]:
+        """Track the spacecraft with each arm.
+
+        Returns knowledge; of each arm (A, G, M) the NEES of all states at last and which cases have
+        converged; over time (A, K, G, M) how well the spacecraft's velocity is known, m/s.
+        """
         spec, cases = self.spec, truth.shape[1]
         crafts = len(spec.spacecraft)
         times = start_s + np.concatenate([[0.0], _times(spec.duration_s, spec.interval_s)[1:]])
@@ -152,11 +162,11 @@ class OrbitRefinementStage:
             noise=None if quiet else noise, step_s=spec.step_s, noise_step_s=spec.interval_s,
         )  # fmt: skip
         places = np.concatenate([truth, *(self._craft(i, truth) for i in range(crafts))])
-        flown = _flown(model, places, times, None if quiet else ctx.rng("accelerations"))
+        flown = flown_along(model, places, times, None if quiet else ctx.rng("accelerations"))
         sets = _measured(suite, "tracking", refs, flown, model, ctx)
         prior = self._joint_prior(asteroid, places, ctx)
         found, joint = [], []
-        beliefs, seen = self._tracked(model, prior, sets, self._used(suite), ctx)
+        beliefs, seen, settled = self._tracked(model, prior, sets, self._used(suite), ctx)
         for a in range(len(spec.arms)):
             own = slice(a * cases, (a + 1) * cases)
             of_arm = [Belief(b.x[:, own], b.root[own], b.t_s[own]) for b in beliefs]
@@ -165,7 +175,13 @@ class OrbitRefinementStage:
             ]
             found.append(self._knowledge(of_arm, flown, shown))
             joint.append(nees(of_arm[-1], flown[-1]).reshape(-1, spec.seeds))
-        return tuple(found), np.array(joint)
+        by_arm = (len(spec.arms), len(spec.geometries), spec.seeds)
+        sigma = np.array([b.sigma for b in beliefs])
+        # without spacecraft no rows, and zeros
+        speeds = sigma[:, 6:].reshape(len(times), crafts, 6, sigma.shape[2])[:, :, 3:]
+        worst = np.max(np.linalg.norm(speeds, axis=2), axis=1, initial=0.0)
+        craft = np.moveaxis(worst.reshape(len(times), *by_arm), 1, 0)
+        return tuple(found), np.array(joint), settled.reshape(by_arm), craft
 
     def _reach(self) -> float:
         """Return the least distance between the bodies."""
@@ -186,41 +202,62 @@ class OrbitRefinementStage:
         sets: list[MeasurementSet],
         used: NDArray[np.bool_],
         ctx: Context,
-    ) -> tuple[list[Belief], list[NDArray[np.bool_]]]:
+    ) -> tuple[list[Belief], list[NDArray[np.bool_]], NDArray[np.bool_]]:
         """Filter what each arm's sensors show, arms side by side as lanes.
+
+        Once as a filter does, from a fit to the first measurements; then anew with sensors
+        linearised along the path of the result, see `LinearPath`.
 
         Returns
         -------
         beliefs : list of Belief
-            The first is before any measurement.
+            The first is before any measurement; at the other times after the measurements.
         present : list of ndarray of bool
             Which rows were used.
+        settled : ndarray of bool, shape (A N,)
+            Where the last repetition changed the result by less than a tenth of its spread.
         """
         arms, cases = len(used), len(prior.t_s)
         model = model.beside(arms)
         belief = Belief(
             np.tile(prior.x, arms), np.tile(prior.root, (arms, 1, 1)), np.tile(prior.t_s, arms)
         )
+        present = [np.tile(m.present, arms) & np.repeat(used.T, cases, axis=1) for m in sets]
+        shown = [
+            MeasurementSet(
+                np.tile(m.t_s, arms), np.tile(m.values, arms), np.tile(m.sigma, arms), m.blocks, own
+            )
+            for m, own in zip(sets, present, strict=True)
+        ]
+        advance = ctx.track("tracking", len(sets) * (1 + self.spec.passes))
+        begun = screened(model, shown[0], _spread(belief), _TRIED)
+        first = arc_fit(model, belief, shown[:1], begun)
+        advance(1)
+        beliefs = self._filtered(model, [belief, first.belief], shown[1:], advance)
+        settled = first.settled
+        every = np.stack(present, axis=1)
+        for _ in range(self.spec.passes):
+            linear = LinearPath.about(model, path_to(model, beliefs[-1]), every)
+            beyond = [linear.beyond(one) for one in shown]
+            found = self._filtered(linear, [belief], beyond, advance)
+            settled = distance(found[-1], beliefs[-1]) < _RESTED
+            beliefs = found
+        # of the first two one is before any measurement, the other after those of the same time
+        return [beliefs[0], *beliefs[2:]], present, settled
+
+    def _filtered(
+        self, model: BodiesModel, beliefs: list[Belief], sets: list[MeasurementSet], advance: Any
+    ) -> list[Belief]:
+        """Return beliefs, and after them those after each further set of measurements."""
         estimator: Any = self.spec.estimator.get()
-        beliefs, seen = [belief], []
-        none = np.zeros((0, arms * cases))
-        advance = ctx.track("tracking", len(sets))
-        for k, one in enumerate(sets):
-            present = np.tile(one.present, arms) & np.repeat(used.T, cases, axis=1)
-            measured = MeasurementSet(
-                np.tile(one.t_s, arms), np.tile(one.values, arms), np.tile(one.sigma, arms),
-                one.blocks, present,
-            )  # fmt: skip
-            if k:
-                belief = estimator.predict(model, belief, measured.t_s, none)
-                belief, _ = estimator.update(model, belief, measured)
-                beliefs.append(belief)
-            else:
-                starts = screened(model, measured, _spread(belief), _TRIED)
-                belief = arc_fit(model, belief, [measured], starts).belief
-            seen.append(present)
+        none = np.zeros((0, len(beliefs[0].t_s)))
+        for one in sets:
+            belief = beliefs[-1]
+            if one.t_s[0] != belief.t_s[0]:
+                belief = estimator.predict(model, belief, one.t_s, none)
+            beliefs.append(estimator.update(model, belief, one)[0])
             advance(1)
-        return beliefs, seen
+        return beliefs
 
     def _craft(self, number: int, asteroid: Array) -> Array:
         """Return the heliocentric states (6, N) of a spacecraft."""
@@ -293,23 +330,6 @@ def _unique(refs: Sequence[Ref]) -> list[Ref]:
 
 def _times(duration_s: float, interval_s: float) -> Array:
     return np.asarray(interval_s * np.arange(int(np.floor(duration_s / interval_s + 1e-9)) + 1.0))
-
-
-def _flown(
-    model: BodiesModel, x: Array, times_s: Array, random: np.random.Generator | None
-) -> list[Array]:
-    """Return the true states at each time, with random accelerations if numbers are given."""
-    cases = x.shape[1]
-    none, case, found = np.zeros((0, cases)), np.arange(cases), [x]
-    for before, after in pairwise(times_s.tolist()):
-        last, now = np.full(cases, before), np.full(cases, after)
-        there = model.advance(x, last, now, none, case)
-        if random is not None:
-            root = model.process_noise(x, last, now, none)
-            there = there + np.einsum("nij,nj->in", root, random.normal(size=root.shape[::2]))
-        x = there
-        found.append(x)
-    return found
 
 
 def _measured(

@@ -28,12 +28,12 @@ def draw_bounds(figure: Figure, product: MuAnalysis) -> None:
     shown = [
         name
         for name in _TITLES
-        if any(one.analysis == name and one.omega_rad_s.size for one in product.results)
+        if any(one.analysis == name and one.omega_rad_s.size for one in product.worst)
     ]
     grid = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
     for axes, name in zip(grid, shown, strict=True):
-        drawn = [one for one in product.results if one.analysis == name and one.omega_rad_s.size]
+        drawn = [one for one in product.worst if one.analysis == name and one.omega_rad_s.size]
         drawn = drawn[:_DRAWN]
         for place, one in enumerate(drawn):
             _draw_loop(axes, one, colours[place % len(colours)], product.label(one.loop))
@@ -65,7 +65,7 @@ def _draw_intervals(axes: Axes, one: Analysed, colour: str) -> None:
 def draw_shares(figure: Figure, product: MuAnalysis) -> None:
     """Draw the share of each block, one group of bars an analysis of a loop."""
     axes = figure.add_subplot()
-    found = [one for one in product.results if one.shares.size][:_DRAWN]
+    found = [one for one in product.worst if one.shares.size][:_DRAWN]
     names = list(dict.fromkeys(name for one in found for name in one.blocks))
     colours = [colour for name, colour in PALETTE.items() if name != "yellow"]
     width = 0.8 / len(found)
@@ -84,19 +84,19 @@ def draw_shares(figure: Figure, product: MuAnalysis) -> None:
 
 
 def with_share_curves(
-    columns: Sequence[tuple[MuAnalysis, Analysed, str]],
-) -> list[tuple[MuAnalysis, Analysed, str]]:
+    columns: Sequence[tuple[MuAnalysis, Analysed]],
+) -> list[tuple[MuAnalysis, Analysed]]:
     """Return the analyses whose shares are known over frequency and are drawn."""
     return [column for column in columns if column[1].curve_shares.size][:_COLUMNS]
 
 
-def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analysed, str]]) -> None:
+def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analysed]]) -> None:
     """Draw bounds above the shares of the blocks over frequency, one column an analysis."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     grid = figure.subplots(2, len(columns), squeeze=False, sharex="col", sharey="row")
-    named = _named_blocks([one for _, one, _ in columns])
-    for column, (product, one, of) in enumerate(columns):
+    named = _named_blocks([one for _, one in columns])
+    for column, (product, one) in enumerate(columns):
         above, below = grid[:, column]
         omega = one.omega_rad_s
         above.semilogx(omega, one.curve_upper, color=PALETTE["blue"], label="µ, from above")
@@ -105,9 +105,9 @@ def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analys
             above.semilogx(omega, one.curve_nominal, color=PALETTE["black"], label="nominal")
         _draw_intervals(above, one, PALETTE["blue"])
         above.axhline(1.0, color="#777777", ls=":", lw=1.2)
-        title = product.label(one.loop) + (f" ({of})" if of else "")
         kind = f"{_TITLES[one.analysis].lower()} {one.channel}".rstrip()
-        above.set_title(f"{title}\n{kind}", fontsize=9)
+        controller, _, rest = product.label(one.loop).partition(", ")
+        above.set_title(f"{controller}\n{rest}\n{kind}", fontsize=9)
         _draw_shares_over(below, one, named)
         for axes, what in ((above, "µ, gain"), (below, "share of the block")):
             axes.set_xlabel("frequency (rad/s)")

@@ -30,7 +30,7 @@ _SINGULAR = 1e-6
 def presented(
     product: MuAnalysis,
     reference: str | None,
-    columns: Sequence[tuple[MuAnalysis, Analysed, str]] = (),
+    columns: Sequence[tuple[MuAnalysis, Analysed]] = (),
 ) -> Presentation:
     """Return tables, figures and sentences of analyses.
 
@@ -40,12 +40,12 @@ def presented(
         The analyses.
     reference : str or None
         Path of a cited table of published peaks.
-    columns : sequence of (MuAnalysis, Analysed, str)
-        Analyses that may stand in the figure of shares over frequency: of which product each is,
-        and what tells it from those of other products; none: those of the product.
+    columns : sequence of (MuAnalysis, Analysed)
+        Analyses that may stand in the figure of shares over frequency, and of which product each
+        is; none: those of the product.
     """
     metrics = {}
-    for one in product.results:
+    for one in product.worst:
         if len(product.nominal) == 1:
             metrics[f"{one.analysis}_upper"] = Metric(one.upper)
             metrics[f"{one.analysis}_lower"] = Metric(one.lower)
@@ -58,8 +58,8 @@ def presented(
     if len(set(product.model.tolist())) > 1:
         tables |= {f"mu_models_{name}": _by_model(product, name) for name in _analyses(product)}
     figures = {}
-    if any(one.omega_rad_s.size for one in product.results):
-        shown = {one.analysis for one in product.results if one.omega_rad_s.size}
+    if any(one.omega_rad_s.size for one in product.worst):
+        shown = {one.analysis for one in product.worst if one.omega_rad_s.size}
         figures["mu_bounds"] = Figure(
             "Bounds of µ over frequency",
             partial(draw_bounds, product=product),
@@ -68,7 +68,7 @@ def presented(
             "together they cover all frequencies.",
             size_in=(7.4, 0.8 + 3.2 * len(shown)),
         )
-    shown_columns = columns or [(product, one, "") for one in product.results]
+    shown_columns = columns or [(product, one) for one in product.worst]
     if drawn := with_share_curves(shown_columns):
         figures["mu_sensitivity_curves"] = Figure(
             "µ and shares of the blocks over frequency",
@@ -78,7 +78,7 @@ def presented(
             "bound with the size of each block. Blocks that never reach 5 % are together.",
             size_in=(1.6 + 3.2 * len(drawn), 7.0),
         )
-    if any(one.shares.size for one in product.results):
+    if any(one.shares.size for one in product.worst):
         tables["mu_sensitivities"] = _shares(product)
         figures["mu_sensitivities"] = Figure(
             "Shares of the blocks in µ",
@@ -100,7 +100,7 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
         }
         if on_grid:
             row["nominal_performance_peak"] = _finite(nominal)
-        for one in product.results:
+        for one in product.worst:
             if one.loop == loop:
                 at_published = on_grid and one.analysis != "worst_case_gain"
                 row[one.analysis] = _finite(one.grid_peak if at_published else one.peak)
@@ -115,7 +115,7 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
         *_columns("nominal_performance", "nominal performance", on_grid),
     ]
     for name, title in _TITLES.items():
-        if any(one.analysis == name for one in product.results):
+        if any(one.analysis == name for one in product.worst):
             columns += [
                 *_columns(name, title, on_grid and name != "worst_case_gain"),
                 Column(f"{name}_certified", "-", f"{title}, certified", 5),
@@ -126,6 +126,11 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
         f"all frequencies (at most {100.0 * product.gap:.3g} % above it), and what a perturbation "
         "reaches."
     ]
+    if any(one.channel for one in product.results):
+        notes.append(
+            "Outputs count by themselves: each number is the largest over them, and a bound from "
+            "above may be of other outputs than the one from below; the certificates have each."
+        )
     if on_grid:
         notes.append(
             "Values 'at the frequencies published' are the largest at just those, for the "
@@ -156,6 +161,7 @@ def _certificates(product: MuAnalysis) -> Table:
         row: dict[str, Cell] = {
             "loop": product.label(one.loop),
             "analysis": _TITLES[one.analysis],
+            **({"channel": one.channel} if one.channel else {}),
             "upper": _finite(one.upper),
             "peak_rad_s": _frequency(one.peak_rad_s),
             "intervals": int(one.interval_bound.size),
@@ -174,6 +180,7 @@ def _certificates(product: MuAnalysis) -> Table:
     columns = (
         Column("loop", "", "loop"),
         Column("analysis", "", "analysis"),
+        *([Column("channel", "", "outputs")] if any(o.channel for o in product.results) else []),
         Column("upper", "-", "certified", 6),
         Column("peak_rad_s", "rad/s", "largest at", 4),
         Column("intervals", "-", "intervals that cover all frequencies"),
@@ -191,6 +198,7 @@ def _worst_cases(product: MuAnalysis) -> Table:
         where = {
             "loop": product.label(one.loop),
             "analysis": _TITLES[one.analysis],
+            **({"channel": one.channel} if one.channel else {}),
             "frequency_rad_s": _frequency(one.frequency_rad_s),
             "order": None if one.delta is None else one.delta.order,
             "pole_re": _finite(one.pole_re),
@@ -211,6 +219,7 @@ def _worst_cases(product: MuAnalysis) -> Table:
     columns = (
         Column("loop", "", "loop"),
         Column("analysis", "", "analysis"),
+        *([Column("channel", "", "outputs")] if any(o.channel for o in product.results) else []),
         Column("parameter", "", "parameter"),
         Column("value", "-", "worst value", 6),
         Column("unit", "", "unit"),
@@ -236,7 +245,7 @@ def _shares(product: MuAnalysis) -> Table:
             "block": name,
             "share": float(share),
         }
-        for one in product.results
+        for one in product.worst
         for name, share in zip(one.blocks, one.shares, strict=False)
     ]
     columns = (
@@ -254,7 +263,7 @@ def _shares(product: MuAnalysis) -> Table:
 
 
 def _analyses(product: MuAnalysis) -> list[str]:
-    return [name for name in _TITLES if any(one.analysis == name for one in product.results)]
+    return [name for name in _TITLES if any(one.analysis == name for one in product.worst)]
 
 
 def _by_model(product: MuAnalysis, analysis: str) -> Table:
@@ -265,7 +274,7 @@ def _by_model(product: MuAnalysis, analysis: str) -> Table:
     for loop, nominal in enumerate(product.nominal):
         cell = "not stable"
         if np.isfinite(nominal):
-            one = next(o for o in product.results if (o.loop, o.analysis) == (loop, analysis))
+            one = next(o for o in product.worst if (o.loop, o.analysis) == (loop, analysis))
             cell = f"{nominal:.4f}; {one.lower:.4f} to {one.upper:.4f}"
         rows[int(product.model[loop])][f"controller_{int(product.controller[loop])}"] = cell
     columns = [
@@ -277,7 +286,8 @@ def _by_model(product: MuAnalysis, analysis: str) -> Table:
         "frequencies."
     )
     title = _TITLES[analysis]
-    return Table(f"{title[0].upper()}{title[1:]} by model", columns, list(rows.values()), [note])
+    of = f"{title[0].upper()}{title[1:]} by model, {product.uncertain}"
+    return Table(of, columns, list(rows.values()), [note])
 
 
 def _verdict(product: MuAnalysis) -> list[str]:
@@ -298,26 +308,25 @@ def _said(product: MuAnalysis, loop: int) -> str:
     name = product.label(loop)
     if not np.isfinite(product.nominal[loop]):
         return f"{name}: the nominal loop is not stable; nothing was analysed."
-    parts = [_sentence(one) for one in product.results if one.loop == loop]
+    parts = [_sentence(one) for one in product.worst if one.loop == loop]
     return f"{name}: {'; '.join(parts)}."
 
 
 def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[str]:
     """Return a sentence an analysis of a controller with several models."""
     said = []
+    name = f"{controller}, {product.uncertain}"
     unstable = [loop for loop in loops if not np.isfinite(product.nominal[loop])]
     if unstable:
-        said.append(
-            f"{controller}: the nominal loop is not stable with {_names(product, unstable)}."
-        )
+        said.append(f"{name}: the nominal loop is not stable with {_names(product, unstable)}.")
     for analysis in _analyses(product):
-        found = [o for o in product.results if o.loop in loops and o.analysis == analysis]
+        found = [o for o in product.worst if o.loop in loops and o.analysis == analysis]
         if not found:
             continue
         highest = max(found, key=lambda one: one.upper)
         if analysis == "worst_case_gain":
             said.append(
-                f"{controller}: gain at worst up to {highest.upper:.4g} "
+                f"{name}: gain at worst up to {highest.upper:.4g} "
                 f"({product.models[int(product.model[highest.loop])]})."
             )
             continue
@@ -332,7 +341,7 @@ def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[s
             parts.append(f"not with {_names(product, broken)}")
         if open_:
             parts.append(f"not known with {_names(product, open_)}")
-        said.append(f"{controller}: {'; '.join(parts)}.")
+        said.append(f"{name}: {'; '.join(parts)}.")
     return said
 
 
@@ -345,10 +354,19 @@ def _sentence(one: Analysed) -> str:
         return f"gain at worst from {one.lower:.4g} to {one.upper:.4g}"
     what = "stable" if one.analysis == "robust_stability" else "a gain below one"
     if one.upper < 1.0:
-        return f"{what} for all perturbations declared (µ ≤ {one.upper:.4g}, certified)"
+        bound = f"µ ≤ {one.upper:.4g}{_of(one.channel)}, certified"
+        return f"{what} for all perturbations declared ({bound})"
     if one.lower > 1.0:
-        return f"not {what} for all perturbations declared (µ ≥ {one.lower:.4g})"
-    return f"not known whether {what} for all (µ from {one.lower:.4g} to {one.upper:.4g})"
+        bound = f"µ ≥ {one.lower:.4g}{_of(one.lower_channel)}"
+        return f"not {what} for all perturbations declared ({bound})"
+    return (
+        f"not known whether {what} for all (µ from {one.lower:.4g}{_of(one.lower_channel)} to "
+        f"{one.upper:.4g}{_of(one.channel)})"
+    )
+
+
+def _of(channel: str) -> str:
+    return f" of {channel}" if channel else ""
 
 
 def _frequency(value: float) -> float | None:

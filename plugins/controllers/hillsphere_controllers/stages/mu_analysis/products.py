@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
@@ -21,7 +22,7 @@ class Analysed:
     analysis : {"robust_stability", "robust_performance", "worst_case_gain"}
         Which one.
     channel : str
-        Outputs whose performance is worst, where each counts by itself; empty otherwise.
+        Outputs whose performance it is, where each counts by itself; empty otherwise.
     upper, lower : float
         Bounds, over all frequencies, of µ or of the gain: the upper one certified, the lower one
         reached by `delta`.
@@ -29,6 +30,9 @@ class Analysed:
         Largest bound found at one frequency, from above or by `delta`, and that frequency.
     frequency_rad_s : float
         Where the lower bound is reached.
+    lower_channel : str
+        Outputs of the lower bound and of its perturbation; those of `channel`, unless it is the
+        worst of several channels.
     grid_peak : float
         Largest upper bound at the frequencies of what is published; NaN without them, and for the
         worst-case gain.
@@ -70,6 +74,7 @@ class Analysed:
     peak: float
     peak_rad_s: float
     frequency_rad_s: float
+    lower_channel: str
     grid_peak: float
     interval_low_rad_s: Array
     interval_high_rad_s: Array
@@ -112,11 +117,13 @@ class MuAnalysis:
     nominal_grid : ndarray, shape (L,)
         Largest gain of the nominal loop at the frequencies of what is published; NaN without them.
     results : tuple of Analysed
-        Loop by loop.
+        Loop by loop, analysis by analysis, channel by channel.
     size : float
         Of the uncertainty in the worst-case gain.
     gap : float
         As declared.
+    uncertain : str
+        Name of the uncertain models.
     """
 
     controllers: tuple[str, ...]
@@ -128,9 +135,35 @@ class MuAnalysis:
     results: tuple[Analysed, ...]
     size: float
     gap: float
+    uncertain: str
+
+    @property
+    def worst(self) -> tuple[Analysed, ...]:
+        """One result for each loop and analysis: the larger of each bound over the channels."""
+        made: list[Analysed] = []
+        for one in self.results:
+            last = made[-1] if made else None
+            if last is None or (last.loop, last.analysis) != (one.loop, one.analysis):
+                made.append(one)
+            else:
+                made[-1] = _worst(last, one)
+        return tuple(made)
 
     def label(self, loop: int) -> str:
-        """Return a name of a loop."""
+        """Return a name of a loop: its controller, and what is uncertain."""
         controller = self.controllers[int(self.controller[loop])]
         model = self.models[int(self.model[loop])]
-        return controller if len(self.models) == 1 else f"{controller}, {model}"
+        several = "" if len(self.models) == 1 else f", {model}"
+        return f"{controller}, {self.uncertain}{several}"
+
+
+def _worst(one: Analysed, other: Analysed) -> Analysed:
+    """Return the larger bounds of two channels of a loop, each with what proves it."""
+    above = max(one, other, key=attrgetter("upper"))
+    below = max(one, other, key=attrgetter("lower"))
+    return replace(
+        above, lower=below.lower, frequency_rad_s=below.frequency_rad_s,
+        lower_channel=below.lower_channel, names=below.names,
+        units=below.units, values=below.values, normalised=below.normalised, delta=below.delta,
+        pole_re=below.pole_re, pole_im=below.pole_im, singular=below.singular,
+    )  # fmt: skip

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from operator import attrgetter
 
 import numpy as np
 
@@ -120,11 +118,7 @@ class MuAnalysisStage:
         )  # fmt: skip
         with Workers(ctx, work) as workers:
             for found in workers.map(pieces):
-                last = results[-1] if results else None
-                if last is None or (last.loop, last.analysis) != (found.loop, found.analysis):
-                    results.append(found)
-                else:
-                    results[-1] = _worst(last, found)
+                results.append(found)
                 advance(1)
         pairs = np.array(of_loop, dtype=np.int64)
         return MuAnalysis(
@@ -137,6 +131,7 @@ class MuAnalysisStage:
             results=tuple(results),
             size=spec.size,
             gap=spec.gap,
+            uncertain=spec.needs.uncertain.name,
         )
 
     def present(
@@ -148,18 +143,27 @@ class MuAnalysisStage:
     ) -> Presentation:
         """Show bounds over frequency with their certificates, worst cases, shares of blocks."""
         spec = self.spec
-        columns = [
-            (other, one, ref.name)
-            for ref, other in zip(spec.needs.beside, beside, strict=True)
-            for one in other.results
-        ]
+        self._comparable(product, beside)
+        columns = [(other, one) for other in beside for one in other.worst]
         columns += [
-            (product, one, spec.needs.uncertain.name if beside else "")
-            for one in product.results
+            (product, one)
+            for one in product.worst
             if not spec.columns
             or product.controllers[int(product.controller[one.loop])] in spec.columns
         ]
         return presented(product, spec.reference, columns)
+
+    def _comparable(self, product: MuAnalysis, beside: tuple[MuAnalysis, ...]) -> None:
+        """Refuse analyses beside of other outputs or another kind, whose µ would mean another."""
+        own = {(one.analysis, one.channel) for one in product.results}
+        for ref, other in zip(self.spec.needs.beside, beside, strict=True):
+            for one in other.results:
+                if (one.analysis, one.channel) not in own:
+                    what = f"{one.analysis}{f' of {one.channel!r}' if one.channel else ''}"
+                    raise InputError(
+                        f"needs.beside: {ref.name!r} has {what}, which is not analysed here; use "
+                        "the same 'analyses' and 'outputs' in both"
+                    )
 
     def _grid(self) -> Array:
         """Return the frequencies of what is published (K,)."""
@@ -199,17 +203,6 @@ def _closed(
             f"and {uncertain.controls}"
         )
     return lower_lft(system, controller)
-
-
-def _worst(one: Analysed, other: Analysed) -> Analysed:
-    """Return the larger bounds of two channels of a loop, each with what proves it."""
-    above = max(one, other, key=attrgetter("upper"))
-    below = max(one, other, key=attrgetter("lower"))
-    return replace(
-        above, lower=below.lower, frequency_rad_s=below.frequency_rad_s, names=below.names,
-        units=below.units, values=below.values, normalised=below.normalised, delta=below.delta,
-        pole_re=below.pole_re, pole_im=below.pole_im, singular=below.singular,
-    )  # fmt: skip
 
 
 def _channels(model: UncertainModel, outputs: tuple[str, ...]) -> dict[str, UncertainModel]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -30,6 +30,7 @@ __all__ = ["SampledLoopsStage"]
 _LOOKED = 120
 _RANGE = 100.0
 _BEYOND = 10.0
+_SAME_TIME = 1e-9
 
 At = Callable[[float], LtiSystem]
 """What flies at a period, from deviations to commands."""
@@ -46,7 +47,7 @@ class SampledLoopsStage:
     Raises
     ------
     InputError
-        If the law is not a linear one.
+        If the law is not a linear one, or has a controller of its own that does not fit a period.
     """
 
     def __init__(self, spec: SampledLoopsSpec) -> None:
@@ -58,6 +59,8 @@ class SampledLoopsStage:
                 f"any period, such as one of type 'lti'; got {type(law).__name__}"
             )
         self._law: LinearLaw | None = law
+        if law is not None and not spec.needs.controllers:
+            _check_periods("law", law.at_period, spec.periods_s or (law.period_s,))
 
     def run(
         self, ctx: Context, models: LinearModels, controllers: tuple[ControlDesign, ...]
@@ -89,6 +92,8 @@ class SampledLoopsStage:
         periods = spec.periods_s or (() if self._law is None else (self._law.period_s,))
         longest = spec.longest_s or _BEYOND * max(periods)
         looked = np.geomspace(longest / _RANGE, longest, _LOOKED)
+        for name, at in flown.items():
+            _check_periods(name, at, periods)
         advance = ctx.track("sampled loops", len(flown) * (len(periods) * len(plants) + 1))
         found: list[SampledMargins] = []
         for at in flown.values():
@@ -99,9 +104,10 @@ class SampledLoopsStage:
                     found.append(sampled_margins(loop))
                     advance(1)
         radius, lost = [], []
-        made_for_one = [design.controller.dt_s is not None for design in controllers] or [False]
-        for at, only_one in zip(flown.values(), made_for_one, strict=True):
-            if only_one:  # a controller in discrete time says nothing at another period
+        for at in flown.values():
+            if _of_one_period(
+                at, max(periods)
+            ):  # a controller in discrete time says nothing at another period
                 radius.append([np.nan] * len(looked))
                 lost.append(np.nan)
             else:
@@ -193,3 +199,26 @@ def _at(law: LinearLaw | None, controller: LtiSystem) -> At:
     if law is None:
         return lambda period: controller
     return lambda period: law.at_period(period, controller)
+
+
+def _check_periods(name: str, at: At, periods: Sequence[float]) -> None:
+    """Raise `InputError` unless a controller can be flown at all these periods."""
+    for period in periods:
+        try:
+            made = at(period)
+        except InputError as error:
+            raise InputError(f"periods_s: {name} at {period:g} s: {error}") from error
+        if made.dt_s is not None and abs(made.dt_s - period) > _SAME_TIME * period:
+            raise InputError(
+                f"periods_s: {name} is a controller in discrete time, of a period of "
+                f"{made.dt_s:g} s; at {period:g} s it says nothing: name its own period alone"
+            )
+
+
+def _of_one_period(at: At, period: float) -> bool:
+    """Return whether what flies at a period is a controller in discrete time, made for it."""
+    try:
+        made = at(2.0 * period)
+    except InputError:
+        return True
+    return made.dt_s is not None and abs(made.dt_s - 2.0 * period) > _SAME_TIME * period

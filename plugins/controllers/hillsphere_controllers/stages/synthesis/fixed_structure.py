@@ -152,8 +152,8 @@ def by_search(
         )  # fmt: skip
     search = SearchResult(
         found.theta, found.starts, found.shaken, found.residual, len(found.active),
-        found.converged, found.evaluations, own, joint, scatter, options.target, found.equals,
-        result,
+        found.converged, found.evaluations, own, joint, scatter, bool(begun),
+        options.target, found.equals, result,
     )  # fmt: skip
     return Designed(found.controller, found.gamma, found.lower_bound, search)
 

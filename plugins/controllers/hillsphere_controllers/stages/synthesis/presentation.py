@@ -275,10 +275,15 @@ def _verdict(product: Synthesis) -> list[str]:
         said += start_sentences(search)
         found = np.concatenate([search.starts, search.shaken])
         same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
-        said.append(
+        among = (
             f"{same} of {found.size} searches, {search.starts.size} from starts and "
             f"{search.shaken.size} from near the best of these, end within 0.1 % of the best, the "
-            "best included. By its gradients it is "
+            "best included."
+            if found.size > 1
+            else "It is that of the only search."
+        )
+        said.append(
+            f"{among} By its gradients it is "
             f"{'' if search.converged else 'not shown to be '}a local minimum (residual "
             f"{search.residual:.2g}, {search.active} active peaks and constraints)."
         )

@@ -117,7 +117,9 @@ class SearchResult:
     joint : ndarray, shape (P,)
         γ of the controller of all at each of them, likewise.
     scatter : float
-        How far from a controller that was given the searches began, relative; 0: at random ones.
+        How far from the first controller the searches began, relative; 0: at random ones.
+    given : bool
+        Whether the first began at a controller of another synthesis.
     target : float
         Searches ended once γ was below this.
     equals : ndarray, shape (E, 2)
@@ -137,6 +139,7 @@ class SearchResult:
     per_plant: Array
     joint: Array
     scatter: float
+    given: bool
     target: float
     equals: Array
     robust: RobustResult | None

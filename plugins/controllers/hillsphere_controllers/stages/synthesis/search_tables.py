@@ -19,10 +19,10 @@ _SHOWN = 4
 
 
 def search_metrics(search: SearchResult) -> dict[str, Metric]:
-    """Return the spread of γ over the starts, and the worst case of uncertain plants."""
+    """Return the spread of γ over starts of their own, and the worst case of uncertain plants."""
     found: dict[str, Metric] = {}
     starts = search.starts[np.isfinite(search.starts)]
-    if starts.size > 1:
+    if starts.size > 1 and not search.scatter:
         found["synthesis_spread"] = Metric(float(starts.max() / starts.min() - 1.0))
     if search.robust is not None:
         found["synthesis_worst_gamma"] = Metric(float(search.robust.worst.max(initial=0.0)))
@@ -93,9 +93,11 @@ def start_sentences(search: SearchResult) -> list[str]:
         spread = 100.0 * float(good.max() / good.min() - 1.0)
         told = "no more" if spread <= _ALIKE else "more"
         some = "" if good.size == search.starts.size else f" that found one of {search.starts.size}"
-        begun = ", all about the controller that was given," if search.scatter else ""
         said.append(
-            f"γ of the {good.size} starts{some}{begun} spreads by {spread:.2g} %, {told} than "
+            f"All starts lie within {100.0 * search.scatter:g} % about one controller: that γ of "
+            f"the {good.size}{some} spreads by {spread:.2g} % says nothing of other minima."
+            if search.scatter
+            else f"γ of the {good.size} starts{some} spreads by {spread:.2g} %, {told} than "
             f"{_ALIKE:g} %."
         )
     if (below := int(np.count_nonzero(good < search.target))) > 0:
@@ -121,7 +123,7 @@ def _searches(search: SearchResult) -> Table:
     )
     found = np.concatenate([search.starts, search.shaken])
     best = found.min(initial=np.inf)
-    given = ["at the controller given"] if search.scatter else []
+    given = ["at the controller given"] if search.given else []
     about = "about it" if search.scatter else "from a start"
     begun = given + [about] * (search.starts.size - len(given))
     begun += ["near one of the best"] * search.shaken.size

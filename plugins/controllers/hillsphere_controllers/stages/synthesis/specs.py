@@ -194,8 +194,9 @@ class StructuredSpec(Spec):
     starts: int = option("how many searches, from different controllers", default=10, ge=1, le=1000)
     scatter: float = option(
         "with needs.start: how far from that controller the searches after the first begin, "
-        "relative to its scaled parameters",
-        default=0.01, gt=0, le=1,
+        "relative to its scaled parameters; what they find then says nothing of other minima; 0: "
+        "only the first begins there, the others as without needs.start",
+        default=0.01, ge=0, le=1,
     )  # fmt: skip
     target: float = option(
         "a search ends once its γ is below this, though it might fall further; 0: none does",

@@ -19,6 +19,7 @@ from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
 __all__ = ["WorstCasesStage"]
 
 _SHOWN = 60
+_ROUNDING = 1e-6
 
 
 class WorstCasesStage:
@@ -86,6 +87,7 @@ class WorstCasesStage:
         columns: list[Array] = []
         found: list[tuple[str, str, Analysed, float]] = []
         sizes: list[float] = []
+        moved: list[int] = []
         unmoved: list[str] = []
         for one in analysis.results:
             controller = analysis.controllers[int(analysis.controller[one.loop])]
@@ -94,7 +96,14 @@ class WorstCasesStage:
                 continue
             if spec.controllers and controller not in spec.controllers:
                 continue
-            worst = _at_the_bounds(uncertain.models[place], one)
+            worst = _at_the_bounds(uncertain.models[place], one, analysis.size)
+            settable = {*flight.dispersed, *spec.inputs} & set(worst)
+            moves = sum(worst[name] != nominal[name] for name in settable)
+            who = _said(controller, analysis.models[place], one)
+            if not moves:
+                # the peak is that of the nominal loop, or of blocks that no flight has
+                unmoved.append(who)
+                continue
             for away in spec.remaining:
                 values = flight.nominal[1:] + away * flight.sigma
                 kept = [k for k, name in enumerate(flight.dispersed) if name in worst]
@@ -104,8 +113,8 @@ class WorstCasesStage:
                 sigma = np.maximum(flight.sigma[kept], np.finfo(float).tiny)
                 size = float(np.max(np.abs(gap) / sigma, initial=0.0))
                 if spec.scales and not 0.0 < size < np.inf:
-                    # the peak is that of the actuator or of the nominal loop: nothing to enlarge
-                    unmoved.append(f"{controller}, {analysis.models[place]}")
+                    # the peak is that of the actuator: nothing to enlarge
+                    unmoved.append(who)
                     continue
                 for scale in spec.scales or (size,):
                     factor = scale / size if spec.scales else 1.0
@@ -113,18 +122,21 @@ class WorstCasesStage:
                     columns.append(np.array([*values, *others]))
                     found.append((controller, analysis.models[place], one, away))
                     sizes.append(scale)
+                    moved.append(moves)
+        told = "; ".join(dict.fromkeys(unmoved))
+        if unmoved and not found:
+            what = "a parameter that has a standard deviation" if spec.scales else "what it sets"
+            raise StageError(
+                f"needs.analysis: no worst case ({told}) moves {what} in the flight, so all would "
+                "be nominal; take analyses = ['worst_case_gain'], or name the blocks in 'inputs'"
+                + ("; or leave scales out" if spec.scales else "")
+            )
         if unmoved:
-            told = ", ".join(dict.fromkeys(unmoved))
-            if not found:
-                raise StageError(
-                    f"scales: no worst case ({told}) moves a parameter that has a standard "
-                    "deviation; leave scales out"
-                )
-            ctx.info(f"without parameters that could be scaled: {told}")
+            ctx.info(f"worst cases that move nothing: {told}")
         if not found:
             raise StageError("needs.analysis: it has no worst case of what is asked for")
         groups = tuple(
-            f"{controller}, {model}, {one.analysis.replace('_', ' ')}, others {away:+g} σ"
+            f"{_said(controller, model, one)}, others {away:+g} σ"
             for controller, model, one, away in found
         )
         steps = np.array(sizes)
@@ -139,10 +151,13 @@ class WorstCasesStage:
             controller=tuple(entry[0] for entry in found),
             model=tuple(entry[1] for entry in found),
             analysis=tuple(entry[2].analysis for entry in found),
+            channel=tuple(entry[2].channel for entry in found),
             mu=np.array([entry[2].lower for entry in found]),
             frequency_rad_s=np.array([entry[2].frequency_rad_s for entry in found]),
             remaining=np.array([entry[3] for entry in found]),
             sigmas=steps,
+            moved=np.array(moved, dtype=np.int64),
+            unmoved=tuple(dict.fromkeys(unmoved)),
         )
 
     def present(
@@ -164,6 +179,7 @@ class WorstCasesStage:
                     "case": product.labels[k],
                     "mu": float(product.mu[k]),
                     "frequency_rad_s": float(product.frequency_rad_s[k]),
+                    "moved": int(product.moved[k]),
                     "farthest": flight.dispersed[far] if count else "",
                     "sigmas": float(size[far, k]) if count else None,
                     "norm_sigmas": float(np.sqrt(np.sum(size[:, k] ** 2))),
@@ -173,19 +189,26 @@ class WorstCasesStage:
             Column("case", "", "case"),
             Column("mu", "-", "lower bound of µ or gain", 4),
             Column("frequency_rad_s", "rad/s", "at", 4),
+            Column("moved", "-", "parameters that it moves"),
             Column("farthest", "", "parameter farthest from nominal"),
             Column("sigmas", "-", "its standard deviations", 4),
             Column("norm_sigmas", "-", "all together", 4),
         )
         notes = [
-            "Worst perturbations, brought to the size of the declared bounds (their largest entry "
-            "at its bound)"
+            "Worst perturbations, brought to the size of the declared bounds: those of µ with "
+            "their largest entry at its bound, those of the worst-case gain as they are"
             + (", and their parameters together to other sizes" if self.spec.scales else "")
             + ". Taken together they are far less probable than each: the last column "
             "is the root of the sum of squares, in standard deviations."
         ]
         if len(product.labels) > _SHOWN:
             notes.append(f"The first {_SHOWN} of {len(product.labels)} cases.")
+        if product.unmoved:
+            notes.append(
+                f"Without a case ({len(product.unmoved)}), since the worst perturbation moves "
+                "nothing that could be set or scaled in the flight: "
+                f"{'; '.join(product.unmoved)}."
+            )
         return Presentation(
             metrics={"worst_cases": Metric(len(product.labels))},
             tables={"worst_cases": Table("Worst cases", columns, rows, notes)},
@@ -193,12 +216,27 @@ class WorstCasesStage:
         )
 
 
-def _at_the_bounds(model: UncertainModel, one: Analysed) -> dict[str, float]:
-    """Return the worst values by name, scaled so that the largest normalised one is a bound."""
-    size = float(np.abs(one.normalised).max())
-    small = one.normalised / size if size > 0.0 else one.normalised
+def _said(controller: str, model: str, one: Analysed) -> str:
+    """Return whose worst case it is."""
+    channel = f" of {one.channel}" if one.channel else ""
+    return f"{controller}, {model}, {one.analysis.replace('_', ' ')}{channel}"
+
+
+def _at_the_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[str, float]:
+    """Return the worst values by name, of the size of the declared bounds.
+
+    Those of the worst-case gain are divided by the size it was asked for; others are scaled so that
+    the largest normalised one is a bound. What is but rounding stays nominal.
+    """
+    largest = float(np.abs(one.normalised).max())
+    whole = size if one.analysis == "worst_case_gain" else 1.0 / max(one.lower, _ROUNDING)
+    if one.analysis != "worst_case_gain":
+        size = largest
+    small = np.zeros_like(one.normalised)
+    if largest > _ROUNDING * whole:
+        small = np.where(np.abs(one.normalised) > _ROUNDING * largest, one.normalised / size, 0.0)
     by_name = {u.name: u for u in lft_of(model).uncertainties}
     return {
         name: float(by_name[name].physical(np.array(value)))
-        for name, value in zip(one.names, small, strict=True)
+        for name, value in zip(one.names, np.clip(small, -1.0, 1.0), strict=True)
     }

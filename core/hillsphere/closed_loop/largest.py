@@ -1,0 +1,180 @@
+"""What was largest in flights: deviations from the reference, commands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.closed_loop.course import Course, Rows
+from hillsphere.interfaces import Array
+from hillsphere.simulation import BLOCK, Moment
+from hillsphere.simulation.block import Recorder
+from hillsphere.simulation.flow import thrust_vectors
+
+__all__ = ["Largest", "PlannedEnd"]
+
+
+class PlannedEnd:
+    """Deviations when flights were to end, which is between two samples.
+
+    Deviations of positions from the reference run along the cubic that meets those of positions and
+    velocities at the sample before and at the one after, or at the end of a flight that ended in
+    between; deviations of velocities are its slope. For this the reference goes on beyond its end
+    at the acceleration that is given, as what flies it does: so the deviation is smooth.
+
+    Parameters
+    ----------
+    course : Course
+        What is followed.
+    planned_s : float
+        When they were to end.
+    acceleration : ndarray, shape (p,)
+        Beyond, m/s2.
+    before : int
+        Number of the sample before.
+    period_s : float
+        Between samples.
+    impulses : bool
+        Whether commands are added to velocities at samples.
+    total : int
+        Number of cases.
+    """
+
+    def __init__(
+        self,
+        course: Course,
+        planned_s: float,
+        acceleration: Array,
+        before: int,
+        period_s: float,
+        *,
+        impulses: bool,
+        total: int,
+    ) -> None:
+        self.before, self._period_s = before, period_s
+        self._rest_s = planned_s - before * period_s
+        self._rows, self._acceleration, self._impulses = course.rows, acceleration, impulses
+        self._goal0, self._goal = course.at(np.array([before * period_s, planned_s])).T
+        self._x0, self._x1 = np.zeros((2, len(self._goal), total))
+        self._reached = np.zeros(total, dtype=bool)
+
+    def see(self, now: Moment, place: slice, count: int) -> None:
+        """Keep what is needed of one block, cases `place`, at one of its samples."""
+        if now.k == self.before:
+            x = now.x[:, :count].copy()
+            if self._impulses and now.done is not None:
+                x[self._rows.velocities] += now.done[:, :count]
+            self._x0[:, place] = x
+        elif now.k == self.before + 1:
+            self._x1[:, place] = now.x[:, :count]
+            self._reached[place] = now.flying[:count]
+
+    def deviations(self, end: Array, lasted: Array) -> Array:
+        """Return those of position, m, and velocity, m/s, then (2, N).
+
+        Parameters
+        ----------
+        end : ndarray, shape (n, N)
+            States when flights ended.
+        lasted : ndarray, shape (N,)
+            How long they lasted, s; of a flight that ended before then nothing is meant.
+        """
+        rows, rest = self._rows, self._rest_s
+        left = lasted - self.before * self._period_s
+        h = np.where(self._reached, self._period_s, np.maximum(left, rest))
+        x0 = self._x0 - self._goal0[:, None]
+        x1 = np.where(self._reached, self._x1, end) - self._goal[:, None]
+        r0, v0 = x0[rows.positions], x0[rows.velocities]
+        beyond, a = h - rest, self._acceleration[:, None]
+        v1 = x1[rows.velocities] - a * beyond
+        r1 = x1[rows.positions] - (self._goal[rows.velocities, None] + 0.5 * a * beyond) * beyond
+        s = rest / h
+        r = (1.0 + 2.0 * s) * (1.0 - s) ** 2 * r0 + s * (1.0 - s) ** 2 * h * v0
+        r += s**2 * (3.0 - 2.0 * s) * r1 - s**2 * (1.0 - s) * h * v1
+        v = 6.0 * s * (1.0 - s) * (r1 - r0) / h
+        v += (1.0 - s) * (1.0 - 3.0 * s) * v0 + s * (3.0 * s - 2.0) * v1
+        gap = np.zeros_like(x0)
+        gap[rows.positions], gap[rows.velocities] = r, v
+        return np.array([rows.distance(gap), rows.speed(gap)])
+
+
+class Largest:
+    """Largest deviations and commands at the samples: an `Observer`, without histories.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of the plant.
+    goal : ndarray, shape (n, K + 1)
+        Reference at each sample and at the end of the last.
+    total : int
+        Number of cases.
+    first, final : int
+        Samples from which, and until which, deviations count; commands before the latter.
+    commands : int
+        Number of rows of a command.
+    planned : PlannedEnd or None
+        Of flights that may go on beyond it, where it is no sample.
+
+    Attributes
+    ----------
+    deviations : ndarray, shape (2, N)
+        Of position, m, and velocity, m/s, from the reference; of several spacecraft the largest.
+    command : ndarray, shape (N,)
+        Size of what the law commands, likewise.
+    """
+
+    def __init__(
+        self,
+        rows: Rows,
+        goal: Array,
+        total: int,
+        first: int,
+        final: int,
+        commands: int,
+        planned: PlannedEnd | None = None,
+    ) -> None:
+        self.deviations, self.command = np.zeros((2, total)), np.zeros(total)
+        self._thrusts = thrust_vectors(commands)
+        order = [*rows.positions, *rows.velocities]
+        # One row-wise copy per sample; plants whose states are already in this order need none.
+        self._order = slice(0, len(order)) if order == list(range(len(order))) else order
+        self._goal = np.ascontiguousarray(goal[order].T)[:, :, None]
+        self._first, self._final = first, final
+        axes = len(rows.positions) // rows.vectors
+        self._starts = np.arange(0, len(order), axes)
+        self._vectors = rows.vectors
+        self._planned = planned
+
+    def at_planned_end(self, end: Array, lasted: Array) -> Array:
+        """Return the deviations (2, N) then, zero where it is a sample: see `PlannedEnd`."""
+        if self._planned is None:
+            return np.zeros((2, len(lasted)))
+        return self._planned.deviations(end, lasted)
+
+    def recorder(self, first: int, count: int) -> Recorder:
+        """Return what is told of one block."""
+        squares = np.zeros((2 * self._vectors, BLOCK))
+        place = slice(first, first + count)
+        goal, order, starts, begin = self._goal, self._order, self._starts, self._first
+        last, final, planned = len(goal) - 1, self._final, self._planned
+        # What is commanded at the last sample before the planned end acts until then.
+        until = final - (planned is None)
+
+        most = np.zeros(BLOCK)
+
+        def record(now: Moment) -> None:
+            if begin <= now.k <= final:
+                gap = now.x[order] - goal[now.k]
+                gap *= gap
+                np.maximum(squares, np.add.reduceat(gap, starts), out=squares, where=now.flying)
+            if planned is not None:
+                planned.see(now, place, count)
+            if now.own is not None and now.k <= until:
+                size = np.add.reduce((now.own * now.own).reshape(self._thrusts, -1, BLOCK), axis=1)
+                np.maximum(most, np.maximum.reduce(size, axis=0), out=most, where=now.flying)
+            if now.k == last:
+                each = squares.reshape(2, self._vectors, BLOCK).max(axis=1)
+                self.deviations[:, place] = np.sqrt(each)[:, :count]
+                self.command[place] = np.sqrt(most)[:count]
+
+        return record

@@ -1,0 +1,70 @@
+"""What a law spends: Δv of its commands, without what shakes the plant beside them."""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+
+from hillsphere.interfaces import Array, Plant
+from hillsphere.plant_flow import PlantFlow
+from hillsphere.simulation import ContinuousLaw
+
+__all__ = ["spent"]
+
+
+def spent(
+    plant: Plant,
+    law: ContinuousLaw | None,
+    method: str,
+    step_s: float,
+    times_s: Array,
+    estimate: Array,
+    goal: Array,
+    thrust: Array,
+) -> Array:
+    """Return the Δv of each flight.
+
+    The simulator counts whatever pushes the plant, random accelerations too. Between two samples a
+    law knows nothing but the estimate at the first, so its commands are found again from that.
+
+    Parameters
+    ----------
+    plant : Plant
+        What the law believes in.
+    law : ContinuousLaw, optional
+        Whose commands; none: nothing is spent.
+    method, step_s
+        Formula and longest step, s.
+    times_s : ndarray, shape (K,)
+        Times of the samples, s.
+    estimate : ndarray, shape (n, K, N)
+        What the law was told; NaN where a flight was lost.
+    goal : ndarray, shape (n, K)
+        Reference.
+    thrust : ndarray, shape (N,)
+        What is done of a command.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Until the last sample, m/s, sums over the spacecraft; NaN where a flight was lost.
+    """
+    cases = estimate.shape[2]
+    if law is None:
+        return np.zeros(cases)
+    flow, p = PlantFlow(plant, law, method), len(plant.controls)
+    gain = np.eye(p)[:, :, None] * thrust
+    total = np.zeros(cases)
+    for k in range(len(times_s) - 1):
+        aim = np.repeat(goal[:, k : k + 1], cases, axis=1)
+        lost = ~np.isfinite(estimate[:, k]).all(axis=0)
+        seen = np.where(lost, aim, estimate[:, k])
+        held = [aim, seen] if law.measurement == "held" else [aim]
+        y = np.concatenate([seen, law.initial(cases), np.zeros((1, cases))])
+        told = np.concatenate([np.zeros((p, cases)), gain.reshape(p * p, cases), *held])
+        duration = np.full(cases, times_s[k + 1] - times_s[k])
+        steps = max(1, ceil(float(duration[0]) / step_s - 1e-9))
+        end = flow.steps.propagate(y, duration, steps, told, np.full(cases, times_s[k]))
+        total += np.where(lost, np.nan, end[-1])
+    return total
