@@ -11,10 +11,7 @@ class EquilibriaSpec(StageSpec):
     """Libration points of a plant in the true gravity of its body, and the motion about them."""
 
     produces = "hillsphere_plants.equilibria_stage:Equilibria"
-    examples = (
-        {"plant": "hill"},
-        {"plant": "descent", "true_anomalies_deg": [0, 90, 180]},
-    )
+    examples = ({"plant": "hill"},)
 
     plant: Ref = reference("plant", "equations of motion: 'hill' or 'three_body'")
     true_anomalies_rad: tuple[float, ...] = quantity(

@@ -37,7 +37,10 @@ class WorstCasesSpec(StageSpec):
     produces = "hillsphere_controllers.stages.worst_cases.products:WorstCases"
     provides = ("hillsphere.products:CaseList",)
     examples = (
-        {"needs": {"analysis": "mu", "uncertain": "uncertain", "flight": "linear"}},
+        {
+            "needs": {"analysis": "mu", "uncertain": "uncertain", "flight": "linear"},
+            "inputs": {"rate": "stage.descent.actuator.gain.ax"},
+        },
         {
             "needs": {"analysis": "mu", "uncertain": "uncertain", "flight": "linear"},
             "controllers": ["design"],
