@@ -421,6 +421,7 @@ def test_any_other_orbit_with_set(other_orbits: Run) -> None:
     assert all(row.get(f"{column}_paper") is None for column in PAPER_COLUMNS)
 
 
+@pytest.mark.slow
 def test_measured_gravitational_parameter(tmp_path: Path) -> None:
     """A published μ, 7.0875e-4 km³/s², moves C of QSO-H from the paper's -8.78 to -8.757."""
     mission = tmp_path / "measured.toml"

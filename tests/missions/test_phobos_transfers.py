@@ -106,6 +106,7 @@ def test_the_ladder_of_1_17_at_70_km(run: Run) -> None:
     assert cell["dominated"] is bool(np.any((dv <= 37.0361) & (tof <= 9.47)))
 
 
+@pytest.mark.slow
 def test_coasts_are_flights_of_other_equations(run: Run, reference: HillReference) -> None:
     tried = 0
     for stage, limit_km in (("planar", 1e-3), ("spatial", 1.0)):

@@ -120,6 +120,7 @@ def test_poles_of_the_controller_are_constraints_with_gradients() -> None:
     assert_allclose(float(piece.slope @ move), (up - down) / 2e-5, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_starts_agree_on_plants_that_are_badly_scaled() -> None:
     """Parameters span eight decades, and the gain of the error has a kink at ω = 0."""
     plant = axes(7.8e-7, -4.4e-7)

@@ -489,6 +489,7 @@ def test_bad_keys(plant: Any, keys: Mapping[str, Any], words: str) -> None:
         judge(plant, **keys)
 
 
+@pytest.mark.slow
 def test_an_orbit_that_gravity_lifts_by_metres_is_judged_as_planar() -> None:
     """Degree-4 harmonics lift x = 100 km by 4 m: an error of 100 m along z is not its loss."""
     file = Path(__file__).parents[3] / "missions" / "data" / "phobos-gravity-degree4.gfc"

@@ -122,6 +122,7 @@ def with_fractions(family: Family) -> Array:
     return np.concatenate([z + 1e-2, [[0.2, 0.5, 0.9]]])
 
 
+@pytest.mark.slow
 def test_gradients_by_differences() -> None:
     problem = rounding()
     z = with_fractions(quasi_satellites(about_ellipsoid(SPHERE)))

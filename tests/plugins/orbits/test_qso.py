@@ -470,6 +470,7 @@ def test_both_ways_agree_where_the_mirror_holds(qso: Qso, family: Family) -> Non
     )
 
 
+@pytest.mark.slow
 def test_array_gravity_gives_the_same_family(family: Family, qso: Qso) -> None:
     tabulated = plant(TabulatedPointMass())
     product = run(tabulated, x_amplitudes_km=[90], jacobi_constants=[-7.5], x_min_km=85,

@@ -358,6 +358,7 @@ def test_a_flight_is_held_like_the_orbit_that_it_follows() -> None:
     check_presentation(stage.present(found))
 
 
+@pytest.mark.slow
 def test_the_elliptic_rung() -> None:
     """An orbit carried over to the elliptic problem, held there; the anomaly is not corrected."""
     body = create("body", "moon", eccentricity=0.0151, **BODY)

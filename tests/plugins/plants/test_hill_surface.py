@@ -164,6 +164,7 @@ def test_dense_output_over_the_surface() -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_switch_follows_axes_set_at_run_time() -> None:
     s = system(hill(), normalised=True, run_time=["gravity.axis_x", "gravity.axis_y"])
     x0, duration = start(s, "fall through")
@@ -183,6 +184,7 @@ def test_physical_units_cross_too() -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_parts_of_a_sum_switch_where_they_are_placed() -> None:
     point = create("gravity", "point_mass", gm_m3_s2=2e5)
     parts = [
