@@ -119,7 +119,7 @@ def test_help_takes_at_most_three_tenths_of_a_second_of_cpu(hillsphere: Runner) 
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     # others on the machine only add to it, so the least of some tries is its cost
-    assert any(cpu_s() <= 0.3 for _ in range(12))
+    assert any(cpu_s() <= 0.3 for _ in range(40))
 
 
 def test_no_arguments_shows_help(hillsphere: Runner) -> None:
