@@ -107,9 +107,12 @@ def test_help_names_the_commands_of_plugins_without_importing_them(hillsphere: R
 
 
 def test_help_takes_at_most_three_tenths_of_a_second_of_cpu(hillsphere: Runner) -> None:
-    # The tracer of a coverage run is started through the environment; it is not what is measured.
+    # Neither the tracer of a coverage run nor the plugins of these tests, which import what they
+    # like, are what is measured: the program is, as it is installed.
     hillsphere.environment = {
-        key: value for key, value in hillsphere.environment.items() if not key.startswith("COV")
+        key: value
+        for key, value in hillsphere.environment.items()
+        if not key.startswith("COV") and key != "PYTHONPATH"
     }
 
     def cpu_s() -> float:
@@ -119,7 +122,7 @@ def test_help_takes_at_most_three_tenths_of_a_second_of_cpu(hillsphere: Runner) 
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     # others on the machine only add to it, so the least of some tries is its cost
-    assert any(cpu_s() <= 0.3 for _ in range(40))
+    assert any(cpu_s() <= 0.3 for _ in range(12))
 
 
 def test_no_arguments_shows_help(hillsphere: Runner) -> None:
