@@ -85,9 +85,10 @@ def test_singular_values(seed: int, omega: float) -> None:
     for i in range(2):
 
         def sigma(closed: Closed, i: int = i) -> complex:
-            return complex(gain_slopes(closed, ROWS, COLUMNS, omega)[0][i])
+            return complex(gain_slopes(closed, ROWS, COLUMNS, np.array([omega]))[0][0, i])
 
-        found = gain_slopes(closed_by(open_loop, gains), ROWS, COLUMNS, omega)[1][i]
+        many = gain_slopes(closed_by(open_loop, gains), ROWS, COLUMNS, np.array([0.1, omega]))
+        found = many[1][1, i]
         wanted = differences(sigma, open_loop, gains)
         assert_allclose(found, wanted.real, rtol=0, atol=1e-7 * np.abs(wanted).max())
 
@@ -177,20 +178,56 @@ def test_what_does_not_fit_is_refused() -> None:
 def test_peak_that_was_missed_is_found(seed: int) -> None:
     # without direct terms the norm is at a finite frequency, with some seeds at zero
     open_loop, gains = loop_of(seed, direct=0.0)
-    norms = PlantNorms(open_loop)
-    loop = norms.closed(gains)
-    assert loop is not None
-    norms.measure(loop)
-    rough = norms.highest(loop)
-    norms.refine(loop, -np.inf)
-    level = norms.highest(loop)
+    norms = PlantNorms([open_loop])
+    loops = norms.closed(gains)
+    assert loops is not None
+    [loop] = loops
+    norms.measure(loops)
+    rough = norms.highest(loops)
+    norms.refine(loops, -np.inf)
+    level = norms.highest(loops)
     p, m = loop.closed.d.shape
     exact = hinf_norm(part_of(loop.closed, np.arange(p), np.arange(m)))
     assert rough <= level
     assert_allclose(np.exp(level), exact.value, rtol=1e-7)
-    assert not norms.missed(loop, level + 1e-6)
+    assert not norms.missed(loops, level + 1e-6)
     # as if a peak had been overlooked
     loop.levels[0] -= 0.05
-    assert not norms.missed(loop, level + 1e-6)
-    assert norms.missed(loop, level - 0.05)
-    assert norms.seen_above(loop, level - 0.05)
+    assert not norms.missed(loops, level + 1e-6)
+    assert norms.missed(loops, level - 0.05)
+    assert norms.seen_above(loops, level - 0.05)
+
+
+def test_plants_together_are_as_each_by_itself() -> None:
+    """Three of one size, and one that is larger."""
+    random = np.random.default_rng(3)
+    more = plant(7)
+    more = LtiSystem(
+        np.block([[more.a, np.zeros((more.order, 1))], [np.zeros((1, more.order)), -3.0]]),
+        np.vstack([more.b, random.normal(size=(1, more.shape[1]))]),
+        np.hstack([more.c, random.normal(size=(more.shape[0], 1))]),
+        more.d,
+    )
+    plants = [plant(1), more, plant(1), plant(1)]
+    channels = [(Channel(), Channel((0,), limit=2.0))] * 4
+    weights = [1.0, 2.0, 3.0, 0.5]
+    loops = [
+        OpenLoop(DesignPlant(one, some, weight), STRUCTURE)
+        for one, some, weight in zip(plants, channels, weights, strict=True)
+    ]
+    gains = 1e-3 * loop_of(1)[1]
+    together = PlantNorms(loops)
+    found = together.closed(gains)
+    alone = [PlantNorms([loop]) for loop in loops]
+    each = [one.closed(gains) for one in alone]
+    assert found is not None
+    for norms, one in zip([together, *alone], [found, *each], strict=True):
+        assert one is not None
+        norms.measure(one)
+        norms.refine(one, -np.inf)
+    for j, one in enumerate(each):
+        assert one is not None
+        assert one[0].levels == pytest.approx(found[j].levels, rel=0, abs=1e-9)
+    assert together.highest(found) == max(
+        norms.highest(one) for norms, one in zip(alone, each, strict=True) if one is not None
+    )

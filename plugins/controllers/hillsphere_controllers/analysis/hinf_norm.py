@@ -32,7 +32,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import zgetrf, zgetri
 
 from hillsphere.errors import InputError
@@ -42,7 +41,7 @@ from hillsphere_controllers.analysis.frequency import Response, largest_gains
 from hillsphere_controllers.systems.balancing import balanced
 from hillsphere_controllers.systems.bilinear import continuous
 
-__all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hinf_norm"]
+__all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm"]
 
 _MOST_LEVELS = 40
 _GRID = 40
@@ -289,17 +288,32 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
     """Return the eigenvalues (2n,) of H at a level above the largest singular value of D."""
-    a, b, c, d = system.a, system.b, system.c, system.d
+    return hamiltonians_eigenvalues(system.a, system.b, system.c, system.d, np.float64(level))
+
+
+def hamiltonians_eigenvalues(
+    a: Array, b: Array, c: Array, d: Array, level: Array | np.float64
+) -> NDArray[np.complex128]:
+    """Return the eigenvalues (..., 2n) of H of systems (..., n, n) …, each at its own level."""
     # of the system divided by the level: R = I − DᵀD stays of order one
-    b, d = b / np.sqrt(level), d / level
-    c = c / np.sqrt(level)
-    factor = cho_factor(np.eye(d.shape[1]) - d.T @ d, check_finite=False)
-    feed = b @ cho_solve(factor, d.T @ c, check_finite=False)
-    up = a + feed
-    right = b @ cho_solve(factor, b.T, check_finite=False)
-    down = c.T @ c + c.T @ d @ cho_solve(factor, d.T @ c, check_finite=False)
-    found = np.linalg.eigvals(np.block([[up, right], [-down, -up.T]]))
-    return np.asarray(found, dtype=complex)
+    root = np.sqrt(level)[..., None, None]
+    b, c = b / root, c / root
+    n = a.shape[-1]
+    made = np.empty((*a.shape[:-2], 2 * n, 2 * n))
+    made[..., :n, :n] = a
+    if d.any():
+        d = d / level[..., None, None]
+        turned = d.swapaxes(-1, -2)
+        inverse = np.linalg.inv(np.eye(d.shape[-1]) - turned @ d)
+        seen = turned @ c
+        made[..., :n, :n] += b @ (inverse @ seen)
+        made[..., :n, n:] = b @ inverse @ b.swapaxes(-1, -2)
+        made[..., n:, :n] = -c.swapaxes(-1, -2) @ c - seen.swapaxes(-1, -2) @ inverse @ seen
+    else:
+        made[..., :n, n:] = b @ b.swapaxes(-1, -2)
+        made[..., n:, :n] = -c.swapaxes(-1, -2) @ c
+    made[..., n:, n:] = -made[..., :n, :n].swapaxes(-1, -2)
+    return np.asarray(np.linalg.eigvals(made), dtype=complex)
 
 
 def _inverted(system: LtiSystem, scale: float) -> LtiSystem:

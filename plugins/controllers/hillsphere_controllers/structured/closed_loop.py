@@ -11,7 +11,8 @@ the way, K₀ = (I − K D22)⁻¹ K, the closed loop is affine in K₀:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -22,12 +23,14 @@ from hillsphere_controllers.structured.requirements import Channel, DesignPlant
 from hillsphere_controllers.structured.structure import Sizes, Structure
 from hillsphere_controllers.systems.balancing import balanced
 
-__all__ = ["Closed", "OpenLoop"]
+__all__ = ["Closed", "Open", "OpenLoop"]
 
 
 @dataclass(frozen=True)
 class Closed:
     """A closed loop: its matrices, and those by which a change of K enters, as dA = b2 dK c2.
+
+    Or closed loops of one size: matrices then have a first axis, that of the loops.
 
     Parameters
     ----------
@@ -46,6 +49,56 @@ class Closed:
     d12: Array
     d21: Array
 
+    def at(self, place: int | Integers) -> Closed:
+        """Return the loop, or the loops, at a place on the first axis."""
+        return Closed(*(getattr(self, one.name)[place] for one in fields(self)))
+
+
+@dataclass(frozen=True)
+class Open:
+    """Matrices of a plant with the controller's states, or of several of one size."""
+
+    a: Array
+    b1: Array
+    b2: Array
+    c1: Array
+    c2: Array
+    d11: Array
+    d12: Array
+    d21: Array
+    d22: Array
+
+    @staticmethod
+    def stacked(many: Sequence[Open]) -> Open:
+        """Return several plants as one, with a first axis."""
+        return Open(*(np.stack([getattr(m, one.name) for m in many]) for one in fields(Open)))
+
+    def closed(self, gains: Array) -> Closed | None:
+        """Return the closed loop with K; None if it is not well posed."""
+        b2, c2, d12, d21, moved = self.b2, self.c2, self.d12, self.d21, gains
+        if self.d22.any():
+            left = np.eye(len(gains)) - gains @ self.d22
+            right = np.eye(gains.shape[1]) - self.d22 @ gains
+            if np.max(np.linalg.cond(left)) > 1e12:
+                return None
+            moved = np.linalg.solve(left, np.broadcast_to(gains, (*left.shape[:-1], len(gains.T))))
+            # dK₀ = (I − K D22)⁻¹ dK (I − D22 K)⁻¹
+            b2, d12 = (_transposed(np.linalg.solve(_transposed(left), _transposed(m)))
+                       for m in (b2, d12))  # fmt: skip
+            c2, d21 = (np.linalg.solve(right, m) for m in (c2, d21))
+        bk, dk = self.b2 @ moved, self.d12 @ moved
+        return Closed(
+            self.a + bk @ self.c2,
+            self.b1 + bk @ self.d21,
+            self.c1 + dk @ self.c2,
+            self.d11 + dk @ self.d21,
+            b2, c2, d12, d21,
+        )  # fmt: skip
+
+
+def _transposed(matrix: Array) -> Array:
+    return matrix.swapaxes(-1, -2)
+
 
 class OpenLoop:
     """A plant with the controller's states, to be closed again and again.
@@ -63,6 +116,8 @@ class OpenLoop:
         Outputs, inputs (as index arrays) and `Channel`.
     weights : list of float
         Of each channel: its own times the plant's, or one over the limit.
+    open : Open
+        Matrices.
 
     Raises
     ------
@@ -88,20 +143,22 @@ class OpenLoop:
         scaled, _ = balanced(system)
         self.name, self.plant = what, plant
         m1, p1 = m - nu, p - ny
-        self._a = np.zeros((n + k, n + k))
-        self._a[:n, :n] = scaled.a
-        self._b1 = np.vstack([scaled.b[:, :m1], np.zeros((k, m1))])
-        self._c1 = np.hstack([scaled.c[:p1], np.zeros((p1, k))])
-        self._b2 = np.zeros((n + k, k + nu))
-        self._b2[:n, k:], self._b2[n:, :k] = scaled.b[:, m1:], np.eye(k)
-        self._c2 = np.zeros((k + ny, n + k))
-        self._c2[k:, :n], self._c2[:k, n:] = scaled.c[p1:], np.eye(k)
-        self._d11 = scaled.d[:p1, :m1]
-        self._d12 = np.hstack([np.zeros((p1, k)), scaled.d[:p1, m1:]])
-        self._d21 = np.vstack([np.zeros((k, m1)), scaled.d[p1:, :m1]])
-        self._d22 = np.zeros((k + ny, k + nu))
-        self._d22[k:, k:] = scaled.d[p1:, m1:]
-        self._through = bool(self._d22.any())
+        a, b2 = np.zeros((n + k, n + k)), np.zeros((n + k, k + nu))
+        c2, d22 = np.zeros((k + ny, n + k)), np.zeros((k + ny, k + nu))
+        a[:n, :n], d22[k:, k:] = scaled.a, scaled.d[p1:, m1:]
+        b2[:n, k:], b2[n:, :k] = scaled.b[:, m1:], np.eye(k)
+        c2[k:, :n], c2[:k, n:] = scaled.c[p1:], np.eye(k)
+        self.open = Open(
+            a=a,
+            b1=np.vstack([scaled.b[:, :m1], np.zeros((k, m1))]),
+            b2=b2,
+            c1=np.hstack([scaled.c[:p1], np.zeros((p1, k))]),
+            c2=c2,
+            d11=scaled.d[:p1, :m1],
+            d12=np.hstack([np.zeros((p1, k)), scaled.d[:p1, m1:]]),
+            d21=np.vstack([np.zeros((k, m1)), scaled.d[p1:, :m1]]),
+            d22=d22,
+        )
         self.channels = [self._place(channel, p1, m1) for channel in plant.channels]
         if not self.channels:
             raise InputError(f"{what} has no channel")
@@ -124,8 +181,8 @@ class OpenLoop:
             if not indices.size or indices.min() < 0 or indices.max() >= count:
                 raise InputError(f"{self.name} has {count} {kind}, a channel asks for {indices}")
         if channel.norm == "h2":
-            direct = self._d11[np.ix_(rows, columns)].any()
-            if direct or (self._d12[rows].any() and self._d21[:, columns].any()):
+            direct = self.open.d11[np.ix_(rows, columns)].any()
+            if direct or (self.open.d12[rows].any() and self.open.d21[:, columns].any()):
                 raise InputError(
                     f"{self.name}: an H2 norm is infinite with a direct term from w to z (D11, or "
                     "D12 and D21 together); filter w or y"
@@ -158,28 +215,4 @@ class OpenLoop:
 
     def close(self, gains: Array) -> Closed | None:
         """Return the closed loop with K; None if it is not well posed."""
-        b2, c2, d12, d21 = self._b2, self._c2, self._d12, self._d21
-        if self._through:
-            left = np.eye(len(gains)) - gains @ self._d22
-            right = np.eye(len(c2)) - self._d22 @ gains
-            if np.linalg.cond(left) > 1e12:
-                return None
-            moved = np.linalg.solve(left, gains)
-            # dK₀ = (I − K D22)⁻¹ dK (I − D22 K)⁻¹
-            turned = np.linalg.solve(left.T, np.vstack([b2, d12]).T).T
-            entering = np.linalg.solve(right, np.hstack([c2, d21]))
-        else:
-            moved = gains
-            turned, entering = np.vstack([b2, d12]), np.hstack([c2, d21])
-        n = len(b2)
-        bk, dk = b2 @ moved, d12 @ moved
-        return Closed(
-            self._a + bk @ c2,
-            self._b1 + bk @ d21,
-            self._c1 + dk @ c2,
-            self._d11 + dk @ d21,
-            turned[:n],
-            entering[:, :n],
-            turned[n:],
-            entering[:, n:],
-        )
+        return self.open.closed(gains)

@@ -34,36 +34,49 @@ Complex = NDArray[np.complex128]
 
 
 def gain_slopes(
-    closed: Closed, rows: Integers, columns: Integers, omega: float
+    closed: Closed, rows: Integers, columns: Integers, omega: Array
 ) -> tuple[Array, Array]:
-    """Return the singular values at a frequency and how they change with K.
+    """Return the singular values at frequencies and how they change with K.
 
     Parameters
     ----------
     closed : Closed
-        Closed loop.
+        Closed loop, or one of each frequency.
     rows, columns : ndarray
         Indices of the part of z and of w that is looked at.
-    omega : float
-        Frequency, rad/s; may be infinite.
+    omega : ndarray, shape (W,)
+        Frequencies, rad/s; may be infinite.
 
     Returns
     -------
-    sigma : ndarray, shape (r,)
+    sigma : ndarray, shape (W, r)
         Singular values, the largest first.
-    slopes : ndarray, shape (r, rows of K, columns of K)
+    slopes : ndarray, shape (W, r, rows of K, columns of K)
         Their gradients, where they are apart from each other.
     """
-    c, d = closed.c[rows], closed.d[np.ix_(rows, columns)].astype(complex)
-    g, g12, g21 = d, closed.d12[rows].astype(complex), closed.d21[:, columns].astype(complex)
-    n, m = len(closed.a), columns.size
-    if np.isfinite(omega) and n:
-        away = 1j * omega * np.eye(n) - closed.a
-        x = np.linalg.solve(away, np.hstack([closed.b[:, columns], closed.b2]).astype(complex))
-        g, g12, g21 = g + c @ x[:, :m], g12 + c @ x[:, m:], g21 + closed.c2 @ x[:, :m]
+    direct = (
+        closed.d[..., rows, :][..., columns],
+        closed.d12[..., rows, :],
+        closed.d21[..., columns],
+    )
+    g, g12, g21 = (
+        np.array(np.broadcast_to(part, (omega.size, *part.shape[-2:])), dtype=complex)
+        for part in direct
+    )
+    n, m = closed.a.shape[-1], columns.size
+    there = np.isfinite(omega)
+    if n and there.any():
+        finite = closed.at(there) if closed.a.ndim > 2 else closed
+        away = 1j * omega[there, None, None] * np.eye(n) - finite.a
+        into = np.concatenate([finite.b[..., columns], finite.b2], axis=-1).astype(complex)
+        x = np.linalg.solve(away, np.broadcast_to(into, (*away.shape[:-1], into.shape[-1])))
+        c = finite.c[..., rows, :]
+        g[there] += c @ x[..., :m]
+        g12[there] += c @ x[..., m:]
+        g21[there] += finite.c2 @ x[..., :m]
     u, sigma, vh = np.linalg.svd(g, full_matrices=False)
-    left, right = u.conj().T @ g12, vh.conj() @ g21.T
-    return sigma, np.real(left[:, :, None] * right[:, None, :])
+    left, right = u.conj().swapaxes(1, 2) @ g12, vh.conj() @ g21.swapaxes(1, 2)
+    return sigma, np.real(left[..., :, None] * right[..., None, :])
 
 
 def h2(closed: Closed, rows: Integers, columns: Integers) -> float:

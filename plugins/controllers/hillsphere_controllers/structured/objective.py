@@ -21,6 +21,9 @@ from hillsphere_controllers.structured.structure import Structure
 
 __all__ = ["FURTHEST", "Objective", "Piece", "Point"]
 
+_Wanted = tuple[int, int, float, int | None]
+"""Plant, channel, frequency in rad/s, and number of a singular value; None: all that are high."""
+
 _NEAR = 0.6
 """Peaks of at least this share of the largest are looked at."""
 _REFINED = 0.85
@@ -135,11 +138,10 @@ class Objective:
         rates = [loop.rate for loop in self.loops]
         self._rate = float(np.exp(np.mean(np.log(rates))))
         self._controller_stable = controller_stable and structure.order > 0
-        self.norms = [PlantNorms(loop) for loop in self.loops]
+        self.norms = PlantNorms(self.loops)
         self.middle, self.spread = middle, spread
         self.region, self.largest_gain = region, largest_gain
         self.penalty, self.evaluations = 10.0, 0
-        self._worst_first = list(range(len(self.loops)))
         if not any(c.limit is None for loop in self.loops for _, _, c in loop.channels):
             raise InputError("every channel has a limit: nothing is left to be minimised")
 
@@ -155,34 +157,25 @@ class Objective:
         no = Point(x, np.inf)
         if not np.isfinite(matrix).all() or float(np.abs(x).max()) > FURTHEST:
             return no
-        found: dict[int, Loop] = {}
-        for j in self._worst_first:
-            loop = self.norms[j].closed(matrix)
-            if loop is None or self.norms[j].seen_above(loop, above):
-                return no
-            found[j] = loop
-        objective = -np.inf
+        loops = self.norms.closed(matrix)
+        if loops is None or self.norms.seen_above(loops, above):
+            return no
+        self.norms.measure(loops)
+        roughly = self.norms.highest(loops)
+        if roughly > above:
+            return no
+        self.norms.refine(loops, roughly + np.log(_ROUGH))
+        objective = self.norms.highest(loops)
+        if objective > above:
+            return no
         excess = max(self._gain_excess(matrix), self._controller_excess(matrix))
-        each = np.full(len(self.loops), -np.inf)
-        for j, loop in found.items():
-            norms = self.norms[j]
-            norms.measure(loop)
-            if norms.highest(loop) > above:
-                return no
-            norms.refine(loop, objective + np.log(_ROUGH))
+        for plant, loop in zip(self.loops, loops, strict=True):
             for c, level in loop.levels.items():
-                if self.loops[j].channels[c][2].limit is None:
-                    each[j] = max(each[j], level)
-                else:
+                if plant.channels[c][2].limit is not None:
                     excess = max(excess, level)
             if self.region is not None:
                 excess = max(excess, float(self.region.excess(loop.response.poles)[0].max()))
-            objective = max(objective, float(each[j]))
-            if objective > above:
-                return no
         value = objective + self.penalty * max(0.0, excess + _MARGIN)
-        self._worst_first = [int(j) for j in np.argsort(-each, kind="stable")]
-        loops = [found[j] for j in range(len(self.loops))]
         return Point(x, value, objective, excess, matrix, loops)
 
     def _gain_excess(self, matrix: Array) -> float:
@@ -198,22 +191,16 @@ class Objective:
 
     def remember(self, point: Point, more: bool = False) -> None:
         """Take the peaks of a point for the next ones; see `PlantNorms.remember`."""
-        for norms, loop in zip(self.norms, point.loops, strict=True):
-            norms.remember(loop, more)
+        self.norms.remember(point.loops, more)
 
     def forget(self) -> None:
         """Drop all remembered peaks, so that a start does not depend on those before it."""
-        for norms in self.norms:
-            norms.forget()
-        self._worst_first = list(range(len(self.loops)))
+        self.norms.forget()
 
     def certified(self, point: Point) -> Point:
         """Return the point, with peaks added that only the level-set method found."""
-        missed = [
-            norms.missed(loop, point.objective)
-            for norms, loop in zip(self.norms, point.loops, strict=True)
-        ]
-        return self.evaluate(point.x) if any(missed) else point
+        missed = self.norms.missed(point.loops, point.objective)
+        return self.evaluate(point.x) if missed else point
 
     def slope(self, point: Point) -> Array:
         """Return a gradient at a point, shape (size,): that of the largest, and of the penalty."""
@@ -231,7 +218,7 @@ class Objective:
         if self.loops[j].channels[c][2].norm == "h2":
             return found + self._h2_piece(point, j, c).slope
         omega, high = point.loops[j].peaks[c]
-        pieces = self._at(point, j, c, float(omega[int(np.argmax(high))]), 0)
+        [pieces] = self._at(point, [(j, c, float(omega[int(np.argmax(high))]), 0)])
         return found + (pieces[0].slope if pieces else 0.0)
 
     def pieces(self, point: Point, extra: Sequence[Piece] = ()) -> list[Piece]:
@@ -261,9 +248,9 @@ class Objective:
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
                     for i in _distinct(omega, high)
                 ]
-        for _, j, c, at in sorted(peaks, key=lambda peak: -peak[0])[: self._most]:
-            soft += self._at(point, j, c, at, None)
-        soft = [p for p in soft if p.level >= least]
+        highest = sorted(peaks, key=lambda peak: -peak[0])[: self._most]
+        for made in self._at(point, [(j, c, at, None) for _, j, c, at in highest]):
+            soft += [p for p in made if p.level >= least]
         soft = sorted(soft, key=lambda p: -p.level)[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
@@ -274,35 +261,39 @@ class Objective:
         """Return pieces at a point, and those at the frequencies of other ones, each once."""
         made = list(pieces)
         known = {(p.plant, p.channel, p.number, round(p.omega_rad_s, 12)) for p in made}
+        wanted: list[_Wanted] = []
         for p in extra:
             key = (p.plant, p.channel, p.number, round(p.omega_rad_s, 12))
             if not p.hard and key not in known and np.isfinite(p.omega_rad_s):
                 known.add(key)
-                made += self._at(point, p.plant, p.channel, p.omega_rad_s, p.number)
-        return made
+                wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
+        return made + [p for found in self._at(point, wanted) for p in found]
 
     def followed(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
         """Return what pieces have become at another point; itself where one is gone."""
-        found, hard = [], None
+        found, hard = list(pieces), None
         self._refine(point)
-        for piece in pieces:
+        places: list[int] = []
+        wanted: list[_Wanted] = []
+        for k, piece in enumerate(pieces):
             j, c = piece.plant, piece.channel
             if c < 0 or piece.hard:
                 hard = self._hard(point) if hard is None else hard
                 same = [h for h in hard if (h.plant, h.channel, h.number) == (j, c, piece.number)]
-                found.append(max(same, key=lambda h: h.level) if same else piece)
+                found[k] = max(same, key=lambda h: h.level) if same else piece
             elif np.isnan(piece.omega_rad_s):
-                found.append(self._h2_piece(point, j, c))
+                found[k] = self._h2_piece(point, j, c)
             else:
+                places.append(k)
                 omega = _nearest(point.loops[j].peaks[c][0], piece.omega_rad_s)
-                at = self._at(point, j, c, omega, piece.number)
-                found.append(at[0] if at else piece)
+                wanted.append((j, c, omega, piece.number))
+        for k, at in zip(places, self._at(point, wanted), strict=True):
+            found[k] = at[0] if at else pieces[k]
         return found
 
     def _refine(self, point: Point) -> float:
         """Refine the highest peaks; return the level from which they are near the largest."""
-        for norms, loop in zip(self.norms, point.loops, strict=True):
-            norms.refine(loop, point.objective + float(np.log(_REFINED)))
+        self.norms.refine(point.loops, point.objective + float(np.log(_REFINED)))
         return point.objective + float(np.log(_NEAR))
 
     def _hard(self, point: Point) -> list[Piece]:
@@ -316,9 +307,9 @@ class Objective:
                 if channel.norm == "h2":
                     found.append(self._h2_piece(point, j, c))
                     continue
-                for i in _distinct(*loop.peaks[c]):
-                    at = self._at(point, j, c, float(loop.peaks[c][0][i]), None)
-                    found += [p for p in at if p.level > _NEAR_HARD]
+                at = loop.peaks[c][0][_distinct(*loop.peaks[c])].tolist()
+                for made in self._at(point, [(j, c, omega, None) for omega in at]):
+                    found += [p for p in made if p.level > _NEAR_HARD]
             if self.region is not None:
                 found += self._pole_pieces(point, j, self.region)
         level = self._gain_excess(point.gains)
@@ -348,18 +339,32 @@ class Objective:
     def _chained(self, point: Point, slope: Array) -> Array:
         return self.structure.pulled_back(self.theta(point.x), slope) * self.spread
 
-    def _at(self, point: Point, j: int, c: int, omega: float, number: int | None) -> list[Piece]:
-        """Return the pieces of the singular values at a frequency: of all, or of one of them."""
-        rows, columns, channel = self.loops[j].channels[c]
-        sigma, slopes = gain_slopes(point.loops[j].closed, rows, columns, omega)
-        found, hard = [], channel.limit is not None
-        lowest = _NEAR * sigma[0] * (1.0 - 1e-12) if number is None else 0.0
-        for i in range(sigma.size) if number is None else [number]:
-            if sigma[i] <= lowest:
-                continue
-            level = float(np.log(self.loops[j].weights[c] * sigma[i])) + (_MARGIN if hard else 0.0)
-            slope = self._chained(point, slopes[i] / sigma[i])
-            found.append(Piece(level, slope, j, c, omega, i, hard))
+    def _at(self, point: Point, wanted: Sequence[_Wanted]) -> list[list[Piece]]:
+        """Return, for each that is wanted, the pieces of all singular values or of one of them."""
+        found: list[list[Piece]] = [[] for _ in wanted]
+        groups: dict[tuple[int, int], list[int]] = {}
+        for k, (j, c, _, _) in enumerate(wanted):
+            groups.setdefault((self.norms.group[j], c), []).append(k)
+        for (_, c), members in groups.items():
+            first = wanted[members[0]][0]
+            rows, columns, channel = self.loops[first].channels[c]
+            hard = channel.limit is not None
+            omega = np.array([wanted[k][2] for k in members])
+            weight = np.array([self.loops[wanted[k][0]].weights[c] for k in members])
+            place = np.array([point.loops[wanted[k][0]].place for k in members])
+            sigma, slopes = gain_slopes(point.loops[first].all.at(place), rows, columns, omega)
+            looked = sigma > _NEAR * sigma[:, :1] * (1.0 - 1e-12)
+            for i, k in enumerate(members):
+                number = wanted[k][3]
+                if number is not None:
+                    looked[i] = (np.arange(sigma.shape[1]) == number) & (sigma[i] > 0.0)
+            high = sigma[looked]
+            levels = np.log((weight[:, None] * sigma)[looked]) + (_MARGIN if hard else 0.0)
+            chained = self._chained(point, slopes[looked] / high[:, None, None])
+            places = zip(*np.nonzero(looked), strict=True)
+            for (i, number), level, slope in zip(places, levels.tolist(), chained, strict=True):
+                j, _, at, _ = wanted[members[int(i)]]
+                found[members[int(i)]].append(Piece(level, slope, j, c, at, int(number), hard))
         return found
 
     def _h2_piece(self, point: Point, j: int, c: int) -> Piece:

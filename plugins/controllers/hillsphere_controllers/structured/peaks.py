@@ -1,8 +1,13 @@
-"""Peaks of the gain of a stable system over frequency, fast: what a line search looks at."""
+"""Peaks of the gains of stable systems over frequency, fast: what a line search looks at.
+
+Systems of one size are looked at together. What belongs to a frequency or a peak of any of them is
+in one flat array, with the number of its system, the owner, beside it; owners are in order, and so
+are the frequencies of each.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,126 +15,216 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.analysis.frequency import Response
 
-__all__ = ["frequencies", "gains", "local_peaks", "refined_peaks"]
+__all__ = ["frequencies", "gains", "local_peaks", "refined_peaks", "responses"]
 
 Complex = NDArray[np.complex128]
 
-_GRID = 40
+_GRID = np.linspace(0.0, 1.0, 40)
 _KEEP = 0.5
-"""Gains below this share of the largest are only bounded from below."""
+"""Gains below this share of the largest are only bounded."""
 _PEAKS, _SHARE = 6, 0.55
 """So many peaks are refined, those of at least this share of the largest gain."""
-_NEAR = np.array([-1e-3, 0.0, 1e-3])
+_STEPS, _GAINED = 12, 1e-10
+"""At most so many steps to a peak; the last one is that which promises no more of σ², relative."""
 
 
-def frequencies(poles: Complex, remembered: Array) -> Array:
-    """Return where the gain may peak, rad/s, in order: 0, about the poles, a grid, earlier peaks.
+def frequencies(poles: Complex, remembered: Sequence[Array]) -> tuple[Array, Integers]:
+    """Return where the gains may peak: 0, about the poles, a grid, earlier peaks.
 
     Parameters
     ----------
-    poles : ndarray, shape (n,)
-        Of the system.
-    remembered : ndarray, shape (K,)
-        Frequencies of earlier peaks, rad/s.
+    poles : ndarray, shape (J, n)
+        Of the systems.
+    remembered : sequence of ndarray
+        Frequencies of earlier peaks of each, rad/s.
+
+    Returns
+    -------
+    points : ndarray, shape (N,)
+        Frequencies, rad/s.
+    owner : ndarray of int, shape (N,)
+        System of each.
     """
+    count, n = poles.shape
     size, imag, real = np.abs(poles), np.abs(poles.imag), np.abs(poles.real)
     # far above the poles is the direct term's business
-    known = remembered[remembered <= 10.0 * size.max(initial=0.0)]
-    found = [np.zeros(1), (known[:, None] * (1.0 + _NEAR)).ravel()]
-    if poles.size:
-        low, high = max(size.min(), 1e-12 * size.max()), size.max()
-        grid = np.logspace(np.log10(low) - 1.0, np.log10(high) + 1.0, _GRID)
+    fast = size.max(axis=1, initial=0.0)
+    known = [w[w <= 10.0 * most] for w, most in zip(remembered, fast.tolist(), strict=True)]
+    found = [np.zeros((count, 1))]
+    if n:
+        slow = np.maximum(size.min(axis=1), 1e-12 * fast)
+        low, high = np.log10(slow)[:, None] - 1.0, np.log10(fast)[:, None] + 1.0
+        grid = 10.0 ** (low + _GRID * (high - low))
         found += [size, imag, imag + real, np.maximum(imag - real, 0.0), grid]
-    points = np.unique(np.concatenate(found))
-    # what is far below the poles is zero; rounding gives real poles imaginary parts
-    points[points <= 1e-6 * size.min(initial=np.inf)] = 0.0
+    each = np.hstack(found)
+    owner = np.repeat(np.arange(count), each.shape[1])
+    points = np.concatenate([each.ravel(), *known])
+    owner = np.concatenate([owner, np.repeat(np.arange(count), [w.size for w in known])])
+    if n:  # what is far below the poles is zero; rounding gives real poles imaginary parts
+        points[points <= 1e-6 * size.min(axis=1)[owner]] = 0.0
+    order = np.lexsort((points, owner))
+    points, owner = points[order], owner[order]
     apart = np.diff(points, prepend=-1.0) > 1e-9 * points
-    return np.asarray(points[apart])
+    apart |= np.diff(owner, prepend=-1) > 0
+    return points[apart], owner[apart]
 
 
-def gains(matrices: Complex) -> Array:
-    """Return the largest singular values (K,) of matrices (K, p, m).
+def responses(systems: Sequence[Response], points: Array, owner: Integers) -> Complex:
+    """Return the responses (N, p, m) of systems at frequencies, rad/s."""
+    ends = np.searchsorted(owner, np.arange(len(systems) + 1))
+    s = (1j * points).astype(complex)
+    made = [r(s[i:j]) for r, i, j in zip(systems, ends[:-1], ends[1:], strict=True) if j > i]
+    return np.concatenate(made)
 
-    Those well below the largest of all are only bounded from below, which is what makes it fast.
+
+def gains(matrices: Complex, owner: Integers | None = None) -> Array:
+    """Return the largest singular values (N,) of matrices (N, p, m).
+
+    Those well below the largest are only bounded, which is what makes it fast. Without owners it is
+    from below; with them it is from above, as for those that are below a neighbour, so that local
+    maxima stay where they are.
     """
     count, p, m = matrices.shape
-    squares = np.einsum("kij,kij->k", matrices.real, matrices.real)
-    squares += np.einsum("kij,kij->k", matrices.imag, matrices.imag)
     rank = min(p, m)
     if rank == 1 or count == 0:
-        return np.asarray(np.sqrt(squares))
-    found = np.sqrt(squares / rank)
-    # σ ≤ ‖G‖_F, and σ at the largest ‖G‖_F is a bound for the largest
-    high = np.flatnonzero(squares >= _KEEP**2 * found.max() ** 2)
-    some = matrices[high]
-    gram = some @ some.conj().swapaxes(1, 2) if p <= m else some.conj().swapaxes(1, 2) @ some
-    if rank > 2:  # tighter: ‖GGᴴ‖_F/‖G‖_F ≤ σ ≤ ‖GGᴴ‖_F^½
-        size = np.sqrt(np.sum(gram.real**2 + gram.imag**2, axis=(1, 2)))
-        found[high] = size / np.sqrt(np.maximum(squares[high], 1e-300))
-        near = size >= _KEEP**2 * found.max() ** 2
-        high, gram = high[near], gram[near]
+        return np.asarray(np.sqrt(_squared(matrices)))
+    turned = matrices.conj().swapaxes(1, 2)
+    gram = matrices @ turned if p <= m else turned @ matrices
     if rank == 2:
         half, off = 0.5 * (gram[:, 0, 0] - gram[:, 1, 1]).real, np.abs(gram[:, 0, 1])
         top = 0.5 * (gram[:, 0, 0] + gram[:, 1, 1]).real + np.hypot(half, off)
+        return np.asarray(np.sqrt(np.maximum(top, 0.0)))
+    # with H = GGᴴ: (‖H²‖_F/‖H‖_F)^½ ≤ σ ≤ ‖H²‖_F^¼
+    first, second = np.sqrt(_squared(gram)), np.sqrt(_squared(gram @ gram))
+    low, high = np.sqrt(second / np.maximum(first, 1e-300)), np.sqrt(np.sqrt(second))
+    if owner is None:
+        found, wanted = low, high >= low.max()
     else:
-        top = np.asarray(np.linalg.eigvalsh(gram)[:, -1], dtype=float)
-    found[high] = np.sqrt(np.maximum(top, 0.0))
+        found, wanted = high, high >= _KEEP * _largest(low, owner)
+        wanted &= high >= np.maximum(*_neighbours(low, owner))
+    top = np.asarray(np.linalg.eigvalsh(gram[wanted])[:, -1], dtype=float)
+    found[wanted] = np.sqrt(np.maximum(top, 0.0))
     return np.asarray(found)
 
 
-def local_peaks(values: Array) -> Integers:
-    """Return the indices of the largest local maxima of gains (N,), those worth to be refined."""
-    inner = np.flatnonzero(
-        (values >= np.append(values[1:], -1.0)) & (values >= np.insert(values[:-1], 0, -1.0))
+def _squared(matrices: Complex) -> Array:
+    flat = matrices.reshape(len(matrices), -1)
+    return np.asarray(
+        np.einsum("kx,kx->k", flat.real, flat.real) + np.einsum("kx,kx->k", flat.imag, flat.imag)
     )
-    inner = inner[np.argsort(values[inner], kind="stable")[-_PEAKS:]]
-    return np.asarray(inner[values[inner] >= _SHARE * values.max()])
+
+
+def _largest(values: Array, owner: Integers) -> Array:
+    """Return the largest value of each one's owner (N,)."""
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    return np.asarray(
+        np.repeat(np.maximum.reduceat(values, first), np.diff(first, append=owner.size))
+    )
+
+
+def _neighbours(values: Array, owner: Integers) -> tuple[Array, Array]:
+    """Return the values before and after each, −1 where those belong to another."""
+    same = owner[1:] == owner[:-1]
+    before, after = np.full(values.size, -1.0), np.full(values.size, -1.0)
+    before[1:][same], after[:-1][same] = values[:-1][same], values[1:][same]
+    return before, after
+
+
+def local_peaks(values: Array, owner: Integers) -> Integers:
+    """Return the indices of the largest local maxima of gains (N,), those worth to be refined."""
+    before, after = _neighbours(values, owner)
+    inner = np.flatnonzero(
+        (values >= after) & (values >= before) & (values >= _SHARE * _largest(values, owner))
+    )
+    whose = owner[inner]
+    order = np.lexsort((-values[inner], whose))
+    place = np.arange(inner.size) - np.searchsorted(whose, whose)  # owners stay in order
+    return np.asarray(np.sort(inner[order[place < _PEAKS]]))
 
 
 def refined_peaks(
-    response: Response, part: Callable[[Complex], Complex], points: Array, values: Array
-) -> tuple[Array, Array]:
-    """Return the frequencies (K,) and gains (K,) of the largest local maxima.
+    systems: Sequence[Response],
+    part: Callable[[Complex], Complex],
+    points: Array,
+    values: Array,
+    owner: Integers,
+) -> tuple[Array, Array, Integers]:
+    """Return the frequencies (K,), gains (K,) and owners (K,) of the largest local maxima.
+
+    Newton's method on 1/σ², which at a single resonance is a parabola. Each peak stays between its
+    neighbours; a step that leaves them, or leads lower, is halved.
 
     Parameters
     ----------
-    response : Response
-        Of the system.
+    systems : sequence of Response
+        Systems.
     part : callable
         Takes the part of responses (K, p, m) whose gain is meant.
     points, values : ndarray, shape (N,)
         Frequencies in order, rad/s, and the gains there.
+    owner : ndarray of int, shape (N,)
+        System of each.
     """
-    inner = local_peaks(values)
-    at, high = points[inner], values[inner]
-    left = points[np.maximum(inner - 1, 0)]
-    right = points[np.minimum(inner + 1, points.size - 1)]
-    share = np.array([0.25, 0.5, 0.75])[:, None]
+    inner = local_peaks(values, owner)
+    before, after = _neighbours(points, owner)
+    at, left, right = points[inner], before[inner], after[inner]
+    left, right = np.where(left < 0.0, at, left), np.where(right < 0.0, at, right)
+    whose = owner[inner]
+    high, slope, bend = _bent(systems, part, at, whose)
+    going = np.ones(at.size, dtype=bool)
+    for _ in range(_STEPS):
+        up = slope > 0.0
+        up |= (at <= 0.0) & (bend > 0.0)  # an even function
+        left, right = np.where(up, at, left), np.where(up, right, at)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            curved = 2.0 * slope**2 / high - bend
+            move = np.where(curved > 0.0, slope / curved, np.inf)
+            gained = 0.5 * slope * move / high
+        inside = (at + move > left) & (at + move < right)
+        rest = np.where(up, right, left) - at
+        move = np.where(inside, move, 0.5 * rest)
+        done = going & inside & ~(gained > _GAINED)  # of a halved step the gain is not known
+        at, high = np.where(done, at + move, at), np.where(done, high * (1.0 + gained), high)
+        going &= ~done & (np.abs(rest) > 1e-12 * at)
+        if not going.any():
+            break
+        one = np.flatnonzero(going)
+        tried = at[one] + move[one]
+        level, steep, turned = _bent(systems, part, tried, whose[one])
+        better = level > high[one]
+        worse = one[~better]  # what lies beyond it is not looked at again
+        left[worse] = np.where(move[worse] < 0.0, tried[~better], left[worse])
+        right[worse] = np.where(move[worse] > 0.0, tried[~better], right[worse])
+        one = one[better]
+        at[one], high[one] = tried[better], level[better]
+        slope[one], bend[one] = steep[better], turned[better]
+    return at, np.sqrt(high), whose
 
-    def look(omega: Array) -> Array:
-        return gains(part(response((1j * omega.ravel()).astype(complex)))).reshape(omega.shape)
 
-    column = np.arange(at.size)
-    for _ in range(2):
-        near = np.concatenate([left + share * (at - left), at + share * (right - at)])
-        found = np.concatenate([left[None], near[:3], at[None], near[3:], right[None]])
-        inside = look(near)
-        levels = np.concatenate(
-            [np.full((1, at.size), -1.0), inside[:3], high[None], inside[3:],
-             np.full((1, at.size), -1.0)]
-        )  # fmt: skip
-        best = np.argmax(levels, axis=0)
-        left, at, right = found[best - 1, column], found[best, column], found[best + 1, column]
-        high = levels[best, column]
-    for width in (0.3, 0.02):
-        step = width * np.minimum(right - at, np.where(at > left, at - left, np.inf))
-        step = np.minimum(step, np.where(at > 0.0, 0.5 * at, np.inf))
-        sides = look(np.stack([np.maximum(at - step, 0.0), at + step]))
-        bend = sides[0] - 2.0 * high + sides[1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            move = np.where(bend < 0.0, 0.5 * step * (sides[0] - sides[1]) / bend, 0.0)
-        move = np.clip(np.nan_to_num(move), -(at - left), right - at)
-        move = np.where(at > 0.0, move, 0.0)
-        tried = look((at + move)[None])[0]
-        at, high = np.where(tried > high, at + move, at), np.maximum(tried, high)
-    return at, high
+def _bent(
+    systems: Sequence[Response],
+    part: Callable[[Complex], Complex],
+    omega: Array,
+    owner: Integers,
+) -> tuple[Array, Array, Array]:
+    """Return the square of the largest singular value, its slope and its second derivative (K,)."""
+    ends = np.searchsorted(owner, np.arange(len(systems) + 1))
+    made = [
+        system.derivatives(omega[i:j])
+        for system, i, j in zip(systems, ends[:-1], ends[1:], strict=True)
+        if j > i
+    ]
+    g, first, second = (part(np.concatenate(one)) for one in zip(*made, strict=True))
+    if g.shape[1] > g.shape[2]:
+        g, first, second = (one.swapaxes(1, 2) for one in (g, first, second))
+    turned = g.conj().swapaxes(1, 2)
+    values, vectors = np.linalg.eigh(g @ turned)
+    u = vectors[:, :, -1:]
+    right, moved = turned @ u, first.conj().swapaxes(1, 2) @ u  # Gᴴu, G'ᴴu
+    along = vectors.conj().swapaxes(1, 2) @ (first @ right + g @ moved)  # u_kᴴ (GGᴴ)' u
+    slope = along[:, -1, 0].real
+    bend = 2.0 * _squared(moved)
+    bend += 2.0 * (u.conj().swapaxes(1, 2) @ (second @ right))[:, 0, 0].real
+    apart = np.maximum(values[:, -1:] - values[:, :-1], 1e-14 * values[:, -1:] + 1e-300)
+    bend += 2.0 * np.sum(np.abs(along[:, :-1, 0]) ** 2 / apart, axis=1)
+    return np.maximum(values[:, -1], 0.0), slope, bend

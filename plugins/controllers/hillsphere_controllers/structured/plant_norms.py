@@ -1,8 +1,8 @@
-"""The norms of one plant's closed loop, with the memory of where its gain had peaks."""
+"""The norms of the closed loops of some plants, with the memory of where their gains had peaks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
-from hillsphere_controllers.analysis.hinf_norm import hamiltonian_eigenvalues, hinf_norm
-from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
+from hillsphere_controllers.analysis.hinf_norm import hamiltonians_eigenvalues, hinf_norm
+from hillsphere_controllers.structured.closed_loop import Closed, Open, OpenLoop
 from hillsphere_controllers.structured.gradients import h2
 from hillsphere_controllers.structured.peaks import (
     frequencies,
     gains,
     local_peaks,
     refined_peaks,
+    responses,
 )
 
 __all__ = ["Loop", "PlantNorms", "part_of"]
@@ -42,8 +43,10 @@ class Loop:
 
     Parameters
     ----------
-    closed : Closed
-        Its matrices.
+    all : Closed
+        Matrices of the closed loops of all plants of its size.
+    place : int
+        Its own place among them.
     response : Response
         From w to z.
     peaks : dict
@@ -53,158 +56,255 @@ class Loop:
         Logarithm of each channel's weighted norm.
     rough : dict
         Frequencies and gains of the channels whose peaks were not refined yet.
+    direct : dict
+        Gain of each channel's direct term.
     """
 
-    closed: Closed
+    all: Closed
+    place: int
     response: Response
     peaks: dict[int, tuple[Array, Array]] = field(default_factory=dict)
     levels: dict[int, float] = field(default_factory=dict)
     rough: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    direct: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def closed(self) -> Closed:
+        """Its matrices."""
+        return self.all.at(self.place)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Plants of one size with the same channels, which are looked at together."""
+
+    members: list[int]
+    open: Open
 
 
 class PlantNorms:
-    """One plant, closed again and again by controllers that differ little.
+    """Plants that are closed again and again by controllers that differ little.
 
     Parameters
     ----------
-    plant : OpenLoop
-        The plant.
+    plants : sequence of OpenLoop
+        The plants.
     """
 
-    def __init__(self, plant: OpenLoop) -> None:
-        self.plant = plant
-        self._remembered = np.zeros(0)
-        self._free = [channel.limit is None for _, _, channel in plant.channels]
+    def __init__(self, plants: Sequence[OpenLoop]) -> None:
+        self.plants = list(plants)
+        self.forget()
+        alike: dict[tuple[object, ...], list[int]] = {}
+        for j, plant in enumerate(self.plants):
+            alike.setdefault(_kind(plant), []).append(j)
+        self._groups = [
+            _Group(members, Open.stacked([self.plants[j].open for j in members]))
+            for members in alike.values()
+        ]
+        self.group = {j: k for k, group in enumerate(self._groups) for j in group.members}
 
-    def closed(self, gains_: Array) -> Loop | None:
-        """Return the loop with K; None if it is not stable."""
-        closed = self.plant.close(gains_)
-        if closed is None or not np.isfinite(closed.a).all():
-            return None
-        response = Response(closed.a, closed.b, closed.c, closed.d)
-        poles = response.poles
-        if poles.size and not poles.real.max() < -_STABLE * np.abs(poles).max():
-            return None
-        return Loop(closed, response)
+    def closed(self, gains_: Array) -> list[Loop] | None:
+        """Return the loops with K; None if one of them is not stable."""
+        found: dict[int, Loop] = {}
+        for group in self._groups:
+            closed = group.open.closed(gains_)
+            if closed is None or not np.isfinite(closed.a).all():
+                return None
+            made = Response.of_many(closed.a, closed.b, closed.c, closed.d)
+            for place, (j, response) in enumerate(zip(group.members, made, strict=True)):
+                poles = response.poles
+                if poles.size and not poles.real.max() < -_STABLE * np.abs(poles).max():
+                    return None
+                found[j] = Loop(closed, place, response)
+        return [found[j] for j in range(len(self.plants))]
 
-    def seen_above(self, loop: Loop, level: float) -> bool:
+    def seen_above(self, loops: Sequence[Loop], level: float) -> bool:
         """Say whether a gain at a remembered peak is above a level (a logarithm) already."""
-        if not self._remembered.size or not np.isfinite(level):
+        if not np.isfinite(level):
             return False
-        responses = loop.response((1j * self._remembered).astype(complex))
-        for c, (rows, columns, channel) in enumerate(self.plant.channels):
-            if channel.limit is None and channel.norm == "hinf":
-                high = float(gains(responses[:, rows][:, :, columns]).max())
-                if high > 0.0 and np.log(self.plant.weights[c] * high) > level:
-                    return True
+        for group in self._groups:
+            known = [self._remembered[j] for j in group.members]
+            owner = np.repeat(np.arange(len(known)), [w.size for w in known])
+            if not owner.size:
+                continue
+            systems = [loops[j].response for j in group.members]
+            made = responses(systems, np.concatenate(known), owner)
+            for c, (rows, columns, channel) in enumerate(self.plants[group.members[0]].channels):
+                if channel.limit is None and channel.norm == "hinf":
+                    weight = np.array([self.plants[j].weights[c] for j in group.members])
+                    high = gains(made[:, rows][:, :, columns] * weight[owner, None, None]).max()
+                    if high > 0.0 and np.log(high) > level:
+                        return True
         return False
 
-    def measure(self, loop: Loop) -> None:
+    def measure(self, loops: Sequence[Loop]) -> None:
         """Find the peaks and norms of all channels, roughly: to the next frequency looked at."""
-        points = frequencies(loop.response.poles, self._remembered)
-        responses: Complex | None = None
-        for c, (rows, columns, channel) in enumerate(self.plant.channels):
-            if channel.norm == "h2":
-                loop.levels[c] = self._level(c, h2(loop.closed, rows, columns))
-                continue
-            if responses is None:
-                responses = loop.response((1j * points).astype(complex))
-            values = gains(responses[:, rows][:, :, columns])
-            loop.rough[c] = points, values
-            inner = local_peaks(values)
-            self._take(loop, c, points[inner], values[inner])
+        for group in self._groups:
+            channels = self.plants[group.members[0]].channels
+            here = [loops[j] for j in group.members]
+            systems = [loop.response for loop in here]
+            made: Complex | None = None
+            for c, (rows, columns, channel) in enumerate(channels):
+                if channel.norm == "h2":
+                    for j, loop in zip(group.members, here, strict=True):
+                        loop.levels[c] = self._level(j, c, h2(loop.closed, rows, columns))
+                    continue
+                if made is None:
+                    poles = np.array([system.poles for system in systems])
+                    remembered = [self._remembered[j] for j in group.members]
+                    points, owner = frequencies(poles, remembered)
+                    made = responses(systems, points, owner)
+                    ends = np.searchsorted(owner, np.arange(len(here) + 1))
+                values = gains(made[:, rows][:, :, columns], owner)
+                for loop, first, last in zip(here, ends[:-1], ends[1:], strict=True):
+                    loop.rough[c] = points[first:last], values[first:last]
+                direct = here[0].all.d[:, rows][:, :, columns]
+                if direct.any():
+                    norms = np.linalg.norm(direct, 2, axis=(1, 2)).tolist()
+                else:
+                    norms = [0.0] * len(here)
+                for loop, norm in zip(here, norms, strict=True):
+                    loop.direct[c] = norm
+                inner = local_peaks(values, owner)
+                self._take(group.members, here, c, points[inner], values[inner], owner[inner])
 
-    def highest(self, loop: Loop) -> float:
+    def highest(self, loops: Sequence[Loop]) -> float:
         """Return the logarithm of the largest weighted norm without a limit, −inf if none is."""
-        free = (level for c, level in loop.levels.items() if self._free[c])
-        return max(free, default=-np.inf)
+        return max(
+            (level for j, loop in enumerate(loops) for c, level in loop.levels.items()
+             if self.plants[j].channels[c][2].limit is None),
+            default=-np.inf,
+        )  # fmt: skip
 
-    def refine(self, loop: Loop, above: float) -> None:
+    def refine(self, loops: Sequence[Loop], above: float) -> None:
         """Refine the peaks of channels whose weighted norm is roughly above a logarithm.
 
         Those with a limit are refined where they are near it.
         """
-        for c in list(loop.rough):
-            rows, columns, channel = self.plant.channels[c]
-            if loop.levels[c] < (above if channel.limit is None else _NEAR_LIMIT):
+        for group in self._groups:
+            for c, (rows, columns, channel) in enumerate(self.plants[group.members[0]].channels):
+                least = above if channel.limit is None else _NEAR_LIMIT
+                members = [
+                    j for j in group.members if c in loops[j].rough and loops[j].levels[c] >= least
+                ]
+                if not members:
+                    continue
+
+                def part(g: Complex, rows: Integers = rows, columns: Integers = columns) -> Complex:
+                    return g[:, rows][:, :, columns]
+
+                here = [loops[j] for j in members]
+                rough = [loop.rough.pop(c) for loop in here]
+                points, values = (np.concatenate(one) for one in zip(*rough, strict=True))
+                owner = np.repeat(np.arange(len(here)), [w.size for w, _ in rough])
+                systems = [loop.response for loop in here]
+                found = refined_peaks(systems, part, points, values, owner)
+                self._take(members, here, c, *found)
+
+    def _take(
+        self,
+        members: Sequence[int],
+        loops: Sequence[Loop],
+        c: int,
+        at: Array,
+        high: Array,
+        owner: Integers,
+    ) -> None:
+        ends = np.searchsorted(owner, np.arange(len(loops) + 1)).tolist()
+        for k, (j, loop) in enumerate(zip(members, loops, strict=True)):
+            some = slice(ends[k], ends[k + 1])
+            loop.peaks[c] = np.append(at[some], np.inf), np.append(high[some], loop.direct[c])
+            loop.levels[c] = self._level(j, c, float(loop.peaks[c][1].max()))
+
+    def _level(self, j: int, c: int, norm: float) -> float:
+        return float(np.log(max(self.plants[j].weights[c] * norm, 1e-300)))
+
+    def remember(self, loops: Sequence[Loop], more: bool) -> None:
+        """Take the loops' peaks for the next ones, and of those known all if `more`, or half."""
+        for j, loop in enumerate(loops):
+            if not loop.peaks:
                 continue
-
-            def part(g: Complex, rows: Integers = rows, columns: Integers = columns) -> Complex:
-                return g[:, rows][:, :, columns]
-
-            self._take(loop, c, *refined_peaks(loop.response, part, *loop.rough.pop(c)))
-
-    def _take(self, loop: Loop, c: int, at: Array, high: Array) -> None:
-        rows, columns, _ = self.plant.channels[c]
-        direct = np.linalg.norm(loop.closed.d[np.ix_(rows, columns)], 2)
-        loop.peaks[c] = np.append(at, np.inf), np.append(high, direct)
-        loop.levels[c] = self._level(c, float(loop.peaks[c][1].max()))
-
-    def _level(self, c: int, norm: float) -> float:
-        return float(np.log(max(self.plant.weights[c] * norm, 1e-300)))
-
-    def remember(self, loop: Loop, more: bool) -> None:
-        """Take the loop's peaks for the next ones, and of those known all if `more`, or half."""
-        if not loop.peaks:
-            return
-        omega = np.concatenate([o[v >= _NEAR * v.max()] for o, v in loop.peaks.values()])
-        fastest = float(np.abs(loop.response.poles).max(initial=0.0))
-        omega = omega[omega < 10.0 * fastest]
-        kept = self._remembered if more else self._remembered[: _REMEMBERED // 2]
-        together = np.concatenate([omega, kept])
-        _, first = np.unique(np.round(np.log(together + 1e-300), 2), return_index=True)
-        self._remembered = together[np.sort(first)][:_REMEMBERED]
+            omega = np.concatenate([o[v >= _NEAR * v.max()] for o, v in loop.peaks.values()])
+            fastest = float(np.abs(loop.response.poles).max(initial=0.0))
+            omega = omega[omega < 10.0 * fastest]
+            known = self._remembered[j]
+            together = np.concatenate([omega, known if more else known[: _REMEMBERED // 2]])
+            _, first = np.unique(np.round(np.log(together + 1e-300), 2), return_index=True)
+            self._remembered[j] = together[np.sort(first)][:_REMEMBERED]
 
     def forget(self) -> None:
         """Drop what is remembered, so that a start does not depend on those before it."""
-        self._remembered = np.zeros(0)
+        self._remembered = [np.zeros(0) for _ in self.plants]
 
-    def missed(self, loop: Loop, above: float) -> bool:
+    def missed(self, loops: Sequence[Loop], above: float) -> bool:
         """Say whether the level-set method shows a gain that was not known, and remember where.
 
         Parameters
         ----------
-        loop : Loop
-            The loop.
+        loops : sequence of Loop
+            The loops.
         above : float
-            Logarithm of the level that weighted norms are tested against, or the channel's own
-            where that is higher; of those with a limit, the limit.
+            Logarithm of the level that weighted norms are tested against, or a channel's own where
+            that is higher; of those with a limit, the limit.
         """
         found = False
-        for c, (rows, columns, channel) in enumerate(self.plant.channels):
-            if channel.norm == "h2":
+        for group in self._groups:
+            for c, (_, _, channel) in enumerate(self.plants[group.members[0]].channels):
+                if channel.norm == "h2":
+                    continue
+                least = above if channel.limit is None else 0.0
+                for j, omega in self._higher(group, loops, c, least).items():
+                    found = True
+                    kept = self._remembered[j][: _REMEMBERED - 1]
+                    self._remembered[j] = np.insert(kept, 0, omega)
+        return found
+
+    def _higher(
+        self, group: _Group, loops: Sequence[Loop], c: int, least: float
+    ) -> dict[int, float]:
+        """Return a frequency at which the gain is above the level, for loops that have one."""
+        rows, columns, _ = self.plants[group.members[0]].channels[c]
+        found: dict[int, float] = {}
+        crossed: dict[int, float] = {}
+        for j in group.members:
+            loop = loops[j]
+            level = np.exp(max(loop.levels[c], least)) / self.plants[j].weights[c]
+            level *= 1.0 + _ROUNDING
+            if loop.direct[c] <= (1.0 - 1e-6) * level:
+                crossed[j] = level
                 continue
-            least = above if channel.limit is None else 0.0
-            level = np.exp(max(loop.levels[c], least)) / self.plant.weights[c] * (1.0 + _ROUNDING)
-
-            def part(g: Complex, rows: Integers = rows, columns: Integers = columns) -> Complex:
-                return g[:, rows][:, :, columns]
-
-            higher = _higher(part_of(loop.closed, rows, columns), loop.response, part, level)
-            if higher is not None:
-                found = True
-                kept = self._remembered[: _REMEMBERED - 1]
-                self._remembered = np.insert(kept, 0, higher)
+            norm = hinf_norm(part_of(loop.closed, rows, columns))  # H is singular at that level
+            if norm.value > level and np.isfinite(norm.frequency_rad_s):
+                found[j] = norm.frequency_rad_s
+        if not crossed:
+            return found
+        many = loops[group.members[0]].all.at(np.array([loops[j].place for j in crossed]))
+        all_values = hamiltonians_eigenvalues(
+            many.a, many.b[..., columns], many.c[:, rows], many.d[:, rows][..., columns],
+            np.array(list(crossed.values())),
+        )  # fmt: skip
+        for values, (j, level) in zip(all_values, crossed.items(), strict=True):
+            near = np.abs(values[np.abs(values.real) <= _IMAGINARY * np.abs(values)].imag)
+            if not near.size:
+                continue
+            omega = np.unique(np.append(near, 0.0))  # the gain may be above from zero on
+            omega = np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
+            made = loops[j].response((1j * omega).astype(complex))
+            high = gains(made[:, rows][:, :, columns])
+            best = int(np.argmax(high))
+            if high[best] > level:
+                found[j] = float(omega[best])
         return found
 
 
-def _higher(
-    system: LtiSystem, response: Response, part: Callable[[Complex], Complex], level: float
-) -> float | None:
-    """Return a frequency at which the gain of a part is above a level; None if there is none."""
-    if np.linalg.norm(system.d, 2) > (1.0 - 1e-6) * level:  # the method's matrix is singular there
-        norm = hinf_norm(system)
-        above = norm.value > level and np.isfinite(norm.frequency_rad_s)
-        return norm.frequency_rad_s if above else None
-    values = hamiltonian_eigenvalues(system, level)
-    crossed = np.abs(values[np.abs(values.real) <= _IMAGINARY * np.abs(values)].imag)
-    if not crossed.size:
-        return None
-    omega = np.unique(np.append(crossed, 0.0))  # the gain may be above from zero on
-    omega = np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])])
-    high = gains(part(response((1j * omega).astype(complex))))
-    best = int(np.argmax(high))
-    return float(omega[best]) if high[best] > level else None
+def _kind(plant: OpenLoop) -> tuple[object, ...]:
+    """Return what plants have in common that are looked at together."""
+    channels = [
+        (tuple(rows.tolist()), tuple(columns.tolist()), channel.norm, channel.limit is None)
+        for rows, columns, channel in plant.channels
+    ]
+    direct = bool(plant.open.d22.any())
+    return plant.open.b1.shape, plant.open.c1.shape, direct, tuple(channels)
 
 
 def part_of(closed: Closed, rows: Integers, columns: Integers) -> LtiSystem:
