@@ -104,7 +104,7 @@ def test_peaks_reach_the_norm(seed: int) -> None:
             a[place, place] = [[0, 1], [-(omega**2), -2 * damping * omega]]
         b, c = random.normal(size=(8, 3)), random.normal(size=(2, 8))
         systems.append(LtiSystem(a, b, c, np.zeros((2, 3))))
-    many = [Response(s.a, s.b, s.c, s.d) for s in systems]
+    many = [Response(s.a, s.b, s.c, s.d, modes=True) for s in systems]
     points, owner = frequencies(np.array([r.poles for r in many]), [np.zeros(0), np.ones(1)])
     values = gains(responses(many, points, owner), owner)
     at, high, owner = refined_peaks(many, lambda g: g, points, values, owner)
@@ -121,7 +121,7 @@ def test_derivatives_of_a_response(multiple: bool) -> None:
     a = np.array([[-1.0, 1.0 if multiple else 0.0, 0.3], [0.0, -1.0, 0.0], [0.0, 0.0, -0.2]])
     random = np.random.default_rng(0)
     b, c, d = random.normal(size=(3, 2)), random.normal(size=(4, 3)), random.normal(size=(4, 2))
-    response, omega, step = Response(a, b, c, d), np.array([0.0, 0.3, 2.0]), 1e-5
+    response, omega, step = Response(a, b, c, d, modes=True), np.array([0.0, 0.3, 2.0]), 1e-5
     exact = [c @ np.linalg.inv(1j * w * np.eye(3) - a) @ b + d for w in omega]
     g, first, second = response.derivatives(omega)
     assert_allclose(g, exact, rtol=1e-12)

@@ -19,13 +19,16 @@ _CONDITION = 1e4
 class Response:
     """C (s I − A)⁻¹ B + D of one system.
 
-    With well-conditioned eigenvectors, A = V Λ V⁻¹, a frequency costs two products. Otherwise it
-    costs a substitution with the complex Schur form A = Z T Zᴴ, row by row for all of them at once.
+    A frequency costs a substitution with the complex Schur form A = Z T Zᴴ, row by row for all of
+    them at once. By modes, A = V Λ V⁻¹, it costs two products, if V is well conditioned: where the
+    response is large it is as accurate; where modes cancel each other it is not.
 
     Parameters
     ----------
     a, b, c, d : ndarray, shape (n, n), (n, m), (p, n), (p, m)
         Matrices, real or complex.
+    modes : bool
+        Whether it may be found by modes.
 
     Attributes
     ----------
@@ -33,43 +36,30 @@ class Response:
         Eigenvalues of A.
     """
 
-    def __init__(self, a: Array, b: Array, c: Array, d: Array) -> None:
-        poles, vectors = np.linalg.eig(a) if len(a) else (np.zeros(0), np.zeros((0, 0)))
-        self._by(a, b, c, d, poles, vectors, _inverse(vectors))
+    def __init__(self, a: Array, b: Array, c: Array, d: Array, *, modes: bool = False) -> None:
+        self._take(a, b, c, d, _modes(a[None])[0] if modes and len(a) else None)
 
     @classmethod
     def of_many(cls, a: Array, b: Array, c: Array, d: Array) -> list[Response]:
-        """Return the responses of systems of one size, matrices (J, n, n) to (J, p, m)."""
-        try:
-            poles, vectors = np.linalg.eig(a)
-            inverse = np.linalg.inv(vectors)
-        except np.linalg.LinAlgError:
-            return [cls(*one) for one in zip(a, b, c, d, strict=True)]
-        size = np.sum(inverse.real**2 + inverse.imag**2, axis=(1, 2)) * a.shape[1]
+        """Return, by modes, those of systems of one size, matrices (J, n, n) to (J, p, m)."""
         made = []
-        for j, good in enumerate((size < _CONDITION**2).tolist()):
+        for *system, modes in zip(a, b, c, d, _modes(a), strict=True):
             response = cls.__new__(cls)
-            known = inverse[j] if good else None
-            response._by(a[j], b[j], c[j], d[j], poles[j], vectors[j], known)
+            response._take(*system, modes)
             made.append(response)
         return made
 
-    def _by(
-        self,
-        a: Array,
-        b: Array,
-        c: Array,
-        d: Array,
-        poles: Array | Complex,
-        vectors: Array | Complex,
-        inverse: Array | Complex | None,
+    def _take(
+        self, a: Array, b: Array, c: Array, d: Array, modes: tuple[Array, Array, Array] | None
     ) -> None:
-        """Take the system with its poles, its eigenvectors, and their inverse if it is good."""
         self._d = np.asarray(d)
         self._t: Complex | None = None
-        if inverse is None:
-            self._t, vectors = schur(a, output="complex")
+        if modes is None:
+            none: Complex = np.zeros((0, 0), dtype=complex)
+            self._t, vectors = schur(a, output="complex") if len(a) else (none, none)
             poles, inverse = np.diagonal(self._t), vectors.conj().T
+        else:
+            poles, vectors, inverse = modes
         self.poles: Complex = poles.astype(complex)
         self._b: Complex = (inverse @ b).astype(complex)
         self._c: Complex = (c @ vectors).astype(complex)
@@ -141,14 +131,20 @@ class Response:
         return (self._c @ x.reshape(n, count * m)).reshape(-1, count, m).transpose(1, 0, 2)
 
 
-def _inverse(vectors: Array | Complex) -> Array | Complex | None:
-    """Return the inverse of eigenvectors of length one; None if it would cost digits."""
+def _modes(a: Array) -> list[tuple[Array, Array, Array] | None]:
+    """Return Λ (n,), V and V⁻¹ of matrices (J, n, n); None where they would cost digits."""
     try:
-        found = np.linalg.inv(vectors)
+        poles, vectors = np.linalg.eig(a)
+        inverse = np.linalg.inv(vectors)
     except np.linalg.LinAlgError:
-        return None
-    size = float(np.sum(np.abs(found) ** 2))
-    return found if size * len(vectors) < _CONDITION**2 else None
+        return [None] * len(a) if len(a) == 1 else [m for one in a for m in _modes(one[None])]
+    # states of another scale cost none: A was balanced for V, so that it counts with even rows
+    rows = np.sum(np.abs(vectors) ** 2, axis=2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.sum(np.abs(inverse) ** 2 * rows[:, None, :], axis=(1, 2))
+        good = a.shape[-1] * size < _CONDITION**2
+    each = zip(poles, vectors, inverse, strict=True)
+    return [modes if well else None for modes, well in zip(each, good.tolist(), strict=True)]
 
 
 def largest_gains(responses: Complex) -> Array:

@@ -145,7 +145,7 @@ class _Search:
         self.given = system
         self.system, _ = balanced(system)
         a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
-        self.response = Response(a, b, c, d)
+        self.response = Response(a, b, c, d, modes=True)
         self.value, self.frequency = -1.0, 0.0
         self.noise = 0.0
         """Largest relative difference of gains by the Schur form and by the system as given."""
