@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import schur
+from scipy.linalg.lapack import dgebal
 
 from hillsphere.interfaces import Array
 
@@ -28,7 +29,7 @@ class Response:
     a, b, c, d : ndarray, shape (n, n), (n, m), (p, n), (p, m)
         Matrices, real or complex.
     modes : bool
-        Whether it may be found by modes.
+        Whether it may be found by modes; the matrices are real then.
 
     Attributes
     ----------
@@ -132,17 +133,18 @@ class Response:
 
 
 def _modes(a: Array) -> list[tuple[Array, Array, Array] | None]:
-    """Return Λ (n,), V and V⁻¹ of matrices (J, n, n); None where they would cost digits."""
+    """Return Λ (n,), V, V⁻¹ of real matrices (J, n, n); None where they would cost digits."""
     try:
         poles, vectors = np.linalg.eig(a)
         inverse = np.linalg.inv(vectors)
     except np.linalg.LinAlgError:
         return [None] * len(a) if len(a) == 1 else [m for one in a for m in _modes(one[None])]
-    # states of another scale cost none: A was balanced for V, so that it counts with even rows
-    rows = np.sum(np.abs(vectors) ** 2, axis=2)
+    # of the balanced matrix and columns of length one: states of another scale cost no digits
+    scale = np.array([dgebal(one, scale=1, permute=0)[3] for one in a])
+    columns = np.sum(np.abs(vectors / scale[:, :, None]) ** 2, axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
-        size = np.sum(np.abs(inverse) ** 2 * rows[:, None, :], axis=(1, 2))
-        good = a.shape[-1] * size < _CONDITION**2
+        rows = np.sum(np.abs(inverse * scale[:, None, :]) ** 2, axis=2)
+        good = a.shape[-1] * np.sum(rows * columns, axis=1) < _CONDITION**2
     each = zip(poles, vectors, inverse, strict=True)
     return [modes if well else None for modes, well in zip(each, good.tolist(), strict=True)]
 
