@@ -44,9 +44,9 @@ class Response:
     def of_many(cls, a: Array, b: Array, c: Array, d: Array) -> list[Response]:
         """Return, by modes, those of systems of one size, matrices (J, n, n) to (J, p, m)."""
         made = []
-        for *system, modes in zip(a, b, c, d, _modes(a), strict=True):
+        for j, modes in enumerate(_modes(a)):
             response = cls.__new__(cls)
-            response._take(*system, modes)
+            response._take(a[j], b[j], c[j], d[j], modes)
             made.append(response)
         return made
 
@@ -97,7 +97,7 @@ class Response:
         tuple of ndarray, shape (K, p, m)
             Three times one matrix per frequency.
         """
-        s = 1j * omega
+        s = (1j * omega).astype(complex)
         if self._t is None:
             one = 1.0 / (s[:, None] - self.poles)
             two = one * one

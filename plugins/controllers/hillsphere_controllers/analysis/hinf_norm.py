@@ -288,11 +288,11 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
 
 def hamiltonian_eigenvalues(system: LtiSystem, level: float) -> NDArray[np.complex128]:
     """Return the eigenvalues (2n,) of H at a level above the largest singular value of D."""
-    return hamiltonians_eigenvalues(system.a, system.b, system.c, system.d, np.float64(level))
+    return hamiltonians_eigenvalues(system.a, system.b, system.c, system.d, np.array(level))
 
 
 def hamiltonians_eigenvalues(
-    a: Array, b: Array, c: Array, d: Array, level: Array | np.float64
+    a: Array, b: Array, c: Array, d: Array, level: Array
 ) -> NDArray[np.complex128]:
     """Return the eigenvalues (..., 2n) of H of systems (..., n, n) …, each at its own level."""
     # of the system divided by the level: R = I − DᵀD stays of order one

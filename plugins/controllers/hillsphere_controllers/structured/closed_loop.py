@@ -81,11 +81,11 @@ class Open:
             right = np.eye(gains.shape[1]) - self.d22 @ gains
             if np.max(np.linalg.cond(left)) > 1e12:
                 return None
-            moved = np.linalg.solve(left, np.broadcast_to(gains, (*left.shape[:-1], len(gains.T))))
+            moved = _solved(left, np.broadcast_to(gains, (*left.shape[:-1], gains.shape[1])))
             # dK₀ = (I − K D22)⁻¹ dK (I − D22 K)⁻¹
-            b2, d12 = (_transposed(np.linalg.solve(_transposed(left), _transposed(m)))
-                       for m in (b2, d12))  # fmt: skip
-            c2, d21 = (np.linalg.solve(right, m) for m in (c2, d21))
+            turned = left.swapaxes(-1, -2)
+            b2, d12 = (_solved(turned, m.swapaxes(-1, -2)).swapaxes(-1, -2) for m in (b2, d12))
+            c2, d21 = (_solved(right, m) for m in (c2, d21))
         bk, dk = self.b2 @ moved, self.d12 @ moved
         return Closed(
             self.a + bk @ self.c2,
@@ -96,8 +96,8 @@ class Open:
         )  # fmt: skip
 
 
-def _transposed(matrix: Array) -> Array:
-    return matrix.swapaxes(-1, -2)
+def _solved(matrix: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=float)
 
 
 class OpenLoop:
