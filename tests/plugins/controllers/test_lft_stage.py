@@ -239,6 +239,59 @@ def test_a_number_may_be_normalised_by_its_bounds() -> None:
         run(models([1.0], [0.5]), blocks=[bare | {"normalise": True}])
 
 
+def test_a_nominal_value_off_the_middle_stays_that_of_the_models() -> None:
+    """δ = −1, 0, 1 are lower, nominal and upper; the signals carry the deviation in between."""
+    own = {"name": "gain", "kind": "real", "lower": 0.9, "upper": 1.3, "nominal": 1.0,
+           "normalise": True, "outputs": ["rate", "z"], "inputs": ["d", "w"]}  # fmt: skip
+    product = run(models([1.0], [0.5]), blocks=[own])
+    model = product.models[0]
+    ends = [float(each[0]) for each in (model.lower, model.nominal, model.upper)]
+    assert ends == [0.9, 1.0, 1.3]
+    made = lft_of(model)
+    assert_allclose(made.nominal.a, plant(1.0, 0.5).a, rtol=0, atol=1e-15)
+    for value in (0.9, 0.95, 1.0, 1.2, 1.3):
+        # rate → 0.3 (value − 1) of the rate's equation, z → all of it
+        expected = plant(1.0, 0.5).a + (value - 1.0) * np.array([[0.0, 0.0], [1.0, 0.3]])
+        assert_allclose(made.at({"gain": value}).a, expected, rtol=1e-12, atol=1e-14)
+
+
+def test_a_nominal_value_after_a_block_of_another_shape() -> None:
+    """Its rows and columns are counted apart, as those of a full block before it are."""
+    system = plant(1.0, 0.5)
+    wide = LtiSystem(
+        system.a, system.b[:, [0, 1, 0, 2]], system.c, np.zeros((3, 4)), None,
+        ("w", "d", "e", "u"), system.outputs,
+    )  # fmt: skip
+    product = LinearModels(
+        (wide,), ("0",), ("k", "c"), ("N/m", "-"), np.array([[1.0], [0.5]]), np.array([1.0, 0.5]),
+        1, 1, (),
+    )  # fmt: skip
+    blocks = [
+        {"name": "any", "outputs": ["z"], "inputs": ["w", "e"], "dynamic": False},
+        {"name": "gain", "kind": "real", "lower": 0.9, "upper": 1.3, "nominal": 1.0,
+         "normalise": True, "outputs": ["rate"], "inputs": ["d"]},
+    ]  # fmt: skip
+    made = lft_of(run(product, blocks=blocks).models[0])
+    closed = made.at({"any": np.zeros((2, 1)), "gain": 1.3})
+    expected = system.a + 0.3 * np.array([[0.0, 0.0], [0.0, 0.3]])
+    assert_allclose(closed.a, expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"nominal": 1.0}, "nominal.*set normalise = true"),
+        ({"nominal": 1.3, "normalise": True}, "nominal.*between lower and upper"),
+        ({"kind": "full", "nominal": 0.0}, "only a real number|set normalise = true"),
+    ],
+)
+def test_a_nominal_value_that_cannot_be(keys: dict[str, Any], said: str) -> None:
+    own = {"name": "gain", "kind": "real", "lower": 0.9, "upper": 1.3, "outputs": ["rate"],
+           "inputs": ["d"]}  # fmt: skip
+    with pytest.raises(InputError, match=said):
+        run(models([1.0], [0.5]), blocks=[own | keys])
+
+
 def test_a_complex_number_stands_on_the_diagonal() -> None:
     blocks = [{"name": "lag", "kind": "complex", "outputs": ["rate"], "inputs": ["d"]}]
     model = run(models([1.0], [0.5]), blocks=blocks).models[0]

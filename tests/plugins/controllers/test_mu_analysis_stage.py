@@ -261,17 +261,80 @@ def test_what_is_uncertain_is_said_of_every_loop(spring: UncertainModels) -> Non
     assert said.startswith("k, uncertain: ")
 
 
+def with_beside(**keys: Any) -> MuAnalysisStage:
+    needs = {"uncertain": "u", "controllers": ["none"], "beside": ["before"]}
+    table = {"needs": needs, "sensitivity_curves": True, "points": 3} | keys
+    spec = validate(MuAnalysisSpec, table, where="s")
+    assert isinstance(spec, MuAnalysisSpec)
+    return MuAnalysisStage(spec)
+
+
 def test_analyses_beside_are_of_the_same_kind(spring: UncertainModels) -> None:
+    """Told before anything is computed, and where a product is shown anew."""
     given = {"none": gain(np.zeros((1, 1)))}
     keys: dict[str, Any] = {"analyses": ["robust_performance"], "points": 3}
     made = run(spring, given, keys)
     other = run(spring, given, keys | {"analyses": ["robust_stability"]})
-    needs = {"uncertain": "u", "controllers": ["none"], "beside": ["before"]}
-    table = {"needs": needs, "sensitivity_curves": True} | keys
-    spec = validate(MuAnalysisSpec, table, where="s")
-    assert isinstance(spec, MuAnalysisSpec)
-    with pytest.raises(InputError, match=r"needs\.beside: 'before' has robust_stability"):
-        MuAnalysisStage(spec).present(made, spring, (), (other,))
+    stage = with_beside(**keys)
+    for call in (
+        lambda: stage.present(made, spring, (), (other,)),
+        lambda: stage.run(RecordingContext(), spring, (), (other,)),
+    ):
+        with pytest.raises(InputError, match=r"needs\.beside: 'before' .* robust_"):
+            call()
+    both = with_beside(analyses=["robust_stability", "robust_performance"])
+    with pytest.raises(InputError, match="'before' lacks robust_stability, which is analysed here"):
+        both.run(RecordingContext(), spring, (), (made,))
+    named = with_beside(**keys, outputs=["y"])
+    with pytest.raises(InputError, match=r"'before' (has|lacks) robust_performance"):
+        named.run(RecordingContext(), spring, (), (made,))
+    # of loops that are all unstable nothing is known, and nothing is shown
+    stage.present(made, spring, (), (replace(made, results=()),))
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, ""),
+        ({"gap": 0.1, "points": 9, "outputs": ["b", "a"]}, ""),
+        ({"outputs": ["a"]}, 'stage \'before\' has outputs = ["a"], this one ["a", "b"]'),
+        ({"analyses": ["robust_stability"]},
+         'has analyses = ["robust_stability"], this one ["robust_performance"]'),
+    ],
+)  # fmt: skip
+def test_a_mission_with_another_analysis_beside_is_not_valid(
+    keys: dict[str, Any], said: str
+) -> None:
+    same: dict[str, Any] = {"analyses": ["robust_performance"], "outputs": ["a", "b"]}
+    table = {"needs": {"uncertain": "u"}} | same | keys
+    before = validate(MuAnalysisSpec, table, where="before")
+    found = list(with_beside(**same).spec.misfits({"stage": {"before": before}}))
+    assert len(found) == bool(said)
+    for where, message in found:
+        assert where == ("needs", "beside", 0)
+        assert said in message
+    assert not list(with_beside(**same).spec.misfits({}))
+
+
+def test_columns_over_different_frequencies_say_so(spring: UncertainModels) -> None:
+    keys: dict[str, Any] = {
+        "analyses": ["robust_performance"], "points": 3, "sensitivity_curves": True,
+    }  # fmt: skip
+    made = run(spring, {"none": gain(np.zeros((1, 1)))}, keys)
+    (one,) = made.results
+    moved = replace(made, results=(replace(one, omega_rad_s=10.0 * one.omega_rad_s),))
+    stage = with_beside(**keys)
+    same, apart = (
+        stage.present(made, spring, (), (beside,)).figures["mu_sensitivity_curves"].caption
+        for beside in (made, moved)
+    )
+    assert "different frequencies" not in same
+    low, high = one.omega_rad_s[[0, -1]]
+    label = made.label(0)
+    assert apart.endswith(
+        f" The columns span different frequencies: {label}: {10 * low:.2g} to {10 * high:.2g} "
+        f"rad/s; {label}: {low:.2g} to {high:.2g} rad/s."
+    )
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,10 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.descent import descend, sampled_descent
 from hillsphere_controllers.structured.minimax import minimax_step
+from hillsphere_controllers.structured.objective import Objective, Piece
 from hillsphere_controllers.structured.peaks import (
     frequencies,
     gains,
@@ -21,6 +23,9 @@ from hillsphere_controllers.structured.peaks import (
     refined_peaks,
     responses,
 )
+from hillsphere_controllers.structured.polish import _Linear
+from hillsphere_controllers.structured.requirements import DesignPlant
+from hillsphere_controllers.structured.structure import static
 
 
 @dataclass
@@ -154,3 +159,31 @@ def test_local_maxima_of_fast_gains_are_the_true_ones(shape: tuple[int, int]) ->
     assert_allclose(gains(many, owner)[found], truth[found], rtol=1e-13)
     for k in np.unique(owner):
         assert np.argmax(np.where(owner == k, truth, 0.0)) in found
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_gain_that_a_parameter_alone_makes_holds_the_step(side: float) -> None:
+    """The largest of 1 − s x and |10 x + 1e-6| is least at s/11, on either side of zero."""
+    falls = Piece(0.0, np.array([-side]), 0, 0, 1.0, 0, False)
+    grows = Piece(float(np.log(1e-6)), np.array([1e7]), 0, 1, np.inf, 0, False)
+    found = _Linear.of([falls, grows], 0.0).step(1e-9 * np.eye(1), 10.0)
+    assert found is not None
+    assert_allclose(found.step, [side / 11.0], rtol=1e-5)
+    assert_allclose(found.predicted, 1.0 / 11.0, rtol=1e-5)
+
+
+def test_what_many_plants_have_in_common_counts_once() -> None:
+    a, b, c = -np.eye(2), np.ones((2, 2)), np.array([[1.0, 0.5], [0.0, 0.0], [1.0, 0.0]])
+    d = np.array([[0.0, 0.0], [0.0, 4.0], [1.0, 0.0]])
+    plants = [LtiSystem(k * a, b, c, d) for k in (1.0, 1.0, 1.1)]
+    structure = static(1, 1)
+    loops = [OpenLoop(DesignPlant(one), structure) for one in plants]
+    objective = Objective(loops, structure, np.zeros(1), np.ones(1))
+    point = objective.evaluate(np.array([-0.4]))
+    pieces = objective.pieces(point)
+    direct = [p for p in pieces if np.isinf(p.omega_rad_s)]
+    assert [p.plant for p in direct] == [0]
+    assert_allclose(np.exp(direct[0].level), 1.6, rtol=1e-12)
+    assert_allclose(direct[0].slope, [-2.5], rtol=1e-12)
+    # the first two plants are the same: their gains at zero count once, that of the third by itself
+    assert sorted(p.plant for p in pieces if p.omega_rad_s == 0.0) == [0, 2]

@@ -31,6 +31,8 @@ _REFINED = 0.85
 _MOST = 14
 _EACH, _AT_ALL = 6, 60
 """With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
+_ALIKE = 10
+"""Decimals to which levels are compared; what is the same for many plants counts once."""
 _ROUGH = 0.95
 """Peaks that are roughly below this share of the largest so far are not the largest."""
 _NEAR_HARD = -0.3
@@ -248,10 +250,16 @@ class Objective:
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
                     for i in _distinct(omega, high)
                 ]
-        highest = sorted(peaks, key=lambda peak: -peak[0])[: self._most]
-        for made in self._at(point, [(j, c, at, None) for _, j, c, at in highest]):
+        highest: list[_Wanted] = []
+        heights: set[tuple[int, float, float]] = set()
+        for level, j, c, at in sorted(peaks, key=lambda peak: -peak[0]):
+            heights.add((c, at, round(level, _ALIKE)))
+            if len(heights) > self._most:
+                break
+            highest.append((j, c, at, None))
+        for made in self._at(point, highest):
             soft += [p for p in made if p.level >= least]
-        soft = sorted(soft, key=lambda p: -p.level)[: self._most]
+        soft = _unlike(sorted(soft, key=lambda p: -p.level))[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
 
@@ -260,12 +268,11 @@ class Objective:
     ) -> list[Piece]:
         """Return pieces at a point, and those at the frequencies of other ones, each once."""
         made = list(pieces)
-        known = {(p.plant, p.channel, p.number, round(p.omega_rad_s, 12)) for p in made}
+        known = {_key(p) for p in made}
         wanted: list[_Wanted] = []
         for p in extra:
-            key = (p.plant, p.channel, p.number, round(p.omega_rad_s, 12))
-            if not p.hard and key not in known and np.isfinite(p.omega_rad_s):
-                known.add(key)
+            if not p.hard and _key(p) not in known and not np.isnan(p.omega_rad_s):
+                known.add(_key(p))
                 wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
         return made + [p for found in self._at(point, wanted) for p in found]
 
@@ -386,6 +393,23 @@ class Objective:
             level = float(excess[kind, i]) + _MARGIN
             found.append(Piece(level, slope, j, -1, np.nan, int(kind), True))
         return sorted(found, key=lambda piece: -piece.level)[:_MOST]
+
+
+def _unlike(pieces: Sequence[Piece]) -> list[Piece]:
+    """Return the pieces without those that are the same for several plants, as a direct term is."""
+    found: list[Piece] = []
+    known: dict[tuple[int, int, float, float], list[Piece]] = {}
+    for p in pieces:
+        same = known.setdefault((p.channel, p.number, p.omega_rad_s, round(p.level, _ALIKE)), [])
+        if not any(np.allclose(p.slope, q.slope, rtol=1e-6, atol=0.0) for q in same):
+            same.append(p)
+            found.append(p)
+    return found
+
+
+def _key(piece: Piece) -> tuple[int, int, int, float]:
+    at = piece.omega_rad_s
+    return piece.plant, piece.channel, piece.number, round(at, 12) if np.isfinite(at) else at
 
 
 def _distinct(omega: Array, high: Array) -> list[int]:

@@ -7,10 +7,11 @@ a method that follows one gradient at a time zigzags.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import MinimaxStep, minimax_step
@@ -21,6 +22,9 @@ __all__ = ["Active", "Polished", "certificate", "polished"]
 _ARMIJO = 0.05
 _TRIALS = 14
 _EVEN = 1e-5
+_FAR, _SMALL = 50.0, 0.5
+_VIOLATORS, _REMEMBERED = 3, 12
+"""So many peaks that make a step too high are looked at; so many in the next steps too."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ def polished(
     for count in range(iterations):
         pieces = objective.pieces(point, extra)
         tried = _tried(objective, point, pieces, hessian, damping, tolerance)
-        extra = tried.rejected
+        extra = (tried.rejected + extra)[:_REMEMBERED]
         if tried.point is None:
             if fresh:
                 return Polished(point, tried.converged, count)
@@ -127,7 +131,8 @@ def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active
     ]
     steep = max((float(np.linalg.norm(p.slope)) for p in pieces), default=1.0)
     # with even levels the multipliers make the gradient smallest, whatever the quadratic
-    found = _step(objective, point, even, max(steep, 1e-8) * np.eye(point.x.size), _EVEN)
+    linear = _Linear.of(even, point.objective)
+    found = linear.step(max(steep, 1e-8) * np.eye(point.x.size), objective.penalty, _EVEN)
     if found is None:
         return np.inf, ()
     slopes = np.array([p.slope for p in pieces])
@@ -155,23 +160,51 @@ def _scale(x: Array) -> Array:
     return np.maximum(size, max(1.0, 0.1 * float(size.max())))
 
 
-def _step(
-    objective: Objective, point: Point, pieces: list[Piece], hessian: Array, near: float = np.inf
-) -> MinimaxStep | None:
-    levels = np.array([p.level if p.hard else p.level - point.objective for p in pieces])
-    slopes = np.array([p.slope for p in pieces])
-    hard = np.array([p.hard for p in pieces])
-    if not np.isfinite(slopes).all() or hard.all():
-        return None
-    kept = levels >= -near
-    if kept.all():
-        return minimax_step(levels, slopes, hard, hessian, objective.penalty)
-    found = minimax_step(levels[kept], slopes[kept], hard[kept], hessian, objective.penalty)
-    if found is None:
-        return None
-    multipliers = np.zeros(len(levels))
-    multipliers[kept] = found.multipliers
-    return MinimaxStep(found.step, found.predicted, multipliers)
+@dataclass(frozen=True)
+class _Linear:
+    """What pieces are near a point, to first order: norms relative to a reference, less one.
+
+    Not their logarithms: a gain far below the largest, as one that a parameter alone makes, rises
+    in proportion to it.
+    """
+
+    values: Array
+    slopes: Array
+    hard: NDArray[np.bool_]
+    mirrored: NDArray[np.bool_]
+    """Real gains that are small may change their sign, and grow on the other side."""
+
+    @staticmethod
+    def of(pieces: Sequence[Piece], reference: float) -> _Linear:
+        """Return them, for a reference that is the logarithm of a norm."""
+        levels, hard = np.array([p.level for p in pieces]), np.array([p.hard for p in pieces])
+        share = np.where(hard, 1.0, np.exp(np.minimum(levels - reference, _FAR)))
+        real = np.array([p.omega_rad_s == 0.0 or np.isinf(p.omega_rad_s) for p in pieces])
+        slopes = np.array([p.slope for p in pieces]) * share[:, None]
+        values = np.where(hard, levels, share - 1.0)
+        return _Linear(values, slopes, hard, ~hard & real & (share < _SMALL))
+
+    def moved_to(self, values: Array, step: Array) -> _Linear:
+        """Return those that are right at the end of a step."""
+        return replace(self, values=values - self.slopes @ step)
+
+    def step(self, hessian: Array, penalty: float, near: float = np.inf) -> MinimaxStep | None:
+        """Return the step; those lower than zero by more than `near` do not count."""
+        if not np.isfinite(self.slopes).all() or self.hard.all():
+            return None
+        kept, other = self.values >= -near, self.mirrored & (self.values >= -near)
+        found = minimax_step(
+            np.concatenate([self.values[kept], -2.0 - self.values[other]]),
+            np.concatenate([self.slopes[kept], -self.slopes[other]]),
+            np.concatenate([self.hard[kept], self.hard[other]]),
+            hessian,
+            penalty,
+        )
+        if found is None:
+            return None
+        multipliers = np.zeros(self.values.size)
+        multipliers[kept] = found.multipliers[: int(kept.sum())]
+        return MinimaxStep(found.step, found.predicted, multipliers)
 
 
 @dataclass(frozen=True)
@@ -199,7 +232,8 @@ def _tried(
     shape = np.diag(1.0 / _scale(point.x) ** 2)
     rejected: list[Piece] = []
     for count in range(_TRIALS):
-        found = _step(objective, point, pieces, hessian + damping * shape)
+        linear = _Linear.of(pieces, point.objective)
+        found = linear.step(hessian + damping * shape, objective.penalty)
         if found is None:
             break
         if found.predicted < tolerance:
@@ -217,12 +251,10 @@ def _tried(
         if np.isfinite(trial.value):
             moved = objective.followed(trial, pieces)
             near = [p for p in objective.pieces(trial) if not p.hard]
-            violators = [p for p in near if p.level > trial.objective - 1e-3][:2]
-            bent = [
-                replace(p, level=now.level - float(p.slope @ found.step))
-                for p, now in zip(pieces, moved, strict=True)
-            ]
-            corrected = _step(objective, point, bent, hessian + damping * shape)
+            violators = [p for p in near if p.level > trial.objective - 1e-3][:_VIOLATORS]
+            there = _Linear.of(moved, point.objective).values
+            bent = linear.moved_to(there, found.step)
+            corrected = bent.step(hessian + damping * shape, objective.penalty)
             if corrected is not None:
                 trial = objective.evaluate(point.x + corrected.step)
                 if point.value - trial.value >= _ARMIJO * found.predicted:
@@ -244,11 +276,9 @@ def _updated(
     """Return the Hessian of the Lagrangian by Powell's damped update."""
     if not held:
         return hessian
-    moved = objective.followed(new, [p for p, _ in held])
-    change = sum(
-        (w * (now.slope - p.slope) for (p, w), now in zip(held, moved, strict=True)),
-        np.zeros(old.x.size),
-    )
+    before = _Linear.of([p for p, _ in held], old.objective)
+    after = _Linear.of(objective.followed(new, [p for p, _ in held]), old.objective)
+    change = np.array([w for _, w in held]) @ (after.slopes - before.slopes)
     step = new.x - old.x
     turned = hessian @ step
     curved = float(step @ turned)

@@ -39,8 +39,8 @@ class UncertainBlockSpec(Spec):
         {"name": "coupling", "kind": "real", "outputs": ["z_od"], "inputs": ["w_od"]},
         {"name": "actuator.gain.ax", "kind": "real", "lower": 0.95, "upper": 1.05,
          "outputs": ["z_act[0]"], "inputs": ["w_act[0]"]},
-        {"name": "mass", "kind": "real", "lower": 0.9, "upper": 1.2, "normalise": True,
-         "outputs": ["z_mass"], "inputs": ["w_mass"]},
+        {"name": "mass", "kind": "real", "lower": 0.9, "upper": 1.2, "nominal": 1.0,
+         "normalise": True, "outputs": ["z_mass"], "inputs": ["w_mass"]},
     )  # fmt: skip
 
     name: str = option("of the uncertainty")
@@ -62,9 +62,17 @@ class UncertainBlockSpec(Spec):
     )
     upper: float = option("'real': what the number 1 stands for", default=1.0)
     normalise: bool = option(
-        "'real': whether the models' inputs carry the deviation from the middle of lower and upper "
-        "instead: they are then multiplied with half the range",
+        "'real': whether the models' inputs carry the deviation of the value from its nominal one "
+        "instead, in its unit",
         default=False,
+    )
+    nominal: float | None = option(
+        "'real' with normalise: the value that the models have where these inputs are zero, which "
+        "the number 0 stands for; left out: the middle of lower and upper. Elsewhere the value "
+        "p = nominal + g n/(1 + c n) of a number n is no straight line but the fraction through "
+        "the three, c = (2 nominal - upper - lower)/(upper - lower), "
+        "g = (upper - nominal)(1 + c)",
+        default=None,
     )
 
     @model_validator(mode="after")
@@ -75,6 +83,19 @@ class UncertainBlockSpec(Spec):
             raise rule("lower", "only a real number has bounds; leave them out")
         if self.normalise and not {"lower", "upper"} <= self.model_fields_set:
             raise rule("normalise", "it is by lower and upper; give both, for a real number")
+        if self.nominal is not None:
+            if not self.normalise:
+                raise rule(
+                    "nominal",
+                    "the models' signals carry the number from -1 to 1 itself, whose nominal value "
+                    "is zero; leave it out, or set normalise = true",
+                )
+            if not self.lower < self.nominal < self.upper:
+                raise rule(
+                    "nominal",
+                    f"must lie between lower and upper, {self.lower:g} and {self.upper:g}, got "
+                    f"{self.nominal:g}",
+                )
         return self
 
 

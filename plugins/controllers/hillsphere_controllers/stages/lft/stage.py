@@ -177,16 +177,21 @@ def _with_blocks(
     rows: list[int] = []
     columns: list[int] = []
     sizes: list[float] = []
+    bends: list[tuple[int, int, float]] = []
     more: list[Uncertainty] = []
     times: list[int] = []
     for k, block in enumerate(blocks):
         of = places(signals.outputs[: p - models.measurements], block.outputs, f"blocks[{k}]")
         to = places(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
+        one, copies = _uncertainty(block, len(to), len(of), f"blocks[{k}]")
+        size = 0.5 * (block.upper - block.lower) if block.normalise else 1.0
+        if block.nominal is not None:
+            # A deviation g δ/(1 + c δ) of z is g w with w = δ (z − c w): see `Uncertainty`.
+            size = one.slope
+            bends += [(len(rows) + i, len(columns) + i, one.curvature) for i in range(copies)]
         rows += of
         columns += to
-        half = 0.5 * (block.upper - block.lower)
-        sizes += [half if block.normalise else 1.0] * len(to)
-        one, copies = _uncertainty(block, len(to), len(of), f"blocks[{k}]")
+        sizes += [size] * len(to)
         more.append(one)
         times.append(copies)
     if len(set(rows)) < len(rows) or len(set(columns)) < len(columns):
@@ -198,8 +203,11 @@ def _with_blocks(
     inner_out, inner_in = _inner_names(lft)
     carried = np.ones(len(across))
     carried[into : into + len(sizes)] = sizes
+    d = s.d[np.ix_(order, across)] * carried
+    for row, column, curvature in bends:
+        d[out + row, into + column] -= curvature
     system = LtiSystem(
-        s.a, s.b[:, across] * carried, s.c[order], s.d[np.ix_(order, across)] * carried, s.dt_s,
+        s.a, s.b[:, across] * carried, s.c[order], d, s.dt_s,
         _names(inner_in, signals.inputs, across, into),
         _names(inner_out, signals.outputs, order, out), signals.states,
     )  # fmt: skip
@@ -223,7 +231,7 @@ def _uncertainty(
             f"and {rows}"
         )
     if block.kind == "real":
-        return real_parameter(block.name, block.lower, block.upper), rows
+        return real_parameter(block.name, block.lower, block.upper, block.nominal), rows
     return Uncertainty(block.name, "complex", dynamic=block.dynamic), rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -26,7 +27,8 @@ class MuNeeds(Spec):
     )
     beside: tuple[Ref, ...] = need(
         "hillsphere_controllers.stages.mu_analysis.products:MuAnalysis",
-        "analyses whose curves stand before this one's in the figure of shares over frequency",
+        "analyses whose curves stand before this one's in the figure of shares over frequency; of "
+        "the same 'analyses' and 'outputs'",
         default=(),
         max_length=4,
     )
@@ -147,3 +149,24 @@ class MuAnalysisSpec(StageSpec):
         if self.reference_grid is not None and self.reference is None:
             raise rule("reference_grid", "there is no reference")
         return self
+
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield which analyses beside are of another kind or other outputs."""
+        for place, ref in enumerate(self.needs.beside):
+            other = tables.get("stage", {}).get(ref.name)
+            if not isinstance(other, MuAnalysisSpec):
+                continue
+            for key in ("analyses", "outputs"):
+                here, there = getattr(self, key), getattr(other, key)
+                if set(here) != set(there):
+                    yield (
+                        ("needs", "beside", place),
+                        f"stage {ref.name!r} has {key} = {_listed(there)}, this one "
+                        f"{_listed(here)}: its µ means something else; use the same in both",
+                    )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return "[" + ", ".join(f'"{name}"' for name in names) + "]"

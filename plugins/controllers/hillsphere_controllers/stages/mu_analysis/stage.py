@@ -58,7 +58,7 @@ class MuAnalysisStage:
         controllers : tuple of ControlDesign
             That close the loops; none for closed loops.
         beside : tuple of MuAnalysis
-            Shown beside it; not used here.
+            Shown beside it; of the same analyses and outputs.
 
         Returns
         -------
@@ -68,10 +68,11 @@ class MuAnalysisStage:
         Raises
         ------
         InputError
-            If a controller does not fit, nothing is uncertain, or nothing is left for performance
-            where it is asked for.
+            If a controller does not fit, nothing is uncertain, nothing is left for performance
+            where it is asked for, or an analysis beside is another one.
         """
         spec = self.spec
+        self._comparable(beside)
         names = _labels([ref.name for ref in spec.needs.controllers]) or ("as it is",)
         systems: list[LtiSystem | None] = [design.controller for design in controllers]
         systems = systems or [None]
@@ -143,7 +144,7 @@ class MuAnalysisStage:
     ) -> Presentation:
         """Show bounds over frequency with their certificates, worst cases, shares of blocks."""
         spec = self.spec
-        self._comparable(product, beside)
+        self._comparable(beside)
         columns = [(other, one) for other in beside for one in other.worst]
         columns += [
             (product, one)
@@ -153,17 +154,24 @@ class MuAnalysisStage:
         ]
         return presented(product, spec.reference, columns)
 
-    def _comparable(self, product: MuAnalysis, beside: tuple[MuAnalysis, ...]) -> None:
+    def _comparable(self, beside: tuple[MuAnalysis, ...]) -> None:
         """Refuse analyses beside of other outputs or another kind, whose µ would mean another."""
-        own = {(one.analysis, one.channel) for one in product.results}
-        for ref, other in zip(self.spec.needs.beside, beside, strict=True):
-            for one in other.results:
-                if (one.analysis, one.channel) not in own:
-                    what = f"{one.analysis}{f' of {one.channel!r}' if one.channel else ''}"
-                    raise InputError(
-                        f"needs.beside: {ref.name!r} has {what}, which is not analysed here; use "
-                        "the same 'analyses' and 'outputs' in both"
-                    )
+        spec = self.spec
+        own = {
+            (analysis, channel)
+            for analysis in spec.analyses
+            for channel in (spec.outputs if analysis != "robust_stability" else ()) or ("",)
+        }
+        for ref, other in zip(spec.needs.beside, beside, strict=True):
+            theirs = {(one.analysis, one.channel) for one in other.results}
+            # Of unstable loops there is nothing, which says nothing of what was asked for.
+            for analysis, channel in sorted(theirs ^ own if theirs else ()):
+                what = f"{analysis}{f' of {channel!r}' if channel else ''}"
+                told = ("has", "not ") if (analysis, channel) in theirs else ("lacks", "")
+                raise InputError(
+                    f"needs.beside: {ref.name!r} {told[0]} {what}, which is {told[1]}analysed "
+                    "here; use the same 'analyses' and 'outputs' in both"
+                )
 
     def _grid(self) -> Array:
         """Return the frequencies of what is published (K,)."""
