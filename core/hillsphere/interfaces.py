@@ -342,6 +342,23 @@ class PiecewisePlant(Protocol):
         ...
 
 
+@runtime_checkable
+class TimedPlant(Protocol):
+    """A plant that names terms of its derivative that depend on time and parameters only.
+
+    Where many lanes fly at the same times, as the sigma points of a filter do, these are computed
+    once for all of them instead of in every lane.
+    """
+
+    def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
+        """Return the terms by their names, which no parameter has.
+
+        `Plant.derivative` may find some of these names in its `p` and must then use what stands
+        there in place of its own expressions.
+        """
+        ...
+
+
 class OrbitProblem(Protocol):
     """Equations whose solutions are the periodic orbits of one family.
 

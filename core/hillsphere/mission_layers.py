@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hillsphere.problems import Key, MissionError, Problem, format_key
@@ -132,7 +132,8 @@ class Layers:
         if origin is None or place is None:
             return None
         again = f"--set {kind}.{name}=true takes it back"
-        return origin.problem((kind, name), f"this table is dropped at {place}; {again}")
+        found = origin.problem((kind, name), f"this table is dropped at {place}; {again}")
+        return replace(found, is_idle=True)
 
     def layer(self, key: Key) -> int:
         """Return 0 for what the file says itself, more for what was laid over it later."""

@@ -29,7 +29,7 @@ def linked_to(spec: Spec) -> dict[Node, Key]:
 
 
 def check_links(tables: Tables, layers: Derived) -> None:
-    """Add a problem for every reference that leads nowhere, to the wrong product or in a circle.
+    """Add a problem for every reference that leads nowhere, to what does not fit or in a circle.
 
     Parameters
     ----------
@@ -69,6 +69,8 @@ def check_links(tables: Tables, layers: Derived) -> None:
                 tables.problems.append(layers.problem((kind, name, *where), message))
         for where, product, ref in spec.needs_of():
             _check_product(product, ref.name, (kind, name, *where), tables, layers)
+        for where, message in spec.misfits(tables.specs):
+            tables.problems.append(layers.problem((kind, name, *where), message))
     for circle in _circles(edges):
         stages_only = all(kind == "stage" for kind, _ in circle)
         steps = [name if stages_only else f"{kind}.{name}" for kind, name in circle]

@@ -12,8 +12,10 @@ from functools import cached_property
 from hashlib import sha256
 from typing import Any, TypeVar
 
+import numpy as np
+
 from hillsphere.dynamics import Derivatives, StepMap, System, system, tableau
-from hillsphere.interfaces import Plant
+from hillsphere.interfaces import Array, Plant
 from hillsphere.simulation.flow import closed_system
 from hillsphere.simulation.protocols import ContinuousLaw
 
@@ -57,11 +59,49 @@ class PlantFlow:
             If the plant and the law do not fit.
         """
         if self._law is None:
-            equations = system(self._plant, controls=True)
+            equations = system(self._plant, controls=True, apart=True)
         else:
-            equations, _ = closed_system(self._plant, self._law, ())
+            equations, _ = closed_system(self._plant, self._law, (), apart=True)
         method = self._method
         return _shared(method, equations, lambda: StepMap(equations, method))
+
+    def end(self, x: Array, duration: Array, steps: int, p: Array, t0_s: Array) -> Array:
+        """Return the states (n, K) after so many steps; see `StepMap.propagate`.
+
+        Without its checks: a filter asks at each of its steps for arrays that it has made itself.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, K)
+            States.
+        duration, t0_s : ndarray, shape (K,)
+            How long and from when, s.
+        steps : int
+            Number of steps.
+        p : ndarray, shape (k, K)
+            Run-time parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, K)
+            At the end.
+
+        Raises
+        ------
+        PropagationError
+            If a lane turns non-finite.
+        """
+        h = duration / steps
+        start = here = np.ascontiguousarray(x)
+        advance = self.steps.stepper.bind(h, p)
+        there = np.empty_like(start)
+        for j in range(steps):
+            advance(here, there, t0_s + j * h)
+            here, there = there, np.empty_like(start) if here is start else here
+        if not np.isfinite(here).all():
+            # with all checks: it says of which lane, and whether it began so
+            here = self.steps.propagate(x, duration, steps, p, t0_s)
+        return here
 
     @cached_property
     def slopes(self) -> Derivatives:
@@ -74,8 +114,9 @@ def _shared(what: str, equations: System, make: Callable[[], _T]) -> _T:
     """Return what was made of equal equations before, or make it."""
     if equations.external is not None:  # its arrays are those of one plant
         return make()
-    digest = sha256("\0".join((what, *equations.run_time_names)).encode())
-    for equation in (*equations.x, *equations.rhs):
+    terms = equations.time_terms
+    digest = sha256("\0".join((what, *equations.run_time_names, *terms)).encode())
+    for equation in (*equations.x, *equations.rhs, *terms.values()):
         digest.update(sha256(pickle.dumps(equation, 5)).digest())
     key = digest.hexdigest()
     if key not in _MADE:

@@ -97,8 +97,7 @@ class PlantModel:
         duration = t1_s - t0_s
         steps = max(1, ceil(float(np.max(np.abs(duration), initial=0.0)) / self.step_s - 1e-9))
         y, p = self._entering(x, control)
-        found: Array = self._flow.steps.propagate(y, duration, steps, p, t0_s)[: self._n]
-        return found
+        return self._flow.end(y, duration, steps, p, t0_s)[: self._n]
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
         """Return roots (N, n, r) of Q; see `hillsphere.interfaces.EstimationModel`."""
@@ -109,11 +108,11 @@ class PlantModel:
             return np.zeros((cases, n, 1))
         # a case has its own number of steps, whatever its neighbours' durations
         steps = np.maximum(1, np.rint(np.abs(duration) / self.noise_step_s)).astype(int)
-        counts = np.unique(steps).tolist()
-        if len(counts) == 1:
-            return self._pushed(noise, x, t0_s, duration / counts[0], counts[0], control)
+        first = int(steps[0])
+        if (steps == first).all():
+            return self._pushed(noise, x, t0_s, duration / first, first, control)
         roots = np.zeros((cases, n, n))
-        for count in counts:
+        for count in np.unique(steps).tolist():
             own = np.flatnonzero(steps == count)
             found = self._pushed(
                 noise, x[:, own], t0_s[own], duration[own] / count, count, control[:, own]
@@ -135,18 +134,19 @@ class PlantModel:
         middles = self._middles(x, t0_s, dt, steps, control)
         turned = np.array([t0_s + (k + 0.5) * dt for k in range(steps)]).reshape(-1)
         slopes = self._flow.slopes.both(middles, None, turned)[1].reshape(n, n, steps, cases)
-        turns = np.ascontiguousarray((slopes * dt).transpose(2, 3, 0, 1))
-        entry = np.zeros((n, len(self._velocities)))
-        entry[self._velocities, np.arange(len(self._velocities))] = 1.0
+        turns = np.empty((steps, cases, n, n))
+        np.multiply(slopes.transpose(2, 3, 0, 1), dt[:, None, None], out=turns)
+        enters = self._velocities
         one = np.eye(n)
         phi: Array | None = None
         roots = []
         for k in range(steps - 1, -1, -1):
-            sigma = np.broadcast_to(noise(t0_s + k * dt), (len(self._velocities), cases))
             # ∫ e^{A s} ds B / dt = (1 + A dt/2 + A² dt²/6) B, to second order
-            first = turns[k] @ entry
-            held = entry + 0.5 * first + turns[k] @ first / 6.0
-            held *= (dt * sigma).T[:, None, :]
+            first = turns[k].take(enters, axis=2)
+            held = turns[k] @ first / 6.0
+            held += 0.5 * first
+            held[:, enters, np.arange(len(enters))] += 1.0
+            held *= (dt * noise(t0_s + k * dt)).T[:, None, :]
             roots.append(held if phi is None else phi @ held)
             if k:
                 across = one + turns[k] + 0.5 * turns[k] @ turns[k]
@@ -169,8 +169,9 @@ class PlantModel:
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         """Return what perfect sensors show; see `hillsphere.interfaces.EstimationModel`."""
+        # no case is out of range, and to look for one takes as long as the rest
         own = {
-            name: value if value.shape[-1] == 1 else np.take(value, case, axis=-1)
+            name: value if value.shape[-1] == 1 else value.take(case, axis=-1, mode="clip")
             for name, value in self._scene.items()
         }
         return self.suite.observe(x, t_s, own)

@@ -40,6 +40,8 @@ class Problem:
         It is about the list of problems, not one of them: it belongs at the end.
     user : str
         The table that suffers from it, if the value stands in another one which that is like.
+    is_idle : bool
+        It is a setting without any effect, as its table is dropped: sound where the table stays.
     """
 
     source: str
@@ -48,6 +50,7 @@ class Problem:
     message: str
     is_remark: bool = False
     user: str = ""
+    is_idle: bool = False
 
     def __str__(self) -> str:
         """Return ``file:line: key: message``."""

@@ -225,6 +225,25 @@ class Lines:
 
 
 @dataclass(frozen=True)
+class LinesToEnds(Lines):
+    """Histories of cases that do not all end at a sample, with their ends.
+
+    Parameters
+    ----------
+    names, units, case, time_s, values
+        As of `Lines`.
+    end_s : ndarray, shape (N,)
+        When a case ended after its last sample, after its first one; NaN where the last sample was
+        the end.
+    end_values : ndarray, shape (q, N)
+        The values then; NaN for what only samples have.
+    """
+
+    end_s: Array
+    end_values: Array
+
+
+@dataclass(frozen=True)
 class Ladder:
     """Points that come in groups, in each of which one thing grows.
 

@@ -242,13 +242,7 @@ def _row(outcome: BlockOutcome, case: int) -> BlockOutcome:
     told = np.flatnonzero(outcome.message_case == case)
     histories = outcome.histories
     if histories is not None:
-        histories = _without_end(
-            replace(
-                histories,
-                time_s=histories.time_s[:, found],
-                values=histories.values[:, :, found],
-            )
-        )
+        histories = _to_the_end(histories.of_cases(found))
     return BlockOutcome(
         numbers=outcome.numbers[found],
         metrics=outcome.metrics,
@@ -265,11 +259,16 @@ def _row(outcome: BlockOutcome, case: int) -> BlockOutcome:
     )
 
 
-def _without_end(histories: Histories) -> Histories:
-    """Drop the samples after the end of a single case."""
+def _to_the_end(histories: Histories) -> Histories:
+    """Drop the samples after the end of a single case, and let its end follow the last one."""
     there = np.flatnonzero(np.isfinite(histories.time_s[:, 0]))
     count = int(there[-1]) + 1 if len(there) else 0
-    return replace(histories, time_s=histories.time_s[:count], values=histories.values[:, :count])
+    time, values = histories.time_s[:count], histories.values[:, :count]
+    if histories.end_s is not None and histories.end_values is not None:
+        ended = np.flatnonzero(np.isfinite(histories.end_s))  # none, or the case
+        time = np.concatenate([time, histories.end_s[ended, None]])
+        values = np.concatenate([values, histories.end_values[:, ended, None]], axis=1)
+    return replace(histories, time_s=time, values=values, end_s=None, end_values=None)
 
 
 def _computed(

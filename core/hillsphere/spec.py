@@ -288,6 +288,22 @@ class Spec(BaseModel):
                 else:
                     yield where, self.schema_extra(name), item
 
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield (location, message) for what does not fit other tables of the mission.
+
+        A Spec whose references can be sound one by one and wrong together says so here; it is asked
+        when a mission is validated.
+
+        Parameters
+        ----------
+        tables : mapping
+            Kind → name → Spec of every sound table; one that is referred to may be missing, which
+            is told elsewhere.
+        """
+        yield from ()
+
     def bound(self, lookup: Callable[[str, str], Any]) -> Self:
         """Return a copy whose references hold their components.
 
@@ -360,10 +376,13 @@ class StageSpec(Spec):
     A stage says what it yields in `produces` (the import path of a product class) and, if it takes
     anything from earlier stages, has a field ``needs`` whose type is a Spec of `need` fields. Where
     the product class derives from others that a stage may need (``hillsphere.products:OrbitSet``),
-    `provides` lists them, so that a mission is checked without importing any of them.
+    `provides` lists them, so that a mission is checked without importing any of them. A stage that
+    campaigns repeat lists in `course` the keys, dotted, that say what its cases run along: figures
+    lay no cases over each other that differ in one of them.
     """
 
     produces: ClassVar[str] = ""
     provides: ClassVar[tuple[str, ...]] = ()
+    course: ClassVar[tuple[str, ...]] = ()
 
     figures: bool = option("whether its figures are drawn", default=True)

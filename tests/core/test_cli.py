@@ -584,6 +584,34 @@ def test_validate_checks_every_profile(hillsphere: Runner, mission: Path) -> Non
     assert hillsphere("validate", mission, "--profile", "slow").returncode == 0
 
 
+def test_a_setting_may_be_meant_for_what_a_profile_drops(hillsphere: Runner, mission: Path) -> None:
+    second = MISSION.partition("[stage.step]")[2]
+    text = f"{MISSION}\n[stage.other]{second}\n[profile.short]\nstage.other = false\n"
+    mission.write_text(text, "utf-8")
+    setting = ("--set", "stage.other.lasts_s=2")
+    done = hillsphere("validate", mission, *setting)
+    assert (done.returncode, done.stderr) == (0, "")
+    first, remark = done.stdout.splitlines()
+    assert first == f"{mission}: valid (2 stages; also with profile short)"
+    line = text.splitlines().index("stage.other = false") + 1
+    dropped = f"this table is dropped at {mission}:{line}; --set stage.other=true takes it back"
+    assert remark == f"  profile short: --set stage.other.lasts_s=… has no effect, {dropped}"
+    (shown,) = json.loads(hillsphere("validate", mission, *setting, "--json").stdout)
+    assert (shown["problems"], shown["remarks"]) == ([], [remark.strip()])
+    # What else is wrong in the profile is told, and only that.
+    mission.write_text(f"{text}stage.step.lasts_s = -1\n", "utf-8")
+    done = hillsphere("validate", mission, *setting)
+    assert done.returncode == 2
+    assert "has no effect" not in done.stderr
+    assert "stage.other" not in done.stderr
+    assert done.stderr.endswith("(with profile short)\n")
+    # With the profile itself it is a fault, told once.
+    mission.write_text(text, "utf-8")
+    done = hillsphere("validate", mission, *setting, "--profile", "short")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"--set stage.other.lasts_s=…: stage.other: {dropped}\n"
+
+
 @pytest.fixture
 def rival(hillsphere: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Install a second plugin that offers what the faulty one offers."""

@@ -274,6 +274,10 @@ def test_lines_of_a_sweep_stand_before_the_bands_of_a_campaign(hillsphere: Runne
         'lines = ["height"]\nneeds = { behind = "many" }\n'
     )
     path.write_text(text, "utf-8")
+    done = hillsphere("validate", "waves.toml")
+    assert done.returncode == 2
+    said = ": stage.few.needs.behind: stage 'many' keeps no bands; give it bands = [\"…\"], or name"
+    assert said in done.stderr
     bands = ("--set", 'stage.many.bands=["height"]', "--set", "stage.many.cases=64")
     done = hillsphere("run", "waves.toml", *bands, "--out", "out", "--workers", "0")
     assert (done.returncode, done.stderr) == (0, "")

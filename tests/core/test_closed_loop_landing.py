@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_allclose, assert_array_equal
 
 from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
@@ -411,6 +412,66 @@ def test_overtime_flies_on_until_contact() -> None:
     judged = late.run_cases(batch, reference=product)
     assert_array_equal(judged.failed, heights > 15.0)
     assert set(judged.cause) == {"impact", "late"}
+
+
+def test_histories_go_on_to_the_contact() -> None:
+    """It is between two samples: beside them, with what is known of it."""
+    heights = np.linspace(-20.0, 40.0, LANES)
+    product = descent()
+    batch = block(("offset.z",), heights)
+    made = stage(law=Idle(), overtime_s=100)
+    found = made.run_cases(batch, history=True, reference=product)
+    h = found.histories
+    assert h is not None
+    assert h.end_s is not None
+    assert h.end_values is not None
+    last = np.nanmax(h.time_s, axis=0)
+    between = np.isfinite(h.end_s)
+    assert between.sum() > LANES - 4  # but where contact is at a sample
+    assert (h.end_s[between] > last[between]).all()
+    assert_allclose(h.end_s[between], metric(found, "duration")[between], rtol=1e-13)
+    ends = dict(zip(h.names, h.end_values[:, between], strict=True))
+    assert_allclose(ends["z"], 0.0, rtol=0, atol=1e-6)
+    for name in ("position_error", "velocity_error"):
+        assert_array_equal(ends[name], metric(found, f"final_{name}")[between])
+    assert_array_equal(ends["dv"], metric(found, "dv")[between])
+    for name in ("command", "u.ax", "law.ax", "seen.z", "ref.z"):
+        assert np.isnan(ends[name]).all()
+    # Those that fly all samples have no other end; nor have those that diverged a place.
+    plain = stage(law=Idle()).run_cases(batch, history=("z",), reference=product)
+    assert plain.histories is not None
+    assert plain.histories.end_s is not None
+    whole = np.array(plain.status) == "completed"
+    assert_array_equal(np.isnan(plain.histories.end_s[whole]), True)
+
+
+def test_figures_of_a_flight_go_on_to_the_contact() -> None:
+    """30 m too high it touches a minute after the reference's end, when no sample is."""
+    product = descent()
+    start = (product.flights.x[:3, 0, 0] + [0.0, 0.0, 35.0]).tolist()
+    made = stage(Solid(), law=Idle(), overtime_s=100, start={"position_m": start})
+    flown = made.run(RecordingContext(), reference=product)
+    assert flown.status == "impact"
+    assert flown.end_s == pytest.approx(670.0)
+    assert np.nanmax(flown.time_s) == 660.0
+    shown = made.present(flown, reference=product)
+    check_presentation(shown)
+    canvas = Canvas()
+    shown.figures["closed_loop_errors"].draw(canvas)
+    drawn = [np.array(axes.lines[0].get_xydata(), dtype=float) for axes in canvas.axes]
+    for line, error in zip(drawn, ("position", "velocity"), strict=True):
+        here = line[np.isfinite(line).all(axis=1)]
+        final = flown.values[flown.metrics.index(f"final_{error}_error")]
+        assert_allclose(here[-1], [670.0 / 3600.0, final], rtol=1e-9)
+    canvas = Canvas()
+    shown.figures["closed_loop_command"].draw(canvas)
+    times = np.array(canvas.axes[0].lines[0].get_xydata(), dtype=float)[:, 0]
+    assert_allclose(times[np.isfinite(times)][-1], 670.0 / 3600.0)
+    canvas = Canvas()
+    shown.figures["closed_loop_path"].draw(canvas)
+    path = np.array(canvas.axes[0].lines[0].get_data_3d())  # type: ignore[attr-defined]
+    wanted = flown.end_x[:3] - flown.goal[:3, 0]  # less than a kilometre: from the reference
+    assert_allclose(path[:, np.isfinite(path).all(axis=0)][:, -1], wanted, rtol=1e-12)
 
 
 def test_overtime_steers_towards_the_continued_reference() -> None:

@@ -231,13 +231,18 @@ class Odd:
             return (x[1], variable("hidden"))
         if self.fault == "parameter":
             return (x[1], parameter("hidden"))
-        return (x[1], p["rate"] * sin(t) + u[0])
+        return (x[1], p.get("swing", p["rate"] * sin(t)) + u[0])
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
         return {"stop": variable("hidden")} if self.fault == "event" else {}
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
         return (variable("hidden"),) if self.fault == "switch" else ()
+
+    def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
+        if self.fault == "term":
+            return {"swing": variable("hidden")}
+        return {"rate" if self.fault == "term's name" else "swing": p["rate"] * sin(t)}
 
 
 @pytest.mark.parametrize(
@@ -251,12 +256,30 @@ class Odd:
         ("parameter", "Odd: derivative holds parameters that it did not declare: ['hidden']"),
         ("event", "Odd: events holds variables that are not states: ['hidden']"),
         ("switch", "Odd: switches holds variables that are not states: ['hidden']"),
+        ("term", "Odd: time_terms holds variables that are not states: ['hidden']"),
+        ("term's name", "Odd: time_terms are called like parameters: ['rate']"),
     ],
 )
 def test_inconsistent_plants_are_refused(fault: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        system(Odd(fault))
+        system(Odd(fault), apart=True)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+def test_terms_of_time_stand_apart(normalised: bool) -> None:
+    apart = system(Odd(), apart=True, normalised=normalised)
+    assert list(apart.time_terms) == ["swing"]
+    assert not system(Odd()).time_terms
+    # with the rate at run time the swing is no function of time alone
+    assert not system(Odd(), apart=True, run_time=["rate"]).time_terms
+    x, t = np.array([[1.0, 2.0, 3.0], [0.5, -1.0, 0.0]]), np.array([0.0, 0.7, 1.4])
+    for when in (t, np.full(3, 0.7)):
+        want = StepMap(system(Odd(), normalised=normalised)).propagate(x, 2.0, 10, None, when)
+        found = StepMap(apart).propagate(x, 2.0, 10, None, when)
+        np.testing.assert_allclose(found, want, rtol=1e-14)
+    with pytest.raises(InputError, match="derivatives need a system without terms of time"):
+        StepMap(apart, stm=True)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from hillsphere import create
 from hillsphere.dynamics import StepMap, system
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
@@ -143,6 +143,17 @@ def test_sensors_see_the_scene_of_the_case() -> None:
     assert abs(found[3, 1]) > 5e-3
     with pytest.raises(InputError, match="lacks 'sun'"):
         PlantModel(PLANT, SUITE).observe(x, np.zeros(4), case)
+
+
+def test_a_lane_that_is_lost_is_named() -> None:
+    model = PlantModel(PLANT, SUITE)
+    x, t, case = columns(START, 3), np.zeros(3), np.zeros(3, dtype=np.int64)
+    x[:, 1] = 0.0
+    with pytest.raises(PropagationError, match=r"lane 1 .*turned non-finite"):
+        model.advance(x, t, t + 600.0, NOTHING, case)
+    x[0, 1] = np.nan
+    with pytest.raises(InputError, match=r"lane 1 .*start with non-finite"):
+        model.advance(x, t, t + 600.0, NOTHING, case)
 
 
 def test_refused() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.campaign.cases import Histories
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Integers
-from hillsphere.products import Bands, Lines
+from hillsphere.products import Bands, Lines, LinesToEnds
 
 __all__ = ["Parts", "bands_of", "lines_of"]
 
@@ -85,7 +85,7 @@ def lines_of(parts: Parts, cases: Integers) -> Lines | None:
     Returns
     -------
     Lines or None
-        None if no case has a sample.
+        None if no case has a sample; `LinesToEnds` if a case has an end after its last one.
 
     Raises
     ------
@@ -100,7 +100,10 @@ def lines_of(parts: Parts, cases: Integers) -> Lines | None:
         return None
     names, units = grid.known
     whole = _gathered(parts, cases, len(names), slice(0, grid.time_s.size))
-    return Lines(names, units, cases, grid.time_s, whole)
+    end_s, end_values = _ends(parts, cases, len(names))
+    if not np.isfinite(end_s).any():
+        return Lines(names, units, cases, grid.time_s, whole)
+    return LinesToEnds(names, units, cases, grid.time_s, whole, end_s, end_values)
 
 
 def _places(numbers: Integers, cases: Integers) -> tuple[Integers, Integers]:
@@ -122,6 +125,17 @@ def _gathered(parts: Parts, cases: Integers, q: int, samples: slice) -> Array:
             flies, histories.values[:, samples][:, :, here], np.nan
         )
     return found
+
+
+def _ends(parts: Parts, cases: Integers, q: int) -> tuple[Array, Array]:
+    """Return when cases ended after their last samples (N,), and their values then (q, N)."""
+    end_s, end_values = np.full(cases.size, np.nan), np.full((q, cases.size), np.nan)
+    for numbers, histories in parts():
+        here, place = _places(numbers, cases)
+        if histories.end_s is not None and histories.end_values is not None and here.size:
+            end_s[place] = histories.end_s[here] - histories.time_s[0, here]
+            end_values[:, place] = histories.end_values[:, here]
+    return end_s, end_values
 
 
 class _Grid:

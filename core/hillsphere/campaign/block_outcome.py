@@ -161,6 +161,7 @@ def _joined_histories(parts: Sequence[BlockOutcome]) -> Histories | None:
     total = sum(len(o.numbers) for o in parts)
     time = np.full((longest, total), np.nan)
     values = np.full((len(known.names), longest, total), np.nan)
+    end, end_values = np.full(total, np.nan), np.full((len(known.names), total), np.nan)
     first = 0
     for outcome in parts:
         last = first + len(outcome.numbers)
@@ -168,8 +169,13 @@ def _joined_histories(parts: Sequence[BlockOutcome]) -> Histories | None:
             samples = len(outcome.histories.time_s)
             time[:samples, first:last] = outcome.histories.time_s
             values[:, :samples, first:last] = outcome.histories.values
+            if outcome.histories.end_s is not None and outcome.histories.end_values is not None:
+                end[first:last] = outcome.histories.end_s
+                end_values[:, first:last] = outcome.histories.end_values
         first = last
-    return replace(known, time_s=time, values=values)
+    if not np.isfinite(end).any():
+        return replace(known, time_s=time, values=values, end_s=None, end_values=None)
+    return replace(known, time_s=time, values=values, end_s=end, end_values=end_values)
 
 
 def _told(outcome: BlockOutcome) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,12 +76,39 @@ class Histories:
         Of the q quantities.
     values : ndarray, shape (q, K, N)
         Their values.
+    end_s : ndarray, shape (N,), or None
+        When a case ended that did so after its last sample; NaN where the last sample was the end.
+        None: it was so of all. Samples are at common times, ends are not.
+    end_values : ndarray, shape (q, N), or None
+        The values then; NaN for what only samples have.
     """
 
     time_s: Array
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
+    end_s: Array | None = None
+    end_values: Array | None = None
+
+    def of_cases(self, places: Integers) -> Histories:
+        """Return those of some of the cases, by their places."""
+        return replace(
+            self,
+            time_s=np.asarray(self.time_s, dtype=np.float64)[:, places],
+            values=np.asarray(self.values, dtype=np.float64)[:, :, places],
+            end_s=None if self.end_s is None else self.end_s[places],
+            end_values=None if self.end_values is None else self.end_values[:, places],
+        )
+
+    def of_quantities(self, rows: Sequence[int]) -> Histories:
+        """Return those of some of the quantities, by their places."""
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in rows),
+            units=tuple(self.units[i] for i in rows),
+            values=self.values[list(rows)],
+            end_values=None if self.end_values is None else self.end_values[list(rows)],
+        )
 
 
 @dataclass(frozen=True)

@@ -143,13 +143,7 @@ def _of_bands(
         names = matched(bands, histories.names, "bands: the history of a case")
     except InputError as error:
         raise StageError(str(error)) from error
-    rows = [histories.names.index(name) for name in names]
-    return replace(
-        histories,
-        names=names,
-        units=tuple(histories.units[i] for i in rows),
-        values=histories.values[rows],
-    )
+    return histories.of_quantities([histories.names.index(name) for name in names])
 
 
 def _rows(
@@ -183,12 +177,7 @@ def _rows(
         failed=failed,
         message_case=numbers[bad],
         messages=tuple(messages),
-        histories=kept
-        and replace(
-            kept,
-            time_s=np.asarray(kept.time_s, dtype=np.float64)[:, lanes],
-            values=np.asarray(kept.values, dtype=np.float64)[:, :, lanes],
-        ),
+        histories=kept and kept.of_cases(lanes),
         tracebacks=("",) * len(bad) if tracebacks else (),
     )
 
@@ -217,6 +206,12 @@ def _check(stage: CaseStage, results: Any, lanes: int) -> None:
             (len(histories.names), times, lanes),
             np.shape(histories.values),
         )
+        if histories.end_s is not None:
+            wanted["histories.end_s"] = ((lanes,), np.shape(histories.end_s))
+            wanted["histories.end_values"] = (
+                (len(histories.names), lanes),
+                np.asarray(histories.end_values).shape,
+            )
     wrong = [f"{k} {got}, not {must}" for k, (must, got) in wanted.items() if got != must]
     if wrong:
         raise StageError(f"{what} returned arrays of wrong shape: " + "; ".join(wrong))

@@ -9,8 +9,9 @@ import numpy as np
 from hillsphere.campaign.band_figures import MOST_PANELS, draw_bands
 from hillsphere.campaign.figures import grid_of, grid_size, labelled, legend_below
 from hillsphere.history import time_unit
+from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure
-from hillsphere.products import Bands, CaseTable, Lines
+from hillsphere.products import Bands, CaseTable, Lines, LinesToEnds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ def line_figure(table: CaseTable, lines: Lines, bands: Bands | None) -> Figure:
     """
     total = len(lines.names)
     count = min(total, MOST_PANELS)
-    caption = "Each line is a case, at times after its first sample."
+    caption = "Each line is a case, at times after its first sample and to its end."
     if bands is not None:
         caption += " Behind: the bands of the campaign with random cases."
     if count < total:
@@ -73,7 +74,19 @@ def _panel(
     kinds = (("case", ~failed, "black", "-"), ("failed case", failed, "vermillion", "--"))
     for name, which, colour, style in kinds:
         for place, k in enumerate(np.flatnonzero(which).tolist()):
+            time_s, values = _course(lines, quantity, k)
             axes.plot(
-                lines.time_s / scale, lines.values[quantity, :, k], style, color=PALETTE[colour],
+                time_s / scale, values, style, color=PALETTE[colour],
                 lw=_THIN, alpha=_FAINT, label=name if place == 0 else None,
             )  # fmt: skip
+
+
+def _course(lines: Lines, quantity: int, k: int) -> tuple[Array, Array]:
+    """Return times (K,) and values (K,) of one line, to its end."""
+    time_s, values = lines.time_s, lines.values[quantity, :, k]
+    if not isinstance(lines, LinesToEnds) or not np.isfinite(lines.end_s[k]):
+        return time_s, values
+    before = time_s < lines.end_s[k]
+    return np.append(time_s[before], lines.end_s[k]), np.append(
+        values[before], lines.end_values[quantity, k]
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
@@ -169,7 +170,8 @@ class SweepNeeds(Spec):
     )
     behind: Ref | None = need(
         "hillsphere.products:CaseTable",
-        "with lines: a campaign of the same flight whose bands are drawn behind them",
+        "with lines: a campaign of the same flight, along the same reference by the same plant, "
+        "whose bands are drawn behind them",
         default=None,
     )
 
@@ -245,6 +247,66 @@ class SweepSpec(CampaignSpec):
             elif self.design == "grid" and values.points is None:
                 raise _rule("over", f"{name}: a grid needs the number of points")
         return self
+
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield what keeps the campaign behind from being one of the same flight."""
+        behind, stages = self.needs.behind, tables.get("stage", {})
+        other = None if behind is None else stages.get(behind.name)
+        if behind is not None and isinstance(other, CampaignSpec):
+            for message in self._not_behind(behind.name, other, stages):
+                yield ("needs", "behind"), message
+
+    def _not_behind(
+        self, name: str, other: CampaignSpec, stages: Mapping[str, Spec]
+    ) -> Iterator[str]:
+        """Yield what is wrong with a campaign of this name behind the lines."""
+        if isinstance(other, SweepSpec):
+            yield f"stage {name!r} is a sweep, which has no bands; name a monte_carlo that has some"
+        elif isinstance(other, MonteCarloSpec) and not other.bands:
+            yield f'stage {name!r} keeps no bands; give it bands = ["…"], or name one that does'
+        flights = [spec.repeat.name for spec in (self, other)]
+        own, theirs = (stages.get(flight) for flight in flights)
+        if not isinstance(own, StageSpec) or not isinstance(theirs, StageSpec):
+            return
+        if type(own) is not type(theirs):
+            yield (
+                f"stage {name!r} repeats {flights[1]!r}, a stage of another type than "
+                f"{flights[0]!r}; name a campaign of the same flight"
+            )
+            return
+        for key in own.course:
+            there = _value(theirs, key)
+            for here in self._taken(key, flights[0], _value(own, key)):
+                if here != there:
+                    yield (
+                        f"stage {name!r} is of another flight: {key} is {_told(there)} in its "
+                        f"stage {flights[1]!r}, but {_told(here)} in {flights[0]!r} here; name a "
+                        f"campaign that repeats {flights[0]!r}, or give both the same {key}"
+                    )
+                    break
+
+    def _taken(self, key: str, flight: str, own: Any) -> tuple[Any, ...]:
+        """Return the values that a key of the repeated stage takes: its own, or what is swept."""
+        for swept in (f"repeat.{key}", f"stage.{flight}.{key}"):
+            if (values := self.over.get(swept)) is not None:
+                return (values,) if isinstance(values, RangeSpec) else values
+        return (own,)
+
+
+def _value(spec: Spec, key: str) -> Any:
+    """Return what stands at a dotted key, a reference as its name; None if nothing does."""
+    found: Any = spec
+    for part in key.split("."):
+        found = getattr(found, part, None)
+    return found.name if isinstance(found, Ref) else found
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, RangeSpec):
+        return "swept"
+    return "left out" if value is None or value == "" else repr(value)
 
 
 def _rule(key: str, text: str) -> PydanticCustomError:

@@ -66,21 +66,26 @@ def validate(
     for name in missions:
         problems: list[dict[str, Any]] = []
         told = ""
+        idle: list[str] = []
         try:
             loaded = load(name, sets, profile, registry, allow_path)
             if profile is None:
-                _check_profiles(loaded, name, sets, registry, allow_path)
+                idle = _check_profiles(loaded, name, sets, registry, allow_path)
         except InputError as error:
             told = str(error)
             problems = [_problem(problem) for problem in getattr(error, "problems", ())]
             problems = problems or [_problem(told)]
-        results.append({"mission": name, "valid": not problems, "problems": problems})
+        results.append(
+            {"mission": name, "valid": not problems, "problems": problems, "remarks": idle}
+        )
         if json:
             continue
         if problems:
             say(told)
         else:
             write(f"{name}: valid ({_extent(loaded)})")
+            for remark in idle:
+                write(f"  {remark}")
     if json:
         write_json(results)
     return ExitCode.SUCCESS if all(r["valid"] for r in results) else ExitCode.BAD_INPUT
@@ -186,22 +191,32 @@ def _problem(problem: Problem | str) -> dict[str, Any]:
 
 def _check_profiles(
     mission: Mission, name: str, sets: list[str] | None, registry: Registry, allow_path: bool
-) -> None:
-    """Raise `MissionError` with what is wrong under any profile of a mission sound without one."""
+) -> list[str]:
+    """Raise `MissionError` with what is wrong under any profile of a mission sound without one.
+
+    A setting may be meant for what a profile drops; which ones are is returned, as sentences.
+    """
     from hillsphere.problems import MissionError
 
     found: dict[Problem, list[str]] = {}
+    idle: list[str] = []
     for profile in mission.profiles:
         try:
             load(name, sets, profile, registry, allow_path)
         except MissionError as error:
             for problem in error.problems:
-                found.setdefault(problem, []).append(profile)
+                if problem.is_idle:
+                    idle.append(
+                        f"profile {profile}: {problem.source} has no effect, {problem.message}"
+                    )
+                else:
+                    found.setdefault(problem, []).append(profile)
     if found:
         raise MissionError(
             replace(problem, message=f"{problem.message} (with profile {', '.join(profiles)})")
             for problem, profiles in found.items()
         )
+    return idle
 
 
 def _extent(mission: Mission) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.ndimage import zoom
 
+from hillsphere.closed_loop.histories import NOWHERE
 from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.interfaces import Array
@@ -39,11 +40,17 @@ def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec)
     bottom.set_ylabel("speed [m/s]")
     bottom.set_xlabel(label)
     counted = time >= time[0] + _in_units(spec.errors_from_s, product)
+    final = dict(zip(product.metrics, product.values.tolist(), strict=True))
     for axes, error, limit, required in (
-        (top, product.position_error_m, limits.position_error_m, require.largest_position_error_m),
+        (
+            top,
+            _to_the_end(product, product.position_error_m, final["final_position_error"]),
+            limits.position_error_m,
+            require.largest_position_error_m,
+        ),
         (
             bottom,
-            product.velocity_error_m_s,
+            _to_the_end(product, product.velocity_error_m_s, final["final_velocity_error"]),
             limits.velocity_error_m_s,
             require.largest_velocity_error_m_s,
         ),
@@ -89,12 +96,13 @@ def draw_path(figure: Figure, product: ClosedLoopFlight) -> None:
     """Draw the paths in space, and the body if it has a surface."""
     axes: Any = figure.add_subplot(projection="3d")
     rows = np.array(product.position_rows).reshape(-1, 3)
-    both = np.concatenate([product.x[rows], product.goal[rows]], axis=2) / 1e3
+    x = _to_the_end(product, product.x, product.end_x)
+    both = np.concatenate([x[rows], product.goal[rows]], axis=2) / 1e3
     span = float(np.max(np.nanmax(both, axis=2) - np.nanmin(both, axis=2)))
     near = span < _FAR_KM
     for i, vector in enumerate(rows):
         colour = PALETTE[_COLOURS[i % len(_COLOURS)]]
-        path, goal = product.x[vector], product.goal[vector]
+        path, goal = x[vector], product.goal[vector]
         if near:
             path, goal = path - goal[:, :1], goal - goal[:, :1]
         else:
@@ -127,7 +135,8 @@ def has_accelerations(product: ClosedLoopFlight) -> bool:
 def draw_accelerations(figure: Figure, product: ClosedLoopFlight) -> None:
     """Draw the path over the body, with the accelerations at some of its samples."""
     assert product.feedforward is not None
-    path = product.x[list(product.position_rows)] / 1e3
+    x = _to_the_end(product, product.x, product.end_x)
+    path = x[list(product.position_rows)] / 1e3
     flown = np.flatnonzero(np.isfinite(product.own[0]) & np.isfinite(path[0, :-1]))
     at = flown[np.unique(np.linspace(0, len(flown) - 1, _ARROWS).round().astype(int))]
     own, feed = product.own[:, at], product.feedforward[:, at]
@@ -176,7 +185,23 @@ def _show_with_body(axes: Any, product: ClosedLoopFlight, points: Array) -> None
 def _time(product: ClosedLoopFlight) -> tuple[Array, str]:
     """Return times since the start in hours or days, and the label of their axis."""
     unit = "days" if _is_long(product) else "h"
-    return _in_units(product.time_s - product.time_s[0], product), f"time [{unit}]"
+    time_s = _to_the_end(product, product.time_s, product.end_s) - product.time_s[0]
+    return _in_units(time_s, product), f"time [{unit}]"
+
+
+def _to_the_end(product: ClosedLoopFlight, samples: Array, end: Array | float) -> Array:
+    """Return values (…, K + 1) at the samples, and after the last one those at the end.
+
+    A flight that an event or a limit ended between two samples went on beyond the last one.
+    """
+    count = int(np.isfinite(product.time_s).sum())
+    if product.status in NOWHERE or not 0 < count < len(product.time_s):
+        return samples
+    if not product.end_s > product.time_s[count - 1]:
+        return samples
+    made = samples.copy()
+    made[..., count] = end
+    return made
 
 
 def _in_units(seconds: Any, product: ClosedLoopFlight) -> Any:

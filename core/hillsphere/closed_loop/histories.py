@@ -6,20 +6,25 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.campaign.cases import Histories, kept_histories
 from hillsphere.closed_loop.course import Rows
 from hillsphere.interfaces import Array
-from hillsphere.simulation import History
+from hillsphere.simulation import Flights
 from hillsphere.simulation.flow import thrust_vectors
 
-__all__ = ["histories_of"]
+__all__ = ["NOWHERE", "ended_between", "histories_of"]
+
+NOWHERE = ("diverged", "step_size", "time_limit")
+"""Statuses of flights that came to no end of their own: where they were last is no place."""
 
 
 def histories_of(
-    history: History,
+    flights: Flights,
     rows: Rows,
     goal: Array,
+    goal_end: Array,
     seen: Sequence[int],
     commands: Sequence[str],
     state_units: Sequence[str],
@@ -30,12 +35,14 @@ def histories_of(
 
     Parameters
     ----------
-    history : History
-        All that was kept.
+    flights : Flights
+        With all that was kept.
     rows : Rows
         Of the plant.
     goal : ndarray, shape (n, K + 1)
-        The reference.
+        The reference at the samples.
+    goal_end : ndarray, shape (n, N)
+        And when each flight ended.
     seen : sequence of int
         States that the law sees.
     commands, command_units : sequence of str
@@ -51,9 +58,19 @@ def histories_of(
         The states by their names; ``seen.STATE`` and ``ref.STATE``; what is done, ``u.ROW``, and
         what the law commands by itself, ``law.ROW``; the distance and the speed from the reference,
         ``position_error`` and ``velocity_error``; the size of what the law commands by itself,
-        ``command``; and the Δv spent until then, ``dv``.
+        ``command``; and the Δv spent until then, ``dv``. A flight that an event or a limit ended
+        between two samples has an end, with its states, deviations and Δv then.
     """
+    history = flights.history
+    assert history is not None
     states = rows.names
+    final = dict(zip(states, flights.x, strict=True))
+    gap = flights.x - goal_end
+    final |= {
+        "position_error": rows.distance(gap),
+        "velocity_error": rows.speed(gap),
+        "dv": flights.dv_m_s,
+    }
     made: dict[str, tuple[str, Callable[[], Array]]] = {
         name: (unit, partial(np.asarray, history.x[i]))
         for i, (name, unit) in enumerate(zip(states, state_units, strict=True))
@@ -69,12 +86,32 @@ def histories_of(
     made["command"] = command_units[0], partial(_size, history.own)
     made["dv"] = "m/s", partial(np.asarray, history.dv_m_s)
     names = kept_histories(wanted, tuple(made))
+    ended = ended_between(flights, history.time_s)
+    nothing = np.full(len(ended), np.nan)
+    ends = np.array([final.get(name, nothing) for name in names]).reshape(len(names), len(ended))
     return Histories(
         history.time_s,
         names,
         tuple(made[name][0] for name in names),
         np.array([made[name][1]() for name in names]),
+        np.where(ended, flights.time_s, np.nan),
+        np.where(ended, ends, np.nan),
     )
+
+
+def ended_between(flights: Flights, time_s: Array) -> NDArray[np.bool_]:
+    """Return which (N,) flights an event or a limit ended after their last sample.
+
+    Parameters
+    ----------
+    flights : Flights
+        How they ended.
+    time_s : ndarray, shape (K + 1, N)
+        Times of their samples; NaN after the end.
+    """
+    sound = np.array([status not in NOWHERE for status in flights.status], dtype=np.bool_)
+    last = np.fmax.reduce(time_s, axis=0, initial=-np.inf)
+    return np.asarray(sound & np.isfinite(last) & (flights.time_s > last))
 
 
 def _whole(values: Array) -> Array:

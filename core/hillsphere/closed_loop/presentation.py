@@ -68,7 +68,7 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
         "closed_loop_errors": Figure(
             "Distance and speed from the reference",
             lambda canvas: draw_errors(canvas, product, spec),
-            "True deviations at the samples; dashed: limits and requirements.",
+            "True deviations at the samples and at the end; dashed: limits and requirements.",
         ),
         "closed_loop_command": Figure(
             "Command",

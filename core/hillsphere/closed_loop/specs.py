@@ -208,6 +208,7 @@ class ClosedLoopSpec(StageSpec):
     """
 
     produces = "hillsphere.closed_loop.products:ClosedLoopFlight"
+    course = ("plant", "needs.reference", "follow", "target", "duration_s", "samples")
     examples = (
         {
             "plant": "hill",

@@ -392,19 +392,20 @@ class ClosedLoopStage:
             status,
             cause,
             failed,
-            self._histories(loop, flights, history),
+            self._histories(loop, flights, goal, history),
         )
 
     def _histories(
-        self, loop: _Loop, flights: Flights, history: bool | Sequence[str]
+        self, loop: _Loop, flights: Flights, goal_end: Array, history: bool | Sequence[str]
     ) -> Histories | None:
         """Return what was kept of the quantities that are wanted."""
         if flights.history is None or not history:
             return None
         return histories_of(
-            flights.history,
+            flights,
             self.rows,
             loop.goal,
+            goal_end,
             self._seen,
             self.commands,
             [unit_of(v) for v in self.plant.states],

@@ -95,14 +95,13 @@ class ArrayFunction:
         cases = inputs.shape[1]
         if self._terms is not None:
             given = np.zeros(0) if p is None and not self.n_par else p
-            times = np.broadcast_to(np.asarray(t, float), (cases,))
-            values = self._terms(inputs, times, spread(given, self.n_par, cases, "p"))
+            values = self._terms(inputs, each(t, cases), spread(given, self.n_par, cases, "p"))
             inputs = np.concatenate([inputs, values])
         options: dict[str, Any] = {}
         if self._function.nparams:
             options["pars"] = spread(p, self.n_par, cases, "p")[: self._function.nparams]
         if self._function.is_time_dependent:
-            options["time"] = np.ascontiguousarray(np.broadcast_to(np.asarray(t, float), (cases,)))
+            options["time"] = each(t, cases)
         result: Array = self._function(inputs, **options)
         return result[:, 0] if single else result
 
@@ -116,4 +115,14 @@ def spread(values: ArrayLike | None, rows: int, cases: int, name: str) -> Array:
         array = array[:, None]
     if array.shape[0] != rows or array.shape[1] not in (1, cases):
         raise InputError(f"{name} must be ({rows},) or ({rows}, {cases}), got {array.shape}")
+    if array.shape[1] == cases:
+        return np.ascontiguousarray(array)
     return np.ascontiguousarray(np.broadcast_to(array, (rows, cases)))
+
+
+def each(t: ArrayLike, cases: int) -> Array:
+    """Bring times given as a number or (N,) to a contiguous (N,)."""
+    array = np.asarray(t, dtype=float)
+    if array.shape != (cases,):  # numpy takes longer to broadcast than a small function to compute
+        array = np.broadcast_to(array, (cases,))
+    return np.ascontiguousarray(array)

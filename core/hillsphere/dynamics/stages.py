@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from hillsphere._heyoka import heyoka as _hy
 from hillsphere.compile_cache import kept_function
+from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.system import System
 from hillsphere.dynamics.tableaux import Tableau
 from hillsphere.dynamics.variational import Derivatives, variational_equations
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.symbolic import Expr, parameter, substitute, sum_of
+from hillsphere.symbolic import Expr, parameter, substitute, sum_of, variable
 
 __all__ = ["ArrayStages", "CompiledStep", "Stepper"]
 
@@ -42,6 +44,9 @@ class CompiledStep:
     stages, and a step costs one call. Step and run-time parameters are parameters of the
     function; time enters stage i as t + c_i h.
 
+    Terms of time alone that stand apart from the equations are further parameters, one for each
+    different c_i. They are computed before each step: once, if all lanes are at the same time.
+
     Parameters
     ----------
     system : System
@@ -64,6 +69,10 @@ class CompiledStep:
         parameters: Sequence[str],
         compact: bool,
     ) -> None:
+        if derivatives and system.time_terms:
+            raise InputError("derivatives need a system without terms of time that stand apart")
+        self._terms = _TimeTerms(system, tableau) if system.time_terms else None
+
         def compiled() -> Any:
             y, rate = (
                 variational_equations(system, parameters) if derivatives else (system.x, system.rhs)
@@ -74,7 +83,9 @@ class CompiledStep:
             numbered = {parameter(name): _hy.par[i] for i, name in enumerate(names)}
             if numbered:
                 rate = substitute(rate, numbered)
-            return _hy.cfunc(_compose(y, rate, tableau, h), vars=list(y), compact_mode=compact)
+            held = self._terms.at_nodes(len(names) + 1) if self._terms else {}
+            step = _compose(y, rate, tableau, h, held)
+            return _hy.cfunc(step, vars=list(y), compact_mode=compact)
 
         n = len(system.x)
         self.rows = n + n * (n + len(parameters)) if derivatives else n
@@ -85,13 +96,16 @@ class CompiledStep:
             "derivatives": derivatives,
             "parameters": list(parameters),
             "compact": compact,
+            "time_terms": list(system.time_terms),
         }
         self._function: Any = kept_function(options, (*system.x, *system.rhs), compiled)
-        self.needs_time: bool = self._function.is_time_dependent
+        self.needs_time: bool = self._function.is_time_dependent or self._terms is not None
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
-        function = self._function
+        function, terms = self._function, self._terms
+        if terms is not None:
+            return self._bound(terms, h, p)
         options: dict[str, Any] = {}
         if function.nparams:
             options["pars"] = np.concatenate([p, h[None]])[: function.nparams]
@@ -99,12 +113,69 @@ class CompiledStep:
             return lambda y, out, t: function(y, out, **options)
         return lambda y, out, t: function(y, out, time=t, **options)
 
+    def _bound(self, terms: _TimeTerms, h: Array, p: Array) -> Advance:
+        function, first = self._function, len(p) + 1
+        pars = np.empty((first + terms.rows, len(h)))
+        pars[: first - 1], pars[first - 1] = p, h
+        used, moving = pars[: function.nparams], function.is_time_dependent
+        together = terms.same(h)
 
-def _compose(y: Sequence[Expr], rate: Sequence[Expr], tableau: Tableau, h: Expr) -> list[Expr]:
-    """Return the state after one step as expressions of the state before it."""
+        def advance(y: Array, out: Array, t: Array) -> None:
+            some = slice(1) if together and terms.same(t) else slice(None)
+            pars[first:] = terms(t[some], h[some])
+            options = {"time": t} if moving else {}
+            function(y, out, pars=used, **options)
+
+        return advance
+
+
+class _TimeTerms:
+    """Terms of time alone at the nodes of a formula."""
+
+    def __init__(self, system: System, tableau: Tableau) -> None:
+        self._names = list(system.time_terms)
+        self._nodes = np.unique(tableau.c)
+        when = variable("when")
+        terms = substitute(tuple(system.time_terms.values()), {_hy.time: when})
+        self._function = ArrayFunction(terms, [when])
+        self.rows = len(self._names) * len(self._nodes)
+
+    def at_nodes(self, first: int) -> dict[float, dict[Expr, Expr]]:
+        """Return what stands for the terms at each node: parameters numbered from `first`."""
+        nodes = self._nodes.tolist()
+        return {
+            node: {
+                parameter(name): _hy.par[first + j * len(nodes) + i]
+                for j, name in enumerate(self._names)
+            }
+            for i, node in enumerate(nodes)
+        }
+
+    def __call__(self, t: Array, h: Array) -> Array:
+        """Return their values (rows, N) in steps h (N,) from times t (N,)."""
+        times = self._nodes[:, None] * h + t
+        return self._function(times.reshape(1, -1)).reshape(self.rows, len(t))
+
+    @staticmethod
+    def same(values: Array) -> bool:
+        """Whether all lanes have the same."""
+        return bool((values == values[:1]).all())
+
+
+def _compose(
+    y: Sequence[Expr],
+    rate: Sequence[Expr],
+    tableau: Tableau,
+    h: Expr,
+    held: Mapping[float, Mapping[Expr, Expr]],
+) -> list[Expr]:
+    """Return the state after one step as expressions of the state before it.
+
+    `held` says of each node what terms of time are there; it is empty if none stand apart.
+    """
     slopes: list[tuple[Expr, ...]] = []
     for i, node in enumerate(tableau.c.tolist()):
-        table: dict[Expr, Expr] = {}
+        table: dict[Expr, Expr] = dict(held.get(node, {}))
         for j, state in enumerate(y):
             terms = [w * slopes[m][j] for m, w in _weights(tableau.a[i])]
             if terms:

@@ -20,6 +20,7 @@ from hillsphere.interfaces import (
     Parameter,
     PiecewisePlant,
     Plant,
+    TimedPlant,
     Variable,
 )
 from hillsphere.symbolic import (
@@ -93,6 +94,9 @@ class System:
     event_terms : tuple of (tuple of Expr, Terms), or None
         Variables of the events that are functions of arrays (see `ExternalEvents`), and what gives
         their values, SI, from states and times in the system's units.
+    time_terms : mapping of str to Expr
+        Functions of the system's time alone that stand in the right-hand side as parameters of
+        these names, in no row of `p` (see `TimedPlant`).
     """
 
     states: tuple[Variable, ...]
@@ -109,6 +113,7 @@ class System:
     external: External | None = None
     switches: tuple[Expr, ...] = ()
     event_terms: tuple[tuple[Expr, ...], Terms] | None = None
+    time_terms: Mapping[str, Expr] = field(default_factory=dict)
 
     @property
     def run_time_names(self) -> tuple[str, ...]:
@@ -168,6 +173,7 @@ def system(
     run_time: Sequence[str] = (),
     normalised: bool = False,
     controls: bool = False,
+    apart: bool = False,
 ) -> System:
     """Make a system of equations of a plant.
 
@@ -184,6 +190,9 @@ def system(
     controls : bool
         Whether the controls follow as further run-time parameters, ``"u:" + name``, SI; otherwise
         they are zero.
+    apart : bool
+        Whether terms that depend on time alone stand apart from the right-hand side, in
+        `System.time_terms`, for a step map without derivatives of lanes that share their times.
 
     Returns
     -------
@@ -209,17 +218,21 @@ def system(
         for q in plant.parameters()
     }
     u = tuple(parameter(CONTROL + v.name) if controls else constant(0.0) for v in plant.controls)
-    rhs = tuple(plant.derivative(x, u, time, p))
+    outside = plant if isinstance(plant, ExternalInputs) and plant.external else None
+    terms = _time_terms(plant, p) if apart and outside is None else {}
+    rhs = tuple(plant.derivative(x, u, time, {**p, **{name: parameter(name) for name in terms}}))
     if len(rhs) != len(x):
         raise InputError(f"{kind}: {len(x)} states but {len(rhs)} derivatives")
-    outside = plant if isinstance(plant, ExternalInputs) and plant.external else None
     externals = tuple(variable(v.name) for v in outside.external) if outside else ()
     watched = plant if isinstance(plant, ExternalEvents) and plant.event_terms else None
     on_events = tuple(variable(v.name) for v in watched.event_terms) if watched else ()
     events = dict(plant.events(x, time, p))
     switches = tuple(plant.switches(x, time, p)) if isinstance(plant, PiecewisePlant) else ()
     integral = plant.integral(x, p) if isinstance(plant, ConservedQuantity) else None
-    _check_symbols(kind, "derivative", rhs, names + variable_names(externals), chosen)
+    known = chosen | set(terms)
+    _check_symbols(kind, "derivative", rhs, names + variable_names(externals), known)
+    _check_symbols(kind, "time_terms", tuple(terms.values()), (), set())
+    terms = {name: terms[name] for name in parameter_names(rhs) if name in terms}
     in_events = names + variable_names(on_events)
     _check_symbols(kind, "events", tuple(events.values()), in_events, chosen)
     _check_symbols(kind, "switches", switches, names, chosen)
@@ -238,6 +251,7 @@ def system(
         )
         events = dict(zip(events, substitute(tuple(events.values()), to_si), strict=True))
         switches = substitute(switches, to_si)
+        terms = {name: substitute([e], to_si)[0] for name, e in terms.items()}
         if integral is not None and isinstance(plant, ConservedQuantity):
             size = float(scales.of([plant.integral_variable])[0])
             integral = substitute([integral], to_si)[0] / size
@@ -257,7 +271,16 @@ def system(
         external=_external(outside, arguments) if outside else None,
         switches=switches,
         event_terms=_event_terms(watched, on_events, arguments) if watched else None,
+        time_terms=terms,
     )
+
+
+def _time_terms(plant: Plant, p: Params) -> dict[str, Expr]:
+    """Return what a plant computes of time and constants alone."""
+    terms = plant.time_terms(time, p) if isinstance(plant, TimedPlant) else {}
+    if clash := sorted(set(terms) & set(p)):
+        raise InputError(f"{type(plant).__name__}: time_terms are called like parameters: {clash}")
+    return {name: e for name, e in terms.items() if not parameter_names([e])}
 
 
 def _run_time(plant: Plant, names: Sequence[str], controls: bool) -> tuple[Parameter, ...]:

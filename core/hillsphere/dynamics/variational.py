@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.dynamics.compiled import ArrayFunction
+from hillsphere.dynamics.compiled import ArrayFunction, each
 from hillsphere.dynamics.system import System
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -156,8 +156,7 @@ class Derivatives:
         if states.ndim != 2 or len(states) != self._n:
             raise InputError(f"x must be ({self._n}, N), got {states.shape}")
         cases = states.shape[1]
-        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), (cases,)))
-        return states, self._system.parameters(p, cases), times
+        return states, self._system.parameters(p, cases), each(t, cases)
 
 
 def _check(system: System, parameters: Sequence[str]) -> None:

@@ -84,7 +84,7 @@ def velocity_rows(plant: Plant) -> list[int]:
 
 
 def closed_system(
-    plant: Plant, law: ContinuousLaw, run_time: Sequence[str]
+    plant: Plant, law: ContinuousLaw, run_time: Sequence[str], *, apart: bool = False
 ) -> tuple[System, tuple[Expr, ...]]:
     r"""Put a continuous law into the equations of a plant, SI.
 
@@ -96,6 +96,8 @@ def closed_system(
         m equations with q inputs.
     run_time : sequence of str
         Run-time parameters of the plant.
+    apart : bool
+        As for `hillsphere.dynamics.system`.
 
     Returns
     -------
@@ -112,7 +114,7 @@ def closed_system(
     InputError
         If numbers or names do not fit.
     """
-    base = system(plant, run_time=run_time, controls=True)
+    base = system(plant, run_time=run_time, controls=True, apart=apart)
     names = [v.name for v in base.states]
     own = [v.name for v in law.states]
     what = type(law).__name__

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from hillsphere.dynamics import StepMap, System, system
 from hillsphere.frames import frame
 from hillsphere.interfaces import Array
-from hillsphere.symbolic import jacobian
+from hillsphere.symbolic import jacobian, parameter, substitute
 from hillsphere.testing.contract import check_close, derivative_by_differences, require
 
 __all__ = ["check_plant"]
@@ -51,7 +51,8 @@ def check_plant(
         - the exact Jacobian agrees with sixth-order differences;
         - events are finite;
         - a declared integral of motion is conserved along the flight to 1e-10;
-        - each declared mirror is a symmetry of the equations.
+        - each declared mirror is a symmetry of the equations;
+        - declared terms of time, given to the derivative, leave it the same.
     """
     what = type(plant).__name__
     states = np.ascontiguousarray(x, dtype=float)
@@ -73,6 +74,7 @@ def check_plant(
         _check_jacobian(what, flow, scaled, tol)
         _check_mirrors(what, flow, scaled, tol)
         _check_inputs(what, plant, states)
+        _check_time_terms(what, plant, states)
     events = list(flow.events.values())
     if events:
         values = flow.function(*events)(scaled)
@@ -115,6 +117,18 @@ def _check_mirrors(what: str, flow: System, x: Array, tol: float) -> None:
         # A time reversal S: if x(t) is a flight, so is S x(−t), hence f(S x) = −S f(x).
         size = np.abs(here).max(axis=0)
         check_close(f"{what}: mirror {name!r}", rhs(flip * x), -flip * here, size, tol)
+
+
+def _check_time_terms(what: str, plant: Any, x: Array) -> None:
+    whole, apart = system(plant), system(plant, apart=True)
+    if not apart.time_terms:
+        return
+    terms = {parameter(name): e for name, e in apart.time_terms.items()}
+    rejoined = whole.function(*substitute(apart.rhs, terms))
+    t = np.linspace(-1.0, 1.0, x.shape[1]) * plant.scales.time_s
+    want = whole.function(*whole.rhs)(x, None, t)
+    size = np.abs(want).max(axis=1)[:, None]
+    check_close(f"{what}: derivative with terms of time", rejoined(x, None, t), want, size, 1e-12)
 
 
 def _check_inputs(what: str, plant: Any, x: Array) -> None:

@@ -9,7 +9,7 @@ near all of them, so that they, too, are safe at the turn of an angle.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,11 +40,12 @@ class Layout:
     directions: tuple[int, ...]
     blocks: tuple[slice, ...]
 
-    @property
+    @cached_property
     def real(self) -> NDArray[np.bool_]:
         """Which rows of a difference are not empty, (m,)."""
         real = np.ones(self.rows, dtype=bool)
         real[[row + 2 for row in self.directions]] = False
+        real.flags.writeable = False
         return real
 
     def difference(self, a: Array, b: Array) -> Array:
@@ -63,7 +64,9 @@ class Layout:
         off = np.asarray(a - b)
         if self.angles:
             rows = list(self.angles)
-            off[rows] -= 2.0 * np.pi * np.rint(off[rows] / (2.0 * np.pi))
+            turns = np.rint(off[rows] / (2.0 * np.pi))
+            if turns.any():
+                off[rows] -= 2.0 * np.pi * turns
         for row in self.directions:
             own = slice(row, row + 3)
             first, second = across(b[own])

@@ -44,23 +44,33 @@ class Expected:
         total = np.swapaxes(self.linear, 1, 2) @ self.linear
         if self.bent.shape[1]:
             total += np.swapaxes(self.bent, 1, 2) @ self.bent
-        rows = np.arange(total.shape[1])
-        total[:, rows, rows] += 1.0
+        cases, m, _ = total.shape
+        total.reshape(cases, m * m)[:, :: m + 1] += 1.0
         return np.asarray(total)
 
-    def innovation(self, sigma: Array) -> Innovation:
-        """Return it in SI, with standard deviations sigma (m, N) of the noise."""
+    def innovation(self, sigma: Array, nis: Array | None = None) -> Innovation:
+        """Return it in SI.
+
+        Parameters
+        ----------
+        sigma : ndarray, shape (m, N)
+            Standard deviations of the noise.
+        nis : ndarray, shape (N,), optional
+            Normalised innovation squared, where the update has found it; else it is found here.
+
+        Returns
+        -------
+        Innovation
+            Of the measurements.
+        """
         covariance = self.covariance()
-        solved = np.linalg.solve(covariance, self.residual[:, :, None])[:, :, 0]
+        if nis is None:
+            solved = np.linalg.solve(covariance, self.residual[:, :, None])[:, :, 0]
+            nis = np.sum(solved * self.residual, axis=1)
         unit = np.where((sigma > 0.0) & (sigma < np.inf), sigma, 1.0).T
         covariance *= unit[:, :, None]
         covariance *= unit[:, None]
-        return Innovation(
-            (self.residual * unit).T,
-            covariance,
-            self.used,
-            np.sum(solved * self.residual, axis=1),
-        )
+        return Innovation((self.residual * unit).T, covariance, self.used, nis)
 
     def without(self, used: NDArray[np.bool_]) -> Expected:
         """Return it with fewer rows used."""
@@ -107,12 +117,13 @@ def whitened(
     Expected
         In units of the noise.
     """
-    values = np.where(measurements.present, measurements.values, middle)
-    residual = layout.difference(values, middle) - shift
     if used.all():
+        residual = layout.difference(measurements.values, middle) - shift
         scale = 1.0 / measurements.sigma
         row = scale.T[:, None]
         return Expected((residual * scale).T, linear * row, bent * row, used)
+    values = np.where(measurements.present, measurements.values, middle)
+    residual = layout.difference(values, middle) - shift
     scale = 1.0 / np.where(used, measurements.sigma, 1.0)
     row, keep = scale.T[:, None], used.T[:, None]
     return Expected(

@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 
-__all__ = ["lower_root", "upper_triangle"]
+__all__ = ["cleaned", "lower_root", "triangularised", "unit", "upper_triangle"]
 
 
 def upper_triangle(rows: Array) -> Array:
@@ -43,12 +43,50 @@ def lower_root(rows: Array) -> Array:
     missing = rows.shape[2] - rows.shape[1]
     if missing > 0:
         rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
-    n = rows.shape[2]
-    # LAPACK's own result, transposed: the triangle, and what the reflections are made of
-    raw, _ = np.linalg.qr(rows, mode="raw")
-    lower = raw[:, :, :n] * _triangle(n)
-    lower *= np.where(np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0)[:, None]
+    return cleaned(triangularised(rows)[:, :, : rows.shape[2]])
+
+
+def triangularised(rows: Array) -> Array:
+    """Return the lower triangular S with S Sᵀ = Aᵀ A as LAPACK leaves it.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (N, k, n)
+        A.
+
+    Returns
+    -------
+    ndarray, shape (N, n, k)
+        In its first columns and below their diagonal S, whose columns may have any sign; above it
+        what the reflections are made of.
+    """
+    return np.asarray(np.linalg.qr(rows, mode="raw")[0])
+
+
+def cleaned(raw: Array) -> Array:
+    """Return the triangle in a square block (N, n, n) of `triangularised` with its signs.
+
+    Parameters
+    ----------
+    raw : ndarray, shape (N, n, n)
+        On the diagonal.
+
+    Returns
+    -------
+    ndarray, shape (N, n, n)
+        Zero above its diagonal, which is not negative; contiguous.
+    """
+    lower = raw * _triangle(raw.shape[2])
+    lower *= np.copysign(1.0, raw.diagonal(axis1=1, axis2=2))[:, None]
     return np.asarray(lower)
+
+
+@lru_cache(maxsize=64)
+def unit(n: int) -> Array:
+    """Return the unit matrix (n, n); not to be written to."""
+    found = np.eye(n)
+    found.flags.writeable = False
+    return found
 
 
 @lru_cache(maxsize=64)

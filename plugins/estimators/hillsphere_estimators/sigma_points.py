@@ -22,6 +22,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -121,8 +122,8 @@ def moved(
     points = sigma_points(belief, reach)
     each = 2 * n + 1
     there = model.advance(
-        points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(t_to_s, each),
-        np.tile(control, each), _cases(each, cases),
+        points.reshape(n, -1), _repeated(belief.t_s, each), _repeated(t_to_s, each),
+        _repeated(control, each), _cases(each, cases),
     ).reshape(n, each, cases)  # fmt: skip
     return _images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
 
@@ -151,7 +152,7 @@ def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
     points = sigma_points(belief, reach)
     each = 2 * n + 1
     shown = model.observe(
-        points.reshape(n, -1), np.tile(belief.t_s, each), _cases(each, cases)
+        points.reshape(n, -1), _repeated(belief.t_s, each), _cases(each, cases)
     ).reshape(-1, each, cases)  # fmt: skip
     return _images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
 
@@ -159,25 +160,40 @@ def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
 def considered(model: EstimationModel, n: int) -> Array | None:
     """Return 1 for states that measurements change and 0 for others (n,), or None if all are."""
     # not by the protocol: isinstance looks at every method, at each update anew
-    held = np.asarray(getattr(model, "considered", np.zeros(n)), dtype=bool)
+    held = getattr(model, "considered", None)
+    if held is None:
+        return None
+    held = np.asarray(held, dtype=bool)
     if held.shape != (n,):
         raise InputError(f"considered must be ({n},), one for each state, got {held.shape}")
     return np.where(held, 0.0, 1.0) if held.any() else None
 
 
+def _repeated(values: Array, each: int) -> Array:
+    """Return what the cases (…, N) have for `each` points of them, (…, each N)."""
+    *rows, cases = values.shape
+    many = np.empty((*rows, each, cases))
+    many[...] = values[..., None, :]
+    return many.reshape(*rows, each * cases)
+
+
+@lru_cache(maxsize=64)
 def _cases(each: int, cases: int) -> Integers:
-    return np.tile(np.arange(cases), each)
+    found = np.tile(np.arange(cases), each)
+    found.flags.writeable = False
+    return found
 
 
 def _images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
-    half = off.shape[1] // 2
+    m, many, cases = off.shape
+    half = many // 2
     ahead, behind = off[:, :half], off[:, half:]
-    both = ahead + behind
+    parts = np.empty((m, many + 1, cases))
+    np.subtract(ahead, behind, out=parts[:, :half])
+    both = np.add(ahead, behind, out=parts[:, half:many])
     shift = both.sum(axis=1) * (0.5 / reach**2)
+    parts[:, :many] *= 0.5 / reach
+    parts[:, many] = np.sqrt(rule.beta - rule.alpha**2) * shift
     # contiguous by cases: what follows are products of many small matrices
-    odd = np.empty((middle.shape[1], half, len(middle)))
-    even = np.empty((len(odd), half + 1, len(middle)))
-    np.multiply((ahead - behind).transpose(2, 1, 0), 0.5 / reach, out=odd)
-    np.multiply(both.transpose(2, 1, 0), 0.5 / reach, out=even[:, :half])
-    even[:, half] = np.sqrt(rule.beta - rule.alpha**2) * shift.T
-    return Images(middle, shift, odd, even)
+    rows = np.ascontiguousarray(parts.transpose(2, 1, 0))
+    return Images(middle, shift, rows[:, :half], rows[:, half:])

@@ -34,7 +34,7 @@ from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.innovations import Expected, about_prior, gated, usable, whitened
 from hillsphere_estimators.resting import distance, regular_root, rested
-from hillsphere_estimators.roots import lower_root
+from hillsphere_estimators.roots import cleaned, lower_root, triangularised, unit
 from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 
@@ -84,13 +84,13 @@ class BatchedUnscented:
         first = expect(belief, used)
         if spec.gate_sigmas is not None:
             first = gated(layout, first, spec.gate_sigmas)
-        innovation = first.innovation(measurements.sigma)
         if spec.update == "tempered":
-            return self._tempered(belief, first, expect, free), innovation
-        after = absorbed(belief, first, 1.0, free)
+            after, nis = self._tempered(belief, first, expect, free), None
+        else:
+            after, nis = _weighed(belief, first, 1.0, free)
         if spec.update == "iterated":
             after = self._iterated(belief, after, first, expect, free)
-        return after, innovation
+        return after, first.innovation(measurements.sigma, nis)
 
     def _tempered(
         self, belief: Belief, first: Expected, expect: Expectation, free: Array | None
@@ -177,27 +177,42 @@ def absorbed(
     Belief
         After.
     """
-    root_power = np.sqrt(np.broadcast_to(power, len(belief.t_s)))[:, None, None]
+    return _weighed(belief, expected, power, free)[0]
+
+
+def _weighed(
+    belief: Belief, expected: Expected, power: Array | float, free: Array | None
+) -> tuple[Belief, Array]:
+    """Return the belief after measurements, and the normalised innovation squared (N,).
+
+    The residual r is one more column, 0 beside Z and r beside the unit matrix: what Householder's
+    reflections make of it begins with U⁻ᵀ r.
+    """
+    root_power = np.sqrt(power)
+    each = root_power[:, None, None] if root_power.ndim else root_power
     cases, k, m = expected.linear.shape
     bent, n = expected.bent.shape[1], len(belief.x)
-    rows = np.zeros((cases, k + bent + m, m + n))
-    rows[:, :k, :m] = root_power * expected.linear
-    rows[:, :k, m:] = np.swapaxes(belief.root, 1, 2)
-    rows[:, k : k + bent, :m] = root_power * expected.bent
-    rows[:, k + bent :, :m] = np.eye(m)
-    lower = lower_root(rows)
-    residual = (root_power[:, :, 0] * expected.residual)[:, :, None]
+    residual = (root_power * expected.residual.T).T
+    rows = np.zeros((cases, k + bent + m, m + n + 1))
+    np.multiply(each, expected.linear, out=rows[:, :k, :m])
+    rows[:, :k, m : m + n] = np.swapaxes(belief.root, 1, 2)
+    np.multiply(each, expected.bent, out=rows[:, k : k + bent, :m])
+    rows[:, k + bent :, :m] = unit(m)
+    rows[:, k + bent :, m + n] = residual
+    raw = triangularised(rows)
+    white = raw[:, m + n, :m]
     if free is None:
-        white = np.linalg.solve(lower[:, :m, :m], residual)
-        step = lower[:, m:, :m] @ white
-        root = np.ascontiguousarray(lower[:, m:, m:])
+        step = raw[:, m : m + n, :m] @ white[:, :, None]
+        root = cleaned(raw[:, m : m + n, m : m + n])
     else:
-        upper = np.swapaxes(lower, 1, 2)
-        gain = np.swapaxes(np.linalg.solve(upper[:, :m, :m], upper[:, :m, m:]), 1, 2)
+        upper = np.triu(np.swapaxes(raw[:, :m, :m], 1, 2))
+        gain = np.swapaxes(np.linalg.solve(upper, np.swapaxes(raw[:, m : m + n, :m], 1, 2)), 1, 2)
         gain *= free[:, None]
-        step = gain @ residual
-        root = lower_root(rows[:, :, m:] - rows[:, :, :m] @ np.swapaxes(gain, 1, 2))
-    return Belief(belief.x + step[:, :, 0].T, root, belief.t_s)
+        step = gain @ residual[:, :, None]
+        states = rows[:, :, m : m + n]
+        root = lower_root(states - rows[:, :, :m] @ np.swapaxes(gain, 1, 2))
+    after = Belief(belief.x + step[:, :, 0].T, root, belief.t_s)
+    return after, np.einsum("Nm,Nm->N", white, white)
 
 
 def _about(at: Belief, prior: Belief, expected: Expected) -> Expected:

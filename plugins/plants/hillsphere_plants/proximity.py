@@ -45,7 +45,14 @@ from hillsphere.symbolic import (
     time as symbolic_time,
 )
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY, moon_of, vector
-from hillsphere_plants.proximity_orbit import OrbitPoint, axes_of, body_turn, orbit_at
+from hillsphere_plants.proximity_orbit import (
+    OrbitPoint,
+    axes_of,
+    body_turn,
+    orbit_at,
+    orbit_known,
+    orbit_terms,
+)
 from hillsphere_plants.proximity_specs import ProximitySpec
 from hillsphere_plants.tidal import tidal_acceleration
 from hillsphere_plants.turning import turning_motion
@@ -192,7 +199,7 @@ class Proximity:
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
     ) -> tuple[Expr, ...]:
         """Return dx/dt, SI."""
-        orbit = orbit_at(t, p)
+        orbit = orbit_known(p) or orbit_at(t, p)
         rows = self._body_rows(orbit, t, p)
         sun = (-orbit.distance, constant(0.0), constant(0.0))
         found: list[Expr] = []
@@ -204,6 +211,10 @@ class Proximity:
             pushed = (sum_of([command[0], self._pressure(i, orbit, p)]), *command[1:])
             found += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
         return tuple(found)
+
+    def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
+        """Return where the asteroid is on its orbit: Kepler's equation is most of the motion."""
+        return orbit_terms(orbit_at(t, p))
 
     def disturbances(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
         """Return what a simple law cancels, m/s²: attraction as of a point, and pressure.
@@ -301,7 +312,7 @@ class Proximity:
 
         One row per control: each is drawn anew at each step of a simulation and held over it.
         """
-        distance = self._surroundings_at(t_s)[0]
+        distance = self._distance(np.reshape(t_s, (1, -1)))[0]
         pressure = self.spec.radiation_pressure_n_m2 * (AU_M / distance) ** 2
         found = np.full(
             (3 * len(self.spacecraft), distance.size), self.spec.acceleration_noise_m_s2
@@ -329,6 +340,18 @@ class Proximity:
         return tuple(own)
 
     @cached_property
+    def _nominal(self) -> Array:
+        """Their nominal values (k,)."""
+        return np.array([q.value for q in self._own])
+
+    @cached_property
+    def _distance(self) -> ArrayFunction:
+        """Distance of the Sun at nominal parameters, of time."""
+        when = variable("when")
+        p = {q.name: constant(q.value) for q in self._own}
+        return ArrayFunction([orbit_at(when, p).distance], [when])
+
+    @cached_property
     def _surroundings(self) -> ArrayFunction:
         """Distance of the Sun, f − f₀ and the nine elements of the turn to the body.
 
@@ -342,13 +365,13 @@ class Proximity:
 
     def _surroundings_at(self, t_s: Array, values: Mapping[str, Array | float] = _NOMINAL) -> Array:
         t = np.atleast_1d(np.asarray(t_s, dtype=float))
-        names = [q.name for q in self._own]
-        if unknown := sorted(set(values) - set(names)):
-            raise InputError(
-                f"the motion has no parameter {', '.join(unknown)}; it has {', '.join(names)}"
-            )
-        p = np.array([q.value for q in self._own])
+        p = self._nominal
         if values:
+            names = [q.name for q in self._own]
+            if unknown := sorted(set(values) - set(names)):
+                raise InputError(
+                    f"the motion has no parameter {', '.join(unknown)}; it has {', '.join(names)}"
+                )
             p = np.array([np.broadcast_to(values.get(q.name, q.value), t.shape) for q in self._own])
         return self._surroundings(np.zeros((1, t.size)), p, t)
 

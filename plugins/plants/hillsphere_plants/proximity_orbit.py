@@ -24,7 +24,9 @@ from hillsphere.symbolic import (
 )
 from hillsphere_plants.rotation import mean_anomaly
 
-__all__ = ["OrbitPoint", "axes_of", "body_turn", "orbit_at"]
+__all__ = ["OrbitPoint", "axes_of", "body_turn", "orbit_at", "orbit_known", "orbit_terms"]
+
+_ORBIT = "orbit."
 
 
 class OrbitPoint(NamedTuple):
@@ -75,6 +77,17 @@ def orbit_at(t: Expr, p: Params) -> OrbitPoint:
     rate = sqrt(gm * a) * root / (distance * distance)
     outward = sqrt(gm * a) * e * s / distance
     return OrbitPoint(distance, rate, -2.0 * rate * outward / distance, anomaly - start)
+
+
+def orbit_terms(orbit: OrbitPoint) -> dict[str, Expr]:
+    """Return the expressions of a point by names for `hillsphere.interfaces.TimedPlant`."""
+    return {_ORBIT + name: e for name, e in orbit._asdict().items()}
+
+
+def orbit_known(p: Params) -> OrbitPoint | None:
+    """Return the point of which `orbit_terms` stand among the parameters, or None."""
+    found = [p.get(_ORBIT + name) for name in OrbitPoint._fields]
+    return None if None in found else OrbitPoint(*(e for e in found if e is not None))
 
 
 def body_turn(

@@ -16,7 +16,7 @@ from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 
 from hillsphere.campaign.band_figures import MOST_PANELS, band_figure
 from hillsphere.campaign.bands import Parts, bands_of, lines_of
-from hillsphere.campaign.block_outcome import BlockOutcome
+from hillsphere.campaign.block_outcome import BlockOutcome, joined
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories, kept_histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
@@ -28,11 +28,16 @@ from hillsphere.campaign.repeated import Repeated
 from hillsphere.campaign.specs import MonteCarloSpec, SweepSpec
 from hillsphere.campaign.stages import Sweep
 from hillsphere.campaign.tasks import Task
+from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.drawing import draw
 from hillsphere.errors import InputError, Interrupted, StageError
 from hillsphere.faults import faults_of
+from hillsphere.history import history_csv
 from hillsphere.interfaces import Array
-from hillsphere.products import Bands, CaseTable, Lines, load_product, save_product
+from hillsphere.plugins import validate
+from hillsphere.products import Bands, CaseTable, Lines, LinesToEnds, load_product, save_product
+from hillsphere.rerun import _row
+from hillsphere.spec import Spec
 from hillsphere.testing import check_product
 
 LEVELS = (0.05, 0.5, 0.95)
@@ -375,6 +380,103 @@ def test_lines_are_the_cases_themselves() -> None:
     assert lines_of(lambda: [], COUNTED) is None
 
 
+def with_ends() -> Histories:
+    """Return the cases of which every third ended a little after its last sample."""
+    last = np.nanmax(FLIGHTS.time_s, axis=0)
+    between = np.arange(CASES) % 3 == 0
+    values = np.array([np.arange(CASES, dtype=float), np.full(CASES, np.nan)])
+    return replace(
+        FLIGHTS,
+        end_s=np.where(between, last + 0.04, np.nan),
+        end_values=np.where(between, values, np.nan),
+    )
+
+
+def test_ends_between_samples_are_no_samples() -> None:
+    """Bands are as without them; lines go on to them."""
+    histories = with_ends()
+    assert histories.end_s is not None
+    assert histories.end_values is not None
+
+    def parts() -> Iterator[tuple[NDArray[np.int64], Histories]]:
+        for group in (range(100), range(100, 130), range(130, CASES)):
+            places = np.array(group, dtype=np.int64)
+            yield places, histories.of_cases(places)
+
+    bands, bare = (bands_of(p, COUNTED, LEVELS) for p in (parts, parts_of(range(CASES))))
+    assert bands is not None
+    assert bare is not None
+    for name in ("time_s", "values", "count"):
+        assert_array_equal(getattr(bands, name), getattr(bare, name))
+    lines = lines_of(parts, COUNTED)
+    assert isinstance(lines, LinesToEnds)
+    check_product(lines)
+    plain = lines_of(parts_of(range(CASES)), COUNTED)
+    assert type(plain) is Lines
+    assert_array_equal(lines.values, plain.values)
+    begun = FLIGHTS.time_s[0, COUNTED]
+    assert_array_equal(lines.end_s, histories.end_s[COUNTED] - begun)
+    assert_array_equal(lines.end_values, histories.end_values[:, COUNTED])
+    # The parts of a block that was bisected belong together again, one without any ends, too.
+    blocks = [outcome_of(histories.of_cases(np.arange(3)), 0)]
+    blocks.append(outcome_of(FLIGHTS.of_cases(np.arange(3, 5)), 3))
+    again = joined(blocks).histories
+    assert again is not None
+    assert_array_equal(again.end_s, [*histories.end_s[:3], np.nan, np.nan])
+    assert_array_equal(again.end_values, np.append(histories.end_values[:, :3], NONE, axis=1))
+    none = joined([outcome_of(FLIGHTS.of_cases(np.arange(k, k + 2)), k) for k in (0, 2)]).histories
+    assert none is not None
+    assert none.end_s is None
+    few = histories.of_quantities([1])
+    assert (few.names, few.units) == (("u.x",), ("-",))
+    assert_array_equal(few.end_values, histories.end_values[1:])
+
+
+NONE = np.full((2, 2), np.nan)
+
+
+def outcome_of(histories: Histories, first: int) -> BlockOutcome:
+    count = histories.time_s.shape[1]
+    return BlockOutcome(
+        numbers=first + np.arange(count), metrics=(), units=(), values=np.zeros((0, count)),
+        status=np.full(count, "completed"), cause=np.full(count, ""),
+        failed=np.zeros(count, dtype=bool), message_case=np.zeros(0, dtype=np.int64), messages=(),
+        histories=histories,
+    )  # fmt: skip
+
+
+def test_a_single_case_is_told_to_its_end() -> None:
+    outcome = outcome_of(with_ends(), 0)
+    for case in (3, 4):  # one that ended after its last sample, and one that did not
+        row = _row(outcome, case).histories
+        assert row is not None
+        assert row.end_s is None
+        there = np.flatnonzero(np.isfinite(FLIGHTS.time_s[:, case]))
+        time, values = FLIGHTS.time_s[there, case], FLIGHTS.values[:, there, case]
+        if case == 3:
+            time = np.append(time, time[-1] + 0.04)
+            values = np.append(values, [[3.0], [np.nan]], axis=1)
+        assert_array_equal(row.time_s[:, 0], time)
+        assert_array_equal(row.values[:, :, 0], values)
+        assert len(history_csv(row).splitlines()) == 1 + len(time)
+
+
+def test_a_line_is_drawn_to_its_end() -> None:
+    table = chosen()
+    assert table.lines is not None
+    end_s, end_values = np.full(6, np.nan), np.full((1, 6), np.nan)
+    end_s[2], end_values[0, 2] = 3.01e4, 5.0
+    lines = LinesToEnds(**vars(table.lines), end_s=end_s, end_values=end_values)
+    check_product(replace(table, lines=lines))
+    canvas = Canvas()
+    line_figure(table, lines, None).draw(canvas)
+    (failed,) = [line for line in canvas.axes[0].lines if line.get_label() == "failed case"]
+    time, values = (np.asarray(one, dtype=float) for one in failed.get_data())
+    assert values[-1] == 5.0
+    assert np.isfinite(values).all()
+    assert time[-1] == pytest.approx(3.01e4 / 3600.0)
+
+
 def chosen(count: int = 6) -> CaseTable:
     """Return a sweep of single cases with their lines; the third fails, and ends early."""
     number = np.arange(count)
@@ -428,3 +530,69 @@ def test_a_campaign_behind_without_bands_is_told_before_any_case_is_flown() -> N
     bare = replace(chosen(), bands=None)
     with pytest.raises(InputError, match=r"needs\.behind: this campaign has no bands"):
         Sweep(made).plan(Repeated(None, "hover"), behind=bare)  # type: ignore[arg-type]
+
+
+def courses(**keys: Any) -> dict[str, dict[str, Spec]]:
+    """Return stages of which two campaigns repeat one each: "one", and "two" with these keys."""
+    flight = {"plant": "hill", "law": "hold", "needs": {"reference": "guidance"}, "follow": "rt1"}
+    tables: dict[str, tuple[type[Spec], dict[str, Any]]] = {
+        "one": (ClosedLoopSpec, flight),
+        "two": (ClosedLoopSpec, flight | keys),
+        "all": (MonteCarloSpec, {"repeat": "two", "cases": 9, "bands": ["x"]}),
+        "bare": (MonteCarloSpec, {"repeat": "one", "cases": 9}),
+        "swept": (SweepSpec, {"repeat": "one", "over": {"repeat.follow": ["rt1"]}}),
+        "other": (MonteCarloSpec, {"repeat": "all", "cases": 9, "bands": ["x"]}),
+    }
+    return {"stage": {k: validate(spec, table, where=k) for k, (spec, table) in tables.items()}}
+
+
+def told_behind(tables: dict[str, dict[str, Spec]], behind: str = "all", **keys: Any) -> list[str]:
+    table = {"repeat": "one", "over": {"stage.one.substeps": [1, 2]}, "lines": ["x"],
+             "needs": {"behind": behind}}  # fmt: skip
+    made = validate(SweepSpec, table | keys, where="few")
+    found = list(made.misfits(tables))
+    assert all(where == ("needs", "behind") for where, _ in found)
+    return [message for _, message in found]
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, ""),
+        ({"law": "other", "label": "b", "substeps": 3}, ""),
+        ({"follow": "rt2"}, "follow is 'rt2' in its stage 'two', but 'rt1' in 'one' here"),
+        ({"follow": ""}, "follow is left out in its stage 'two', but 'rt1' in 'one' here"),
+        ({"plant": "solid"}, "plant is 'solid' in its stage 'two', but 'hill' in 'one' here"),
+        ({"needs": {"reference": "far"}}, "needs.reference is 'far' in its stage 'two', but 'gu"),
+        ({"duration_s": 600}, "duration_s is 600.0 in its stage 'two', but left out in 'one' here"),
+    ],
+)
+def test_what_stands_behind_is_of_the_same_flight(keys: dict[str, Any], said: str) -> None:
+    found = told_behind(courses(**keys))
+    assert len(found) == bool(said)
+    for message in found:
+        assert message.startswith("stage 'all' is of another flight: ")
+        assert said in message
+        assert "name a campaign that repeats 'one', or give both the same " in message
+
+
+def test_what_stands_behind_has_bands_of_such_a_stage() -> None:
+    tables = courses()
+    (bare,) = told_behind(tables, "bare")
+    assert bare.startswith("stage 'bare' keeps no bands; give it bands")
+    (swept,) = told_behind(tables, "swept")
+    assert "is a sweep, which has no bands" in swept
+    (other,) = told_behind(tables, "other")
+    assert "repeats 'all', a stage of another type than 'one'" in other
+    assert told_behind(tables, "absent") == []  # told elsewhere
+
+
+def test_a_sweep_of_the_reference_itself_leaves_the_flight_behind() -> None:
+    for key in ("repeat.follow", "stage.one.follow"):
+        assert told_behind(courses(), over={key: ["rt1"]}) == []
+        (message,) = told_behind(courses(), over={key: ["rt1", "rt2"]})
+        assert "follow is 'rt1' in its stage 'two', but 'rt2' in 'one' here" in message
+    assert told_behind(courses(follow="rt2"), over={"repeat.follow": ["rt2"]}) == []
+    span = {"first": 60, "last": 600, "points": 3}
+    (message,) = told_behind(courses(duration_s=60), over={"repeat.duration_s": span})
+    assert "duration_s is 60.0 in its stage 'two', but swept in 'one' here" in message

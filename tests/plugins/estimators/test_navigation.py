@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure as Canvas
 
 from hillsphere import create
 from hillsphere.errors import HillsphereError
@@ -326,6 +327,22 @@ def test_a_set_that_loses_flights_meets_no_requirement() -> None:
     product, _ = compared(campaign(2.0, 0), campaign(1.0, 0), **keys)
     assert product.lightest == "sweep_0, 1 kg"
     assert product.answers == ("confirmed",)
+
+
+def test_times_in_a_legend_are_written_with_a_space() -> None:
+    table = replace(
+        campaign(2.0, 0), point=np.repeat([0, 1], 20), point_labels=("a", "b"),
+        swept=("stage.flight.interval_s", "stage.flight.count"), swept_units=("s", "-"),
+        points=np.array([[600.0, 0.5], [3.0, 3.0]]),
+    )  # fmt: skip
+    product, said = compared(table, table)
+    assert product.points == ("10min, count 3", "0p500s, count 3")
+    canvas = Canvas()
+    said.figures["navigation_comparison"].draw(canvas)
+    (legend,) = [axes.get_legend() for axes in canvas.axes]
+    assert legend is not None
+    told = [text.get_text() for text in legend.get_texts()]
+    assert told == ["10 min, count 3", "0.500 s, count 3"]
 
 
 def test_a_published_row_of_no_set_is_refused(tmp_path: Path) -> None:

@@ -11,8 +11,10 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, GuidedFlight, Parameter
+from hillsphere.plugins import validate
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_guidance.errors import InfeasibleGuidanceError
+from hillsphere_guidance.reference_trajectories.specs import ReferenceTrajectoriesSpec
 
 
 def descent(name: str, x_km: float, lat: float, lon: float, **keys: Any) -> dict[str, Any]:
@@ -222,6 +224,24 @@ def test_published_costs_need_their_columns(phobos: Any, tmp_path: Path) -> None
         stage(phobos, RT, reference=str(published))
 
 
+@pytest.mark.parametrize(
+    ("compare", "said"),
+    [
+        (["series"], "compare: 'series' is the plant itself, from which it cannot differ"),
+        (["solid", "series"], "compare: 'series' is the plant itself"),
+        (["solid", "mesh", "solid"], "compare: 'solid' stands twice; leave it out"),
+        (["solid", "mesh"], ""),
+    ],
+)
+def test_a_plant_is_compared_with_others_each_once(compare: list[str], said: str) -> None:
+    keys = {"plant": "series", "guidance": "energy", "descents": RT[:1], "compare": compare}
+    if not said:
+        assert validate(ReferenceTrajectoriesSpec, keys, where="stage")
+        return
+    with pytest.raises(InputError, match=said):
+        validate(ReferenceTrajectoriesSpec, keys, where="stage")
+
+
 def test_other_plants_are_compared_along_the_paths(uniform: Any) -> None:
     """Uniform fields: the difference is the same everywhere; times and ends are the flight's."""
     hop = [
@@ -245,5 +265,9 @@ def test_other_plants_are_compared_along_the_paths(uniform: Any) -> None:
     rows = shown.tables["reference_differences"].rows
     assert [row["descent"] for row in rows] == ["hop", "long"] * 2
     assert rows[0]["at_50_percent_mm_s2"] == pytest.approx(5.0, rel=1e-12)
+    with pytest.raises(InputError, match=r"compare: '\(given\)' is the plant itself"):
+        stage(uniform, hop, compare=[others[0], uniform])
+    with pytest.raises(InputError, match=r"compare: '\(given\)' stands twice; leave it out"):
+        stage(uniform, hop, compare=[*others, others[0]])
     with pytest.raises(InputError, match=r"compare: plant .* with the states x, vx; it must be"):
         stage(uniform, hop, compare=[type(uniform)((0.0,))])

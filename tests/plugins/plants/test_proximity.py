@@ -214,6 +214,24 @@ def test_flight_among_the_stars(tilt: float, equinox: float, angle: float) -> No
     assert np.linalg.norm(place - x[:3]) > 1e3
 
 
+def test_terms_of_time_stand_apart() -> None:
+    """Kepler's equation once for all lanes, or in each: the same flight."""
+    two = plant(2)
+    whole = StepMap(system(two, controls=True), "rk6")
+    equations = system(two, controls=True, apart=True)
+    names = {"orbit.distance", "orbit.rate", "orbit.acceleration", "orbit.travelled"}
+    assert set(equations.time_terms) == names
+    apart = StepMap(equations, "rk6")
+    random = np.random.default_rng(4)
+    x = np.tile(STATE_A, 2)[:, None] * random.uniform(0.9, 1.1, size=(12, 5))
+    u = 1e-6 * random.normal(size=(6, 5))
+    many, same = np.linspace(-1e7, 2e7, 5), np.full(5, 3e6)
+    for t0, duration in ((many, 0.1 * same), (same, many), (same, 0.001 * same)):
+        want = whole.propagate(x, duration, 3, u, t0, strict=False)
+        found = apart.propagate(x, duration, 3, u, t0, strict=False)
+        np.testing.assert_allclose(found, want, rtol=1e-12)
+
+
 def test_scene_is_that_of_the_equations() -> None:
     made = plant(true_anomaly_rad=0.3, rotation_angle_rad=0.2)
     t = np.array([0.0, 3600.0, 1e6])
@@ -324,6 +342,8 @@ def test_polyhedron() -> None:
     of = apophis(semi_axes_m=None, shape=shape, obliquity_rad=0.3)
     made = plant(2, body=of, gravity=field, rotation_angle_rad=0.4)
     equations = system(made, run_time=["rotation_rate"])
+    # steps stage by stage know no terms of time
+    assert not system(made, apart=True).time_terms
     x = np.tile(STATE_A, 2)[:, None].repeat(2, axis=1)
     x[:3] *= 0.2
     x[6:9] *= [[0.3], [0.15], [-0.6]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -265,7 +266,7 @@ def _draw_campaigns(figure: MatplotlibFigure, product: NavigationComparison) -> 
             low, median, high = product.position_m[:, :, p, s]
             colour = PALETTE[COLOURS[p % len(COLOURS)]]
             axes.errorbar(place, median, [median - low, high - median], fmt="o", color=colour,
-                          capsize=3, label=point or "median")  # fmt: skip
+                          capsize=3, label=_spaced(point) or "median")  # fmt: skip
             axes.plot(place, product.bound_m[:, p, s], "_", color=colour, markersize=14)
             axes.plot(place, product.rms_m[:, p, s], "s", color=colour, markersize=5,
                       fillstyle="none")  # fmt: skip
@@ -278,6 +279,15 @@ def _draw_campaigns(figure: MatplotlibFigure, product: NavigationComparison) -> 
         axes.set_title(craft)
     every[0].set_ylabel("position error [m]")
     every[-1].legend(loc="best")
+
+
+def _spaced(point: str) -> str:
+    """Return a point's name for a legend: times as they are written, 10 min instead of 10min."""
+    return re.sub(
+        r"\b(\d+)(?:p(\d+))?(h|min|s)\b",
+        lambda m: f"{m[1]}{'.' + m[2] if m[2] else ''} {m[3]}",
+        point,
+    )
 
 
 def _draw_courses(figure: MatplotlibFigure, product: NavigationComparison) -> None:

@@ -96,7 +96,7 @@ class ReferenceTrajectoriesSpec(StageSpec):
                 }
             ],
             "step_s": 300,
-            "compare": ["hill"],
+            "compare": ["three_body"],
         },
     )
 
@@ -140,6 +140,27 @@ class ReferenceTrajectoriesSpec(StageSpec):
         if len(self.descents) * (1 + len(self.start_distances_m)) > 1000:
             raise _rule("start_distances_m", "more than 1000 descents in all")
         return self
+
+    @model_validator(mode="after")
+    def _compared_with_others(self) -> Self:
+        seen = [self.plant]
+        for ref in self.compare:
+            if any(_same(ref, one) for one in seen):
+                what = (
+                    "is the plant itself, from which it cannot differ"
+                    if _same(ref, self.plant)
+                    else "stands twice"
+                )
+                raise _rule("compare", f"{ref.name!r} {what}; leave it out")
+            seen.append(ref)
+        return self
+
+
+def _same(one: Ref, other: Ref) -> bool:
+    """Return whether two references mean the same plant: by name, or the object if given one."""
+    if one.target is not None or other.target is not None:
+        return one.target is other.target
+    return one.name == other.name
 
 
 def _rule(key: str, text: str) -> PydanticCustomError:

@@ -17,6 +17,7 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import physical_values
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak
+from hillsphere_controllers.mu.division import proved_in_parts
 from hillsphere_controllers.mu.robustness import (
     Robustness,
     complexified,
@@ -68,7 +69,7 @@ class Analyses:
 
     Parameters
     ----------
-    gap, size, complex_parts, sensitivities, points, sensitivity_curves
+    gap, prove_below, size, complex_parts, sensitivities, points, sensitivity_curves
         As of the spec.
     grid_rad_s : ndarray, shape (K,)
         Frequencies of what is published.
@@ -79,6 +80,7 @@ class Analyses:
     """
 
     gap: float
+    prove_below: float | None
     size: float
     complex_parts: tuple[float, ...]
     sensitivities: bool
@@ -121,6 +123,7 @@ class Analyses:
             found = robust_performance(loop, structure, gap=self.gap, seed=seed)
             whole = performance_structure(loop, structure)
         certified, worst = found.certified, found.worst
+        upper, parts = self._upper(found, loop, whole)
         # a purely real µ jumps: a perturbation may show more than the bounds looked at
         peak = certified.frequency_rad_s
         if found.lower > certified.peak:
@@ -133,8 +136,9 @@ class Analyses:
         if self.sensitivities and max(certified.peak, found.lower) > 0.0:
             shares = self._shares(loop, whole, peak)
         return _result(
-            piece, lft, found.upper, found.lower, found.frequency_rad_s, certified,
+            piece, lft, upper, found.lower, found.frequency_rad_s, certified,
             worst.values if worst else {}, whole, worst.system if worst else None,
+            parts=parts,
             grid_peak=grid_peak,
             curves=self._curves(piece, lft, loop, whole, [peak, found.frequency_rad_s]),
             shares=shares,
@@ -144,6 +148,17 @@ class Analyses:
             complex_upper=np.array([one.upper for one in found.complexified]),
             complex_lower=np.array([one.lower for one in found.complexified]),
         )  # fmt: skip
+
+    def _upper(
+        self, found: Robustness, loop: LtiSystem, whole: BlockStructure
+    ) -> tuple[float, int]:
+        """Return the certified bound, and in how many parts of the ranges it is proved; 0: none."""
+        limit = self.prove_below
+        real = any(block.kind == "real" for block in whole.blocks)
+        if limit is None or not real or not found.lower < limit < found.upper:
+            return found.upper, 0
+        division = proved_in_parts(loop, whole, limit)
+        return (found.upper, 0) if division.left else (limit, division.proved)
 
     def _curves(
         self,
@@ -206,6 +221,7 @@ def _result(
     structure: BlockStructure,
     delta: LtiSystem | None,
     *,
+    parts: int = 0,
     grid_peak: float = np.nan,
     curves: _Curves | None = None,
     shares: Array = _NONE,
@@ -226,7 +242,7 @@ def _result(
         upper=float(upper), lower=float(lower),
         peak=float(lower if shown else certified.peak),
         peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
-        frequency_rad_s=float(frequency_rad_s), lower_channel=piece.channel,
+        frequency_rad_s=float(frequency_rad_s), parts=parts, lower_channel=piece.channel,
         grid_peak=float(grid_peak),
         interval_low_rad_s=np.array([one.low_rad_s for one in certified.intervals]),
         interval_high_rad_s=np.array([one.high_rad_s for one in certified.intervals]),

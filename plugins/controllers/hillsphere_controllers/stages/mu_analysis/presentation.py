@@ -141,6 +141,12 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
         f"all frequencies (at most {100.0 * product.gap:.3g} % above it), and what a perturbation "
         "reaches."
     ]
+    notes += [
+        f"{product.label(one.loop)}: µ ≤ {one.upper:.4g}{_of(one.channel)} is proved in "
+        f"{one.parts} parts of the ranges of the parameters; for the whole at once it is larger."
+        for one in product.results
+        if one.parts
+    ]
     if any(one.channel for one in product.results):
         notes.append(
             "Outputs count by themselves: each number is the largest over them, and a bound from "
@@ -180,6 +186,7 @@ def _certificates(product: MuAnalysis) -> Table:
             "upper": _finite(one.upper),
             "peak_rad_s": _frequency(one.peak_rad_s),
             "intervals": int(one.interval_bound.size),
+            **({"parts": one.parts} if one.parts else {}),
             "lower": _finite(one.lower),
             "frequency_rad_s": _frequency(one.frequency_rad_s),
             "singular": _finite(one.singular),
@@ -199,6 +206,7 @@ def _certificates(product: MuAnalysis) -> Table:
         Column("upper", "-", "certified", 6),
         Column("peak_rad_s", "rad/s", "largest at", 4),
         Column("intervals", "-", "intervals that cover all frequencies"),
+        *([Column("parts", "-", "parts")] if any(o.parts for o in product.results) else []),
         Column("lower", "-", "from below", 6),
         Column("frequency_rad_s", "rad/s", "reached at", 4),
         Column("singular", "-", "least singular value of I − MΔ", 2),

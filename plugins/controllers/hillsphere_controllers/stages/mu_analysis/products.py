@@ -30,6 +30,9 @@ class Analysed:
         Largest bound found at one frequency, from above or by `delta`, and that frequency.
     frequency_rad_s : float
         Where the lower bound is reached.
+    parts : int
+        Parts of the ranges of real parameters on which the upper bound is proved, if they were
+        divided; 0: the intervals prove it.
     lower_channel : str
         Outputs of the lower bound and of its perturbation; those of `channel`, unless it is the
         worst of several channels.
@@ -38,7 +41,7 @@ class Analysed:
         worst-case gain.
     interval_low_rad_s, interval_high_rad_s, interval_at_rad_s, interval_bound : ndarray, shape (I,)
         Intervals that cover all frequencies; where the scalings of each were found, and what they
-        prove on the whole of it.
+        prove on the whole of it, for the whole ranges of all parameters.
     omega_rad_s, curve_lower, curve_upper : ndarray, shape (K,)
         Bounds at single frequencies, for figures; none for the worst-case gain.
     curve_nominal : ndarray, shape (K,)
@@ -74,6 +77,7 @@ class Analysed:
     peak: float
     peak_rad_s: float
     frequency_rad_s: float
+    parts: int
     lower_channel: str
     grid_peak: float
     interval_low_rad_s: Array

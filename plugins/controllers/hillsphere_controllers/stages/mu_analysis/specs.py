@@ -77,6 +77,7 @@ class MuAnalysisSpec(StageSpec):
             "sensitivity_curves": True,
             "columns": ["ka"],
             "points": 10,
+            "prove_below": 0.96,
         },
     )
 
@@ -92,6 +93,12 @@ class MuAnalysisSpec(StageSpec):
         "by how much certified bounds are above the largest found at one frequency, relative; "
         "smaller ones take longer",
         default=0.01, ge=1e-6, lt=1,
+    )  # fmt: skip
+    prove_below: float | None = option(
+        "a bound of µ that is to be proved: where the certified one is above it, and what a "
+        "perturbation reaches below, the ranges of real parameters are divided until all parts "
+        "prove it, or 64 of them do not; each takes as long as an analysis",
+        default=None, gt=0,
     )  # fmt: skip
     size: float = option(
         "of the uncertainty in the worst-case gain; 1: as declared", default=1.0, gt=0

@@ -112,8 +112,8 @@ class MuAnalysisStage:
         advance = ctx.track("analyses", len(pieces))
         results: list[Analysed] = []
         work = Analyses(
-            gap=spec.gap, size=spec.size, complex_parts=spec.complex_parts,
-            sensitivities=spec.sensitivities, points=spec.points,
+            gap=spec.gap, prove_below=spec.prove_below, size=spec.size,
+            complex_parts=spec.complex_parts, sensitivities=spec.sensitivities, points=spec.points,
             sensitivity_curves=spec.sensitivity_curves, grid_rad_s=grid, seed=seed,
             ends=_ends(loops),
         )  # fmt: skip

@@ -1,0 +1,116 @@
+"""A bound of µ proved in parts: the ranges of real parameters are divided where scalings fail.
+
+For several real parameters the upper bound of µ can be well above µ. On a part of their ranges it
+is less so: when every part is proved, the whole is [1]_. It costs one certified bound for each part
+and may need many; the block that is divided is the one with the largest share of the bound.
+
+References
+----------
+.. [1] M. P. Newlin, P. M. Young (1997), Mixed µ problems and branch and bound techniques,
+   International Journal of Robust and Nonlinear Control 7, 145-164.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from heapq import heappop, heappush
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.blocks import BlockStructure
+from hillsphere_controllers.mu.certified import certified_peak
+from hillsphere_controllers.mu.sensitivities import sensitivities
+from hillsphere_controllers.systems.algebra import gain, star
+
+__all__ = ["Division", "proved_in_parts"]
+
+_GAP = 3e-3
+
+
+@dataclass(frozen=True)
+class Division:
+    """Parts of the ranges of real parameters.
+
+    Parameters
+    ----------
+    proved : int
+        Parts on which the bound is proved.
+    left : int
+        Parts on which it is not: zero if the bound is proved.
+    """
+
+    proved: int
+    left: int
+
+
+def proved_in_parts(
+    system: LtiSystem, structure: BlockStructure, limit: float, *, most: int = 64
+) -> Division:
+    """Try to prove that µ is below a limit at all frequencies, in parts of the real parameters.
+
+    Parameters
+    ----------
+    system : LtiSystem
+        M, stable.
+    structure : BlockStructure
+        Of Δ, with a real block at least; a block for performance is one of the others.
+    limit : float
+        Above µ: where a lower bound exceeds it no number of parts will do.
+    most : int
+        Parts that are looked at, at most.
+
+    Raises
+    ------
+    InputError
+        If the system does not fit, is not stable, has no real block, or the limit is not positive.
+    """
+    real = np.array([block.kind == "real" for block in structure.blocks])
+    if not real.any():
+        raise InputError("no block is real: there is no range to be divided")
+    if not 0.0 < limit < np.inf:
+        raise InputError(f"the limit must be > 0 and finite, got {limit}")
+    count = len(structure.blocks)
+    waiting: list[tuple[float, int, Array, Array]] = []
+    heappush(waiting, (0.0, 0, -np.ones(count), np.ones(count)))
+    proved = number = 0
+    for _ in range(most):
+        if not waiting:
+            break
+        _, _, low, high = heappop(waiting)
+        part = _on_part(system, structure, limit, np.where(real, low, -1.0), high)
+        if not part.is_stable:  # the middle of the part is a counterexample
+            return Division(proved, len(waiting) + 1)
+        found = certified_peak(part, structure, gap=_GAP)
+        if found.upper <= 1.0:
+            proved += 1
+            continue
+        at = part.response(np.array([found.frequency_rad_s]))[0]
+        shares = np.where(real, sensitivities(at, structure), -1.0)
+        k = int(np.argmax(shares))
+        middle = 0.5 * (low[k] + high[k])
+        for end in (0, 1):
+            number += 1
+            lower, upper = low.copy(), high.copy()
+            (lower if end else upper)[k] = middle
+            heappush(waiting, (-found.upper, number, lower, upper))
+    return Division(proved, len(waiting))
+
+
+def _on_part(
+    system: LtiSystem, structure: BlockStructure, limit: float, low: Array, high: Array
+) -> LtiSystem:
+    """Return the system whose Δ up to size one is that of the part, 1/limit times as large."""
+    p, m = structure.shape
+    centre, half = np.zeros((m, p)), np.zeros((m, m))
+    for k, (rows, columns) in enumerate(structure.parts()):
+        size = 0.5 * (high[k] - low[k]) / limit
+        half[rows, rows] = size * np.eye(rows.stop - rows.start)
+        if structure.blocks[k].kind == "real":
+            middle = 0.5 * (high[k] + low[k]) / limit
+            centre[rows, columns] = middle * np.eye(rows.stop - rows.start)
+    # Δ = centre + half Δ': z' = z, w = half w' + centre z
+    around = gain(np.block([[np.zeros((p, m)), np.eye(p)], [half, centre]]), system.dt_s)
+    return star(around, system, p, m)
