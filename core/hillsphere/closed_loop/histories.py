@@ -14,7 +14,7 @@ from hillsphere.interfaces import Array
 from hillsphere.simulation import Flights
 from hillsphere.simulation.flow import thrust_vectors
 
-__all__ = ["NOWHERE", "ended_between", "histories_of"]
+__all__ = ["NOWHERE", "histories_of"]
 
 NOWHERE = ("diverged", "step_size", "time_limit")
 """Statuses of flights that came to no end of their own: where they were last is no place."""
@@ -86,7 +86,7 @@ def histories_of(
     made["command"] = command_units[0], partial(_size, history.own)
     made["dv"] = "m/s", partial(np.asarray, history.dv_m_s)
     names = kept_histories(wanted, tuple(made))
-    ended = ended_between(flights, history.time_s)
+    ended = _ended_between(flights, history.time_s)
     nothing = np.full(len(ended), np.nan)
     ends = np.array([final.get(name, nothing) for name in names]).reshape(len(names), len(ended))
     return Histories(
@@ -99,7 +99,7 @@ def histories_of(
     )
 
 
-def ended_between(flights: Flights, time_s: Array) -> NDArray[np.bool_]:
+def _ended_between(flights: Flights, time_s: Array) -> NDArray[np.bool_]:
     """Return which (N,) flights an event or a limit ended after their last sample.
 
     Parameters

@@ -364,3 +364,51 @@ def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> No
         run(nothing, analyses=["robust_performance"])
     with pytest.raises(InputError, match="stands twice"):
         run(spring, analyses=["worst_case_gain", "worst_case_gain"])
+
+
+def three_parameters() -> UncertainModels:
+    """Return a loop whose bound of µ with performance is 7 % above µ."""
+    random = np.random.default_rng(2)
+    a = random.normal(size=(4, 4))
+    a -= (np.linalg.eigvals(a).real.max() + 0.15) * np.eye(4)
+    b, c = 0.5 * random.normal(size=(4, 7)), 0.5 * random.normal(size=(7, 4))
+    system = {"a": a.tolist(), "b": b.tolist(), "c": c.tolist(), "inputs": ["w"], "outputs": ["z"]}
+    blocks = [
+        {"name": name, "kind": "real", "outputs": [f"z[{2 * k}]", f"z[{2 * k + 1}]"],
+         "inputs": [f"w[{2 * k}]", f"w[{2 * k + 1}]"]}
+        for k, name in enumerate("abc")
+    ]  # fmt: skip
+    models = linear({"systems": [system], "inputs": ["w"], "outputs": ["z"]})
+    return uncertain(models, blocks=blocks)
+
+
+def test_a_bound_that_is_asked_for_is_proved_in_parts_or_said_not_to_be() -> None:
+    models = three_parameters()
+    keys: dict[str, Any] = {"analyses": ["robust_performance"], "gap": 1e-3, "points": 2}
+    [whole] = run(models, **keys).results
+    assert (whole.parts, whole.parts_left) == (0, 0)
+    assert whole.upper > 1.05 * whole.lower
+    limit = 0.4 * whole.upper + 0.6 * whole.lower
+    made = run(models, **keys, prove_below=limit)
+    [proved] = made.results
+    assert proved.upper == limit
+    assert proved.parts > 1
+    assert proved.parts_left == 0
+    assert proved.interval_bound == pytest.approx(whole.interval_bound)  # those of the whole
+    shown = presented(made, None)
+    summary = shown.tables["mu_summary"]
+    assert any(f"is proved in {proved.parts} parts" in note for note in summary.notes)
+    assert shown.tables["mu_certificates"].rows[0]["parts"] == proved.parts
+    # what needs no proof, or cannot be proved, is left alone
+    for other in (1.1 * whole.upper, 0.9 * whole.lower):
+        [same] = run(models, **keys, prove_below=other).results
+        assert (same.upper, same.parts, same.parts_left) == (whole.upper, 0, 0)
+    few = replace(made, results=(replace(proved, upper=whole.upper, parts_left=2),))
+    summary = presented(few, None).tables["mu_summary"]
+    assert any("is not proved on 2 of" in note for note in summary.notes)
+
+
+def test_a_bound_of_mu_cannot_be_proved_of_a_gain() -> None:
+    keys = {"needs": {"uncertain": "u"}, "analyses": ["worst_case_gain"], "prove_below": 1.0}
+    with pytest.raises(InputError, match=r"prove_below: it is a bound of µ"):
+        validate(MuAnalysisSpec, keys, where="stage")

@@ -187,3 +187,16 @@ def test_what_many_plants_have_in_common_counts_once() -> None:
     assert_allclose(direct[0].slope, [-2.5], rtol=1e-12)
     # the first two plants are the same: their gains at zero count once, that of the third by itself
     assert sorted(p.plant for p in pieces if p.omega_rad_s == 0.0) == [0, 2]
+
+
+def test_a_plant_without_states_has_modes_without_any(capfd: pytest.CaptureFixture[str]) -> None:
+    none = np.zeros((0, 0))
+    d = np.array([[1.0, 0.5], [0.0, 0.3], [1.0, 0.0]])
+    for one in (
+        *Response.of_many(np.zeros((2, 0, 0)), np.zeros((2, 0, 2)), np.zeros((2, 3, 0)), d[None]
+                          * np.array([1.0, 2.0])[:, None, None]),
+        Response(none, np.zeros((0, 2)), np.zeros((3, 0)), d, modes=True),
+    ):  # fmt: skip
+        assert one.poles.size == 0
+        assert one(np.array([1j])).shape == (1, 3, 2)
+    assert capfd.readouterr() == ("", "")  # LAPACK tells of what it refuses

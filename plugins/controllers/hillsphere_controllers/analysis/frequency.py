@@ -134,6 +134,8 @@ class Response:
 
 def _modes(a: Array) -> list[tuple[Array, Array, Array] | None]:
     """Return Λ (n,), V, V⁻¹ of real matrices (J, n, n); None where they would cost digits."""
+    if not a.shape[-1]:
+        return [None] * len(a)
     try:
         poles, vectors = np.linalg.eig(a)
         inverse = np.linalg.inv(vectors)

@@ -80,9 +80,9 @@ def responses(systems: Sequence[Response], points: Array, owner: Integers) -> Co
 def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     """Return the largest singular values (N,) of matrices (N, p, m).
 
-    Those well below the largest are only bounded, which is what makes it fast. Without owners it is
-    from below; with them it is from above, as for those that are below a neighbour, so that local
-    maxima stay where they are.
+    Those that cannot be the largest are only bounded from below, which is what makes it fast. With
+    owners those that are no high local maximum are bounded from above, so that maxima stay where
+    they are.
     """
     count, p, m = matrices.shape
     rank = min(p, m)

@@ -17,7 +17,7 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import physical_values
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak
-from hillsphere_controllers.mu.division import proved_in_parts
+from hillsphere_controllers.mu.division import Division, proved_in_parts
 from hillsphere_controllers.mu.robustness import (
     Robustness,
     complexified,
@@ -36,6 +36,7 @@ from hillsphere_controllers.stages.uncertain import lft_of
 __all__ = ["Analyses", "Piece"]
 
 _NONE: Array = np.zeros(0)
+_UNDIVIDED = Division(0, 0)
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class Analyses:
             found = robust_performance(loop, structure, gap=self.gap, seed=seed)
             whole = performance_structure(loop, structure)
         certified, worst = found.certified, found.worst
-        upper, parts = self._upper(found, loop, whole)
+        upper, division = self._upper(found, loop, whole)
         # a purely real µ jumps: a perturbation may show more than the bounds looked at
         peak = certified.frequency_rad_s
         if found.lower > certified.peak:
@@ -138,7 +139,7 @@ class Analyses:
         return _result(
             piece, lft, upper, found.lower, found.frequency_rad_s, certified,
             worst.values if worst else {}, whole, worst.system if worst else None,
-            parts=parts,
+            division=division,
             grid_peak=grid_peak,
             curves=self._curves(piece, lft, loop, whole, [peak, found.frequency_rad_s]),
             shares=shares,
@@ -151,14 +152,14 @@ class Analyses:
 
     def _upper(
         self, found: Robustness, loop: LtiSystem, whole: BlockStructure
-    ) -> tuple[float, int]:
-        """Return the certified bound, and in how many parts of the ranges it is proved; 0: none."""
+    ) -> tuple[float, Division]:
+        """Return the certified bound, and the parts of the ranges if they were divided for it."""
         limit = self.prove_below
         real = any(block.kind == "real" for block in whole.blocks)
         if limit is None or not real or not found.lower < limit < found.upper:
-            return found.upper, 0
+            return found.upper, _UNDIVIDED
         division = proved_in_parts(loop, whole, limit)
-        return (found.upper, 0) if division.left else (limit, division.proved)
+        return found.upper if division.left else limit, division
 
     def _curves(
         self,
@@ -221,7 +222,7 @@ def _result(
     structure: BlockStructure,
     delta: LtiSystem | None,
     *,
-    parts: int = 0,
+    division: Division = _UNDIVIDED,
     grid_peak: float = np.nan,
     curves: _Curves | None = None,
     shares: Array = _NONE,
@@ -242,7 +243,8 @@ def _result(
         upper=float(upper), lower=float(lower),
         peak=float(lower if shown else certified.peak),
         peak_rad_s=float(frequency_rad_s if shown else certified.frequency_rad_s),
-        frequency_rad_s=float(frequency_rad_s), parts=parts, lower_channel=piece.channel,
+        frequency_rad_s=float(frequency_rad_s), lower_channel=piece.channel,
+        parts=division.proved, parts_left=division.left,
         grid_peak=float(grid_peak),
         interval_low_rad_s=np.array([one.low_rad_s for one in certified.intervals]),
         interval_high_rad_s=np.array([one.high_rad_s for one in certified.intervals]),

@@ -141,12 +141,7 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
         f"all frequencies (at most {100.0 * product.gap:.3g} % above it), and what a perturbation "
         "reaches."
     ]
-    notes += [
-        f"{product.label(one.loop)}: µ ≤ {one.upper:.4g}{_of(one.channel)} is proved in "
-        f"{one.parts} parts of the ranges of the parameters; for the whole at once it is larger."
-        for one in product.results
-        if one.parts
-    ]
+    notes += [_division(product, one) for one in product.results if one.parts or one.parts_left]
     if any(one.channel for one in product.results):
         notes.append(
             "Outputs count by themselves: each number is the largest over them, and a bound from "
@@ -165,6 +160,17 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
     if remark := reference.about.get("note"):
         notes.append(f"Published: {remark}.")
     return Table("Robustness", with_paper(columns, rows), rows, notes)
+
+
+def _division(product: MuAnalysis, one: Analysed) -> str:
+    """Return a sentence on the bound that was to be proved in parts."""
+    what = f"{product.label(one.loop)}: the bound asked for{_of(one.channel)}"
+    total = one.parts + one.parts_left
+    if one.parts_left:
+        return f"{what} is not proved on {one.parts_left} of {total} parts of the ranges."
+    return (
+        f"{what}, {one.upper:.4g}, is proved in {total} parts; for the whole ranges it is larger."
+    )
 
 
 def _columns(name: str, title: str, on_grid: bool) -> list[Column]:
@@ -186,7 +192,7 @@ def _certificates(product: MuAnalysis) -> Table:
             "upper": _finite(one.upper),
             "peak_rad_s": _frequency(one.peak_rad_s),
             "intervals": int(one.interval_bound.size),
-            **({"parts": one.parts} if one.parts else {}),
+            **({"parts": one.parts} if one.parts and not one.parts_left else {}),
             "lower": _finite(one.lower),
             "frequency_rad_s": _frequency(one.frequency_rad_s),
             "singular": _finite(one.singular),

@@ -30,9 +30,10 @@ class Analysed:
         Largest bound found at one frequency, from above or by `delta`, and that frequency.
     frequency_rad_s : float
         Where the lower bound is reached.
-    parts : int
-        Parts of the ranges of real parameters on which the upper bound is proved, if they were
-        divided; 0: the intervals prove it.
+    parts, parts_left : int
+        Parts of the ranges of real parameters on which the bound that was asked for is proved, if
+        they were divided, and on which it is not. The upper bound is that one if none is left;
+        otherwise, as with no parts at all, the intervals prove it.
     lower_channel : str
         Outputs of the lower bound and of its perturbation; those of `channel`, unless it is the
         worst of several channels.
@@ -78,6 +79,7 @@ class Analysed:
     peak_rad_s: float
     frequency_rad_s: float
     parts: int
+    parts_left: int
     lower_channel: str
     grid_peak: float
     interval_low_rad_s: Array

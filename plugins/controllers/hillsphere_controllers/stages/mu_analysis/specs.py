@@ -153,6 +153,8 @@ class MuAnalysisSpec(StageSpec):
         if (self.columns or self.needs.beside) and not self.sensitivity_curves:
             key = "columns" if self.columns else "needs"
             raise rule(key, "it is for the figure of shares over frequency; set sensitivity_curves")
+        if self.prove_below is not None and self.analyses == ("worst_case_gain",):
+            raise rule("prove_below", "it is a bound of µ, which the worst-case gain has none of")
         if self.reference_grid is not None and self.reference is None:
             raise rule("reference_grid", "there is no reference")
         return self
