@@ -381,6 +381,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"members": [list(SENSORS), []]}, "without any sensor"),
     ({"biases": [{"of": "thrust", "channel": "x", "sigma": 1}]}, "has no channels"),
     ({"biases": [{"of": "thrust", "sigma": 1}] * 2}, "stands twice"),
+    ({"biases": [{"of": "acceleration", "channel": "ax3", "sigma": 1}]}, "has ax1, ay1, az1, ax2"),
     ({"start": {"position_m": [0, 0, 0, *SECOND]}}, "spacecraft 1 is at the origin"),
     ({"truth": {"scale": {"gravity.gm": -1}}}, "a factor is a number from 0 on"),
     ({"truth": {"scale": {"gravity.gm": 0}}}, "gravity.gm must stay above zero"),

@@ -234,7 +234,7 @@ def biases_of(
     Raises
     ------
     InputError
-        If a channel is unknown.
+        If a channel or a control is unknown.
     """
     if not spec.biases:
         return None
@@ -247,7 +247,7 @@ def biases_of(
         if bias.of == "thrust" and law is None:
             raise InputError("biases: 'thrust' needs a law; without one nothing is commanded")
         if bias.of == "acceleration":
-            groups = [[first + i] for i in range(count)]
+            groups = [[first + i] for i in _axes_of(bias, plant)]
         elif bias.of == "thrust":  # the same for all axes of a spacecraft
             size = count // thrust_vectors(count)
             groups = [list(range(j, j + size)) for j in range(first + count, controls, size)]
@@ -282,6 +282,16 @@ def prior_of(sigma: Array, x: Array, t_s: Array) -> Belief:
     """Return a belief of means x (n, N) and independent standard deviations (n,)."""
     root = np.repeat(np.diag(sigma)[None], x.shape[1], axis=0)
     return Belief(np.ascontiguousarray(x), root, t_s)
+
+
+def _axes_of(bias: BiasSpec, plant: Plant) -> list[int]:
+    """Return the controls beside which an acceleration that lasts acts."""
+    names = [control.name for control in plant.controls]
+    if bias.channel and bias.channel not in names:
+        raise InputError(
+            f"biases: the plant has no control {bias.channel!r}; it has {', '.join(names)}"
+        )
+    return [i for i, name in enumerate(names) if bias.channel in ("", name)]
 
 
 def _rows_of(spec: NavigationSpec, bias: BiasSpec, suite: SensorSuite) -> list[int]:

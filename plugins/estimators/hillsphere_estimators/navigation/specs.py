@@ -133,7 +133,7 @@ class BiasSpec(Spec):
 
     examples = (
         {"of": "camera", "channel": "azimuth", "sigma": 0.02},
-        {"of": "acceleration", "sigma": 2e-8, "time_h": 12, "considered": True},
+        {"of": "acceleration", "channel": "ax", "sigma": 2e-8, "time_h": 12, "considered": True},
     )
 
     of: str = option(
@@ -141,7 +141,9 @@ class BiasSpec(Spec):
         "'thrust': for each spacecraft by what part more is done than commanded"
     )
     channel: str = option(
-        "of a sensor: which channel has it; left out: each of them, and each its own", default=""
+        "of a sensor: which channel has it; of an acceleration: which control of the plant (ax1); "
+        "left out: each of them, and each its own",
+        default="",
     )
     sigma: float = option("standard deviation, SI (m, rad, m/s²; a part of thrust)", gt=0)
     time_s: float | None = quantity(
@@ -282,8 +284,8 @@ class NavigationSpec(StageSpec):
                 raise _rule("outages", f"{out.interval_s[0]:g} s is after the end, "
                             f"{self.duration_s:g} s")  # fmt: skip
         for bias in self.biases:
-            if bias.of in OWN and bias.channel:
-                raise _rule("biases", f"{bias.of!r} has no channels; leave channel out")
+            if bias.of == "thrust" and bias.channel:
+                raise _rule("biases", "'thrust' has no channels; leave channel out")
         pairs = [(bias.of, bias.channel) for bias in self.biases]
         for of, channel in pairs:
             twice = pairs.count((of, channel)) > 1 or (channel and (of, "") in pairs)
