@@ -7,9 +7,8 @@ from math import pi, sqrt
 from typing import TYPE_CHECKING, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference
+from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference, rule
 
 if TYPE_CHECKING:
     from hillsphere.interfaces import ArraySurface, Surface
@@ -89,7 +88,7 @@ class MoonSpec(Spec):
     def _one_surface(self) -> Self:
         if self.shape is not None and self.semi_axes_m is not None:
             text = "shape and semi-axes both give the surface; keep one"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "shape"})
+            raise rule("shape", text)
         return self
 
     @model_validator(mode="after")
@@ -101,7 +100,7 @@ class MoonSpec(Spec):
             needed = ", ".join(key.removesuffix("_rad") + "_deg" for key in keys)
             missing = missing.removesuffix("_rad")
             text = f"missing: {missing}_deg (or _rad); an orientation needs {needed}"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": given[0]})
+            raise rule(given[0], text)
         return self
 
 

@@ -55,9 +55,24 @@ __all__ = [
     "quantity",
     "reference",
     "repeated",
+    "rule",
     "table_name",
     "unit_keys",
 ]
+
+
+def rule(key: str, text: str) -> PydanticCustomError:
+    """Return the fault of a rule between keys, to be raised; the mission reader places it at one.
+
+    Parameters
+    ----------
+    key : str
+        Name of a field, or the key that a mission gives it.
+    text : str
+        What is wrong and what to do.
+    """
+    # as a value: pydantic would read braces in a template
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 @dataclass(frozen=True)
@@ -171,7 +186,7 @@ class Spec(BaseModel):
 
     Arrays arrive as tuples, so annotate a field ``tuple[float, ...]``, never ``list``. A rule
     between fields is a ``model_validator(mode="after")`` that raises ValueError; to have the
-    message placed at one key, raise ``PydanticCustomError("rule", message, {"key": name})``.
+    message placed at one key, raise `rule`.
     """
 
     examples: ClassVar[tuple[dict[str, Any], ...]] = ()

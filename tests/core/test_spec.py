@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, Self
 
 import pytest
 from pydantic import Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.annotations import described
 from hillsphere.bodies import MoonSpec
@@ -15,7 +14,17 @@ from hillsphere.errors import InputError
 from hillsphere.faults import MOST_FAULTS, faults_of
 from hillsphere.plugins import validate
 from hillsphere.problems import did_you_mean, format_key, shown
-from hillsphere.spec import DataPath, Ref, Spec, Vector3, data_path, option, quantity, reference
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    Vector3,
+    data_path,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere.units import UNITS, unit_keys, unit_text
 
 
@@ -60,7 +69,7 @@ class Outer(Spec):
         if self.count == 7:
             raise ValueError("seven is not allowed")
         if self.count == 8:
-            raise PydanticCustomError("rule", "too long for eight", {"key": "period_s"})
+            raise rule("period_s", "too long for eight")
         return self
 
 

@@ -19,6 +19,7 @@ from hillsphere.spec import (
     quantity,
     reference,
     repeated,
+    rule,
 )
 
 __all__ = ["CampaignSpec", "MonteCarloSpec", "RangeSpec", "StopSpec", "SweepNeeds", "SweepSpec"]
@@ -96,7 +97,7 @@ class CampaignSpec(StageSpec):
     def _each_once(self) -> Self:
         names = [ref.name for ref in self.dispersions if ref.target is None]
         if len(set(names)) < len(names):
-            raise _rule("dispersions", "a name stands twice")
+            raise rule("dispersions", "a name stands twice")
         return self
 
 
@@ -131,11 +132,11 @@ class MonteCarloSpec(CampaignSpec):
     @model_validator(mode="after")
     def _something_differs(self) -> Self:
         if self.design != "random" and not self.dispersions:
-            raise _rule("dispersions", f"nothing differs: {self.design!r} needs dispersions")
+            raise rule("dispersions", f"nothing differs: {self.design!r} needs dispersions")
         if self.design != "random" and self.stop is not None:
-            raise _rule("stop", f"part of a {self.design!r} design is none; use 'random'")
+            raise rule("stop", f"part of a {self.design!r} design is none; use 'random'")
         if self.bands and not self.quantiles:
-            raise _rule("quantiles", "bands are quantiles; give at least one")
+            raise rule("quantiles", "bands are quantiles; give at least one")
         return self
 
 
@@ -154,9 +155,9 @@ class RangeSpec(Spec):
     @model_validator(mode="after")
     def _ends(self) -> Self:
         if self.first == self.last:
-            raise _rule("last", "must differ from first")
+            raise rule("last", "must differ from first")
         if self.spacing == "log" and not self.first * self.last > 0:
-            raise _rule("spacing", "'log' needs two ends of the same sign, neither zero")
+            raise rule("spacing", "'log' needs two ends of the same sign, neither zero")
         return self
 
 
@@ -229,23 +230,23 @@ class SweepSpec(CampaignSpec):
     def _fits_the_design(self) -> Self:
         is_list = self.design == "list"
         if self.needs.behind is not None and not self.lines:
-            raise _rule("needs", "behind: there are no lines; name their quantities")
+            raise rule("needs", "behind: there are no lines; name their quantities")
         if is_list != bool(self.rows or self.needs.rows) or (self.rows and self.needs.rows):
-            raise _rule("rows", "'list' takes either rows or needs.rows, the other designs neither")
+            raise rule("rows", "'list' takes either rows or needs.rows, the other designs neither")
         if is_list == bool(self.over):
-            raise _rule("over", "names what is swept, except for 'list', whose rows do")
+            raise rule("over", "names what is swept, except for 'list', whose rows do")
         if (self.points is not None) != (self.design in ("latin_hypercube", "sobol")):
-            raise _rule("points", "is for 'latin_hypercube' and 'sobol', which need it")
+            raise rule("points", "is for 'latin_hypercube' and 'sobol', which need it")
         for name, values in self.over.items():
             if not isinstance(values, RangeSpec):
                 if not values or self.design != "grid":
-                    raise _rule(
+                    raise rule(
                         "over",
                         f"{name}: {self.design!r} needs "
                         + ("at least one value" if not values else "first and last"),
                     )
             elif self.design == "grid" and values.points is None:
-                raise _rule("over", f"{name}: a grid needs the number of points")
+                raise rule("over", f"{name}: a grid needs the number of points")
         return self
 
     def misfits(
@@ -307,7 +308,3 @@ def _told(value: Any) -> str:
     if isinstance(value, RangeSpec):
         return "swept"
     return "left out" if value is None or value == "" else repr(value)
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, rule
 
 __all__ = ["CampaignSummarySpec", "ClaimSpec", "SummaryNeeds"]
 
@@ -57,11 +56,11 @@ class ClaimSpec(Spec):
     @model_validator(mode="after")
     def _one_form(self) -> Self:
         if bool(self.less) != bool(self.than):
-            raise _rule("than" if self.less else "less", "less and than belong together")
+            raise rule("than" if self.less else "less", "less and than belong together")
         if bool(self.above_random) == bool(self.less):
-            raise _rule("less", "give either less and than, or above_random")
+            raise rule("less", "give either less and than, or above_random")
         if self.above_random and self.of != "worst":
-            raise _rule("above_random", "is for of = 'worst'")
+            raise rule("above_random", "is for of = 'worst'")
         return self
 
 
@@ -102,13 +101,9 @@ class CampaignSummarySpec(StageSpec):
     def _fits(self) -> Self:
         count = len(self.needs.campaigns)
         if self.labels and len(self.labels) != count:
-            raise _rule("labels", f"{len(self.labels)} labels for {count} campaigns")
+            raise rule("labels", f"{len(self.labels)} labels for {count} campaigns")
         if len(set(self.labels)) < len(self.labels):
-            raise _rule("labels", "a label stands twice")
+            raise rule("labels", "a label stands twice")
         if self.needs.worst and len(self.needs.worst) != count:
-            raise _rule("needs", f"worst: {len(self.needs.worst)} for {count} campaigns")
+            raise rule("needs", f"worst: {len(self.needs.worst)} for {count} campaigns")
         return self
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
 
 __all__ = [
     "ActuatorSpec",
@@ -335,40 +334,36 @@ class ClosedLoopSpec(StageSpec):
     def _something_to_follow(self) -> Self:
         given = self.needs.reference is not None
         if given and self.target is not None:
-            raise _rule("target", "needs.reference is followed already; give one of the two")
+            raise rule("target", "needs.reference is followed already; give one of the two")
         if self.follow and not given:
-            raise _rule("follow", "it names a trajectory of needs.reference, which is not given")
+            raise rule("follow", "it names a trajectory of needs.reference, which is not given")
         place = self.target.position_m if self.target else None
         if not given and place is None and self.start.position_m is None:
-            raise _rule("target", "where? give target.position_m, start.position_m or both")
+            raise rule("target", "where? give target.position_m, start.position_m or both")
         if self.duration_s is not None and self.samples is not None:
-            raise _rule("samples", "duration_s says it already; give one of the two")
+            raise rule("samples", "duration_s says it already; give one of the two")
         if self.duration_s is None and self.samples is None and not given:
-            raise _rule("duration_s", "how long? give a duration or the number of samples")
+            raise rule("duration_s", "how long? give a duration or the number of samples")
         if self.overtime_s and not given:
-            raise _rule("overtime_s", "a state that is held has no end; leave it out")
+            raise rule("overtime_s", "a state that is held has no end; leave it out")
         if self.overtime_s and (self.duration_s is not None or self.samples is not None):
             key = "samples" if self.duration_s is None else "duration_s"
-            raise _rule(key, "with overtime_s a flight lasts as long as its reference, and longer")
+            raise rule(key, "with overtime_s a flight lasts as long as its reference, and longer")
         if not self.overtime_s:
             if self.overtime_command != "held":  # also a spec made anew from all of another one
-                raise _rule("overtime_command", "there is no overtime_s; leave it out")
+                raise rule("overtime_command", "there is no overtime_s; leave it out")
             if self.require.late_s is not None:
-                raise _rule("require", "late_s: no flight ends later without overtime_s")
+                raise rule("require", "late_s: no flight ends later without overtime_s")
         if self.require.landing_miss_m is not None and not (given and "impact" in self.success):
-            raise _rule(
+            raise rule(
                 "require",
                 "landing_miss_m: flights that land follow a needs.reference, with 'impact' among "
                 "success",
             )
         if self.tolerance is not None and self.most_substeps < 2 * self.substeps:
-            raise _rule("most_substeps", "must be at least twice substeps")
+            raise rule("most_substeps", "must be at least twice substeps")
         for key in ("sees", "success"):
             values = getattr(self, key)
             if len(set(values)) < len(values):
-                raise _rule(key, "a value stands twice")
+                raise rule(key, "a value stands twice")
         return self
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

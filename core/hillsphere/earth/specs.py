@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import DataPath, Spec, data_path, option, quantity
+from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
 
 __all__ = ["PlanetSpec"]
 
@@ -78,4 +77,4 @@ class PlanetSpec(Spec):
             key, text = "ut1_minus_utc_s", "goes with orientation = 'constant'; add it, or remove"
         else:
             return self
-        raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+        raise rule(key, text)

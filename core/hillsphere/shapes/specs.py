@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import DataPath, Spec, Vector3, data_path, option, quantity
+from hillsphere.spec import DataPath, Spec, Vector3, data_path, option, quantity, rule
 
 __all__ = [
     "METRES",
@@ -26,7 +25,7 @@ def _one_source(file: str | None, given: bool, key: str) -> None:
     """Refuse a shape that is given twice, or not at all."""
     if given == (file is not None):
         text = f"{key} and file both give the shape; keep one" if given else f"give {key} or file"
-        raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+        raise rule(key, text)
 
 
 class EllipsoidShapeSpec(Spec):

@@ -9,7 +9,7 @@ from pydantic import field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from hillsphere.problems import did_you_mean
-from hillsphere.spec import UNITS, DataPath, Spec, data_path, option, table_name
+from hillsphere.spec import UNITS, DataPath, Spec, data_path, option, rule, table_name
 
 __all__ = [
     "ChoiceSpec",
@@ -25,10 +25,6 @@ __all__ = [
 
 Sizes = float | tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
-
-
-def _fault(message: str, key: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": message, "key": key})
 
 
 class DispersionSpec(Spec):
@@ -110,7 +106,7 @@ def _one_of(spec: Spec, keys: Sequence[str]) -> None:
     if len(given) != 1:
         said = f"got {' and '.join(given)}" if given else "got none"
         text = f"give one of {', '.join(keys)}; {said}"
-        raise _fault(text, given[1] if given else keys[0])
+        raise rule(given[1] if given else keys[0], text)
 
 
 def _offset() -> Sizes:
@@ -171,9 +167,9 @@ class IntervalSpec(ContinuousSpec):
     def _one_interval(self) -> Self:
         _one_of(self, ("half_width", "half_width_relative", "lower"))
         if (self.lower is None) != (self.upper is None):
-            raise _fault("lower and upper belong together", "upper")
+            raise rule("upper", "lower and upper belong together")
         if self.lower is not None and self.offset != 0.0:
-            raise _fault("lower and upper say where the interval is; leave offset out", "offset")
+            raise rule("offset", "lower and upper say where the interval is; leave offset out")
         return self
 
 
@@ -231,9 +227,9 @@ class ChoiceSpec(DispersionSpec):
         if self.weights is not None:
             if len(self.weights) != len(self.values):
                 text = f"must be as many as values, {len(self.values)}, got {len(self.weights)}"
-                raise _fault(text, "weights")
+                raise rule("weights", text)
             if not sum(self.weights) > 0:
-                raise _fault("at least one must be positive", "weights")
+                raise rule("weights", "at least one must be positive")
         return self
 
 
@@ -267,7 +263,7 @@ class SamplesSpec(DispersionSpec):
         if self.rows is not None:
             widths = {len(row) for row in self.rows}
             if len(widths) > 1 or widths == {0}:
-                raise _fault("every row must hold one number for each quantity", "rows")
+                raise rule("rows", "every row must hold one number for each quantity")
         elif any("*" in name for name in self.parameters):
-            raise _fault("a file's columns are found by whole names; leave * out", "parameters")
+            raise rule("parameters", "a file's columns are found by whole names; leave * out")
         return self

@@ -6,8 +6,8 @@ from typing import Any, Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import DataPath, Ref, Spec, data_path, option, quantity, reference
-from hillsphere_controllers.specs import Matrix, check_system, rule
+from hillsphere.spec import DataPath, Ref, Spec, data_path, option, quantity, reference, rule
+from hillsphere_controllers.specs import Matrix, check_system
 
 __all__ = ["LqgSpec", "LqrSpec", "LtiSpec", "LyapunovSpec", "PointSpec"]
 

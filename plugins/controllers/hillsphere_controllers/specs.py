@@ -5,18 +5,12 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Spec, option, quantity
+from hillsphere.spec import Spec, option, quantity, rule
 
-__all__ = ["ImpulsiveSpec", "Matrix", "PidSpec", "StateSpaceSpec", "check_system", "rule"]
+__all__ = ["ImpulsiveSpec", "Matrix", "PidSpec", "StateSpaceSpec", "check_system"]
 
 Matrix = tuple[tuple[float, ...], ...]
-
-
-def rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 def check_system(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> None:

@@ -62,7 +62,7 @@ def hillsphere_components() -> list[Component]:
             "stage",
             "navigation_comparison",
             "hillsphere_estimators.navigation.comparison:NavigationComparisonStage",
-            "hillsphere_estimators.navigation.specs:NavigationComparisonSpec",
+            "hillsphere_estimators.navigation.comparison_specs:NavigationComparisonSpec",
             "sets of sensors side by side: errors, order, bound, consistency, the lightest",
         ),
         Component(

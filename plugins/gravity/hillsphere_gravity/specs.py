@@ -6,7 +6,6 @@ from pathlib import PurePath
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import (
     DataPath,
@@ -17,6 +16,7 @@ from hillsphere.spec import (
     option,
     quantity,
     reference,
+    rule,
 )
 
 __all__ = [
@@ -52,25 +52,19 @@ MOST_ELONGATED = 100.0
 """Largest ratio of two semi-axes of an ellipsoid for which its integrals were verified."""
 
 
-def _fault(key: str, text: str) -> PydanticCustomError:
-    """Make a validation error that the mission reader places at `key`."""
-    # The text goes in as a value: pydantic would read braces in a template.
-    return PydanticCustomError("gravity", "{text}", {"text": text, "key": key})
-
-
 def _check_mass(
     density_kg_m3: float | None, gm_m3_s2: float | None, gravitational_constant: float | None
 ) -> None:
     """Refuse a mass that is given twice, or not at all."""
     if density_kg_m3 is not None and gm_m3_s2 is not None:
-        raise _fault("gm_m3_s2", "density and gm both give the mass; keep one")
+        raise rule("gm_m3_s2", "density and gm both give the mass; keep one")
     if density_kg_m3 is None and gm_m3_s2 is None:
-        raise _fault(
+        raise rule(
             "density_kg_m3",
             "the mass is missing; give density_kg_m3 (or density_g_cm3) or gm_m3_s2 (or gm_km3_s2)",
         )
     if gm_m3_s2 is not None and gravitational_constant is not None:
-        raise _fault("gravitational_constant", "goes with a density only; gm needs none, remove it")
+        raise rule("gravitational_constant", "goes with a density only; gm needs none, remove it")
 
 
 class PointMassSpec(Spec):
@@ -112,7 +106,7 @@ class EllipsoidSpec(Spec):
     def _not_too_elongated(self) -> Self:
         ratio = max(self.axes_m) / min(self.axes_m)
         if ratio > MOST_ELONGATED:
-            raise _fault(
+            raise rule(
                 "axes_m",
                 f"the longest must be at most {MOST_ELONGATED:g} times the shortest, got "
                 f"{ratio:.4g} times; further out the integrals lose digits",
@@ -173,9 +167,9 @@ class CoefficientSpec(Spec):
     @model_validator(mode="after")
     def _in_triangle(self) -> Self:
         if self.m > self.n:
-            raise _fault("m", f"order m must be ≤ degree n, got n = {self.n}, m = {self.m}")
+            raise rule("m", f"order m must be ≤ degree n, got n = {self.n}, m = {self.m}")
         if self.m == 0 and self.s != 0.0:
-            raise _fault("s", f"S of order 0 multiplies sin 0 and must be 0, got {self.s}")
+            raise rule("s", f"S of order 0 multiplies sin 0 and must be 0, got {self.s}")
         return self
 
 
@@ -232,13 +226,13 @@ class HarmonicsSpec(Spec):
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if self.coefficients and self.file is not None:
-            raise _fault("file", "coefficients and file both give the series; keep one")
+            raise rule("file", "coefficients and file both give the series; keep one")
         if self.file is not None:
             file_format_of(self)
         elif not self.coefficients:
-            raise _fault("coefficients", "the series is missing; give coefficients or file")
+            raise rule("coefficients", "the series is missing; give coefficients or file")
         elif self.file_format is not None:
-            raise _fault("file_format", "says how to read a file, and none is given; remove it")
+            raise rule("file_format", "says how to read a file, and none is given; remove it")
         else:
             self._check_table()
         return self
@@ -246,26 +240,26 @@ class HarmonicsSpec(Spec):
     def _check_table(self) -> None:
         required = ("gm_m3_s2", "reference_radius_m", "normalisation", "tide_system")
         if missing := [key for key in required if getattr(self, key) is None]:
-            raise _fault(missing[0], f"missing beside coefficients: {', '.join(missing)}")
+            raise rule(missing[0], f"missing beside coefficients: {', '.join(missing)}")
         first: dict[tuple[int, int], int] = {}
         for index, row in enumerate(self.coefficients):
             earlier = first.setdefault((row.n, row.m), index)
             if earlier != index:
-                raise _fault(
+                raise rule(
                     "coefficients",
                     f"degree {row.n}, order {row.m} stands in row {earlier + 1} and again in row "
                     f"{index + 1}; keep one",
                 )
         highest = max(row.n for row in self.coefficients)
         if self.max_degree is not None and self.max_degree > highest:
-            raise _fault(
+            raise rule(
                 "max_degree", f"must be ≤ {highest}, the table's degree, got {self.max_degree}"
             )
         degree = highest if self.max_degree is None else self.max_degree
         if self.max_order is not None and self.max_order > degree:
-            raise _fault("max_order", f"must be ≤ {degree}, the degree, got {self.max_order}")
+            raise rule("max_order", f"must be ≤ {degree}, the degree, got {self.max_order}")
         if self.max_tesseral_degree is not None and self.max_tesseral_degree > degree:
-            raise _fault(
+            raise rule(
                 "max_tesseral_degree",
                 f"must be ≤ {degree}, the degree, got {self.max_tesseral_degree}",
             )
@@ -293,7 +287,7 @@ def file_format_of(spec: HarmonicsSpec) -> FileFormat:
         return spec.file_format
     suffix = PurePath(spec.file or "").suffix.lower()
     if suffix not in _SUFFIXES:
-        raise _fault(
+        raise rule(
             "file", f"cannot tell the format from the suffix {suffix!r}; give file_format "
             "= 'icgem' or 'shadr'"
         )  # fmt: skip
@@ -344,11 +338,11 @@ class SumSpec(Spec):
     @model_validator(mode="after")
     def _distinct_names(self) -> Self:
         if not self.parts:
-            raise _fault("parts", "must hold at least one part, got none")
+            raise rule("parts", "must hold at least one part, got none")
         names = self.part_names()
         for index, name in enumerate(names):
             if name in names[:index]:
-                raise _fault(
+                raise rule(
                     "parts",
                     f"parts {names.index(name) + 1} and {index + 1} are both called {name!r}; "
                     "give one a name",

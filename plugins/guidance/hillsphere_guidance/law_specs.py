@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, option, quantity, reference
+from hillsphere.spec import Ref, Spec, option, quantity, reference, rule
 from hillsphere_guidance.site_specs import SiteSpec
 
 __all__ = ["OpenLoopSpec", "ZemZevSpec"]
@@ -64,17 +63,13 @@ class ZemZevSpec(Spec):
     def _consistent(self) -> Self:
         periods = self.duration_s / self.period_s
         if abs(periods - round(periods)) > 1e-9 * periods or round(periods) < 2:
-            raise _rule("duration_s", "must be a multiple of period_s, two at least")
+            raise rule("duration_s", "must be a multiple of period_s, two at least")
         if self.towards == "reference" and self.prediction == "field":
-            raise _rule(
+            raise rule(
                 "prediction",
                 "'field' does not go with a reference: what that will command is not known",
             )
         given = self.site is not None, self.touchdown_speed_m_s is not None
         if given != (self.towards == "site",) * 2:
-            raise _rule("site", "towards = 'site', site and touchdown_speed_m_s belong together")
+            raise rule("site", "towards = 'site', site and touchdown_speed_m_s belong together")
         return self
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

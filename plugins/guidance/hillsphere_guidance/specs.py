@@ -6,9 +6,8 @@ from math import pi
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Spec, option, quantity
+from hillsphere.spec import Spec, option, quantity, rule
 
 __all__ = ["ConvexSpec", "MinimumEnergySpec", "MinimumFuelSpec"]
 
@@ -81,8 +80,8 @@ class ConvexSpec(_HeldSpec):
         least, most = self.minimum_m_s2, self.maximum_m_s2
         if least is not None and most is not None and least > most:
             text = "must not be above the maximum"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "minimum_m_s2"})
+            raise rule("minimum_m_s2", text)
         if self.glide_slope_time_s is not None and self.glide_slope_rad is None:
             text = "it belongs to glide_slope_deg (or _rad)"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "glide_slope_time_s"})
+            raise rule("glide_slope_time_s", text)
         return self

@@ -1,14 +1,12 @@
-"""What the Specs of several stages say alike: a label, and faults of rules between keys."""
+"""What the Specs of several stages say alike: a label."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from pydantic_core import PydanticCustomError
-
 from hillsphere.spec import option
 
-__all__ = ["label", "rule"]
+__all__ = ["label"]
 
 
 def label(
@@ -21,8 +19,3 @@ def label(
         pattern=r"^([a-z0-9][a-z0-9_]*)?$",
         max_length=40,
     )
-
-
-def rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, option, quantity, reference
+from hillsphere.spec import Ref, Spec, option, quantity, reference, rule
 
 __all__ = ["DragSpec", "EarthOrbitSpec"]
 
@@ -90,5 +90,5 @@ class EarthOrbitSpec(Spec):
     def _arc_has_a_meaning(self) -> Self:
         if self.frame == "teme" and self.arc_s != 0.0:
             text = "goes with frame = 'gcrs'; the frame 'teme' is that of the epoch, remove it"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "arc_s"})
+            raise rule("arc_s", text)
         return self

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
-from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference
+from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference, rule
 
 __all__ = [
     "FormationReferenceSpec",
@@ -101,7 +100,7 @@ class ProximitySpec(Spec):
         given = [craft.name for craft in self.spacecraft if craft.name]
         if len(set(given)) < len(given):
             text = f"names repeat: {', '.join(given)}"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "spacecraft"})
+            raise rule("spacecraft", text)
         return self
 
 
@@ -171,5 +170,5 @@ class FormationReferenceSpec(StageSpec):
     def _several_points(self) -> Self:
         if self.interval_s > self.duration_s:
             text = "is longer than the trajectory; shorten it"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "interval_s"})
+            raise rule("interval_s", text)
         return self

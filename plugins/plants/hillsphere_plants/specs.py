@@ -6,9 +6,8 @@ from math import pi
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, option, quantity, reference
+from hillsphere.spec import Ref, Spec, option, quantity, reference, rule
 
 __all__ = ["HillSpec", "ThreeBodySpec"]
 
@@ -69,5 +68,5 @@ class ThreeBodySpec(Spec):
     def _consistent(self) -> Self:
         if self.orbit == "circular" and self.rotation != "locked":
             text = "on a circle the moon is locked; leave it out, or give orbit = 'elliptic'"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "rotation"})
+            raise rule("rotation", text)
         return self

@@ -6,9 +6,8 @@ from math import pi
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Pair, Ref, Spec, option, quantity, reference
+from hillsphere.spec import Pair, Ref, Spec, option, quantity, reference, rule
 
 __all__ = [
     "CameraSpec",
@@ -140,10 +139,10 @@ class LidarSpec(SpacecraftSensorSpec):
     def _angles_say_something(self) -> Self:
         if self.angles and self.spot == "pointing":
             text = "the beam goes along the boresight: its direction from there says nothing"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "angles"})
+            raise rule("angles", text)
         if self.field_of_view_rad is not None and self.spot == "pointing":
             text = "the beam goes along the boresight and needs none; leave it out"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "field_of_view"})
+            raise rule("field_of_view", text)
         return self
 
 
@@ -187,10 +186,10 @@ class InterSatelliteSpec(SpacecraftSensorSpec):
     def _something_of_another(self) -> Self:
         if not (self.range or self.angles):
             text = "neither range nor angles are measured; keep one"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "range"})
+            raise rule("range", text)
         if self.partner == self.spacecraft:
             text = f"spacecraft {self.partner} is no partner of itself"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "partner"})
+            raise rule("partner", text)
         return self
 
 
@@ -255,7 +254,7 @@ class DeepSpaceStationSpec(SpacecraftSensorSpec):
     def _each_once(self) -> Self:
         if len(set(self.measures)) < len(self.measures):
             text = "names something twice"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "measures"})
+            raise rule("measures", text)
         return self
 
 

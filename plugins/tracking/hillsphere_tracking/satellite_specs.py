@@ -7,9 +7,8 @@ from math import pi
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import DataPath, Spec, data_path, option, quantity
+from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
 
 __all__ = ["BlindSectorSpec", "MeanElementsSpec", "SatelliteSpec", "StationSpec", "ZonalFieldSpec"]
 
@@ -91,10 +90,10 @@ class SatelliteSpec(Spec):
             text = "a satellite needs exactly one of tle, file and elements, got "
             text += " and ".join(given) if given else "none"
             key = given[-1] if given else "name"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+            raise rule(key, text)
         if self.elements is not None and not self.name:
             text = "mean elements need the satellite's name"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "elements"})
+            raise rule("elements", text)
         return self
 
 
@@ -116,7 +115,7 @@ class BlindSectorSpec(Spec):
     def _lower_first(self) -> Self:
         if not self.elevation_rad[0] < self.elevation_rad[1]:
             text = "the second elevation must be above the first"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "elevation_rad"})
+            raise rule("elevation_rad", text)
         return self
 
 
@@ -182,5 +181,5 @@ class StationSpec(Spec):
         elif any(b <= a for a, b in pairwise(azimuth)):
             text = "the azimuths of a mask must rise"
         if text:
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "mask_azimuth_rad"})
+            raise rule("mask_azimuth_rad", text)
         return self

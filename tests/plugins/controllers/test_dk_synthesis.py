@@ -251,6 +251,10 @@ def test_what_does_not_fit_is_refused() -> None:
         dk_synthesis(LAG, 1, 1, BlockStructure([full(1), full(2)]))
     with pytest.raises(InputError, match="first controller must be"):
         dk_synthesis(LAG, 1, 1, PAIR, controller=gain(np.ones((2, 1))))
+    with pytest.raises(
+        InputError, match="does not stabilise the plant: the closed loop has a pole"
+    ):
+        dk_synthesis(LAG, 1, 1, PAIR, controller=gain(np.array([[-1e6]])))
     with pytest.raises(InputError, match="must be ≥ 0"):
         dk_synthesis(LAG, 1, 1, PAIR, iterations=-1)
 

@@ -198,6 +198,7 @@ def test_full_blocks_and_complex_numbers() -> None:
         (lambda: parameter(MASS) + parameter(real_parameter("mass", 0.0, 1.0)), "two different"),
         (lambda: uncertain_system(1) + uncertain_system(1, 1), "one shape"),
         (lambda: uncertain_system(1) @ uncertain_system(1, 1), "does not fit"),
+        (lambda: uncertain_system(1) * uncertain_system(1), "a @ b"),  # type: ignore[operator]
         (lambda: feedback(uncertain_system(1), np.ones((1, 2))), "must be 2 × 2 to fit"),
         (lambda: star(uncertain_system(1), uncertain_system(2), 3, 1), "do not fit"),
         (lambda: stacked(uncertain_system(1), np.ones((1, 3))), "number of inputs"),

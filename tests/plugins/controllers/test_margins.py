@@ -245,3 +245,26 @@ def test_poles_over_nine_decades(seed: int) -> None:
 def test_what_is_no_loop() -> None:
     with pytest.raises(InputError, match="as many outputs as inputs"):
         loop_margins(gain(np.ones((2, 1))))
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "lower", "upper"),
+    [
+        ([100.0], [1.0, 1e7 - 1e-6, -10.0], 0.1, np.inf),  # poles 1e13 apart
+        ([1e9], [1.0, -1.0], 1e-9, np.inf),
+        ([1e-9], [1.0, 3.0, 3.0, 1.0], 0.0, 8e9),
+    ],
+)
+def test_bounds_of_gains_far_from_one(
+    numerator: list[float], denominator: list[float], lower: float, upper: float
+) -> None:
+    """k/(s + 1)³ bears 8/k; k/(s − p) needs a gain of p/k."""
+    found = one(transfer_function(numerator, denominator))
+    assert_allclose(found.gain_lower, lower, rtol=1e-6)
+    assert_allclose(found.gain_upper, upper, rtol=1e-6)
+
+
+def test_poles_on_the_axis_bound_no_gain() -> None:
+    """What rounding makes of the sign of L at an undamped pole is no crossing."""
+    found = one(transfer_function([1.0, 0.2], [1.0, 5.0, 1.0, 5.0]))
+    assert (found.gain_lower, found.gain_upper) == (0.0, np.inf)

@@ -315,5 +315,11 @@ def test_what_cannot_be_is_refused() -> None:
         synthesise([], static(1, 1))
     with pytest.raises(InputError, match="initial"):
         synthesise(lag(-1.0), static(1, 1), initial=[np.zeros(2)])
+    with pytest.raises(InputError, match="initial"):
+        synthesise(lag(-1.0), static(1, 1), initial=[np.array([np.nan])])
+    with pytest.raises(InputError, match="finite"):
+        Channel(weight=np.inf)
+    with pytest.raises(InputError, match="finite"):
+        Channel(limit=np.inf)
     with pytest.raises(InputError, match="gain"):
         synthesise(lag(-1.0), static(1, 1), largest_gain=0.0)

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure as Canvas
 
 from hillsphere import create
 from hillsphere.errors import HillsphereError
 from hillsphere.interfaces import Array
 from hillsphere.plant_model import PlantModel
 from hillsphere.plugins import validate
-from hillsphere.products import CaseTable
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.testing import RecordingContext
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.navigation.comparison import NavigationComparisonStage, paired_rms_ratio
+from hillsphere_estimators.navigation.comparison import NavigationComparisonStage
+from hillsphere_estimators.navigation.comparison_specs import NavigationComparisonSpec
 from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
 from hillsphere_estimators.navigation.presentation import judged
-from hillsphere_estimators.navigation.specs import NavigationComparisonSpec, NavigationSpec
+from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.stage import NavigationStage
 from hillsphere_estimators.navigation.world import Faults, ShakenReference
 
@@ -206,21 +204,6 @@ def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
     np.testing.assert_array_equal(silent.present[:3], found.present[:3])
 
 
-def test_paired_ratio_of_rms() -> None:
-    random = np.random.default_rng(5)
-    base = np.abs(random.normal(size=(2, 300)))
-    draw = np.arange(300.0)
-    half = paired_rms_ratio(np.vstack([0.5 * base, draw]), np.vstack([base, draw]), 0.95)
-    np.testing.assert_allclose(half, 0.5, rtol=1e-12)
-    other = np.abs(random.normal(size=(2, 300)))
-    low, value, high = paired_rms_ratio(np.vstack([other, draw]), np.vstack([base, draw]), 0.95)
-    assert low < value < high
-    assert low < 1.0 < high
-    # only common draws count
-    some = paired_rms_ratio(np.vstack([0.5 * base, draw])[:, 100:], np.vstack([base, draw]), 0.95)
-    np.testing.assert_allclose(some, 0.5, rtol=1e-12)
-
-
 def test_a_bound_is_each_flights_own() -> None:
     flight = joint()
     assert flight.bounds_m.shape == flight.position_error_m.shape
@@ -282,74 +265,15 @@ def test_faults_are_unknown_to_the_bound() -> None:
     assert any("does not know of dropouts, outliers" in note for note in notes)
 
 
-def campaign(error_m: float, failed: int) -> CaseTable:
-    """Return 40 flights of one spacecraft."""
-    count = 40
-    gone = np.arange(count) < failed
-    names = ("position_error_1", "velocity_error_1", "position_bound_1", "nees")
-    spread = np.linspace(0.9, 1.1, count)
-    values = np.array([error_m * spread, spread, error_m * spread, 6.0 * spread])
-    values[:, gone] = np.nan
-    numbers = np.arange(count)
-    return CaseTable(
-        stage="sweep", design="random", planned=count, stopped="",
-        case=numbers, draw=numbers, point=np.zeros(count, dtype=np.int64), inputs=(),
-        input_units=(), input_values=np.zeros((0, count)), metrics=names,
-        units=("m", "m/s", "m", "-"), values=values,
-        status=np.where(gone, "diverged", "completed"), cause=np.where(gone, "filter", ""),
-        failed=gone, message_case=numbers[:0], messages=(),
-    )  # fmt: skip
+@pytest.mark.parametrize("keys", [{"step_s": 300}, {"step_s": 600, "noise_step_s": 600}])
+def test_a_step_too_long_for_the_motion_is_refused(keys: dict[str, Any]) -> None:
+    """Flown all the same, NEES is 59 with steps of 300 s, and the error beyond all bounds later."""
+    with pytest.raises(HillsphereError, match=r"step_s: .* s is too long: .* the step map errs by"):
+        stage(**keys).run(RecordingContext())
 
 
-def compared(*tables: CaseTable, **keys: Any) -> Any:
-    names = [f"sweep_{i}" for i in range(len(tables))]
-    spec = validate(
-        NavigationComparisonSpec, {"needs": {"campaigns": names}, "ordered": True, **keys},
-        where="test",
-    )  # fmt: skip
-    assert isinstance(spec, NavigationComparisonSpec)
-    one = NavigationComparisonStage(spec)
-    product = one.run(RecordingContext(), campaigns=tables)
-    return product, one.present(product)
-
-
-def test_a_set_that_loses_flights_meets_no_requirement() -> None:
-    keys: dict[str, Any] = {"masses_kg": [1, 2], "required_position_m": 5}
-    product, said = compared(campaign(2.0, 35), campaign(1.0, 0), **keys)
-    assert product.lightest == "sweep_1, 2 kg"
-    assert product.answers == ("undecided",)
-    assert product.lost.tolist() == [[35], [0]]
-    rows = said.tables["navigation_comparison"].rows
-    assert [row["lost"] for row in rows] == [35, 0]
-    assert rows[0]["consistent"] == "no"
-    assert any("sweep_0 35 of 40" in sentence for sentence in said.verdict)
-    assert not any("draw" in column.name for column in said.tables["navigation_comparison"].columns)
-    product, _ = compared(campaign(2.0, 0), campaign(1.0, 0), **keys)
-    assert product.lightest == "sweep_0, 1 kg"
-    assert product.answers == ("confirmed",)
-
-
-def test_times_in_a_legend_are_written_with_a_space() -> None:
-    table = replace(
-        campaign(2.0, 0), point=np.repeat([0, 1], 20), point_labels=("a", "b"),
-        swept=("stage.flight.interval_s", "stage.flight.count"), swept_units=("s", "-"),
-        points=np.array([[600.0, 0.5], [3.0, 3.0]]),
-    )  # fmt: skip
-    product, said = compared(table, table)
-    assert product.points == ("10min, count 3", "0p500s, count 3")
-    canvas = Canvas()
-    said.figures["navigation_comparison"].draw(canvas)
-    (legend,) = [axes.get_legend() for axes in canvas.axes]
-    assert legend is not None
-    told = [text.get_text() for text in legend.get_texts()]
-    assert told == ["10 min, count 3", "0.500 s, count 3"]
-
-
-def test_a_published_row_of_no_set_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "paper.csv"
-    path.write_text("case,spacecraft,position_error_m,velocity_error_mm_s\n3,1,1,1\n")
-    with pytest.raises(HillsphereError, match="there are 2 sets and 1 spacecraft"):
-        compared(campaign(2.0, 0), campaign(1.0, 0), reference=str(path))
+def test_free_motion_bears_longer_steps() -> None:
+    stage(law=None, step_s=1200, duration_h=1).prepare_cases(())
 
 
 def test_lost_flights_leave_curves_of_the_others() -> None:

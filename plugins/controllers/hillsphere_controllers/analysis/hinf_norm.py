@@ -58,6 +58,9 @@ _NOISE, _FLAT_TOP, _NARROWER = 2e-10, 10.0, 5
 many times the noise's root, relative, in so many rounds."""
 _SAME = 1e-6
 """Relative distance of poles whose gains need not be looked at twice."""
+_DOUBTFUL = 1e-2
+"""Relative error of a norm from which on it is not to be relied on."""
+
 _EPS = float(np.finfo(float).eps)
 _ROUNDED = 3
 """Frequencies, besides the peak and zero, at which the effect of rounding is looked at."""
@@ -79,14 +82,22 @@ class HinfNorm:
         rounding included; infinite if none was found.
     error : float
         Bound of what rounding can have changed in the value, relative to it. Infinite where
-        s I − A is singular but for rounding: its entries do not determine a norm. Above 0.01, scale
-        the states or find the system in better conditioned coordinates.
+        s I − A is singular but for rounding: its entries do not determine a norm. Above 0.01, see
+        `doubt`, scale the states or find the system in better conditioned coordinates.
     """
 
     value: float
     frequency_rad_s: float
     upper: float
     error: float = 0.0
+
+    @property
+    def doubt(self) -> str:
+        """What is to be said against the value; empty if rounding leaves it two digits at least."""
+        if not self.error > _DOUBTFUL:
+            return ""
+        much = f"by {100.0 * self.error:.2g} %" if np.isfinite(self.error) else "by any amount"
+        return f"rounding can change its norm, found as {self.value:.6g}, {much}; scale the states"
 
 
 def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:

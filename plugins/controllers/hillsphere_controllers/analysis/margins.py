@@ -34,8 +34,10 @@ _GRID = 200
 _BESIDE = 1e-7
 _REAL, _SAME = 1e-6, 1e-5
 _NEAR = 1e-2
-_FAR = 1e8
-"""A crossing at a gain as large as that, or as small as its inverse, is rounding at a pole."""
+_NOISY = 100.0
+"""A real crossing is believed where L is so many times what rounding may change in it: at a pole on
+the axis, or far beyond all poles, its sign is no news."""
+_EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -183,12 +185,24 @@ class _Curve:
         loop = self.loop
         if loop.d[0, 0] < 0.0:
             found.append((np.inf, complex(loop.d[0, 0])))
-        reach = np.abs(self._poles).max(initial=0.0)
-        if np.abs(self._poles).min(initial=np.inf) > 1e-12 * reach:
-            at_rest = self(np.zeros(1))[0]
+        size = np.abs(self._poles)
+        if size.min(initial=np.inf) > 4.0 * len(size) * _EPS * size.max(initial=0.0):
+            at_rest = complex(self(np.zeros(1))[0])
             if at_rest.real < 0.0:
                 found.append((0.0, at_rest))
-        return [(omega, value) for omega, value in found if 1.0 / _FAR < abs(value) < _FAR]
+        return [pair for pair in found if abs(pair[1]) > _NOISY * self._noise(pair[0])]
+
+    def _noise(self, omega: float) -> float:
+        """Return what rounding of A may change in L, to first order."""
+        loop = self.loop
+        if np.isinf(omega):
+            return 0.0
+        shifted = 1j * omega * np.eye(loop.order) - loop.a
+        with np.errstate(all="ignore"):
+            into = np.linalg.solve(shifted, loop.b)
+            out = np.linalg.solve(shifted.T, loop.c.T)
+        size = np.linalg.norm(loop.a) * np.linalg.norm(into) * np.linalg.norm(out)
+        return float(_EPS * size)
 
     def unit_crossings(self) -> list[tuple[float, complex]]:
         """Return the frequencies at which the gain is one, and L there."""

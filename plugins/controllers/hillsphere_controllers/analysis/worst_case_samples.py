@@ -38,8 +38,17 @@ class WorstSample:
 
 
 def hinf_value(system: LtiSystem) -> float:
-    """Return the H∞ norm of a system, the number alone."""
-    return hinf_norm(system).value
+    """Return the H∞ norm of a system, the number alone.
+
+    Raises
+    ------
+    InputError
+        If rounding can change it by more than a hundredth: see `HinfNorm`.
+    """
+    norm = hinf_norm(system)
+    if norm.doubt:
+        raise InputError(f"the system's entries do not determine its norm: {norm.doubt}")
+    return norm.value
 
 
 def worst_sample(

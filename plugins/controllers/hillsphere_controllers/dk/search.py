@@ -8,10 +8,11 @@ from time import perf_counter
 
 import numpy as np
 
-from hillsphere.errors import HillsphereError, Interrupted
+from hillsphere.errors import HillsphereError, InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.dk.absorption import absorbed, factors
 from hillsphere_controllers.dk.fitting import Fitted, Goal, dips, fitted, levels_of, lifted
 from hillsphere_controllers.dk.goals import bounds_of
@@ -132,6 +133,12 @@ class Search:
         """Take a first controller, or make it with the best constant scalings."""
         if controller is not None:
             loop = lower_lft(self.plant, controller)
+            if not loop.is_stable:
+                raise InputError(
+                    "the first controller does not stabilise the plant: the closed loop has a pole "
+                    f"with real part {spectral_abscissa(loop):.3g} 1/s; leave it out, or check its "
+                    "sign (u = K y, without a change of sign)"
+                )
             peak = certified_peak(loop, self.structure, gap=self._gap)
             goal = bounds_of(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
             self._judge("start", controller, constants_like(self.structure, goal.sizes), np.nan)

@@ -60,7 +60,8 @@ class GammaProblem:
                 remedy = "a weight on it" if what == "control" else "noise on it"
                 raise SingularProblemError(
                     f"{name} lacks full rank: some combination of the {what}s enters z or shows w "
-                    f"not at all; add a small direct term ({remedy}), or give a regularisation"
+                    f"not at all, or too little to be told from rounding; add a small direct "
+                    f"term ({remedy}), or give a regularisation"
                 )
         # z → Uᵀz with the k weighted rows last, u → R u; w → V w with the q noises last, y → S y
         rotate_z = np.vstack([u1[:, k:].T, u1[:, :k].T])

@@ -297,7 +297,9 @@ class Lft:
         return constant(other) - self
 
     def __mul__(self, number: float) -> Lft:
-        """Return the product with a number."""
+        """Return the product with a number; for that with a system or a matrix there is @."""
+        if np.ndim(number) or isinstance(number, Lft | LtiSystem):
+            raise InputError("* is by a number; the product with a system or a matrix is a @ b")
         (p, m) = self.shape
         return connected((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
 

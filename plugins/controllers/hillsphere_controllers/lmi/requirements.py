@@ -158,7 +158,12 @@ def _norm(loop: LtiSystem, channel: Channel) -> float:
     d = loop.d[np.ix_(rows, columns)]
     part = LtiSystem(loop.a, loop.b[:, columns], loop.c[rows], d, loop.dt_s)
     if channel.norm == "hinf":
-        return hinf_norm(part).value
+        norm = hinf_norm(part)
+        if norm.doubt:
+            raise SynthesisFailedError(
+                f"the entries of the closed loop do not determine its norm: {norm.doubt}"
+            )
+        return norm.value
     size = np.abs(part.c).max(initial=0.0) * np.abs(part.b).max(initial=0.0)
     if np.abs(d).max(initial=0.0) <= _ROUNDING * max(size, 1e-300):
         part = replace(part, d=np.zeros_like(d))

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pydantic_core import PydanticCustomError
+from hillsphere.spec import rule
 
-__all__ = ["only_one", "rule"]
-
-
-def rule(key: str, text: str) -> PydanticCustomError:
-    """Return a fault of a rule between keys, placed at one of them."""
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+__all__ = ["only_one"]
 
 
 def only_one(given: Iterable[str], of: Iterable[str], key: str) -> None:

@@ -42,8 +42,11 @@ class Channel:
     def __post_init__(self) -> None:
         if self.norm not in ("hinf", "h2"):
             raise InputError(f"a norm is 'hinf' or 'h2', got {self.norm!r}")
-        if not self.weight > 0.0 or not (self.limit is None or self.limit > 0.0):
-            raise InputError(f"a weight and a limit must be > 0, got {self.weight}, {self.limit}")
+        limit = 1.0 if self.limit is None else self.limit
+        if not (0.0 < self.weight < np.inf and 0.0 < limit < np.inf):
+            raise InputError(
+                f"a weight and a limit must be > 0 and finite, got {self.weight}, {self.limit}"
+            )
 
 
 @dataclass(frozen=True)

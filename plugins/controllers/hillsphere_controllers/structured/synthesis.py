@@ -93,7 +93,8 @@ class StructuredDesign:
         Least |Σ λ g| max(1, |x|) of multipliers λ and gradients g of the logarithms of the peaks
         that are equally high, in scaled parameters x: zero at a local minimum. A change of x
         by a share s of |x| lowers γ, to first order, by no more than the share s times this. It is
-        not small where gains grow without bound, or where the method got stuck.
+        not small where the method got stuck. It may be small where γ is an infimum that no finite
+        gain reaches: look at `theta`, and see `largest_gain` of `synthesise`.
     active : tuple of Active
         Peaks and constraints that hold the minimum, with their multipliers.
     converged : bool
@@ -223,8 +224,12 @@ def synthesise(
     given = [np.asarray(theta, dtype=float) for theta in initial]
     if not many or starts < (0 if given else 1):
         raise InputError(f"a synthesis needs a plant and a start, got {len(many)} and {starts}")
-    if any(theta.shape != (structure.size,) for theta in given):
-        raise InputError(f"initial parameters must be {structure.size} each, as the structure has")
+    if not isinstance(starts, int | np.integer):
+        raise InputError(f"starts must be a whole number, got {starts}")
+    if any(theta.shape != (structure.size,) or not np.isfinite(theta).all() for theta in given):
+        raise InputError(
+            f"initial parameters must be {structure.size} finite numbers each, as the structure has"
+        )
     if not 0.0 <= scatter < np.inf or (scatter and not given):
         raise InputError(f"a scatter is about initial parameters, ≥ 0 and finite, got {scatter}")
     if not 0.0 <= target < np.inf:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.h2_norm import h2_norm
-from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.errors import (
     NotStabilisableError,
@@ -45,6 +45,12 @@ class Verified:
         From w to z.
     controller_abscissa_1_s : float
         Largest real part of the controller's own poles; −∞ if it has none.
+    gamma_error : float
+        Bound of what rounding can have changed in the H∞ norms, relative to each: γ is right but
+        for this.
+    doubt : str
+        What is to be said against the norm of which that bound is largest; empty if all keep two
+        digits at least.
     """
 
     gamma: float
@@ -53,11 +59,15 @@ class Verified:
     abscissae_1_s: tuple[float, ...]
     closed_loops: tuple[LtiSystem, ...]
     controller_abscissa_1_s: float
+    gamma_error: float = 0.0
+    doubt: str = ""
 
     def wrong(self, region: PoleRegion | None) -> str:
         """Say what is not as it is to be; empty if all is."""
         if not max(self.abscissae_1_s) < 0.0:
             return f"a closed loop has poles with real part {max(self.abscissae_1_s):.3g} 1/s"
+        if self.doubt:
+            return f"the entries of a closed loop do not determine its norm: {self.doubt}"
         if self.limits > 1.0 + _LIMITS:
             return f"a norm is {self.limits:.6g} times its limit"
         if region is not None:
@@ -70,10 +80,12 @@ class Verified:
 def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
     """Return what a controller does with plants, from their closed loops as they are given."""
     loops = tuple(lower_lft(plant.system, controller) for plant in plants)
-    norms = tuple(
-        tuple(_norm(loop, channel) for channel in plant.channels)
+    found = [
+        [_norm(loop, channel) for channel in plant.channels]
         for loop, plant in zip(loops, plants, strict=True)
-    )
+    ]
+    norms = tuple(tuple(one.value for one in of_plant) for of_plant in found)
+    loosest = max((one for row in found for one in row), key=lambda one: one.error)
     gamma, limits = 0.0, 0.0
     for plant, values in zip(plants, norms, strict=True):
         for channel, value in zip(plant.channels, values, strict=True):
@@ -82,7 +94,10 @@ def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
             else:
                 limits = max(limits, channel.weight * value / channel.limit)
     abscissae = tuple(spectral_abscissa(loop) for loop in loops)
-    return Verified(gamma, norms, limits, abscissae, loops, spectral_abscissa(controller))
+    return Verified(
+        gamma, norms, limits, abscissae, loops, spectral_abscissa(controller),
+        loosest.error, loosest.doubt,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -147,9 +162,12 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
     return found
 
 
-def _norm(loop: LtiSystem, channel: Channel) -> float:
+def _norm(loop: LtiSystem, channel: Channel) -> HinfNorm:
     part = _part(loop, *_places(loop, channel, 0, 0))
-    return hinf_norm(part).value if channel.norm == "hinf" else h2_norm(part)
+    if channel.norm == "hinf":
+        return hinf_norm(part)
+    value = h2_norm(part)
+    return HinfNorm(value, np.nan, value)
 
 
 def _channel_plant(plant: DesignPlant, channel: Channel, nu: int, ny: int) -> LtiSystem:

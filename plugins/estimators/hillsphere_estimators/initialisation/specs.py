@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference
+from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
 
 __all__ = ["BeginningSpec", "InitialisationSpec"]
 
@@ -68,7 +67,7 @@ class InitialisationSpec(StageSpec):
     @model_validator(mode="after")
     def _several(self) -> Self:
         def refuse(key: str, text: str) -> None:
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+            raise rule(key, text)
 
         if not self.sensors:
             refuse("sensors", "lists no sensor; name at least one")

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Context
+from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.comparison_presentation import present_comparison
 from hillsphere_estimators.navigation.comparison_products import NavigationComparison
+from hillsphere_estimators.navigation.comparison_specs import NavigationComparisonSpec
 from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
 from hillsphere_estimators.navigation.products import NavigationFlight
-from hillsphere_estimators.navigation.specs import NavigationComparisonSpec
 
 __all__ = ["NavigationComparisonStage", "paired_rms_ratio"]
 
@@ -28,7 +28,7 @@ _STATES = 6
 
 
 class NavigationComparisonStage:
-    """Navigation stages and campaigns of them, side by side.
+    """Navigation stages, and sets of sensors in a campaign of one, side by side.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class NavigationComparisonStage:
         self,
         ctx: Context,
         flights: tuple[NavigationFlight, ...] = (),
-        campaigns: tuple[CaseTable, ...] = (),
+        campaign: CaseTable | None = None,
     ) -> NavigationComparison:
         """Compare.
 
@@ -53,8 +53,8 @@ class NavigationComparisonStage:
             Not used: it takes no time.
         flights : tuple of NavigationFlight
             Shown in one figure.
-        campaigns : tuple of CaseTable
-            Of navigation stages, on the same draws.
+        campaign : CaseTable or None
+            Of a navigation stage, swept over sets of sensors and P points of other keys.
 
         Returns
         -------
@@ -64,25 +64,24 @@ class NavigationComparisonStage:
         Raises
         ------
         InputError
-            If a campaign is not one of a navigation stage, or they do not fit together.
+            If the campaign is not one of a navigation stage over as many sets as there are labels,
+            each at the same points, or flights are not those of the same spacecraft.
         """
-        spec, needs = self.spec, self.spec.needs
-        named = tuple(ref.name for ref in (needs.campaigns or needs.flights))
-        labels = spec.labels or named
-        points = _points(campaigns[0]) if campaigns else ()
-        crafts = _spacecraft(flights, campaigns)
-        shape = (len(labels), len(points), len(crafts))
+        spec = self.spec
+        labels = spec.labels or tuple(ref.name for ref in spec.needs.flights)
+        crafts = _spacecraft(flights, campaign)
+        places = np.zeros((len(labels), 0), dtype=np.int64)
+        points: tuple[str, ...] = ()
+        if campaign is not None:
+            places, points = _places(campaign, spec)
+        shape = (*places.shape, len(crafts))
         found = _Tables(shape)
-        errors: list[list[Array]] = []
-        for c, (table, name) in enumerate(zip(campaigns, named, strict=False)):
-            if _points(table) != points:
-                raise InputError(f"campaigns: {name!r} has other points than {named[0]!r}")
-            errors.append(found.fill(c, table, name, len(crafts)))
+        errors = [] if campaign is None else found.fill(places, campaign, len(crafts))
         low, high = chi_square_band(_STATES * len(crafts), np.maximum(found.cases - found.lost, 1))
         ratio, answers = np.zeros((3, 0, shape[1])), []
-        if spec.ordered and len(campaigns) > 1:
-            ratio = np.zeros((3, len(campaigns) - 1, shape[1]))
-            for c in range(len(campaigns) - 1):
+        if spec.ordered:
+            ratio = np.zeros((3, shape[0] - 1, shape[1]))
+            for c in range(shape[0] - 1):
                 for p in range(shape[1]):
                     ratio[:, c, p] = paired_rms_ratio(
                         errors[c + 1][p], errors[c][p], spec.confidence
@@ -121,7 +120,7 @@ class NavigationComparisonStage:
         self,
         product: NavigationComparison,
         flights: tuple[NavigationFlight, ...] = (),
-        campaigns: tuple[CaseTable, ...] = (),
+        campaign: CaseTable | None = None,
     ) -> Presentation:
         """Show them."""
         return present_comparison(product, self.spec)
@@ -142,7 +141,7 @@ class NavigationComparisonStage:
 
 
 class _Tables:
-    """What is filled campaign by campaign, (C, P, …)."""
+    """What is filled from a campaign, (C, P, …)."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.cases, self.lost = np.zeros((2, *shape[:2]))
@@ -151,28 +150,32 @@ class _Tables:
         self.bound_ratio = np.full((2, *shape), np.nan)
         self.nees = np.full(shape[:2], np.nan)
 
-    def fill(self, c: int, table: CaseTable, name: str, crafts: int) -> list[Array]:
-        """Take a campaign; return the position errors (S, N) at each point, in order of draws."""
-        found = []
-        for p in range(self.cases.shape[1]):
-            at = np.flatnonzero((table.point == p) & ~table.failed)
+    def fill(self, places: Integers, table: CaseTable, crafts: int) -> list[list[Array]]:
+        """Take a campaign whose points stand at places (C, P).
+
+        Return position errors and draws (S + 1, N) of each set at each point, in order of draws.
+        """
+        found: list[list[Array]] = [[] for _ in places]
+        for (c, p), place in np.ndenumerate(places):
+            here = table.point == place
+            at = np.flatnonzero(here & ~table.failed)
             at = at[np.argsort(table.draw[at], kind="stable")]
-            error = np.array([_column(table, name, f"position_error_{s + 1}")[at]
+            error = np.array([_column(table, f"position_error_{s + 1}")[at]
                               for s in range(crafts)])  # fmt: skip
-            found.append(np.vstack([error, table.draw[at]]))
-            self.cases[c, p] = np.sum(table.point == p)
+            found[c].append(np.vstack([error, table.draw[at]]))
+            self.cases[c, p] = np.sum(here)
             self.lost[c, p] = self.cases[c, p] - len(at)
             if not len(at):
                 continue
             self.position[:, c, p] = np.quantile(error, [0.05, 0.5, 0.95], axis=1)
             self.rms[c, p] = np.sqrt(np.mean(error**2, axis=1))
             for s in range(crafts):
-                speed = _column(table, name, f"velocity_error_{s + 1}")[at]
+                speed = _column(table, f"velocity_error_{s + 1}")[at]
                 self.velocity[c, p, s] = np.median(speed)
-                bound = _column(table, name, f"position_bound_{s + 1}")[at]
+                bound = _column(table, f"position_bound_{s + 1}")[at]
                 self.bound[c, p, s] = np.sqrt(np.mean(bound**2))
                 self.bound_ratio[:, c, p, s] = ratio_to_bound(error[s], bound)
-            self.nees[c, p] = np.mean(_column(table, name, "nees")[at])
+            self.nees[c, p] = np.mean(_column(table, "nees")[at])
         return found
 
 
@@ -206,33 +209,48 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
     return np.array([low, np.sqrt(total[0] / total[1]), high])
 
 
-def _points(table: CaseTable) -> tuple[str, ...]:
-    """Return names of the points of a sweep, without that of its stage; one empty one of none."""
-    if not table.swept or table.points is None:
-        return ("",)
-    names = [name.rpartition(".")[2] for name in table.swept]
-    found = []
-    for column in table.points.T:
-        said = [
-            moment(value) if unit == "s" else f"{name} {value:g}"
-            for name, unit, value in zip(names, table.swept_units, column.tolist(), strict=True)
-        ]
-        found.append(", ".join(said))
-    return tuple(found)
+def _places(table: CaseTable, spec: NavigationComparisonSpec) -> tuple[Integers, tuple[str, ...]]:
+    """Return which points of a sweep (C, P) are those of each set, and the P names of the rest.
+
+    The name of the only point of a sweep over nothing but sets is empty.
+    """
+    keys = [name.rpartition(".")[2] for name in table.swept]
+    if table.points is None or keys.count(spec.sets) != 1:
+        raise InputError(f"needs.campaign: {spec.no_sets(table.swept)}")
+    of_sets = keys.index(spec.sets)
+    values = table.points[of_sets]
+    _, first = np.unique(values, return_index=True)
+    if first.size != len(spec.labels):
+        raise InputError(f"labels: {spec.miscounted(first.size)}")
+    places = [np.flatnonzero(values == values[one]) for one in np.sort(first)]
+    rest = np.delete(table.points, of_sets, axis=0)
+    if any(not np.array_equal(rest[:, at], rest[:, places[0]]) for at in places):
+        raise InputError(
+            f"needs.campaign: expected every value of {spec.sets!r} at the same points, in the "
+            "same order, as in a grid; some stand at others"
+        )
+    others = [pair for row, pair in enumerate(zip(keys, table.swept_units, strict=True))
+              if row != of_sets]  # fmt: skip
+    names = tuple(
+        ", ".join(
+            moment(value) if unit == "s" else f"{key} {value:g}"
+            for (key, unit), value in zip(others, column, strict=True)
+        )
+        for column in rest[:, places[0]].T.tolist()
+    )
+    return np.array(places), names
 
 
-def _column(table: CaseTable, name: str, metric: str) -> Array:
+def _column(table: CaseTable, metric: str) -> Array:
     if metric not in table.metrics:
         raise InputError(
-            f"campaigns: {name!r} has no metric {metric!r}; campaigns that repeat a stage "
-            "'navigation' of as many spacecraft are compared"
+            f"needs.campaign: expected one that repeats a stage 'navigation' of as many "
+            f"spacecraft; that of {table.stage!r} has no metric {metric!r}"
         )
     return np.asarray(table.values[table.metrics.index(metric)])
 
 
-def _spacecraft(
-    flights: Sequence[NavigationFlight], campaigns: Sequence[CaseTable]
-) -> tuple[str, ...]:
+def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None) -> tuple[str, ...]:
     if flights:
         crafts = flights[0].spacecraft
         for flight in flights:
@@ -242,7 +260,8 @@ def _spacecraft(
                     f"{', '.join(crafts)}; only flights of the same ones are compared"
                 )
         return crafts
-    count = sum(m.startswith("position_bound_") for m in campaigns[0].metrics)
+    names = () if campaign is None else campaign.metrics
+    count = sum(name.startswith("position_bound_") for name in names)
     return tuple(f"spacecraft {i + 1}" for i in range(max(count, 1)))
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.comparison_products import NavigationComparison
+from hillsphere_estimators.navigation.comparison_specs import NavigationComparisonSpec
 from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
 from hillsphere_estimators.navigation.presentation import judged
-from hillsphere_estimators.navigation.specs import NavigationComparisonSpec
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -70,7 +70,7 @@ def present_comparison(
     -------
     Presentation
         Tables ``navigation_comparison`` and ``navigation_order``; figures
-        ``navigation_comparison`` (campaigns), ``navigation_courses`` and
+        ``navigation_comparison`` (a campaign), ``navigation_courses`` and
         ``navigation_consistency`` (flights).
     """
 
@@ -85,7 +85,8 @@ def present_comparison(
         published = bool(np.isfinite(product.paper_position_m).any())
         notes = ["Errors are lengths of vectors, of the flights that were not lost.",
                  "The bound is the posterior Cramér-Rao bound, each flight's own along its planned "
-                 "path, and the root of their mean square."]  # fmt: skip
+                 "path, and the root of their mean square.",
+                 "It leaves out that a filter with a gate rejects some measurements."]  # fmt: skip
         if published:
             notes.append("A published draw is one flight, not a median, and its interval between "
                          "measurements is not printed.")  # fmt: skip
@@ -97,10 +98,10 @@ def present_comparison(
         )
         figures[named("navigation_comparison")] = Figure(
             "Position errors at the end",
-            lambda figure: _draw_campaigns(figure, product),
-            "Dots: median and 5 to 95 %; squares: rms; dashes: its Cramér-Rao bound"
+            lambda figure: _draw_sets(figure, product, spec.required_position_m),
+            "Dots: median and 5 to 95 %; squares: rms; bars: its Cramér-Rao bound"
             + ("; crosses: published." if published else "."),
-            (8.0, 4.2),
+            (8.0, max(4.2, 1.5 + 0.3 * len(product.labels))),
         )
         inside = _consistent(product)
         verdict += _criteria(product, inside)
@@ -158,7 +159,7 @@ def _criteria(product: NavigationComparison, inside: np.ndarray) -> list[str]:
         + (f", {int((near & ~good).sum())} more within two standard errors of it."
            if (near & ~good).any() else "."),
         f"The mean NEES lies in its 99.9 % band, and no flight is lost, in {int(inside.sum())} of "
-        f"{inside.size} campaigns.",
+        f"{inside.size} sets and points.",
     ] if np.isfinite(ratio).any() else []  # fmt: skip
     if product.lost.any():
         worst = ", ".join(
@@ -257,7 +258,9 @@ def _order(
     return rows, [summary, sentence]
 
 
-def _draw_campaigns(figure: MatplotlibFigure, product: NavigationComparison) -> None:
+def _draw_sets(
+    figure: MatplotlibFigure, product: NavigationComparison, required_m: float | None
+) -> None:
     every = np.atleast_1d(figure.subplots(1, len(product.spacecraft), sharey=True))
     total = len(product.points)
     for s, (axes, craft) in enumerate(zip(every, product.spacecraft, strict=True)):
@@ -265,20 +268,24 @@ def _draw_campaigns(figure: MatplotlibFigure, product: NavigationComparison) -> 
             place = np.arange(len(product.labels)) + 0.7 * ((p + 0.5) / total - 0.5)
             low, median, high = product.position_m[:, :, p, s]
             colour = PALETTE[COLOURS[p % len(COLOURS)]]
-            axes.errorbar(place, median, [median - low, high - median], fmt="o", color=colour,
+            axes.errorbar(median, place, xerr=[median - low, high - median], fmt="o", color=colour,
                           capsize=3, label=_spaced(point) or "median")  # fmt: skip
-            axes.plot(place, product.bound_m[:, p, s], "_", color=colour, markersize=14)
-            axes.plot(place, product.rms_m[:, p, s], "s", color=colour, markersize=5,
+            axes.plot(product.bound_m[:, p, s], place, "|", color=colour, markersize=14)
+            axes.plot(product.rms_m[:, p, s], place, "s", color=colour, markersize=5,
                       fillstyle="none")  # fmt: skip
         paper = product.paper_position_m[:, s]
         if np.isfinite(paper).any():
-            axes.plot(np.arange(len(paper)), paper, "x", color=PALETTE["black"], markersize=8,
+            axes.plot(paper, np.arange(len(paper)), "x", color=PALETTE["black"], markersize=8,
                       label="published")  # fmt: skip
-        axes.set_xticks(np.arange(len(product.labels)), product.labels, rotation=20)
-        axes.set_yscale("log")
+        if required_m is not None:
+            axes.axvline(required_m, color=PALETTE["black"], linestyle="--", label="rms allowed")
+        axes.set_xscale("log")
+        axes.set_xlabel("position error [m]")
         axes.set_title(craft)
-    every[0].set_ylabel("position error [m]")
-    every[-1].legend(loc="best")
+    every[0].set_yticks(np.arange(len(product.labels)), product.labels)
+    every[0].invert_yaxis()  # shared: the first set on top
+    handles, names = every[-1].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=5)
 
 
 def _spaced(point: str) -> str:

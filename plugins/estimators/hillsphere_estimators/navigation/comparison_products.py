@@ -18,7 +18,7 @@ class NavigationComparison:
     labels, spacecraft, points : tuple of str
         Names of the sets, the spacecraft and the points.
     cases, lost : ndarray, shape (C, P)
-        Numbers of flights of the campaigns, and of those that failed; what follows is that of the
+        Numbers of flights of the campaign, and of those that failed; what follows is that of the
         others.
     position_m : ndarray, shape (3, C, P, S)
         5 %, 50 % and 95 % of the position errors at the end.

@@ -1,4 +1,4 @@
-"""Specs of the stages ``navigation`` and ``navigation_comparison``."""
+"""Specs of the stage ``navigation``."""
 
 from __future__ import annotations
 
@@ -6,27 +6,23 @@ from math import isfinite
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.closed_loop.specs import StartSpec
 from hillsphere.spec import (
-    DataPath,
     Pair,
     Ref,
     Spec,
     StageSpec,
-    data_path,
     need,
     option,
     quantity,
     reference,
+    rule,
 )
 
 __all__ = [
     "BeliefSpec",
     "BiasSpec",
-    "ComparisonNeeds",
-    "NavigationComparisonSpec",
     "NavigationNeeds",
     "NavigationSpec",
     "OutageSpec",
@@ -78,7 +74,7 @@ class BeliefSpec(Spec):
     @model_validator(mode="after")
     def _some_position(self) -> Self:
         if not (self.position_relative or self.position_m):
-            raise _rule("position_m", "give position_m or position_relative: zero is no belief")
+            raise rule("position_m", "give position_m or position_relative: zero is no belief")
         return self
 
 
@@ -107,7 +103,7 @@ class TruthSpec(Spec):
     def _scales(self) -> Self:
         for name, factor in self.scale.items():
             if not (isfinite(factor) and factor >= 0.0):
-                raise _rule("scale", f"{name} = {factor:g}: a factor is a number from 0 on")
+                raise rule("scale", f"{name} = {factor:g}: a factor is a number from 0 on")
         return self
 
 
@@ -123,7 +119,7 @@ class OutageSpec(Spec):
     def _in_order(self) -> Self:
         begin, end = self.interval_s
         if not 0.0 <= begin <= end:
-            raise _rule("interval_s", f"must be [from, to] with 0 ≤ from ≤ to, got [{begin:g}, "
+            raise rule("interval_s", f"must be [from, to] with 0 ≤ from ≤ to, got [{begin:g}, "
                         f"{end:g}] s")  # fmt: skip
         return self
 
@@ -264,13 +260,13 @@ class NavigationSpec(StageSpec):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if not self.sensors:
-            raise _rule("sensors", "nothing measures; name at least one")
+            raise rule("sensors", "nothing measures; name at least one")
         names = [ref.name for ref in self.sensors]
         bound = any(ref.target is not None for ref in self.sensors)
         if not bound and len(set(names)) < len(names):
-            raise _rule("sensors", "a name stands twice")
+            raise rule("sensors", "a name stands twice")
         if self.interval_s > self.duration_s:
-            raise _rule("interval_s", "is longer than the flight; shorten it")
+            raise rule("interval_s", "is longer than the flight; shorten it")
         asked = [("outages", n) for out in self.outages for n in out.sensors]
         asked += [("members", n) for group in self.members for n in group]
         asked += [("biases", b.of) for b in self.biases if b.of not in OWN]
@@ -278,124 +274,49 @@ class NavigationSpec(StageSpec):
             for key, name in asked:
                 if name not in names:
                     known = ", ".join(names)
-                    raise _rule(key, f"{name!r} is none of the sensors, which are {known}")
+                    raise rule(key, f"{name!r} is none of the sensors, which are {known}")
         for out in self.outages:
             if out.interval_s[0] > self.duration_s:
-                raise _rule("outages", f"{out.interval_s[0]:g} s is after the end, "
+                raise rule("outages", f"{out.interval_s[0]:g} s is after the end, "
                             f"{self.duration_s:g} s")  # fmt: skip
         for bias in self.biases:
             if bias.of == "thrust" and bias.channel:
-                raise _rule("biases", "'thrust' has no channels; leave channel out")
+                raise rule("biases", "'thrust' has no channels; leave channel out")
         pairs = [(bias.of, bias.channel) for bias in self.biases]
         for of, channel in pairs:
             twice = pairs.count((of, channel)) > 1 or (channel and (of, "") in pairs)
             if twice:
-                raise _rule("biases", f"{of!r} {channel} stands twice".replace("  ", " "))
+                raise rule("biases", f"{of!r} {channel} stands twice".replace("  ", " "))
         if not all(self.members):
-            raise _rule("members", "a member without any sensor; name some, or leave it out")
+            raise rule("members", "a member without any sensor; name some, or leave it out")
         if self.members:
             flat = [n for group in self.members for n in group]
             if sorted(flat) != sorted(names) and not bound:
-                raise _rule("members", "each sensor must belong to one member, and only to one")
+                raise rule("members", "each sensor must belong to one member, and only to one")
         if self.gate_after and self.opening is None:
-            raise _rule("gate_after", "needs opening, the filter of the updates before")
+            raise rule("gate_after", "needs opening, the filter of the updates before")
         if self.opening is not None and not self.gate_after:
-            raise _rule("opening", "takes no update; say how many with gate_after")
+            raise rule("opening", "takes no update; say how many with gate_after")
         if self.start.position_m is not None and len(self.start.position_m) % 3 == 0:
             p = self.start.position_m
             for i in range(0, len(p), 3):
                 if not any(p[i : i + 3]):
-                    raise _rule("start.position_m", f"spacecraft {i // 3 + 1} is at the origin, "
+                    raise rule("start.position_m", f"spacecraft {i // 3 + 1} is at the origin, "
                                 "inside the body; move it off")  # fmt: skip
         if self.needs.belief is not None:
             if self.start.position_m is not None or self.start.velocity_m_s is not None:
-                raise _rule("start", "needs.belief says where flights begin; leave start out")
+                raise rule("start", "needs.belief says where flights begin; leave start out")
         elif self.needs.reference is None and self.start.position_m is None:
-            raise _rule("start", "where? give needs.reference, start.position_m or needs.belief")
+            raise rule("start", "where? give needs.reference, start.position_m or needs.belief")
         for time in self.report_at_s:
             if time > self.duration_s:
-                raise _rule("report_at_s", f"{time:g} s is after the end, {self.duration_s:g} s")
+                raise rule("report_at_s", f"{time:g} s is after the end, {self.duration_s:g} s")
             part = time / self.interval_s
             if time < 0.0 or abs(part - round(part)) > 1e-6:
-                raise _rule("report_at_s", f"at {time:g} s nothing is measured, only every "
+                raise rule("report_at_s", f"at {time:g} s nothing is measured, only every "
                             f"{self.interval_s:g} s; take a multiple of that")  # fmt: skip
         if len(set(self.report_at_s)) < len(self.report_at_s):
-            raise _rule("report_at_s", "a time stands twice")
+            raise rule("report_at_s", "a time stands twice")
         if self.rms_from_s > self.duration_s:
-            raise _rule("rms_from_s", "is after the end")
+            raise rule("rms_from_s", "is after the end")
         return self
-
-
-class ComparisonNeeds(Spec):
-    """What is compared: flights, campaigns, or both."""
-
-    examples = ({"flights": ["navigation", "navigation"]},)
-
-    flights: tuple[Ref, ...] = need(
-        "hillsphere_estimators.navigation.products:NavigationFlight",
-        "stages 'navigation', shown in one figure",
-        default=(),
-        max_length=20,
-    )
-    campaigns: tuple[Ref, ...] = need(
-        "hillsphere.products:CaseTable",
-        "campaigns of 'navigation' stages on the same random numbers, in the order that is "
-        "claimed: from the greatest errors to the least; sweeps over the interval, or none",
-        default=(),
-        max_length=20,
-    )
-
-
-class NavigationComparisonSpec(StageSpec):
-    """Sets of sensors side by side: errors beside published ones, their order, their bound."""
-
-    produces = "hillsphere_estimators.navigation.comparison_products:NavigationComparison"
-    examples = ({"needs": {"flights": ["navigation", "navigation"]}, "labels": ["a", "b"]},)
-
-    needs: ComparisonNeeds = option("products of earlier stages")
-    labels: tuple[str, ...] = option(
-        "name of each flight or campaign in tables; left out: that of its stage", default=()
-    )
-    ordered: bool = option(
-        "whether the errors are claimed to fall from each campaign to the next", default=False
-    )
-    reference: DataPath | None = data_path(
-        "cited CSV table of published errors with the columns case (the label's number, counted "
-        "from 1), spacecraft, position_error_m and velocity_error_mm_s",
-        default=None,
-    )
-    confidence: float = option("of all intervals", default=0.95, gt=0.5, lt=1)
-    masses_kg: tuple[float, ...] = quantity(
-        "mass", "of each campaign's set of sensors, for the choice of the lightest", default=()
-    )
-    required_position_m: float | None = quantity(
-        "length", "what the rms position error of every spacecraft may be at most",
-        default=None, gt=0,
-    )  # fmt: skip
-    label: str = option(
-        "appended to the names of tables, figures and metrics",
-        default="",
-        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
-        max_length=40,
-    )
-
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
-        campaigns, flights = len(self.needs.campaigns), len(self.needs.flights)
-        if not campaigns and not flights:
-            raise _rule("needs", "nothing is compared; give flights, campaigns or both")
-        if campaigns and flights and campaigns != flights:
-            raise _rule("needs", f"{flights} flights for {campaigns} campaigns; give one for each")
-        count = campaigns or flights
-        for key, given in (("labels", self.labels), ("masses_kg", self.masses_kg)):
-            if given and len(given) != count:
-                raise _rule(key, f"{len(given)} for {count} to be compared")
-        if self.required_position_m is not None and not self.masses_kg:
-            raise _rule("required_position_m", "needs masses_kg, by which the lightest is found")
-        if (self.masses_kg or self.reference or self.ordered) and not campaigns:
-            raise _rule("needs", "masses_kg, reference and ordered are about campaigns; name them")
-        return self
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

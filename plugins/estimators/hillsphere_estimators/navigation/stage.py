@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.closed_loop.course import Rows
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import (
@@ -17,7 +17,6 @@ from hillsphere.interfaces import (
     Context,
     EstimationModel,
     Estimator,
-    Integers,
     Parameter,
     Plant,
     Scene,
@@ -43,11 +42,10 @@ from hillsphere_estimators.navigation.parts import (
     members_of,
     model_of,
     prior_of,
-    prior_sigma,
     sensors_of,
     true_sensors,
-    usable_beliefs,
 )
+from hillsphere_estimators.navigation.plan import Plan, check_step, plan_of
 from hillsphere_estimators.navigation.presentation import present_navigation
 from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.scene import aims, proximity_scene
@@ -60,31 +58,6 @@ _STREAM = "navigation"
 _ORBIT = ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
 """Parameters of the body's orbit. Kepler's equation is solved for a few lanes at a time, until all
 of them have converged: if these differed, a case would take other last bits from its neighbours."""
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """What flights along one reference share.
-
-    Parameters
-    ----------
-    start : ndarray, shape (n,)
-        State at which the flight is planned to begin.
-    goal : ndarray, shape (n, K)
-        Reference at the measurements.
-    sigma : ndarray, shape (n,)
-        How well the start is known.
-    begin_s : float
-        When flights begin, s.
-    beliefs : ndarray of int
-        Cases of an earlier stage's beliefs, with which flights begin in turn; none without.
-    """
-
-    start: Array
-    goal: Array
-    sigma: Array
-    begin_s: float
-    beliefs: Integers
 
 
 class NavigationStage:
@@ -135,7 +108,7 @@ class NavigationStage:
         self._opening: Estimator = opening.get()
         self._count = intervals_of(spec) + 1
         self._since: Array = np.arange(self._count, dtype=float) * spec.interval_s
-        self._known: tuple[object, object, _Plan] | None = None
+        self._known: tuple[object, object, Plan] | None = None
 
     def case_inputs(self) -> tuple[Parameter, ...]:
         """Return what may differ from case to case, see `NavigationSpec`."""
@@ -242,11 +215,10 @@ class NavigationStage:
     def _model(self) -> PlantModel:
         return model_of(self.spec, self.plant, self._suite, self.law)
 
-    @cached_property
-    def _coarse(self) -> PlantModel:
-        """The model for bounds: of the sixth order, steps twice as long change them by 1e-5."""
-        twice = self.spec.model_copy(update={"step_s": 2.0 * self.spec.step_s})
-        return model_of(twice, self.plant, self._suite, self.law)
+    def _stepping(self, factor: float) -> PlantModel:
+        """Return the model with a step so many times as long."""
+        spec = self.spec.model_copy(update={"step_s": factor * self.spec.step_s})
+        return model_of(spec, self.plant, self._suite, self.law)
 
     def _control(self, estimate: Array, goal: Array) -> Array:
         """Return what the model's motion is told: the law's estimate and reference, if any."""
@@ -264,56 +236,30 @@ class NavigationStage:
     def _scene(self, t_s: Array, believed: Array) -> Scene:
         return proximity_scene(self.plant, self.rows.positions, t_s, believed)
 
-    def _plan(self, product: FlightSet | None, belief: Beginnings | None) -> _Plan:
+    def _plan(self, product: FlightSet | None, belief: Beginnings | None) -> Plan:
         """Return what flights along this reference share, made once."""
         known = self._known
         if known is not None and known[0] is product and known[1] is belief:
             return known[2]
-        spec, rows = self.spec, self.rows
-        given = np.full(len(rows.names), np.nan)
-        if spec.start.position_m is not None:
-            given[rows.positions] = self._checked(spec.start.position_m, "position_m")
-            given[rows.velocities] = 0.0
-        if spec.start.velocity_m_s is not None:
-            given[rows.velocities] = self._checked(spec.start.velocity_m_s, "velocity_m_s")
-        begin_s, cases = spec.start.time_s, np.zeros(0, dtype=np.int64)
-        if belief is not None:
-            begin_s, cases = belief.t_s, usable_beliefs(spec, self.plant, belief)
-            if product is None:
-                given[rows.positions] = belief.means[:, cases].mean(axis=1)[rows.positions]
-                given[rows.velocities] = 0.0
-        course: Course = (
-            course_at(rows, given)
-            if product is None
-            else course_along(self.plant, rows, product, spec.follow)
-        )
-        start = np.where(np.isnan(given), course.start, given)
-        # a reference and what is believed count time from the same zero
-        goal = np.array(course.at(self._since + (0.0 if belief is None else begin_s)))
-        sigma = prior_sigma(spec, rows, start)
-        plan = _Plan(start, goal, sigma, begin_s, cases)
+        plan = plan_of(self.spec, self.plant, self.rows, self._since, product, belief)
+        check_step(plan, self.rows, self._model, self._stepping(0.5), self._since)
         self._known = (product, belief, plan)
         return plan
 
-    def _bound(self, plan: _Plan, x0: Array, start: Belief) -> Array:
+    def _bound(self, plan: Plan, x0: Array, start: Belief) -> Array:
         """Return the bounds (S, K, N) of position errors along the flights' own planned paths."""
         rows, cases = self.rows, x0.shape[1]
         prior = start.covariance
         if (x0 == x0[:, :1]).all() and (prior == prior[:1]).all():  # all fly the same path
             x0, prior = x0[:, :1], prior[:1]
+        # of the sixth order: steps twice as long change bounds by 1e-5
         found = planned_bound(
-            self._coarse, x0, prior, start.t_s[0] + self._since, plan.goal,
+            self._stepping(2.0), x0, prior, start.t_s[0] + self._since, plan.goal,
             self._untouched, self._scene, self._faults.heard,
         )  # fmt: skip
         squares = np.array([one.sigma[rows.positions] ** 2 for one in found]).transpose(1, 0, 2)
         each = squares.reshape(rows.vectors, -1, self._count, x0.shape[1]).sum(axis=1)
         return np.broadcast_to(np.sqrt(each), (rows.vectors, self._count, cases))
-
-    def _checked(self, given: tuple[float, ...], key: str) -> Array:
-        count = len(self.rows.positions)
-        if len(given) != count:
-            raise InputError(f"start.{key}: {len(given)} numbers, the plant has {count}")
-        return np.array(given)
 
     def _run_time(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the true plant's parameters that are not nominal or differ, in its order."""
@@ -337,7 +283,7 @@ class NavigationStage:
         )  # fmt: skip
 
     def _begin(
-        self, plan: _Plan, batch: CaseBatch, belief: Beginnings | None, t0: Array
+        self, plan: Plan, batch: CaseBatch, belief: Beginnings | None, t0: Array
     ) -> tuple[Array, Belief]:
         """Return true states (n, N) and beliefs before the first measurement."""
         if belief is not None:
@@ -354,7 +300,7 @@ class NavigationStage:
         return np.ascontiguousarray(truth), prior_of(plan.sigma, mean, t0)
 
     def _fly(
-        self, plan: _Plan, batch: CaseBatch, belief: Beginnings | None
+        self, plan: Plan, batch: CaseBatch, belief: Beginnings | None
     ) -> tuple[Record, Flights]:
         """Fly a block."""
         spec, rows = self.spec, self.rows
@@ -428,7 +374,7 @@ class NavigationStage:
     def _metrics(self, record: Record) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
         return metrics_of(record, self.spec.report_at_s, self.spec.rms_from_s)
 
-    def _product(self, plan: _Plan, record: Record, flights: Flights) -> NavigationFlight:
+    def _product(self, plan: Plan, record: Record, flights: Flights) -> NavigationFlight:
         truth = self.spec.truth
         names, units, values = self._metrics(record)
         crafts = getattr(self.plant, "spacecraft", None)

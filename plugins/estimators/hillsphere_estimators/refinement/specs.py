@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference
+from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
 
 __all__ = ["ApproachSpec", "ArmSpec", "GeometrySpec", "OrbitRefinementSpec"]
 
@@ -44,7 +43,7 @@ class ApproachSpec(Spec):
     def _away(self) -> Self:
         if not any(self.offset_m):
             text = "is zero: in the asteroid's middle; give the spacecraft a place beside it"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "offset_m"})
+            raise rule("offset_m", text)
         return self
 
 
@@ -62,7 +61,7 @@ class ArmSpec(Spec):
     def _some(self) -> Self:
         if not self.sensors:
             text = "lists no sensor; name at least one"
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": "sensors"})
+            raise rule("sensors", text)
         return self
 
 
@@ -164,7 +163,7 @@ class OrbitRefinementSpec(StageSpec):
     @model_validator(mode="after")
     def _times_and_names(self) -> Self:
         def refuse(key: str, text: str) -> None:
-            raise PydanticCustomError("rule", "{text}", {"text": text, "key": key})
+            raise rule(key, text)
 
         for group in ("geometries", "arms"):
             names = [item.name for item in getattr(self, group)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
 from hillsphere.spec import (
     DataPath,
@@ -16,6 +15,7 @@ from hillsphere.spec import (
     option,
     quantity,
     reference,
+    rule,
 )
 from hillsphere_guidance.site_specs import SiteSpec
 
@@ -69,11 +69,11 @@ class DescentSpec(Spec):
     @model_validator(mode="after")
     def _one_end(self) -> Self:
         if (self.site is None) == (not self.end_position_m):
-            raise _rule("site", "give one of site and end_position_m (or _km)")
+            raise rule("site", "give one of site and end_position_m (or _km)")
         if (self.site is None) != (self.touchdown_speed_m_s is None):
-            raise _rule("touchdown_speed_m_s", "site and touchdown_speed_m_s belong together")
+            raise rule("touchdown_speed_m_s", "site and touchdown_speed_m_s belong together")
         if self.end_velocity_m_s and not self.end_position_m:
-            raise _rule("end_velocity_m_s", "it belongs to end_position_m, not to a site")
+            raise rule("end_velocity_m_s", "it belongs to end_position_m, not to a site")
         return self
 
 
@@ -136,9 +136,9 @@ class ReferenceTrajectoriesSpec(StageSpec):
     def _names(self) -> Self:
         names = [descent.name for descent in self.descents]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise _rule("descents", f"two descents are called {', '.join(twice)}")
+            raise rule("descents", f"two descents are called {', '.join(twice)}")
         if len(self.descents) * (1 + len(self.start_distances_m)) > 1000:
-            raise _rule("start_distances_m", "more than 1000 descents in all")
+            raise rule("start_distances_m", "more than 1000 descents in all")
         return self
 
     @model_validator(mode="after")
@@ -151,7 +151,7 @@ class ReferenceTrajectoriesSpec(StageSpec):
                     if _same(ref, self.plant)
                     else "stands twice"
                 )
-                raise _rule("compare", f"{ref.name!r} {what}; leave it out")
+                raise rule("compare", f"{ref.name!r} {what}; leave it out")
             seen.append(ref)
         return self
 
@@ -161,7 +161,3 @@ def _same(one: Ref, other: Ref) -> bool:
     if one.target is not None or other.target is not None:
         return one.target is other.target
     return one.name == other.name
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -7,8 +7,8 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, StageSpec, option, quantity, reference
-from hillsphere_orbits.options import label, rule
+from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
+from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
 
 __all__ = ["CoverageSpec"]

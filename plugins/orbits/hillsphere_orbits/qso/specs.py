@@ -17,8 +17,9 @@ from hillsphere.spec import (
     option,
     quantity,
     reference,
+    rule,
 )
-from hillsphere_orbits.options import label, rule
+from hillsphere_orbits.options import label
 
 __all__ = [
     "BifurcationNeeds",

@@ -16,8 +16,9 @@ from hillsphere.spec import (
     option,
     quantity,
     reference,
+    rule,
 )
-from hillsphere_orbits.options import label, rule
+from hillsphere_orbits.options import label
 from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = [

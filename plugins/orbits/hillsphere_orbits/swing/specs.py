@@ -6,8 +6,8 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
-from hillsphere_orbits.options import label, rule
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere_orbits.options import label
 from hillsphere_orbits.qso.specs import read_resonance
 
 __all__ = ["SwingFamiliesNeeds", "SwingFamiliesSpec"]

@@ -7,8 +7,18 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, reference
-from hillsphere_orbits.options import label, rule
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    StageSpec,
+    data_path,
+    need,
+    option,
+    reference,
+    rule,
+)
+from hillsphere_orbits.options import label
 
 __all__ = ["SwingTransfersNeeds", "SwingTransfersSpec"]
 

@@ -6,9 +6,18 @@ from math import pi
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, option, quantity, reference
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    StageSpec,
+    data_path,
+    option,
+    quantity,
+    reference,
+    rule,
+)
 from hillsphere_tracking.satellite_specs import SatelliteSpec
 
 __all__ = ["AssistedTrackingSpec", "NominalErrorSpec", "SearchSpec", "TrackedPassSpec"]
@@ -186,14 +195,10 @@ class AssistedTrackingSpec(StageSpec):
             ("trackers", [ref.name for ref in self.trackers if ref.target is None]),
         ):
             if len(set(names)) < len(names):
-                raise _rule(key, "a name stands twice")
+                raise rule(key, "a name stands twice")
         if not self.trackers:
-            raise _rule("trackers", "name at least one")
+            raise rule("trackers", "name at least one")
         for p in self.passes:
             if list(p.outages_s) != sorted(set(p.outages_s)):
-                raise _rule("passes", f"{p.name}: the outages must rise")
+                raise rule("passes", f"{p.name}: the outages must rise")
         return self
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -6,18 +6,13 @@ from math import degrees, pi
 from typing import Literal, Self
 
 from pydantic import model_validator
-from pydantic_core import PydanticCustomError
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
 
 __all__ = ["AxisSpec", "MountSpec", "PointingNeeds", "PointingSpec"]
 
 _DEGREE = 0.017453292519943295
 _ROUNDING = 1e-9
-
-
-def _rule(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 class AxisSpec(Spec):
@@ -43,7 +38,7 @@ class AxisSpec(Spec):
     @model_validator(mode="after")
     def _lower_first(self) -> Self:
         if not self.lower_rad < self.upper_rad:
-            raise _rule(
+            raise rule(
                 "lower_rad",
                 f"the lower stop must be below the upper one, got {degrees(self.lower_rad):g}° and "
                 f"{degrees(self.upper_rad):g}°",
@@ -95,10 +90,10 @@ class MountSpec(Spec):
         )
         for key in foreign:
             if key in self.model_fields_set:
-                raise _rule(key, f"does not belong to a mount of kind {self.kind!r}; leave it out")
+                raise rule(key, f"does not belong to a mount of kind {self.kind!r}; leave it out")
         low, high = self.secondary.lower_rad, self.secondary.upper_rad
         if low < -0.5 * pi - _ROUNDING or high > pi + _ROUNDING:
-            raise _rule(
+            raise rule(
                 "secondary",
                 f"the secondary axis must stay within -90° and 180°, got {degrees(low):g}° to "
                 f"{degrees(high):g}°",
@@ -156,7 +151,7 @@ class PointingSpec(StageSpec):
     @model_validator(mode="after")
     def _rules(self) -> Self:
         if self.command_period_s > self.prediction_period_s:
-            raise _rule(
+            raise rule(
                 "command_period_s",
                 "must not be longer than the period of the predictions, "
                 f"{self.prediction_period_s:g} s",
@@ -164,5 +159,5 @@ class PointingSpec(StageSpec):
         names = [mount.name for mount in self.mounts]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise _rule("mounts", f"the name {twice[0]!r} stands twice; give each mount its own")
+            raise rule("mounts", f"the name {twice[0]!r} stands twice; give each mount its own")
         return self

@@ -6,8 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, reference
-from hillsphere_controllers.stages.faults import rule
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, reference, rule
 
 __all__ = ["BoundSpec", "LftNeeds", "LftSpec", "UncertainBlockSpec"]
 

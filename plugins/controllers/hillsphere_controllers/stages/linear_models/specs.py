@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hillsphere.errors import InputError
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity
-from hillsphere_controllers.stages.faults import only_one, rule
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity, rule
+from hillsphere_controllers.stages.faults import only_one
 from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, names_in
 
 __all__ = [

@@ -7,8 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity
-from hillsphere_controllers.stages.faults import rule
+from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity, rule
 
 __all__ = ["GridSpec", "MuAnalysisSpec", "MuNeeds"]
 

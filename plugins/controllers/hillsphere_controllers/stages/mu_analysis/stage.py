@@ -97,7 +97,7 @@ class MuAnalysisStage:
             channels = _channels(model, spec.outputs)
             inner = [lft_of(one).nominal for one in channels.values()]
             # the norm is infinite if any state is not stable, performance or not
-            nominal.append(max(hinf_norm(one).value for one in inner))
+            nominal.append(max(hinf_norm(one).upper for one in inner))
             gains = [largest_gains(one.response(grid)).max() for one in inner if grid.size]
             on_grid.append(float(max(gains, default=np.nan)))
             if not np.isfinite(nominal[-1]):

@@ -6,8 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference
-from hillsphere_controllers.stages.faults import rule
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
 
 __all__ = ["SampledLoopsNeeds", "SampledLoopsSpec"]
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity
-from hillsphere_controllers.stages.faults import only_one, rule
+from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
+from hillsphere_controllers.stages.faults import only_one
 from hillsphere_controllers.stages.linear_models.specs import (
     InterconnectionSpec,
     PerformanceSpec,

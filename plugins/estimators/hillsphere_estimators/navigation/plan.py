@@ -1,0 +1,173 @@
+"""What flights along one reference share: where they are planned to be, and what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.errors import InputError, PropagationError
+from hillsphere.interfaces import Array, Integers, Plant
+from hillsphere.plant_model import PlantModel
+from hillsphere.products import FlightSet
+from hillsphere_estimators.navigation.parts import Beginnings, prior_sigma, usable_beliefs
+from hillsphere_estimators.navigation.specs import NavigationSpec
+
+__all__ = ["Plan", "check_step", "plan_of"]
+
+_MOST_SAMPLES = 12
+"""Samples from which the step map is tried."""
+
+_NEGLIGIBLE = 1e-3
+"""Part of the first belief that a step map may be off by."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What flights along one reference share.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n,)
+        State at which the flight is planned to begin, SI.
+    goal : ndarray, shape (n, K)
+        Reference at the measurements, SI.
+    sigma : ndarray, shape (n,)
+        How well the start is known, SI.
+    begin_s : float
+        When flights begin, s.
+    beliefs : ndarray of int
+        Cases of an earlier stage's beliefs, with which flights begin in turn; none without.
+    """
+
+    start: Array
+    goal: Array
+    sigma: Array
+    begin_s: float
+    beliefs: Integers
+
+
+def plan_of(
+    spec: NavigationSpec,
+    plant: Plant,
+    rows: Rows,
+    since_s: Array,
+    product: FlightSet | None,
+    belief: Beginnings | None,
+) -> Plan:
+    """Return the plan of flights.
+
+    Parameters
+    ----------
+    spec : NavigationSpec
+        Start, belief, which trajectory of the reference.
+    plant : Plant
+        What is believed to fly.
+    rows : Rows
+        Its positions and velocities.
+    since_s : ndarray, shape (K,)
+        Times of the measurements since the start, s.
+    product : FlightSet, optional
+        What is followed; none: the start is held.
+    belief : StartingBelief, optional
+        What is believed at the start.
+
+    Raises
+    ------
+    InputError
+        If the start has another number of components than the plant, or a belief does not fit.
+    """
+    given = np.full(len(rows.names), np.nan)
+    if spec.start.position_m is not None:
+        given[rows.positions] = _checked(spec.start.position_m, "position_m", rows)
+        given[rows.velocities] = 0.0
+    if spec.start.velocity_m_s is not None:
+        given[rows.velocities] = _checked(spec.start.velocity_m_s, "velocity_m_s", rows)
+    begin_s, cases = spec.start.time_s, np.zeros(0, dtype=np.int64)
+    if belief is not None:
+        begin_s, cases = belief.t_s, usable_beliefs(spec, plant, belief)
+        if product is None:
+            given[rows.positions] = belief.means[:, cases].mean(axis=1)[rows.positions]
+            given[rows.velocities] = 0.0
+    course: Course = (
+        course_at(rows, given)
+        if product is None
+        else course_along(plant, rows, product, spec.follow)
+    )
+    start = np.where(np.isnan(given), course.start, given)
+    # a reference and what is believed count time from the same zero
+    goal = np.array(course.at(since_s + (0.0 if belief is None else begin_s)))
+    return Plan(start, goal, prior_sigma(spec, rows, start), begin_s, cases)
+
+
+def check_step(
+    plan: Plan, rows: Rows, model: PlantModel, finer: PlantModel, since_s: Array
+) -> None:
+    """Refuse a step that is too long for the motion about the plan.
+
+    From measurements on, one standard deviation of the first belief off the reference on either
+    side of each axis, the flight to the next measurement is followed with the model's step and with
+    half of it. They may differ by what the process noise adds in that time, or by a thousandth of
+    the first belief, whichever is more (of a speed also by what makes that of the position in one
+    interval): the error is no noise that a filter knows of.
+
+    Parameters
+    ----------
+    plan : Plan
+        Reference and first belief.
+    rows : Rows
+        Positions and velocities of the plant.
+    model, finer : PlantModel
+        Of the step that is asked for, and of half of it; without biases.
+    since_s : ndarray, shape (K,)
+        Times of the measurements since the start, s.
+
+    Raises
+    ------
+    InputError
+        If they differ by more.
+    """
+    last = len(since_s) - 1
+    if last < 1 or not plan.sigma.any():
+        return
+    n = len(plan.sigma)
+    samples = np.unique(np.linspace(0, last - 1, min(last, _MOST_SAMPLES)).astype(int))
+    off = np.diag(plan.sigma)
+    off = np.concatenate([off, -off], axis=1)
+    goal, t0, t1 = plan.goal[:, samples], since_s[samples], since_s[samples + 1]
+    there = (goal, plan.begin_s + t0, plan.begin_s + t1)
+    roots = model.process_noise(*there, _told(model, goal, goal))
+    added = np.repeat(np.sqrt(np.sum(roots**2, axis=2)).T, 2 * n, axis=1)
+    goal, t0, t1 = (np.repeat(one, 2 * n, axis=-1) for one in there)
+    x = goal + np.tile(off, len(samples))
+    flown = (x, t0, t1, _told(model, x, goal), np.zeros(x.shape[1], dtype=np.int64))
+    try:
+        difference = np.abs(model.advance(*flown) - finer.advance(*flown))
+    except PropagationError:  # such a belief reaches what cannot be flown: the flights will tell
+        return
+    scale = plan.sigma.copy()
+    crossing = np.max(scale[rows.positions]) / (since_s[1] - since_s[0])
+    scale[rows.velocities] = np.maximum(scale[rows.velocities], crossing)
+    allowed = np.maximum(added, _NEGLIGIBLE * scale[:, None])
+    worst = np.unravel_index(np.argmax(difference / np.maximum(allowed, 1e-300)), difference.shape)
+    if difference[worst] > allowed[worst]:
+        unit = "m/s" if model.plant.states[worst[0]].time else "m"
+        raise InputError(
+            f"step_s: {model.step_s:g} s is too long: from states that the first belief holds "
+            f"possible the step map errs by {difference[worst]:.2g} {unit} within one interval of "
+            f"{t1[worst[1]] - t0[worst[1]]:g} s, where the process noise adds "
+            f"{added[worst]:.2g} {unit}; take a shorter one"
+        )
+
+
+def _told(model: PlantModel, estimate: Array, goal: Array) -> Array:
+    """Return what the model's motion is told: the law's estimate and reference, if any."""
+    return np.zeros((0, goal.shape[1])) if model.law is None else np.concatenate([estimate, goal])
+
+
+def _checked(given: tuple[float, ...], key: str, rows: Rows) -> Array:
+    count = len(rows.positions)
+    if len(given) != count:
+        raise InputError(f"start.{key}: {len(given)} numbers, the plant has {count}")
+    return np.array(given)
