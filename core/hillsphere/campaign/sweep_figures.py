@@ -21,6 +21,8 @@ __all__ = ["MOST_POINTS", "PointValues", "Points", "draw_sweep", "points_of"]
 
 MOST_POINTS = 60
 """Points that are drawn by name, side by side."""
+_ROOM = 40
+"""Characters of names that stand side by side below a panel; longer ones are slanted."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,10 @@ def _draw_line(axes: Axes, points: Points, one: PointValues, band: str, lines: s
             axes.set_xscale("log")
     else:
         step = -(-x.size // 15)
-        axes.set_xticks(x[::step], points.ticks[0][::step], fontsize=8)
+        ticks = points.ticks[0][::step]
+        axes.set_xticks(x[::step], ticks, fontsize=8)
+        if sum(map(len, ticks)) > _ROOM:
+            axes.tick_params(axis="x", rotation=25)
         axes.grid(axis="x", visible=False)
     axes.set_xlabel(points.labels[0] if points.labels else "point of table sweep_failures")
     axes.set_ylabel(one.label)

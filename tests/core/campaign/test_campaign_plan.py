@@ -161,6 +161,15 @@ def test_one_quantity_reached_by_two_ways(tmp_path: Path) -> None:
 # --- sweeps -------------------------------------------------------------------------------------
 
 
+def test_a_point_of_lists_is_named_without_commas() -> None:
+    """Commas separate the parts of a name, of which ticks of figures are made."""
+    over = {"stage.a.sensors": (("camera", "lidar"), ("camera",)), "stage.a.b": (1.0,)}
+    assert grid(over).named(("", "m")) == (
+        "stage.a.sensors = camera + lidar, stage.a.b = 1 m",
+        "stage.a.sensors = camera, stage.a.b = 1 m",
+    )
+
+
 def test_sweep_of_a_run_time_input(repeated: Repeated) -> None:
     over = {"stage.hover.state.y": (1.0, 2.0), "gravity.phobos.gm": (6e5, 7e5, 8e5)}
     plan = planned(repeated, cases=30, swept=grid(over))
