@@ -198,9 +198,11 @@ class _Curve:
         if np.isinf(omega):
             return 0.0
         shifted = 1j * omega * np.eye(loop.order) - loop.a
-        with np.errstate(all="ignore"):
+        try:
             into = np.linalg.solve(shifted, loop.b)
             out = np.linalg.solve(shifted.T, loop.c.T)
+        except np.linalg.LinAlgError:  # at a pole
+            return np.inf
         size = np.linalg.norm(loop.a) * np.linalg.norm(into) * np.linalg.norm(out)
         return float(_EPS * size)
 
