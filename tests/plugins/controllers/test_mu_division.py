@@ -72,3 +72,13 @@ def test_what_cannot_be_divided_is_refused() -> None:
         proved_in_parts(loop(), BlockStructure([full(7, 7)]), 1.0)
     with pytest.raises(InputError, match="limit"):
         proved_in_parts(loop(), performance_structure(loop(), UNCERTAINTY), 0.0)
+
+
+def test_what_is_not_stable_or_does_not_fit_is_refused() -> None:
+    one, single = np.ones((1, 1)), BlockStructure([repeated_real(1, "a")])
+    with pytest.raises(InputError, match=r"pole at 1.*stabilise it first"):
+        proved_in_parts(LtiSystem(one, -one, 0.5 * one, 0.0 * one), single, 0.5)
+    with pytest.raises(InputError, match="3 outputs and 3 inputs, got 1 and 1"):
+        proved_in_parts(
+            LtiSystem(-one, one, one, one), BlockStructure([repeated_real(3, "a")]), 0.5
+        )

@@ -22,6 +22,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import certified_peak
+from hillsphere_controllers.mu.images import check_loop
 from hillsphere_controllers.mu.sensitivities import sensitivities
 from hillsphere_controllers.systems.algebra import gain, star
 
@@ -66,12 +67,15 @@ def proved_in_parts(
     ------
     InputError
         If the system does not fit, is not stable, has no real block, or the limit is not positive.
+    ConvergenceError
+        If the bound on a part needs too many intervals of frequency.
     """
     real = np.array([block.kind == "real" for block in structure.blocks])
     if not real.any():
         raise InputError("no block is real: there is no range to be divided")
     if not 0.0 < limit < np.inf:
         raise InputError(f"the limit must be > 0 and finite, got {limit}")
+    check_loop(system, structure)
     count = len(structure.blocks)
     waiting: list[tuple[float, int, Array, Array]] = []
     heappush(waiting, (0.0, 0, -np.ones(count), np.ones(count)))

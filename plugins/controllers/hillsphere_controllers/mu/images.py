@@ -9,11 +9,11 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.systems.bilinear import continuous
 
-__all__ = ["beside_poles", "from_image", "in_continuous_time", "to_image"]
+__all__ = ["beside_poles", "check_loop", "from_image", "in_continuous_time", "to_image"]
 
 
-def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSystem:
-    """Return a stable system, or its bilinear image, checked against the blocks.
+def check_loop(system: LtiSystem, structure: BlockStructure) -> None:
+    """Refuse a system that is not stable or that the blocks do not close.
 
     Raises
     ------
@@ -32,6 +32,17 @@ def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSyste
             "µ over frequency needs a stable system, but the nominal one has a pole at "
             f"{poles[worst]:.6g}: stabilise it first"
         )
+
+
+def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSystem:
+    """Return a system, or its bilinear image, that `check_loop` lets pass.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable, or does not fit the structure.
+    """
+    check_loop(system, structure)
     return system if system.dt_s is None else continuous(system)
 
 

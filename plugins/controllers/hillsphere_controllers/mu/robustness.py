@@ -132,6 +132,9 @@ def robust_stability(
     ------
     InputError
         If the system is not stable or does not fit the structure.
+    ConvergenceError
+        If the upper bound needs too many intervals of frequency, or a Δ(s) built of the lower
+        bound's Δ does not make I − M Δ singular.
     """
     p, m = uncertainty.shape
     if system.shape[0] < p or system.shape[1] < m:
@@ -174,6 +177,8 @@ def robust_performance(
     ------
     InputError
         If the system is not stable or does not fit, or nothing is left for performance.
+    ConvergenceError
+        As of `robust_stability`.
     """
     whole = performance_structure(system, uncertainty)
     found = _robustness(system, whole, gap, (), seed)
