@@ -272,8 +272,8 @@ def _in_range(given: RangeSpec, u: Array) -> Array:
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, list | tuple):  # no commas: they separate the parts of a point's name
-        return " + ".join(map(_shown, value)) or "none"
+    if isinstance(value, list | tuple) and all(isinstance(one, str) for one in value):
+        return " + ".join(value) or "none"  # no commas: they separate the parts of a point's name
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     return f"{value:.8g}"
