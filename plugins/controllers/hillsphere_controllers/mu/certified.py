@@ -140,9 +140,9 @@ def certified_peak(
 
     Notes
     -----
-    Crossings of a level are eigenvalues, found to the square root of rounding where two of them meet:
-    a peak narrower than some 1e-7 of its frequency (damping below 3e-8), other than at a pole of M,
-    may stand above the bound, by 4 % at a damping of 1e-9.
+    Crossings of a level are eigenvalues, found to the square root of rounding where two of them
+    meet: a peak narrower than some 1e-7 of its frequency (damping below 3e-8), other than at a pole
+    of M, may stand above the bound, by 4 % at a damping of 1e-9.
     """
     if not 1e-6 <= gap < 1.0:
         raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
