@@ -285,41 +285,6 @@ def test_constant_and_silent_systems() -> None:
     assert certified_peak(silent, structure).upper == 0.0
 
 
-def test_a_repeated_parameter_of_modes_of_very_light_damping() -> None:
-    """µ is zero but where an eigenvalue is real, on the flank of a peak 1e-6 of its frequency wide.
-
-    What the first look finds is 2e4 times smaller.
-    """
-    a = np.zeros((8, 8))
-    modes = [(2.27558e-05, 5.9874e-05), (0.009179546, 4.64792e-07), (0.0001432437, 0.476446)]
-    for k, (omega, zeta) in enumerate(modes):
-        a[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, omega], [-omega, -2.0 * zeta * omega]]
-    a[6, 6], a[7, 7] = -1.11144113, -5.05569346e-04
-    b = np.array([
-        [-0.582254, -0.135354], [-0.00266066, 0.0343776], [0.00116632, -0.000553573],
-        [-66.6561, -45.2472], [0.975511, -0.274063], [-0.586446, 0.680895], [-0.01035, -0.0169072],
-        [-35.8807, -0.371071],
-    ])  # fmt: skip
-    c = np.array([
-        [0.00470248, -514.525, 0.000372393, -55.6276, -148.524, -0.00201437, -0.293514, 12.7797],
-        [0.0180943, -331.509, -0.000670222, 6.76821, 35.9766, -0.00116707, -0.0671649, 54.7219],
-    ])  # fmt: skip
-    system = LtiSystem(a, b, c, np.zeros((2, 2)))
-
-    def eigenvalue(omega: float) -> complex:
-        found = np.linalg.eigvals(system.response(np.array([omega]))[0])
-        return complex(found[np.argmax(np.abs(found))])
-
-    place = brentq(lambda w: eigenvalue(w).imag, 0.009179545, 0.00917955, xtol=1e-20, rtol=1e-15)
-    exact = abs(eigenvalue(place))
-    found = certified_peak(system, BlockStructure([repeated_real(2)]))
-    assert exact * (1.0 - 1e-9) <= found.upper <= 1.02 * exact
-    assert len(found.intervals) < 300
-    assert_certified(
-        found, system, BlockStructure([repeated_real(2)]), np.geomspace(1e-7, 10.0, 2000)
-    )
-
-
 def test_errors_say_what_to_do() -> None:
     structure = BlockStructure([full(1)])
     one = np.ones((1, 1))

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.ascent import Ascent
-from hillsphere_controllers.mu.balance import balance
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.power_iteration import iterated, singular_direction
 from hillsphere_controllers.mu.scalings import Scalings
@@ -160,7 +159,7 @@ def lower_bound_of_block(
     InputError
         If the system does not fit the structure.
     """
-    m, _ = _balanced(moving_response(system, structure, omega_rad_s), structure)[0](0.0)
+    m, _ = moving_response(system, structure, omega_rad_s)(0.0)
     delta = single_block(m, structure, block)
     return None if delta is None else checked(m, delta, structure, omega_rad_s)
 
@@ -184,28 +183,14 @@ def moving_response(
     return at
 
 
-def _balanced(
-    at: Callable[[float], tuple[Complex, Complex]], structure: BlockStructure
-) -> tuple[Callable[[float], tuple[Complex, Complex]], Array]:
-    """Return T M T⁻¹ and its derivative, which the same Δ make singular, and T (n,)."""
-    root = balance(at(0.0)[0][None], structure)
-
-    def balanced(z: float) -> tuple[Complex, Complex]:
-        m, slope = at(z)
-        return root[:, None] * m / root, root[:, None] * slope / root
-
-    return balanced, root
-
-
 def _best(
-    given: Callable[[float], tuple[Complex, Complex]],
+    at: Callable[[float], tuple[Complex, Complex]],
     structure: BlockStructure,
     scalings: Scalings | None,
     starts: int,
     seed: int,
     omega: float | None,
 ) -> LowerBound:
-    at, root = _balanced(given, structure)
     m, _ = at(0.0)
     none = LowerBound(0.0, structure.unsquared(np.zeros_like(m)), 1.0)
     size = float(np.linalg.norm(m, 2))
@@ -213,11 +198,7 @@ def _best(
         return none
     ascent = Ascent(at, structure, moving=omega is not None)
     random = np.random.default_rng(seed)
-    likely = []
-    if scalings is not None:
-        both = np.outer(root, root)
-        balanced = Scalings(scalings.d / both, scalings.g / both)
-        likely = singular_direction(m, structure, balanced)
+    likely = [] if scalings is None else singular_direction(m, structure, scalings)
     found = iterated(m, structure, random, starts)
     found.sort(key=lambda q: -ascent.merit(q))
     likely += found[:_RAISED]

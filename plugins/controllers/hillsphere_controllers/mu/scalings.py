@@ -26,6 +26,7 @@ __all__ = ["Basis", "Scalings", "crossed", "level"]
 
 Complex = NDArray[np.complex128]
 
+_OSBORNE = 30
 _ROUNDING = 8.0 * float(np.finfo(float).eps)
 
 
@@ -84,33 +85,16 @@ def level(m: Complex, d: Complex, g: Complex, free: NDArray[np.bool_], fixed: fl
         x = root.conj().T @ one @ inverse.conj().T
         gx = scaled_g @ x
         right = x.conj().T @ x + 1j * (gx - gx.conj().T)
-        guard_kept, guard = _guards(x, gx, free)
+        guard = _ROUNDING * n * float(np.linalg.norm(gx) + np.linalg.norm(x) ** 2)
         if not free.all():
             kept = ~free
-            inner = (fixed - guard_kept) * np.eye(int(kept.sum())) - right[np.ix_(kept, kept)]
-            if np.linalg.eigvalsh(inner)[0] <= 0.0:
+            inner = fixed * np.eye(int(kept.sum())) - right[np.ix_(kept, kept)]
+            if np.linalg.eigvalsh(inner)[0] <= guard:
                 return np.inf
             side = right[np.ix_(kept, free)]
             right = right[np.ix_(free, free)] + side.conj().T @ np.linalg.solve(inner, side)
         worst = max(worst, float(np.linalg.eigvalsh(right)[-1]) + guard)
     return worst
-
-
-def _guards(x: Complex, gx: Complex, free: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return what rounding may take from F's eigenvalues: of indices that are not free, and free.
-
-    An error e between the two counts as e/t for the one and e t for the other, whatever t > 0 is:
-    that which their columns of M have as their ratio, so that a small part keeps its digits.
-    """
-    kept = ~free
-    size, other = float(np.linalg.norm(x[:, free])), float(np.linalg.norm(x[:, kept]))
-    share = size / other if size > 0.0 and other > 0.0 else 1.0
-    of_g = float(np.linalg.norm(gx[np.ix_(kept, free)]) + np.linalg.norm(gx[np.ix_(free, kept)]))
-    across = size * other + of_g
-    own = float(np.linalg.norm(gx[np.ix_(kept, kept)])) + other**2
-    own_free = float(np.linalg.norm(gx[np.ix_(free, free)])) + size**2
-    whole = _ROUNDING * len(x)
-    return whole * (own + across / share), whole * (own_free + across * share)
 
 
 class Basis:
@@ -142,7 +126,7 @@ class Basis:
         rows: list[int] = []
         columns: list[int] = []
         into: list[list[tuple[int, complex]]] = []  # of each parameter: entries and weights
-        spans = structure.spans()
+        self._spans = structure.spans()
 
         def entry(row: int, column: int) -> int:
             rows.append(row)
@@ -157,13 +141,13 @@ class Basis:
                     into.append([(up, 1.0), (low, 1.0)])
                     into.append([(up, 1j), (low, -1j)])
 
-        for span, block in zip(spans, structure.blocks, strict=True):
+        for span, block in zip(self._spans, structure.blocks, strict=True):
             if block.kind == "full":
                 into.append([(entry(k, k), 1.0) for k in range(span.start, span.stop)])
             else:
                 hermitian(span)
         of_d = len(rows)
-        for span, block in zip(spans, structure.blocks, strict=True):
+        for span, block in zip(self._spans, structure.blocks, strict=True):
             if block.kind == "real":
                 hermitian(span)
         self.rows: Integers = np.array(rows)
@@ -211,6 +195,25 @@ class Basis:
         """Return the size (k,) of each parameter where D has so large entries."""
         d = np.diagonal(self.matrices(x)[0]).real
         return np.asarray(np.sqrt(d[self._at[0]] * d[self._at[1]]))
+
+    def osborne(self, m: Complex) -> Complex:
+        """Return D of scalars that make the blocks' rows and columns of √D M √D⁻¹ alike."""
+        squares = np.sum(np.abs(m) ** 2, axis=0)
+        starts = [span.start for span in self._spans]
+        weight = np.add.reduceat(np.add.reduceat(squares, starts, axis=0), starts, axis=1)
+        np.fill_diagonal(weight, 0.0)
+        d = np.ones(len(self._spans))
+        for _ in range(_OSBORNE):
+            before = d.copy()
+            for i in range(d.size):
+                row, column = d[i] * (weight[i] / d).sum(), (weight[:, i] * d).sum() / d[i]
+                if row > 1e-30 and column > 1e-30:
+                    d[i] = np.clip(d[i] * np.sqrt(column / row), 1e-8, 1e8)
+            if np.abs(d / before - 1.0).max() < 1e-2:
+                break
+        sizes = [span.stop - span.start for span in self._spans]
+        whole = np.repeat(d, sizes)
+        return np.diag(whole * (self.n / whole.sum())).astype(complex)
 
     def potential(self, m: Complex, x: Array, b: float) -> float:
         """Return −Σ log det F − log det D, infinite where one is not positive."""

@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.mu.balance import balance, level_units
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.scalings import Basis, Scalings, crossed, level
 
@@ -50,7 +49,7 @@ _MOST_NEWTON = 60
 _VOID = 1e-13
 _SMALLEST = 1e-150
 _ZERO = 1e-9
-"""Of the norm in balanced units: rounding there has as much to do with a smaller µ."""
+"""Of the norm: rounding of entries of that norm has as much to do with a smaller µ."""
 _LONGEST = 1e2
 """Newton steps in one: without a centre, a line has no end."""
 
@@ -116,46 +115,40 @@ def upper_bound(
         raise InputError("a skewed problem needs a block whose size the bound is about")
     squared = structure.squared(matrix)
     squared = squared[None] if squared.ndim == 2 else squared
-    gain = float(np.linalg.norm(squared, 2, axis=(1, 2)).max())
+    size = float(np.linalg.norm(squared, 2, axis=(1, 2)).max())
     n = structure.size
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
     unscaled = Scalings(np.eye(n, dtype=complex), np.zeros((n, n), dtype=complex))
-    if gain <= _SMALLEST:  # their squares would be none; unscaled, they are no worse
-        return UpperBound(gain, unscaled)
-    # divided by the units of its levels M has the same D and a G as many times smaller
-    units = level_units(squared, structure, free)
-    m, unit, size = squared / units, units[:, None], float(units[free][0])
-    basis = Basis(structure, free, 1.0 if free.all() else float(units[~free][0]) ** -2)
-    white = _Whitened(m, structure, basis)
-    given = None if start is None else white.there(start.d, start.g / unit)
-    best = _begin(white.m, structure, white.basis, given)
-    if best is None:
+    if size <= _SMALLEST:  # their squares would be none; unscaled, they are no worse
+        return UpperBound(size, unscaled)
+    m = squared / size
+    basis = Basis(structure, free, 1.0 / size**2)
+    begun = _begin(m, structure, basis, start, size)
+    if begun is None:
         return UpperBound(np.inf, unscaled)
+    white = _Whitened(m, basis)
+    best = (begun[0] / white.norm**2, *white.there(begun[1], begun[2]))
     x = white.basis.parameters(*best[1:])
     goal = -np.inf if target is None else (target / size / white.norm) ** 2
+    zero = (_ZERO / white.norm) ** 2
     beta2 = max(1.3 * best[0], best[0] + 1e-6)
     for _ in range(_MOST_STEPS):
-        if best[0] < (1.0 - 1e-9) * goal and not free.all():
-            # a trace of D in the units of performance would leave little room on either side
-            _, found = white.centre(white.basis.parameters(*best[1:]), goal)
-            best = found if found[0] < goal else best
-            break
         if best[0] < (1.0 - 1e-9) * goal:
             d, g = white.back(best)
-            trace = float(np.trace(d).real) / n
+            whole = n / float(np.trace(d).real)
             # of M as it is: what is fitted to these scalings has its units
-            begun_there = basis.parameters(d / trace, g / trace)
+            begun_there = basis.parameters(d * whole, g * whole)
             level_there = (target / size) ** 2 if target is not None else np.inf
             d, g = basis.matrices(_centre(m, basis, begun_there, level_there))
             reached = level(m, d, g, free, basis.fixed)
             if reached < level_there:
-                return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, unit * g))
+                return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
             break
         x, found = white.centre(x, beta2)
         reached, gained = found[0], best[0] - found[0]
         if gained > 0.0:
             best = found
-        if best[0] <= _ZERO**2 or beta2 - reached <= tolerance * abs(best[0]):
+        if best[0] <= zero or beta2 - reached <= tolerance * abs(best[0]):
             if best[0] < (1.0 - 1e-9) * goal:
                 continue
             break
@@ -165,8 +158,9 @@ def upper_bound(
             break
         beta2 = reached + _STEP * (beta2 - reached)
     value = size * white.norm * float(np.sqrt(max(best[0], 0.0)))
+    # G grows with M's unit: F of the matrix as given has G·size
     d, g = white.back(best)
-    return UpperBound(value, Scalings(d, unit * g))
+    return UpperBound(value, Scalings(d, size * g))
 
 
 def centre(
@@ -193,7 +187,7 @@ def centre(
     squared = structure.squared(matrix)[None]
     size, n = float(np.linalg.norm(squared[0], 2)), structure.size
     basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
-    white = _Whitened(squared / size, structure, basis)
+    white = _Whitened(squared / size, basis)
     begun = basis.parameters(*white.there(scalings.d, scalings.g / size))
     _, found = white.centre(begun, (bound / size / white.norm) ** 2, _CENTRED)
     d, g = white.back(found)
@@ -216,16 +210,19 @@ def upper_bounds(
 
 
 def _begin(
-    m: Complex, structure: BlockStructure, basis: Basis, given: tuple[Complex, Complex] | None
+    m: Complex, structure: BlockStructure, basis: Basis, start: Scalings | None, size: float
 ) -> tuple[float, Complex, Complex] | None:
     """Return a level with its scalings; None without one."""
     n = basis.n
-    d, g = np.eye(n, dtype=complex), np.zeros((n, n), dtype=complex)
-    found = (level(m, d, g, basis.free, basis.fixed), d, g)
-    if given is not None:
-        warm = level(m, *given, basis.free, basis.fixed)
+    zero = np.zeros((n, n), dtype=complex)
+    d = basis.osborne(m)
+    found = (level(m, d, zero, basis.free, basis.fixed), d, zero)
+    if start is not None:
+        d = start.d * (n / np.trace(start.d).real)
+        g = start.g / size * (n / np.trace(start.d).real)
+        warm = level(m, d, g, basis.free, basis.fixed)
         if warm < found[0]:
-            found = (warm, *given)
+            found = (warm, d, g)
     if not np.isfinite(found[0]):
         made = _fixed_part(m, structure, basis)
         if made is None:
@@ -239,14 +236,14 @@ def _begin(
 
 
 class _Whitened:
-    """Matrices in coordinates in which rows and columns are alike, divided by their norm there.
+    """Matrices in coordinates in which Osborne's D is I, divided by their norm there.
 
     A D that spans many decades, as where blocks have very different units, would otherwise be far
     from every centre under its trace, and µ far below the norm.
     """
 
-    def __init__(self, m: Complex, structure: BlockStructure, basis: Basis) -> None:
-        self.root = balance(m, structure)
+    def __init__(self, m: Complex, basis: Basis) -> None:
+        self.root = np.sqrt(np.diagonal(basis.osborne(m)).real)
         made = self.root[:, None] * m / self.root
         self.norm = max(float(np.linalg.norm(made, 2, axis=(1, 2)).max()), _SMALLEST)
         self.m = made / self.norm

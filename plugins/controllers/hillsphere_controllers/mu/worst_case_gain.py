@@ -12,7 +12,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from hillsphere_controllers.mu.gain_ascent import GainAscent
 from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import lower_bound, moving_response
 from hillsphere_controllers.mu.robustness import performance_structure, robust_stability
+from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.worst_case import interpolated
 from hillsphere_controllers.systems.algebra import upper_lft
 from hillsphere_controllers.systems.bilinear import discrete
@@ -101,8 +102,6 @@ def worst_case_gain(
     InputError
         If the system is not stable or does not fit, the size is not positive, or no outputs and
         inputs are left for performance.
-    ConvergenceError
-        If the upper bound needs too many intervals of frequency.
     """
     if not (np.isfinite(size) and size > 0.0):
         raise InputError(f"the size of Δ must be positive, got {size}")
@@ -113,13 +112,17 @@ def worst_case_gain(
     scaled = LtiSystem(
         system.a, system.b, grown[:, None] * system.c, grown[:, None] * system.d, system.dt_s
     )
-    proof = certified_peak(scaled, structure, skewed=[len(uncertainty.blocks)], gap=gap)
-    image = in_continuous_time(scaled, structure)
+    units = _units(scaled, uncertainty)
+    measured = _measured(scaled, uncertainty, *units)
+    skewed = [len(uncertainty.blocks)]
+    proof = certified_peak(measured, structure, skewed=skewed, gap=gap)
+    image = in_continuous_time(measured, structure)
     omega = to_image(proof.frequency_rad_s, system.dt_s)
     if not 0.0 < omega < np.inf:
         omega = beside_poles(image, omega)
+    certified = _given(proof, structure, *units)
     if np.isinf(proof.upper):
-        broken = _unstable(system, scaled, uncertainty, size, proof, gap, seed)
+        broken = _unstable(system, scaled, uncertainty, size, certified, gap, seed)
         if broken is not None:
             return broken
     delta, omega = _raised(image, structure, uncertainty, omega, proof, seed)
@@ -138,8 +141,63 @@ def worst_case_gain(
         best = max(best, closed(factor), key=lambda made: made[0])
     reached, delta, block = best
     return WorstCaseGain(
-        proof.upper, reached, from_image(omega, system.dt_s), block,
-        uncertainty.real_values(delta), proof,
+        certified.upper, reached, from_image(omega, system.dt_s), block,
+        uncertainty.real_values(delta), certified,
+    )  # fmt: skip
+
+
+def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float]:
+    """Return units of the performance inputs and outputs in which their gains are one at most.
+
+    Powers of two; the gains are those without Δ and from and to it.
+    """
+    p, m = uncertainty.shape
+    first, left = (slice(0, p), slice(0, m)), (slice(p, None), slice(m, None))
+
+    def norm(rows: slice, columns: slice) -> float:
+        part = LtiSystem(
+            system.a, system.b[:, columns], system.c[rows], system.d[rows, columns], system.dt_s
+        )
+        return hinf_norm(part).value
+
+    into, out, through = norm(first[0], left[1]), norm(left[0], first[1]), norm(left[0], left[1])
+    if not np.isfinite([into, out, through]).all():
+        return 1.0, 1.0
+    whole = max(through, into * out)
+    if not whole > 0.0:
+        return 1.0, 1.0
+    share = into / out if into > 0.0 and out > 0.0 else 1.0
+    inputs = float(2.0 ** np.round(0.5 * np.log2(whole * share)))
+    return inputs, float(2.0 ** np.round(np.log2(whole / inputs)))
+
+
+def _measured(
+    system: LtiSystem, uncertainty: BlockStructure, inputs: float, outputs: float
+) -> LtiSystem:
+    """Return the system with performance inputs and outputs in other units."""
+    (p, m), (rows, columns) = uncertainty.shape, system.shape
+    into, out = np.ones(columns), np.ones((rows, 1))
+    into[m:], out[p:] = inputs, outputs
+    return LtiSystem(system.a, system.b / into, system.c / out, system.d / out / into, system.dt_s)
+
+
+def _given(
+    proof: CertifiedPeak, structure: BlockStructure, inputs: float, outputs: float
+) -> CertifiedPeak:
+    """Return the proof for the performance inputs and outputs in the units given."""
+    level = inputs * outputs
+    unit = np.where(structure.indices([len(structure.blocks) - 1]), outputs, 1.0)
+
+    def scalings(one: Scalings) -> Scalings:  # of the performance G is zero
+        return Scalings(one.d / unit[:, None] / unit, one.g)
+
+    intervals = (
+        replace(one, bound=level * one.bound, scalings=scalings(one.scalings))
+        for one in proof.intervals
+    )
+    return replace(
+        proof, upper=level * proof.upper, peak=level * proof.peak, bounds=level * proof.bounds,
+        scalings=scalings(proof.scalings), intervals=tuple(intervals),
     )  # fmt: skip
 
 
