@@ -108,6 +108,11 @@ def upper_bound(
     InputError
         If the matrix does not fit the structure or is not of finite numbers, a skewed block is none
         of its, there is none, or the tolerance is out of range.
+
+    Notes
+    -----
+    Blocks whose units differ by more than some 1e8 make the bound loose (9.4 times for 1e10): scale
+    them.
     """
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"a tolerance must be from 0 to 1, got {tolerance}")
