@@ -70,6 +70,11 @@ def rule(key: str, text: str) -> PydanticCustomError:
         Name of a field, or the key that a mission gives it.
     text : str
         What is wrong and what to do.
+
+    Returns
+    -------
+    PydanticCustomError
+        To be raised in a validator.
     """
     # as a value: pydantic would read braces in a template
     return PydanticCustomError("rule", "{text}", {"text": text, "key": key})

@@ -308,6 +308,5 @@ def test_distillation_column_of_skogestad_morari_doyle() -> None:
     structure = BlockStructure([full(1), full(1), full(2)])
     design = dk_synthesis(column(), 2, 2, structure)
     assert_sound(design, structure, np.logspace(-7, 3, 120))
-    # 1.02 is where D–K iteration usually ends, 0.974 the best in the literature. Where this one
-    # ends depends on rounding: 0.982 and 0.997 were seen, on two kinds of processor.
-    assert 0.95 < design.robustness.lower <= design.robustness.upper <= 1.02
+    # 1.02 is where D–K iteration usually ends, 0.974 the best in the literature
+    assert 0.95 < design.robustness.lower <= design.robustness.upper <= 0.99

@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.h2_norm import h2_norm
-from hillsphere_controllers.analysis.hinf_norm import HinfNorm, hinf_norm
+from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.errors import (
     NotStabilisableError,
@@ -84,8 +84,8 @@ def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
         [_norm(loop, channel) for channel in plant.channels]
         for loop, plant in zip(loops, plants, strict=True)
     ]
-    norms = tuple(tuple(one.value for one in of_plant) for of_plant in found)
-    loosest = max((one for row in found for one in row), key=lambda one: one.error)
+    norms = tuple(tuple(value for value, _, _ in of_plant) for of_plant in found)
+    _, error, doubt = max((one for row in found for one in row), key=lambda one: one[1])
     gamma, limits = 0.0, 0.0
     for plant, values in zip(plants, norms, strict=True):
         for channel, value in zip(plant.channels, values, strict=True):
@@ -96,7 +96,7 @@ def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
     abscissae = tuple(spectral_abscissa(loop) for loop in loops)
     return Verified(
         gamma, norms, limits, abscissae, loops, spectral_abscissa(controller),
-        loosest.error, loosest.doubt,
+        error, doubt,
     )  # fmt: skip
 
 
@@ -162,12 +162,13 @@ def full_order(plants: Sequence[DesignPlant], structure: Structure) -> FullOrder
     return found
 
 
-def _norm(loop: LtiSystem, channel: Channel) -> HinfNorm:
+def _norm(loop: LtiSystem, channel: Channel) -> tuple[float, float, str]:
+    """Return a norm, what rounding can have changed in it, and what is to be said against it."""
     part = _part(loop, *_places(loop, channel, 0, 0))
-    if channel.norm == "hinf":
-        return hinf_norm(part)
-    value = h2_norm(part)
-    return HinfNorm(value, np.nan, value)
+    if channel.norm == "h2":
+        return h2_norm(part), 0.0, ""
+    norm = hinf_norm(part)
+    return norm.value, norm.error, norm.doubt
 
 
 def _channel_plant(plant: DesignPlant, channel: Channel, nu: int, ny: int) -> LtiSystem:

@@ -73,6 +73,11 @@ def plan_of(
     belief : StartingBelief, optional
         What is believed at the start.
 
+    Returns
+    -------
+    Plan
+        In the states and the frame of the plant, SI.
+
     Raises
     ------
     InputError
