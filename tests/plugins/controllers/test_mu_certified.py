@@ -18,7 +18,7 @@ from hillsphere_controllers.mu.blocks import (
     repeated_complex,
     repeated_real,
 )
-from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
+from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak, unproved
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.upper_bound import upper_bound
 from hillsphere_controllers.systems.bilinear import discrete
@@ -125,6 +125,48 @@ def test_no_frequency_exceeds_the_certified_peak(
     at_peak = np.append(omega, found.frequency_rad_s)
     largest = largest_over(system, structure, at_peak)
     assert largest <= found.upper <= 1.02 * largest + 1e-6 * hinf_norm(system).value
+
+
+@settings(derandomize=True, deadline=None, max_examples=15)
+@given(
+    seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4), modes=st.integers(1, 3),
+    damping=st.sampled_from([1e-1, 1e-3]), discretely=st.booleans(),
+)  # fmt: skip
+def test_a_limit_is_proved_above_the_peak_and_refuted_below_it(
+    seed: int, count: int, modes: int, damping: float, discretely: bool
+) -> None:
+    structure = blocks_of(np.random.default_rng(seed), count)
+    system = random_system(seed, structure, modes, damping=damping, decades=1.0)
+    if discretely:
+        system = discrete(system, 0.3)
+    peak = certified_peak(system, structure, gap=1e-3)
+    if peak.peak <= 1e-6 * hinf_norm(system).value:
+        return
+    assert unproved(system, structure, 1.002 * peak.upper) is None
+    limit = 0.998 * peak.peak
+    found = unproved(system, structure, limit)
+    assert found is not None
+    omega, bound = found
+    at = system.response(np.array([omega]))[0]
+    assert limit <= bound <= peak.upper
+    there = upper_bound(at, structure).value
+    assert there <= bound * (1.0 + 1e-5)
+    if not structure.purely_real:  # whose µ jumps: then the bound is that of both sides
+        assert_allclose(there, bound, rtol=1e-5)
+
+
+def test_a_limit_is_refuted_between_the_frequencies_of_the_first_look() -> None:
+    structure = BlockStructure([full(1), full(1)])
+    # two modes whose sum peaks between their poles and off the grid, by another phase each
+    a = np.array([[-0.5, 1.0, 0, 0], [-1.0, -0.5, 0, 0], [0, 0, -0.5, 1.7], [0, 0, -1.7, -0.5]])
+    b = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.4], [0.3, 1.0]])
+    system = LtiSystem(a, b, b.T, np.zeros((2, 2)))
+    peak = certified_peak(system, structure, gap=1e-6)
+    first = 0.9999 * peak.peak
+    found = unproved(system, structure, first)
+    assert found is not None
+    assert first <= found[1] <= peak.upper
+    assert unproved(system, structure, 1.0001 * peak.upper) is None
 
 
 def resonant() -> tuple[LtiSystem, BlockStructure]:

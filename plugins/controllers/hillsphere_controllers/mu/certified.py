@@ -28,6 +28,7 @@ __all__ = [
     "CertifiedPeak",
     "Interval",
     "certified_peak",
+    "unproved",
 ]
 
 Complex = NDArray[np.complex128]
@@ -148,22 +149,67 @@ def certified_peak(
     return search.result(system.dt_s)
 
 
-class _Cover:
-    """Bounds found at frequencies, and intervals."""
+def unproved(
+    system: LtiSystem, structure: BlockStructure, limit: float
+) -> tuple[float, float] | None:
+    """Return where scalings do not prove that µ is below a limit.
 
-    def __init__(self, loop: Loop, skewed: Sequence[int] | None, gap: float) -> None:
-        self.loop, self.skewed, self.gap = loop, skewed, gap
+    Parameters
+    ----------
+    system : LtiSystem
+        M, stable, in continuous or discrete time.
+    structure : BlockStructure
+        Of Δ.
+    limit : float
+        Above zero.
+
+    Returns
+    -------
+    tuple of float, or None
+        A frequency, rad/s, and the least bound there, or around it where µ jumps; None if µ is
+        below the limit at all frequencies.
+
+    Raises
+    ------
+    InputError
+        If the system is not stable or does not fit.
+    ConvergenceError
+        If too many intervals are needed.
+    """
+    image = in_continuous_time(system, structure)
+    free = structure.indices(range(len(structure.blocks)))
+    search = _Cover(Loop(balanced(image)[0], structure, free), None, 0.0, limit)
+    if not search.bounds:
+        return None
+    return from_image(search.where, system.dt_s), search.peak
+
+
+class _Cover:
+    """Bounds found at frequencies, and intervals.
+
+    With a limit, the bound is that; at the first frequency at which it does not hold the search
+    ends, with the bounds that exceed it.
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        skewed: Sequence[int] | None,
+        gap: float,
+        limit: float | None = None,
+    ) -> None:
+        self.loop, self.skewed, self.gap, self.limit = loop, skewed, gap, limit
         self.bounds: dict[float, UpperBound] = {}  # the least at their frequencies
         self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
         self.intervals: list[Interval] = []
         self._first_look()
-        if not loop.poles.size or not np.isfinite(self.peak) or self.beta == 0.0:
+        if self._ended() or not (loop.poles.size and 0.0 < self.beta < np.inf):
             return
         size = np.abs(loop.poles)
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
-        while not self._endless() and (between := self._widest_gap()) is not None:
+        while not self._ended() and (between := self._widest_gap()) is not None:
             if len(self.intervals) > _MOST_INTERVALS:
                 raise ConvergenceError(
                     f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
@@ -205,7 +251,7 @@ class _Cover:
         known, done = gains.copy(), np.zeros(omega.size, dtype=bool)
         if not self.loop.free.all():
             known[:] = np.inf
-        self.beta, best = 0.0, -np.inf
+        best = -np.inf if self.limit is None else self.limit
         while not done.all():
             k = int(np.argmax(np.where(done, -1.0, known)))
             if known[k] <= best:
@@ -215,7 +261,7 @@ class _Cover:
             if not np.isfinite(best):
                 break
             known = np.minimum(known, self._everywhere(matrices, found.scalings))
-        self.beta = max((1.0 + self.gap) * best, self.floor)
+        self.beta = max((1.0 + self.gap) * best, self.floor) if self.limit is None else self.limit
 
     def _everywhere(self, m: Complex, scalings: Scalings) -> Array:
         """Return the bounds (K,) that scalings prove for matrices."""
@@ -260,12 +306,14 @@ class _Cover:
         """Add an interval around a frequency, raising the bound if it does not hold there."""
         while (found := self._bound(omega, self.beta)).value >= self.beta:
             self.beta = (1.0 + self.gap) * found.value
-            if self._endless():
+            if self._ended():
                 return
         self._enter(omega, found.scalings)
 
-    def _endless(self) -> bool:
-        """Return whether a skewed bound is out of reach, and give up those who proved it."""
+    def _ended(self) -> bool:
+        """Return whether a limit is exceeded, or a skewed bound out of reach: none is proved."""
+        if self.limit is not None:
+            return bool(self.bounds)
         if self.loop.free.all() or self.beta <= _ENDLESS * self.largest:
             return False
         self.beta = np.inf
@@ -281,7 +329,7 @@ class _Cover:
             if found.value < self.beta:
                 break
             self.beta, self.bounds[middle] = (1.0 + self.gap) * found.value, found
-            if self._endless():
+            if self._ended():
                 return
         self._enter(middle, found.scalings)
 

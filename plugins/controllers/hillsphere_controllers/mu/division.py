@@ -21,14 +21,12 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.certified import certified_peak
+from hillsphere_controllers.mu.certified import unproved
 from hillsphere_controllers.mu.images import check_loop
 from hillsphere_controllers.mu.sensitivities import sensitivities
 from hillsphere_controllers.systems.algebra import gain, star
 
 __all__ = ["Division", "proved_in_parts"]
-
-_GAP = 3e-3
 
 
 @dataclass(frozen=True)
@@ -87,11 +85,12 @@ def proved_in_parts(
         part = _on_part(system, structure, limit, np.where(real, low, -1.0), high)
         if not part.is_stable:  # the middle of the part is a counterexample
             return Division(proved, len(waiting) + 1)
-        found = certified_peak(part, structure, gap=_GAP)
-        if found.upper <= 1.0:
+        found = unproved(part, structure, 1.0)
+        if found is None:
             proved += 1
             continue
-        at = part.response(np.array([found.frequency_rad_s]))[0]
+        omega, bound = found
+        at = part.response(np.array([omega]))[0]
         shares = np.where(real, sensitivities(at, structure), -1.0)
         k = int(np.argmax(shares))
         middle = 0.5 * (low[k] + high[k])
@@ -99,7 +98,7 @@ def proved_in_parts(
             number += 1
             lower, upper = low.copy(), high.copy()
             (lower if end else upper)[k] = middle
-            heappush(waiting, (-found.upper, number, lower, upper))
+            heappush(waiting, (-bound, number, lower, upper))
     return Division(proved, len(waiting))
 
 
