@@ -13,6 +13,8 @@ from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.dk.absorption import absorbed, factors
+from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkDesign, DkIteration
 from hillsphere_controllers.dk.synthesis import dk_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
@@ -301,6 +303,24 @@ def shifted(plant: LtiSystem, delta: float) -> LtiSystem:
         plant.a + delta * np.outer(plant.b[:, 0], plant.c[0]), plant.b[:, 1:], plant.c[1:],
         plant.d[1:, 1:],
     )  # fmt: skip
+
+
+def test_gamma_does_not_jump_with_scalings_over_many_decades() -> None:
+    # nearly the last ones of the column: D falls from 1e-2 to 1e-8 beyond 1 rad/s
+    lag = Multiplier(
+        full(1),
+        np.array([[-2.175, 1.797], [0.304, 0.025]]),
+        None,
+        np.array([2.95e-8, 2.7e-3, 2.6e-2, -2.14e-3, -2.05e-3]).reshape(5, 1, 1),
+        None,
+    )
+    fixed = Multiplier.constant(full(2), np.eye(1), fixed=True)
+    found = []
+    for share in 1.0 + 1e-7 * np.arange(12):
+        moved = replace(lag, x=lag.x * np.array([share, 1, 1, 1, 1]).reshape(5, 1, 1))
+        scaled = absorbed(column(), [factors(one, 1.0) for one in (moved, moved, fixed)], 1.0)
+        found.append(hinf_synthesis(scaled, 2, 2, tolerance=1e-6).solvable)
+    assert max(found) <= min(found) * (1.0 + 1e-5)
 
 
 @pytest.mark.slow

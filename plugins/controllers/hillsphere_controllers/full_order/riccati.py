@@ -29,6 +29,8 @@ __all__ = ["axis_frequencies", "solution_by_pencil", "stabilising_solution"]
 _ON_AXIS = 1e-11
 _NEAR_AXIS = 1e-3
 _RESIDUAL = 1e-6
+_SMALL = 1e-9
+_NEWTON = 5
 _SINGULAR = 1e-13
 
 
@@ -47,7 +49,7 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
     Returns
     -------
     ndarray or None
-        Refined by one step of Newton's method; None where the Hamiltonian matrix has imaginary
+        Refined by Newton's method; None where the Hamiltonian matrix has imaginary
         eigenvalues, X₁ is singular, or the equation is not met.
     """
     n = len(a)
@@ -130,22 +132,32 @@ def _hamiltonian(a: Array, s: Array, q: Array) -> tuple[Array, float]:
 
 
 def _solves(a: Array, s: Array, q: Array, x: Array) -> bool:
-    rest = _residual(a, s, q, x)
-    size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
-    if np.abs(rest).max() > _RESIDUAL * size:
+    if _largest_residual(a, s, q, x) > _RESIDUAL:
         return False
     return bool(np.linalg.eigvals(a + s @ x).real.max() < 0.0)
 
 
 def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:
-    """Return X after one step of Newton's method, if that is nearer."""
-    closed, rest = a + s @ x, _residual(a, s, q, x)
-    # where this is nearly singular, the step is none that helps, and not taken
-    step = solve_sylvester(closed.T, closed, -rest)
-    better = x + 0.5 * (step + step.T)
-    if np.abs(_residual(a, s, q, better)).max() < np.abs(rest).max():
-        return np.asarray(better)
+    """Return X after steps of Newton's method, as long as they bring it nearer and it is far."""
+    rest = _largest_residual(a, s, q, x)
+    for _ in range(_NEWTON):
+        closed = a + s @ x
+        # where this is nearly singular, the step is none that helps, and not taken
+        step = solve_sylvester(closed.T, closed, -_residual(a, s, q, x))
+        better = np.asarray(x + 0.5 * (step + step.T))
+        left = _largest_residual(a, s, q, better)
+        if not left < rest:
+            break
+        x, rest = better, left
+        if rest <= _SMALL:
+            break
     return x
+
+
+def _largest_residual(a: Array, s: Array, q: Array, x: Array) -> float:
+    """Return it relative to the largest of the equation's terms."""
+    size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
+    return float(np.abs(_residual(a, s, q, x)).max() / size)
 
 
 def _residual(a: Array, s: Array, q: Array, x: Array) -> Array:
