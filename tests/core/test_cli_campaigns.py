@@ -164,7 +164,14 @@ def test_a_killed_run_is_resumed_to_the_same_bits(hillsphere: Runner, whole: Run
     ).read_text("utf-8")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGINT,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+    ],
+)
 def test_a_signal_keeps_every_finished_group(
     hillsphere: Runner, whole: Runner, number: signal.Signals
 ) -> None:
@@ -452,6 +459,7 @@ def test_the_neighbour_of_a_case_that_kills_is_repeated(broken: Runner) -> None:
     assert (done.returncode, shown["differences"]) == (0, [])
 
 
+@pytest.mark.slow
 def test_what_a_worker_was_lost_for_is_not_kept_for_other_runs(hillsphere: Runner) -> None:
     (hillsphere.directory / "waves.toml").write_text(
         MISSION

@@ -263,6 +263,7 @@ def _traced_lines(text: str) -> int:
     return count
 
 
+@pytest.mark.slow
 def test_largest_hostile_texts_end() -> None:
     for make in HOSTILE.values():
         text = make(MAX_BYTES)[:MAX_BYTES]

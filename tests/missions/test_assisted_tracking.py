@@ -196,6 +196,7 @@ def test_bands_over_time_are_shown(run: Run) -> None:
         assert (run.directory / "figures" / f"{name}.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_another_satellite_and_station(other: Run) -> None:
     found = comparison(other)
     assert (found.passes, found.outages) == (("LOW", "HIGH"), ("180s", "180s"))

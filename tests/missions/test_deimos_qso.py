@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from tests.missions.conftest import HillReference, Run
 
+pytestmark = pytest.mark.slow  # 50 s
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory, mission_run: Callable[..., Run]) -> Run:

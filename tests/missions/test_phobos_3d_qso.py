@@ -177,6 +177,7 @@ def test_closure(families: SpatialFamilies) -> None:
         assert np.all(orbits.residual <= 1e-12 * np.maximum(1e3, np.abs(multipliers[0])))
 
 
+@pytest.mark.slow
 def test_closure_by_an_independent_integrator(
     families: SpatialFamilies, hill_reference: type[HillReference]
 ) -> None:
@@ -252,6 +253,7 @@ def test_figures(run: Path) -> None:
         assert (run / "figures" / f"{name}.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_resonance_that_was_not_found(tmp_path: Path) -> None:
     """The stage fails with a sentence, and the run says so."""
     sets = [

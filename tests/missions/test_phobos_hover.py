@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from tests.missions.conftest import Run
 
 Array = NDArray[np.float64]
+
+pytestmark = pytest.mark.slow  # 50 s
+
 RADIUS, MEAN_MOTION = 11.1e3, float(np.sqrt(42828.37e9 / 9377e3**3))
 PERIOD, SAMPLES, MOST = 60.0, 133, 0.01
 # No errors of navigation and execution: what differs is then known from the table of cases alone.

@@ -375,6 +375,7 @@ run_campaign(ToyPlan(128), work, executor=Dask(DaskSpec(workers=2)), advance=adv
 """
 
 
+@pytest.mark.slow
 def test_a_local_cluster_keeps_quiet_and_ends_with_ctrl_c(tmp_path: Path) -> None:
     # No guard of the main part: workers do not read the script that started them.
     file = tmp_path / "script.py"

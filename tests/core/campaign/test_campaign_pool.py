@@ -158,7 +158,7 @@ def test_work_that_cannot_be_prepared() -> None:
 
 
 @pytest.mark.parametrize("when", ["prepare", "ready"])
-@pytest.mark.parametrize("workers", [0, 1])
+@pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_passing_fault_while_a_worker_prepares(tmp_path: Path, when: str, workers: int) -> None:
     def outcome(error: Exception, times: int) -> tuple[Outcome, int]:
         place = tmp_path / f"{type(error).__name__}-{times}"

@@ -132,6 +132,7 @@ def test_a_wider_uncertainty_decides_between_equals() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_searches_begin_at_the_controller_of_another_synthesis() -> None:
     first = run(stage(starts=2))
     assert first.search is not None

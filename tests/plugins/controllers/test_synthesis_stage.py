@@ -281,6 +281,7 @@ class Stopped(RecordingContext):
         return advance
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_leaves_its_best_and_goes_on_from_there(tmp_path: Path) -> None:
     table = {"parts": [{"kind": "free"}], "starts": 3}
     one = stage("structured", structured=table)

@@ -25,6 +25,8 @@ from hillsphere_orbits.fidelity.products import FidelityLadder
 from hillsphere_orbits.fidelity.stage import FidelityLadderStage
 from hillsphere_orbits.flow import flow_of
 
+pytestmark = pytest.mark.slow  # 40 s; the mission phobos-transfers climbs one besides
+
 # x0 km: ẏ0, T, planar index; natural units
 TABLE_1 = {
     100: (-8.40921768351853, 6.22507185085014),

@@ -219,6 +219,7 @@ def test_surface_ends_the_family() -> None:
         halo(ellipsoid()).family(None, None, 21)
 
 
+@pytest.mark.slow
 def test_orbits_too_sensitive_end_the_family() -> None:
     """Beyond L1 of a heavy body orbits pass it and its primary ever faster, and double the errors.
 
@@ -275,6 +276,7 @@ def test_what_does_not_exist(call: Callable[[], Any], words: str) -> None:
         call()
 
 
+@pytest.mark.slow
 def test_body_that_fills_its_sphere_of_influence() -> None:
     """Nothing balances the attraction outside an ellipsoid so long that it reaches beyond."""
     stretched = hill(create("gravity", "ellipsoid", axes_km=[40, 11, 11], gm_km3_s2=POINT_MASS))

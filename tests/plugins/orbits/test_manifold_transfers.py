@@ -208,6 +208,7 @@ def test_flights_are_the_transfers(low: ManifoldTransfers) -> None:
     assert flights.t_s[0, 1] == flights.t_s[-1, 0]
 
 
+@pytest.mark.slow
 def test_more_samples_change_nothing(
     plant: Any, family: QsoFamily, orbits: OrbitSet, low: ManifoldTransfers
 ) -> None:

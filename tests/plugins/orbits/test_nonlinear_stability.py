@@ -135,6 +135,7 @@ def test_fates_of_given_offsets(given: NonlinearStability) -> None:
     assert given.drift < 5e-6
 
 
+@pytest.mark.slow
 def test_same_fates_by_taylor_series(survival: Survival, around: Retraced) -> None:
     """Injection errors of QSO-La, half of which are lost within 30 days."""
     duration = 30 * 86400.0 / survival.system.time_unit_s
@@ -395,6 +396,7 @@ def spatial(plant: Any) -> SpatialFamilies:
     return found
 
 
+@pytest.mark.slow
 def test_an_unstable_orbit_bears_nothing(
     plant: Any, family: QsoFamily, spatial: SpatialFamilies
 ) -> None:

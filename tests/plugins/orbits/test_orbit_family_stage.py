@@ -167,6 +167,7 @@ def test_orbits_that_do_not_arrive(method: str, words: str) -> None:
     assert any(words in sentence for sentence in shown.verdict)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "keys, words",
     [

@@ -133,7 +133,9 @@ def test_gradients_by_differences() -> None:
     assert np.min(np.max(np.abs(slopes[:, -1]), axis=0)) > 1e-4
 
 
-@pytest.mark.parametrize("kind", ["integral", "amplitude", "period"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("integral", marks=pytest.mark.slow), "amplitude", "period"]
+)
 def test_gradients_of_what_is_held(kind: str) -> None:
     problem = rounding()
     family = quasi_satellites(about_ellipsoid(SPHERE))
@@ -148,6 +150,7 @@ def test_gradients_of_what_is_held(kind: str) -> None:
     np.testing.assert_allclose(gradient, by_hand, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_gradients_over_a_full_period() -> None:
     """The problem without a mirror: closure of all states from a section."""
     plant = about_point()
@@ -161,6 +164,7 @@ def test_gradients_over_a_full_period() -> None:
     assert np.max(np.abs(slopes[:, -1])) > 1e-2
 
 
+@pytest.mark.slow
 def test_problem_is_the_plants_own_at_the_ends_of_the_path() -> None:
     problem = rounding()
     for axes, fraction in ((SPHERE, 0.0), (AXES, 1.0)):

@@ -365,6 +365,7 @@ def test_shallow_extrema_are_not_overlooked() -> None:
     )
 
 
+@pytest.mark.slow
 def test_family_ends_where_its_amplitude_turns_back() -> None:
     """Harmonics of Phobos (Chao and Rubincam 1989) to degree 3, far inside the body."""
     terms = [(2, 0, -4.698, 0), (2, 1, 0.136, 0.138), (2, 2, 2.276, -0.0202), (3, 0, 0.293, 0),
@@ -426,6 +427,7 @@ def test_far_beyond_hill_is_said(point_mass: Any) -> None:
     assert any("beyond it" in sentence for sentence in shown.verdict)
 
 
+@pytest.mark.slow
 def test_sine_terms_take_the_way_without_a_mirror() -> None:
     """A body turned by 10° and the same field written with sine terms have the same orbits."""
     angle = radians(10.0)

@@ -77,6 +77,7 @@ def test_the_family_ends_before_another_comes_near(family: SpatialFamilies) -> N
     assert family.members.residual.max() < 1e-9
 
 
+@pytest.mark.slow
 def test_what_cannot_be_computed_between_two_members_ends_the_family(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -89,6 +90,7 @@ def test_what_cannot_be_computed_between_two_members_ends_the_family(
     assert found.members.labels == ("1:17, 3 km",)
 
 
+@pytest.mark.slow
 def test_where_families_cross_the_chain_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """The family 1:27 of x = 10.0 km passes a true crossing at z = 4.0 km and goes on."""
     seen: list[tuple[list[int], list[int], list[int]]] = []

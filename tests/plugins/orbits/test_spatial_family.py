@@ -295,6 +295,7 @@ def test_bad_keys(plant: Any, keys: Mapping[str, Any], words: str) -> None:
         stage(plant, **keys)
 
 
+@pytest.mark.slow
 def test_low_orders_end_at_the_surface(plant: Any, bifurcations: Bifurcations) -> None:
     """1:6 and 1:7 turn back below 60 km and meet the surface: not an error, but their end."""
     found = run(plant, bifurcations, z_amplitudes_km=[3], z_max_km=500)

@@ -321,6 +321,7 @@ def harmonics(coefficients: list[dict[str, float]]) -> Any:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_gravity_with_one_mirror() -> None:
     """Without half a turn both sides of the body count: four crossings of the x axis.
 
@@ -339,6 +340,7 @@ def test_gravity_with_one_mirror() -> None:
     assert found.curve_half_residual.max() <= 1e-10
 
 
+@pytest.mark.slow
 def test_gravity_without_mirror() -> None:
     """An ellipsoid's field turned about z: orbits by a full period, two families all the same."""
     plant = hill(harmonics([{"n": 2, "m": 0, "c": -0.1}, {"n": 2, "m": 2, "c": 0.02, "s": 0.02}]))

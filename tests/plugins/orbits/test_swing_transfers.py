@@ -91,6 +91,7 @@ def least(transfers: SwingTransfers, leg: str, family: str) -> int:
     raise AssertionError(f"no transfer {leg} by way of {family}")
 
 
+@pytest.mark.slow
 def test_other_processes_find_the_same_bits(
     plant: Any,
     family: QsoFamily,

@@ -171,6 +171,7 @@ def found() -> TransfersReflown:
     return fly("hill", "circular", "elliptic", plans=plans, start_true_anomaly_deg=90)
 
 
+@pytest.mark.slow
 def test_every_plan_is_found(found: TransfersReflown) -> None:
     assert found.plans == ("direct", "staying")
     assert set(found.status) == {"reflown"}

@@ -326,6 +326,7 @@ def test_impact_is_on_the_ellipsoid() -> None:
     assert found[2] > 1e-3
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_state_and_by_the_drag() -> None:
     plant = _plant(drag=True)
     flow = system(plant, run_time=["drag.area_to_mass"], normalised=True)

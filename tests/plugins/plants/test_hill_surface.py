@@ -85,7 +85,7 @@ def in_pieces(s: System, x: Array, duration: float, p: Any = None) -> tuple[Arra
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-@pytest.mark.parametrize("angle", [0.0, 30.0])
+@pytest.mark.parametrize("angle", [pytest.param(0.0, marks=pytest.mark.slow), 30.0])
 def test_flight_over_the_surface_is_that_of_the_step_map(name: str, angle: float) -> None:
     s = about_phobos(angle)
     x0, duration = start(s, name)

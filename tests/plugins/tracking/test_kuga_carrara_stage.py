@@ -111,6 +111,7 @@ def conditions() -> AssistedTrackingStage:
     return stage(False, rows, nominal_error={"position_km": 3, "velocity_m_s": 3})
 
 
+@pytest.mark.slow
 def test_the_earth_is_turned_to_the_elevations_of_table_1(
     conditions: AssistedTrackingStage,
 ) -> None:

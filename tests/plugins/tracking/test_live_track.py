@@ -144,6 +144,7 @@ def test_mean_elements_of_a_tle_hold_for_the_pass() -> None:
     assert off[22] < 1e-3
 
 
+@pytest.mark.slow
 def test_a_rotator_that_goes_away_during_the_pass(folder: Path) -> None:
     fake = _Fake()
     command = [sys.executable, "-m", "hillsphere", "track", str(folder / "m.csv"), *USUAL]

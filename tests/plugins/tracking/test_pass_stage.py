@@ -150,6 +150,7 @@ def test_satellites_flown_by_a_plant() -> None:
     assert not any("plant" in sentence or "flown" in sentence for sentence in shown.verdict)
 
 
+@pytest.mark.slow
 def test_a_flown_satellite_that_falls_is_said_to() -> None:
     elements = {**ELEMENTS, "semi_major_axis_km": 6548, "eccentricity": 0.001}
     product, shown = run(

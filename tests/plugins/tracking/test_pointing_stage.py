@@ -118,6 +118,7 @@ def hard(a_day: PassList) -> tuple[Pointing, Presentation]:
     return follow(a_day, DISH, XY, stations=["Alcantara"], revolutions=[8, 14])
 
 
+@pytest.mark.slow
 def test_commands_keep_every_limit(hard: tuple[Pointing, Presentation]) -> None:
     product, _ = hard
     check_product(product)
@@ -279,7 +280,11 @@ def overhead(highest_deg: float) -> tuple[dict[str, Any], float]:
 
 @pytest.mark.parametrize(
     ("culmination_deg", "rounded", "peak_deg_s", "digit"),
-    [(81.3, 0.05, 2.3, 0.05), (88.6, 0.05, 14.0, 0.5), (89.93, 0.005, 264.0, 0.5)],
+    [
+        pytest.param(81.3, 0.05, 2.3, 0.05, marks=pytest.mark.slow),
+        pytest.param(88.6, 0.05, 14.0, 0.5, marks=pytest.mark.slow),
+        (89.93, 0.005, 264.0, 0.5),
+    ],
 )
 def test_azimuth_turns_the_faster_the_nearer_the_zenith(
     culmination_deg: float, rounded: float, peak_deg_s: float, digit: float
