@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -268,3 +269,22 @@ def test_poles_on_the_axis_bound_no_gain() -> None:
     """What rounding makes of the sign of L at an undamped pole is no crossing."""
     found = one(transfer_function([1.0, 0.2], [1.0, 5.0, 1.0, 5.0]))
     assert (found.gain_lower, found.gain_upper) == (0.0, np.inf)
+
+
+@pytest.mark.parametrize("large", [0.0, 10.0])
+def test_fast_poles_hide_no_crossing_of_slow_ones(large: float) -> None:
+    """k (s + z)²/s³ is at −180° where ω = z: it bears no gain less than z/(2 k).
+
+    An actuator is 1e9 times as fast; two filters slower than all of it cancel each other.
+    """
+    z = k = 1e-3
+    slow = transfer_function([k, 2.0 * k * z, k * z * z], [1.0, 0.0, 0.0, 0.0])
+    loop = series(slow, transfer_function([1e6], [1.0, 1e6]))
+    a, b, c = np.diag([-5e-6, -5e-6]), np.ones((2, 1)), large * np.array([[1.0, -1.0]])
+    loop = LtiSystem(block_diag(loop.a, a), np.vstack([loop.b, b]), np.hstack([loop.c, c]), loop.d)
+    found = one(loop)
+    assert found.stable
+    assert_allclose(found.gain_lower, 0.5, rtol=1e-4)
+    assert_allclose(found.gain_lower_rad_s, z, rtol=1e-4)
+    for factor, stable in ((0.52, True), (0.48, False)):
+        assert closed(scaled(loop, 0, factor)).is_stable is stable

@@ -193,7 +193,11 @@ class _Curve:
         return [pair for pair in found if abs(pair[1]) > _NOISY * self._noise(pair[0])]
 
     def _noise(self, omega: float) -> float:
-        """Return what rounding of A may change in L, to first order."""
+        """Return what rounding of the entries of A may change in L, to first order.
+
+        Entry by entry: the norms of A and of what stands beside it would let fast poles hide all
+        that happens at low frequencies.
+        """
         loop = self.loop
         if np.isinf(omega):
             return 0.0
@@ -203,8 +207,7 @@ class _Curve:
             out = np.linalg.solve(shifted.T, loop.c.T)
         except np.linalg.LinAlgError:  # at a pole
             return np.inf
-        size = np.linalg.norm(loop.a) * np.linalg.norm(into) * np.linalg.norm(out)
-        return float(_EPS * size)
+        return float(_EPS * (np.abs(out).T @ np.abs(loop.a) @ np.abs(into))[0, 0])
 
     def unit_crossings(self) -> list[tuple[float, complex]]:
         """Return the frequencies at which the gain is one, and L there."""
