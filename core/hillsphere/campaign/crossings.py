@@ -22,22 +22,20 @@ class Crossing:
     ----------
     others : str
         The other swept values, in words.
-    value : float
-        Where it does, linear between the two points beside it; infinite if it never does, NaN if
-        it does so from the first point on, or if the bracket is all that is known.
-    bracket : tuple of float, or None
-        Where the points beside it are single cases, chosen ones: these two points. A case that
-        passes and one that fails say nothing of where in between.
+    low, high : float
+        The two points between which it does: what happens between them nobody has looked at, and
+        failures of rare cases rise steeply. NaN and the first point if it does so from there on;
+        the last point and infinity if it never does.
     surely_below, surely_above : float
         Largest value up to which the interval of the ratio lies below the threshold at all points,
         NaN for none; smallest from which on a point's interval lies above it, infinite for none.
     """
 
     others: str
-    value: float
+    low: float
+    high: float
     surely_below: float
     surely_above: float
-    bracket: tuple[float, float] | None = None
 
 
 def crossings(
@@ -93,27 +91,17 @@ def crossings(
         here = here[np.argsort(x_all[here], kind="stable")]
         x, above = x_all[here], ratio[here] > threshold
         single = np.full(len(here), chosen) & (cases[here] == 1)
-        bracket = None
         first = int(np.argmax(above)) if above.any() else len(here)
-        if first == len(here):
-            value = np.inf
-        elif first == 0:
-            value = np.nan
-        elif single[first - 1] and single[first]:
-            value, bracket = np.nan, (float(x[first - 1]), float(x[first]))
-        else:
-            a, b = ratio[here[first - 1]], ratio[here[first]]
-            value = float(x[first - 1] + (threshold - a) / (b - a) * (x[first] - x[first - 1]))
         sure = np.where(single, ~above, high[here] < threshold)
         upto = len(here) if sure.all() else int(np.argmin(sure))
         beyond = np.where(single, above, low[here] > threshold)
         found.append(
             Crossing(
                 others=names[int(here[0])],
-                value=value,
+                low=float(x[first - 1]) if first else np.nan,
+                high=float(x[first]) if first < len(here) else np.inf,
                 surely_below=float(x[upto - 1]) if upto else np.nan,
                 surely_above=float(x[int(np.argmax(beyond))]) if beyond.any() else np.inf,
-                bracket=bracket,
             )
         )
     return name, found
@@ -143,7 +131,8 @@ def crossing_table(
     rows: list[dict[str, Cell]] = [
         {
             "others": one.others,
-            "value": one.value if np.isfinite(one.value) else None,
+            "low": one.low if np.isfinite(one.low) else None,
+            "high": one.high if np.isfinite(one.high) else None,
             "said": _said(one),
             "surely_below": one.surely_below if np.isfinite(one.surely_below) else None,
             "surely_above": one.surely_above if np.isfinite(one.surely_above) else None,
@@ -151,9 +140,7 @@ def crossing_table(
         for one in found
     ]
     sure = f"sure by the {100 * level:g} % intervals of the points"
-    notes = [f"Linear between the points of the sweep; {sure}."]
-    if any(one.bracket for one in found):
-        notes = [f"Single cases, chosen ones: they tell between which points; else {sure}."]
+    notes = [f"Between two points of the sweep, with more of them the nearer; {sure}."]
     most = int(np.bincount(table.point).max(initial=0))
     allowed = float(ratio_interval(np.zeros(1), np.array([most]), level)[1][0])
     if most and allowed >= threshold and not (chosen and most == 1):
@@ -165,7 +152,8 @@ def crossing_table(
         f"Where failures exceed {100 * threshold:g} %",
         (
             Column("others", "", "at"),
-            Column("value", unit, along),
+            Column("low", unit, f"{along}, not yet at"),
+            Column("high", unit, "but at"),
             Column("said", "", ""),
             Column("surely_below", unit, "surely fewer up to"),
             Column("surely_above", unit, "surely more from"),
@@ -176,11 +164,11 @@ def crossing_table(
 
 
 def _said(one: Crossing) -> str:
-    if one.bracket is not None:
-        return f"between {one.bracket[0]:g} and {one.bracket[1]:g}"
-    if np.isnan(one.value):
+    if np.isnan(one.low):
         return "from the first point on"
-    return "" if np.isfinite(one.value) else "never in this sweep"
+    if np.isinf(one.high):
+        return "never in this sweep"
+    return f"between {one.low:g} and {one.high:g}"
 
 
 def _others(label: str, along: str) -> str:

@@ -92,7 +92,9 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
             ],
             [
                 f"Differences case by case, with {level} intervals; below zero they speak for the "
-                "statement. Chosen cases are no sample: their ratios are compared as they are."
+                "statement. Chosen cases are no sample: their ratios are compared as they are. "
+                "The answers are about the campaigns as they were flown: designs that serve the "
+                "same purpose as well may differ from these by as much."
             ],
         )  # fmt: skip
     return Presentation(

@@ -42,12 +42,13 @@ def test_the_first_crossing_is_between_the_points_beside_it() -> None:
     )
     assert along == "dispersions.field.scale"
     assert [one.others for one in found] == [f"stage.d.follow = rt{i}" for i in (1, 2, 3)]
-    assert found[0].value == pytest.approx(2.25)  # .005 at 2, .025 at 3
+    assert (found[0].low, found[0].high) == (2.0, 3.0)  # .005 at 2, .025 at 3
     assert found[0].surely_below == 1.0  # 5 of 1000 may be more than 1 %
     assert found[0].surely_above == 3.0
-    assert found[1].value == np.inf
+    assert (found[1].low, found[1].high) == (4.0, np.inf)
     assert found[1].surely_below == 4.0
-    assert np.isnan(found[2].value)
+    assert np.isnan(found[2].low)
+    assert found[2].high == 1.0
     assert np.isnan(found[2].surely_below)
 
 
@@ -65,8 +66,7 @@ def test_one_case_that_was_drawn_says_little_of_its_point() -> None:
     _, (one,) = crossings(table, 0.5, 0.95, chosen=False)
     assert np.isnan(one.surely_below)
     assert one.surely_above == np.inf
-    assert one.value == pytest.approx(3.5)
-    assert one.bracket is None
+    assert (one.low, one.high) == (3.0, 4.0)
     _, (chosen,) = crossings(table, 0.5, 0.95, chosen=True)
     assert (chosen.surely_below, chosen.surely_above) == (3.0, 4.0)
 
@@ -95,15 +95,15 @@ def test_a_ladder_tells_at_which_size_each_group_fails() -> None:
     assert along == "σ"
     by_group = {one.others: one for one in found}
     # One passes and the next fails: where in between nobody has looked.
-    assert np.isnan(by_group["first"].value)
-    assert by_group["first"].bracket == (2.0, 3.0)
+    assert (by_group["first"].low, by_group["first"].high) == (2.0, 3.0)
     assert (by_group["first"].surely_below, by_group["first"].surely_above) == (2.0, 3.0)
-    assert (by_group["second"].value, by_group["second"].surely_below) == (np.inf, 4.0)
+    assert (by_group["second"].high, by_group["second"].surely_below) == (np.inf, 4.0)
     shown = crossing_table(table, 0.5, 0.95, chosen=True)
     assert shown is not None
-    said = {row["others"]: (row["said"], row["value"]) for row in shown.rows}
-    assert said == {"first": ("between 2 and 3", None), "second": ("never in this sweep", None)}
-    assert "Single cases" in shown.notes[0]
+    said = {row["others"]: (row["said"], row["low"], row["high"]) for row in shown.rows}
+    assert said == {
+        "first": ("between 2 and 3", 2.0, 3.0), "second": ("never in this sweep", 4.0, None)
+    }  # fmt: skip
     assert len(shown.notes) == 1
 
 

@@ -212,7 +212,7 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     assert wide - narrow == pytest.approx(3.2)
     soft, _ = shown.verdict
     assert soft.startswith(
-        "soft, uncertain: a gain below one for all perturbations declared with 0 of 2"
+        "soft, uncertain: a gain below one for all their perturbations with 0 of 2 uncertain models"
     )
     assert "not with point=1, point=10" in soft
     with pytest.raises(InputError, match=r"models: needs\.uncertain"):

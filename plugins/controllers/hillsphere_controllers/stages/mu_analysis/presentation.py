@@ -137,9 +137,11 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
                 Column(f"{name}_lower", "-", f"{title}, from below", 5),
             ]
     notes = [
-        "Of each analysis: the largest upper bound found at one frequency, the bound certified for "
-        f"all frequencies (at most {100.0 * product.gap:.3g} % above it), and what a perturbation "
-        "reaches."
+        "Of each analysis: the largest bound found at one frequency, from above, or from below "
+        "where that is larger; the bound certified for all frequencies (at most "
+        f"{100.0 * product.gap:.3g} % above it, or as proved by parts); and what a perturbation "
+        "reaches. They hold for the uncertain models as they are: what their making left out, "
+        "such as the truncation of an LFT, comes on top."
     ]
     notes += [_division(product, one) for one in product.results if one.parts or one.parts_left]
     if any(one.channel for one in product.results):
@@ -363,7 +365,9 @@ def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[s
         broken = [one.loop for one in found if one.lower > 1.0]
         open_ = [one.loop for one in found if one.lower <= 1.0 <= one.upper]
         what = "stable" if analysis == "robust_stability" else "a gain below one"
-        parts = [f"{what} for all perturbations declared with {len(sure)} of {len(found)} models"]
+        parts = [
+            f"{what} for all perturbations of the uncertain models with {len(sure)} of {len(found)} models"
+        ]
         if sure:
             parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
         if broken:
@@ -384,10 +388,10 @@ def _sentence(one: Analysed) -> str:
     what = "stable" if one.analysis == "robust_stability" else "a gain below one"
     if one.upper < 1.0:
         bound = f"µ ≤ {one.upper:.4g}{_of(one.channel)}, certified"
-        return f"{what} for all perturbations declared ({bound})"
+        return f"{what} for all perturbations of the uncertain model ({bound})"
     if one.lower > 1.0:
         bound = f"µ ≥ {one.lower:.4g}{_of(one.lower_channel)}"
-        return f"not {what} for all perturbations declared ({bound})"
+        return f"not {what} for all perturbations of the uncertain model ({bound})"
     return (
         f"not known whether {what} for all (µ from {one.lower:.4g}{_of(one.lower_channel)} to "
         f"{one.upper:.4g}{_of(one.channel)})"
