@@ -273,7 +273,7 @@ def test_poles_on_the_axis_bound_no_gain() -> None:
 
 @pytest.mark.parametrize("large", [0.0, 10.0])
 def test_fast_poles_hide_no_crossing_of_slow_ones(large: float) -> None:
-    """k (s + z)²/s³ is at −180° where ω = z: it bears no gain less than z/(2 k).
+    """With k (s + z)²/s³ at −180° where ω = z, no gain less than z/(2 k) is borne.
 
     An actuator is 1e9 times as fast; two filters slower than all of it cancel each other.
     """

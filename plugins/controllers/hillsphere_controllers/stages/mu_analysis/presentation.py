@@ -365,9 +365,8 @@ def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[s
         broken = [one.loop for one in found if one.lower > 1.0]
         open_ = [one.loop for one in found if one.lower <= 1.0 <= one.upper]
         what = "stable" if analysis == "robust_stability" else "a gain below one"
-        parts = [
-            f"{what} for all perturbations of the uncertain models with {len(sure)} of {len(found)} models"
-        ]
+        count = f"{len(sure)} of {len(found)} uncertain models"
+        parts = [f"{what} for all their perturbations with {count}"]
         if sure:
             parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
         if broken:
