@@ -242,9 +242,11 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
     assert (worst.channel, worst.lower_channel) == (s.outputs[1], s.outputs[1])
     assert (worst.upper, worst.lower) == (own.upper, own.lower)
     # bounds of two channels stay told apart
-    crossed = replace(made, results=(replace(half, lower=2.0 * own.upper), own))
+    low = 2.0 * own.upper
+    crossed = replace(made, results=(replace(half, lower=low, peak=low), own))
     (mixed,) = crossed.worst
     assert (mixed.channel, mixed.lower_channel) == (s.outputs[1], "half")
+    assert mixed.peak == mixed.lower == low
     certificates = presented(made, None).tables["mu_certificates"]
     assert [row["channel"] for row in certificates.rows] == ["half", s.outputs[1]]
     assert worst.upper == pytest.approx(alone.upper, rel=1e-6)

@@ -168,7 +168,8 @@ def _worst(one: Analysed, other: Analysed) -> Analysed:
     above = max(one, other, key=attrgetter("upper"))
     below = max(one, other, key=attrgetter("lower"))
     return replace(
-        above, lower=below.lower, frequency_rad_s=below.frequency_rad_s,
+        above, peak=max(one.peak, other.peak), lower=below.lower,
+        frequency_rad_s=below.frequency_rad_s,
         lower_channel=below.lower_channel, names=below.names,
         units=below.units, values=below.values, normalised=below.normalised, delta=below.delta,
         pole_re=below.pole_re, pole_im=below.pole_im, singular=below.singular,
