@@ -474,6 +474,27 @@ def test_figures_of_a_flight_go_on_to_the_contact() -> None:
     assert_allclose(path[:, np.isfinite(path).all(axis=0)][:, -1], wanted, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_flight_that_begins_below_ground_has_no_duration() -> None:
+    product = descent()
+    made = stage(Solid(), start={"position_m": [10, 0, -5]}, limits={"position_error_m": 5e3})
+    flown = made.run(RecordingContext(), reference=product)
+    assert (flown.status, flown.end_s) == ("impact", 0.0)
+    assert flown.u.shape == flown.own.shape == (3, 10)
+    shown = made.present(flown, reference=product)
+    check_presentation(shown)
+    assert "after 0 h" in shown.verdict[0]
+    assert {"closed_loop_errors", "closed_loop_command", "closed_loop_path"} == set(shown.figures)
+    for figure in shown.figures.values():
+        figure.draw(Canvas())
+    inputs = tuple(f"state.{name}" for name in "xyz")
+    batch = block(inputs, np.array([10.0, 0.0, -5.0])[:, None])
+    kept = made.run_cases(batch, history=True, reference=product).histories
+    assert kept is not None
+    for name in ("u.ax", "law.az", "seen.x", "ref.vz", "command"):
+        assert np.isnan(kept.values[kept.names.index(name)]).all()
+
+
 def test_overtime_steers_towards_the_continued_reference() -> None:
     """The law works on; what is largest until the reference's end is as without."""
     pushes = np.full(LANES, 4e-5)

@@ -65,7 +65,7 @@ def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec)
 def _line(
     axes: Axes, time: Array, error: Array, value: float | None, colour: str, what: str
 ) -> None:
-    if value is not None and len(time) and value <= _NEAR * np.nanmax(error):
+    if value is not None and np.isfinite(time).any() and value <= _NEAR * np.nanmax(error):
         ends = [np.nanmin(time), np.nanmax(time)]
         axes.plot(ends, [value, value], color=PALETTE[colour], linestyle="--", label=what)
 
@@ -124,9 +124,10 @@ def draw_path(figure: Figure, product: ClosedLoopFlight) -> None:
 
 
 def has_accelerations(product: ClosedLoopFlight) -> bool:
-    """Whether there is a body to draw, and a reference whose command the law adds to."""
+    """Whether there is a body to draw, and a flight of commands that add to a reference's."""
     return (
         product.surface_m is not None
+        and bool(np.isfinite(product.own).any())
         and product.feedforward is not None
         and len(product.position_rows) == len(product.controls) == 3
     )
@@ -209,4 +210,5 @@ def _in_units(seconds: Any, product: ClosedLoopFlight) -> Any:
 
 
 def _is_long(product: ClosedLoopFlight) -> bool:
-    return bool(np.nanmax(product.time_s) - product.time_s[0] > _LONG_H * 3600.0)
+    flown = product.time_s[np.isfinite(product.time_s)]
+    return bool(flown.size and np.ptp(flown) > _LONG_H * 3600.0)

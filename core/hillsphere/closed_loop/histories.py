@@ -14,7 +14,7 @@ from hillsphere.interfaces import Array
 from hillsphere.simulation import Flights
 from hillsphere.simulation.flow import thrust_vectors
 
-__all__ = ["NOWHERE", "histories_of"]
+__all__ = ["NOWHERE", "histories_of", "with_rows"]
 
 NOWHERE = ("diverged", "step_size", "time_limit")
 """Statuses of flights that came to no end of their own: where they were last is no place."""
@@ -76,14 +76,15 @@ def histories_of(
         for i, (name, unit) in enumerate(zip(states, state_units, strict=True))
     }
     for kind, values in (("seen", history.y), ("ref", history.ref)):
-        for row, i in zip(values, seen, strict=True):
+        for row, i in zip(with_rows(values, len(seen)), seen, strict=True):
             made[f"{kind}.{states[i]}"] = state_units[i], partial(_whole, row)
-    for kind, values in (("u", history.u), ("law", history.own)):
+    own = with_rows(history.own, len(commands))
+    for kind, values in (("u", with_rows(history.u, len(commands))), ("law", own)):
         for row, name, unit in zip(values, commands, command_units, strict=True):
             made[f"{kind}.{name}"] = unit, partial(_whole, row)
     made["position_error"] = "m", partial(_away, rows.distance, history.x, goal)
     made["velocity_error"] = "m/s", partial(_away, rows.speed, history.x, goal)
-    made["command"] = command_units[0], partial(_size, history.own)
+    made["command"] = command_units[0], partial(_size, own)
     made["dv"] = "m/s", partial(np.asarray, history.dv_m_s)
     names = kept_histories(wanted, tuple(made))
     ended = _ended_between(flights, history.time_s)
@@ -97,6 +98,19 @@ def histories_of(
         np.where(ended, flights.time_s, np.nan),
         np.where(ended, ends, np.nan),
     )
+
+
+def with_rows(values: Array, rows: int) -> Array:
+    """Return what was kept at the samples (rows, K, …): NaN if no flight lived to see one.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, K, …) or (0, K, …)
+        Of `hillsphere.simulation.History`, which learns the number of rows at the first sample.
+    rows : int
+        How many there are.
+    """
+    return values if len(values) else np.full((rows, *values.shape[1:]), np.nan)
 
 
 def _ended_between(flights: Flights, time_s: Array) -> NDArray[np.bool_]:

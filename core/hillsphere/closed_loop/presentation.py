@@ -136,7 +136,9 @@ def _inputs(spec: ClosedLoopSpec) -> str:
 
 
 def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
-    begun, ended = product.time_s[0], product.end_s
+    ended = product.end_s
+    # A flight that ended where it began saw no sample.
+    begun = float(np.fmin(product.time_s[0], ended))
     what = product.status + (f" ({product.cause.replace('_', ' ')})" if product.cause else "")
     counted = f" after {spec.errors_from_s / 60.0:g} min" if spec.errors_from_s else ""
     values = dict(zip(product.metrics, product.values.tolist(), strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.closed_loop.checks import check, lands
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
-from hillsphere.closed_loop.histories import histories_of
+from hillsphere.closed_loop.histories import histories_of, with_rows
 from hillsphere.closed_loop.largest import Largest, PlannedEnd
 from hillsphere.closed_loop.limits import limits_of
 from hillsphere.closed_loop.metrics import judge, measure, metric_names, metric_units
@@ -440,9 +440,9 @@ class ClosedLoopStage:
             time_s=history.time_s[:, 0],
             x=x,
             goal=loop.goal,
-            seen=history.y[:, :, 0],
-            u=history.u[:, :, 0],
-            own=history.own[:, :, 0],
+            seen=with_rows(history.y[:, :, 0], len(self._seen)),
+            u=with_rows(history.u[:, :, 0], len(self.commands)),
+            own=with_rows(history.own[:, :, 0], len(self.commands)),
             feedforward=loop.course.command(
                 np.arange(loop.samples, dtype=float) * self.law.period_s
             ),

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.interfaces import Array, Plant
+from hillsphere.interfaces import Array, ArraySurface, Plant, Surface
 
 __all__ = ["Surroundings"]
 
@@ -80,6 +80,8 @@ class Surroundings:
     prime_meridian_rad: float = 0.0
     series_radius_m: float | None = None
     hill_distance_m: float | None = None
+    shape: Surface | ArraySurface | None = None
+    """In the body's own axes, if it is more than semi-axes."""
 
     @classmethod
     def of(cls, plant: Plant) -> Surroundings:
@@ -87,7 +89,7 @@ class Surroundings:
         if not isinstance(plant, _AboutBody):
             return cls()
         axes = plant.semi_axes_m
-        primary = None
+        primary, shape = None, _shape(plant)
         if isinstance(plant, _AboutPrimary) and not isinstance(plant, _TruePrimary):
             primary = plant.primary_distance_m
         return cls(
@@ -97,7 +99,12 @@ class Surroundings:
             plant.prime_meridian_rad,
             plant.series_radius_m,
             primary,
+            shape if isinstance(shape, Surface | ArraySurface) else None,
         )
+
+
+def _shape(plant: _AboutBody) -> object | None:
+    return plant.surface if isinstance(plant, _Shaped) else None
 
 
 def _surface(plant: _AboutBody, semi_axes_m: Array) -> Array:
@@ -106,7 +113,7 @@ def _surface(plant: _AboutBody, semi_axes_m: Array) -> Array:
         np.linspace(0.0, 2.0 * np.pi, _MESH), np.linspace(-0.5 * np.pi, 0.5 * np.pi, _MESH // 2 + 1)
     )
     out = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-    shape = plant.surface if isinstance(plant, _Shaped) else None
+    shape = _shape(plant)
     if isinstance(shape, _Radial):
         points = out * shape.radius_array(out.reshape(3, -1)).reshape(lon.shape)
     else:

@@ -10,6 +10,7 @@ from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.dynamics import ArrayFunction, bracketed_roots
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
+from hillsphere.shapes.levels import level_of, normals_of
 from hillsphere_guidance.motion import motion_of
 
 __all__ = ["Ground", "Site"]
@@ -19,8 +20,10 @@ _SAMPLES = 4000
 _NEAREST, _FARTHEST = 1e-4, 10.0
 """Range of distances along a ray in which the surface is sought, in the plant's units of length."""
 _STEP = 1e-4
-"""Of the differences that give the normal, relative to the distance: of fourth order, they are
-exact for an ellipsoid, and stay within one face of a mesh almost everywhere."""
+"""Of the differences that give slopes, relative to the distance: of fourth order, they are exact
+for an ellipsoid, and stay within one face of a mesh almost everywhere."""
+_NEXT = 1e-7
+"""How far on either side of a surface its shape is asked for it, relative to the distance."""
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 
 
@@ -71,7 +74,9 @@ class Ground:
             )
         self._motion, self._start = motion, start
         self._surface: ArrayFunction = motion.system.function(events[_IMPACT])
-        self._meridian = Surroundings.of(plant).prime_meridian_rad
+        around = Surroundings.of(plant)
+        self._meridian = around.prime_meridian_rad
+        self._shape = around.shape
         self._controls = np.zeros(len(motion.controls))
 
     def height(self, r: Array, t: float | Array = 0.0) -> Array:
@@ -103,7 +108,7 @@ class Ground:
         Raises
         ------
         InputError
-            If the ray from the centre meets no surface.
+            If the ray from the centre meets no surface, or the body is tilted in the frame.
         """
         way = self.direction(latitude_rad, longitude_rad)[:, None]
         length = self._motion.scales.length_m
@@ -152,9 +157,28 @@ class Ground:
         return np.asarray(way * (far - above).reshape(rows, columns))
 
     def normal(self, r: Array) -> Array:
-        """Return the unit outward normal (3,) of the level of the event at a position (3,)."""
-        slope = self.slopes(r[:, None])[:, 0]
-        return np.asarray(slope / np.linalg.norm(slope))
+        """Return the unit outward normal (3,) of the surface at a position (3,) on it.
+
+        That of the body's shape; of a body of which only the event is known, its slope.
+
+        Raises
+        ------
+        InputError
+            If the shape is elsewhere: the body is tilted in the plant's frame.
+        """
+        if self._shape is None:
+            slope = self.slopes(r[:, None])[:, 0]
+            return np.asarray(slope / np.linalg.norm(slope))
+        cos, sin = np.cos(self._meridian), np.sin(self._meridian)
+        to_body = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        own = to_body @ r[:, None]
+        inside, outside = level_of(self._shape)(own * (1.0 + _NEXT * np.array([-1.0, 1.0])))
+        if not inside < 0.0 < outside:
+            raise InputError(
+                "sites need a body whose axes are those of the plant's frame, turned about z to "
+                "the prime meridian; this plant's body is tilted"
+            )
+        return np.asarray(to_body.T @ normals_of(self._shape)(own)[:, 0])
 
     def slopes(self, r: Array) -> Array:
         """Return the derivatives (3, N) of the event by position, 1/m, at positions (3, N)."""

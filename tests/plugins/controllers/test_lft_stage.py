@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -199,6 +200,38 @@ def test_affine_models_lose_their_weakest_directions() -> None:
     assert made.after.tolist() == [[1, 0], [0, 1]]
     assert made.sizes.tolist() == [[0, 1], [1, 1], [1, 2]]
     assert made.size_sigmas.tolist() == [0.5, 1.0, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("positions", "size", "said"),
+    [
+        ([0.1, 10.0], 0.9, "the truncation leaves all of them out at point=0.1, point=10: nothing"),
+        ([0.1, 10.0], 0.2, "strongest directions, but none at point=0.1: nothing is left"),
+        ([0.1, 10.0], 1e-3, "keep their strongest directions."),
+    ],
+)
+def test_models_without_any_direction_left_are_told(
+    positions: list[float], size: float, said: str
+) -> None:
+    keys = {"known": ["point"], "fit": "affine", "dispersions": [SPRING], "sigmas": 1}
+    made = run(along(positions), truncation=size, **keys)
+    assert (made.after.sum(axis=1) == 0).tolist() == [f"point={p:g}" in said for p in positions]
+    spec = validate(LftSpec, {"needs": {"models": "models"}} | keys, where="stage")
+    assert isinstance(spec, LftSpec)
+    verdict = " ".join(LftStage(spec).present(made, along(positions)).verdict)
+    assert said in verdict
+
+
+def test_a_dispersion_without_spread_has_no_parameter() -> None:
+    """A stage that linearises leaves it out: it is certain."""
+    full = along([0.1, 10.0])
+    rows = [0, 1]
+    lost = replace(
+        full, parameters=("point", "spring.own.k"), units=("-", "N/m"),
+        values=full.values[rows], nominal=full.nominal[rows],
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"dispersions: .*spring\.own has no quantity 'c'.*sigma"):
+        run(lost, known=["point"], fit="affine", dispersions=[SPRING])
 
 
 def test_models_that_are_not_affine_are_refused() -> None:

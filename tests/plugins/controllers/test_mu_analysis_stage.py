@@ -366,6 +366,9 @@ def test_faults_are_said(spring: UncertainModels, column: UncertainModels) -> No
         run(nothing, analyses=["robust_performance"])
     with pytest.raises(InputError, match="stands twice"):
         run(spring, analyses=["worst_case_gain", "worst_case_gain"])
+    certain = replace(spring, models=(replace(spring.models[0], names=()), *spring.models[1:]))
+    with pytest.raises(InputError, match=r"needs\.uncertain: .*'uncertain'; .*truncation.*models"):
+        run(certain, {"one": gain(np.zeros((1, 1)))})
 
 
 def three_parameters() -> UncertainModels:

@@ -90,3 +90,83 @@ def test_sites_on_a_polyhedron() -> None:
         normal = np.array([np.sign(x) / a, np.sign(y) / b, np.sign(z) / c])
         np.testing.assert_allclose(site.up, normal / np.linalg.norm(normal), rtol=0, atol=1e-9)
         np.testing.assert_allclose(np.arctan2(y, x), lon, rtol=1e-12)
+
+
+def contact_binary() -> Any:
+    """Spheres of 700 m and, 1100 m off along x, of 500 m that meet in a neck, of triangles."""
+    neck = (700.0**2 - 500.0**2 + 1100.0**2) / 2200.0
+    first = np.linspace(np.pi, np.arccos(neck / 700.0), 13)[1:]
+    second = np.linspace(np.arccos((neck - 1100.0) / 500.0), 0.0, 11)[1:-1]
+    along = np.concatenate([700.0 * np.cos(first), 1100.0 + 500.0 * np.cos(second)])
+    radius = np.concatenate([700.0 * np.sin(first), 500.0 * np.sin(second)])
+    rings, sides = len(along), 17
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    vertices = [(-700.0, 0.0, 0.0), (1600.0, 0.0, 0.0)]
+    for x, r in zip(along, radius, strict=True):
+        vertices += [(x, r * c, r * s) for c, s in zip(np.cos(turn), np.sin(turn), strict=True)]
+    faces = []
+    for j in range(sides):
+        k = (j + 1) % sides
+        faces += [(1, 3 + k, 3 + j), (2, 3 + (rings - 1) * sides + j, 3 + (rings - 1) * sides + k)]
+        for i in range(rings - 1):
+            low, high = 3 + i * sides, 3 + (i + 1) * sides
+            faces += [(low + j, low + k, high + j), (low + k, high + k, high + j)]
+    return create("shape", "polyhedron", length_unit="m", vertices=vertices, faces=faces)
+
+
+def spinning(shape: Any, prime_meridian_deg: float = 0.0) -> Any:
+    body = create(
+        "body", "asteroid", semi_major_axis_km=2e8, rotation_rate_deg_d=700.0, shape=shape
+    )
+    gravity = create("gravity", "point_mass", gm_m3_s2=40.0)
+    return create("plant", "hill", body=body, gravity=gravity,
+                  prime_meridian_deg=prime_meridian_deg)  # fmt: skip
+
+
+def test_normals_of_a_contact_binary() -> None:
+    """Some rays meet it three times: the normals are those of the faces met last."""
+    shape = contact_binary()
+    assert not shape.mesh.is_star_shaped
+    ground = Ground(spinning(shape, 30.0), np.zeros(6))
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    a, b, c = shape.mesh.corners
+    places = [(0.1, 0.2), (0.3, -0.28), (-0.41, 0.1), (0.7, 2.5), (-0.4, -2.0), (0.02, 0.01)]
+    for lat, lon in places:
+        site = ground.site(lat, lon)
+        own = turn.T @ site.position_m
+        # the face's plane that the site is on, and inside of its three sides
+        beside = [np.sum(np.cross(q - p, own[:, None] - p, axis=0) * shape.mesh.normals, axis=0)
+                  for p, q in ((a, b), (b, c), (c, a))]  # fmt: skip
+        on = np.abs(shape.mesh.heights - shape.mesh.normals.T @ own) < 1e-6
+        (face,) = np.flatnonzero(on & (np.min(beside, axis=0) > 0.0))
+        np.testing.assert_allclose(turn.T @ site.up, shape.mesh.normals[:, face], atol=1e-9)
+
+
+def test_normals_of_an_ellipsoid_and_of_harmonics() -> None:
+    """Analytic; and two degrees of harmonics by differences of the event."""
+    ground = Ground(spinning(create("shape", "ellipsoid", axes_m=tuple(AXES))), np.zeros(6))
+    harmonics = create(
+        "shape", "harmonics", length_unit="km",
+        coefficients=[[0, 0, 7.3, 0], [2, 0, -1.1, 0], [2, 2, 1.1, -0.9]],
+    )  # fmt: skip
+    other = Ground(spinning(harmonics, 40.0), np.zeros(6))
+    for lat, lon in ((0.4, 1.1), (-0.7, 2.5)):
+        site = ground.site(lat, lon)
+        normal = site.position_m / AXES**2
+        np.testing.assert_allclose(site.up, normal / np.linalg.norm(normal), rtol=0, atol=1e-9)
+        site = other.site(lat, lon)
+        slope = other.slopes(site.position_m[:, None])[:, 0]
+        np.testing.assert_allclose(site.up, slope / np.linalg.norm(slope), rtol=0, atol=1e-9)
+
+
+def test_a_tilted_body_has_no_sites() -> None:
+    shape = create("shape", "ellipsoid", axes_m=(800.0, 500.0, 300.0))
+    body = create(
+        "body", "asteroid", semi_major_axis_km=2e8, rotation_rate_deg_d=700.0, obliquity_deg=30.0,
+        shape=shape,
+    )  # fmt: skip
+    gravity = create("gravity", "point_mass", gm_m3_s2=40.0)
+    plant = create("plant", "proximity", body=body, gravity=gravity, spacecraft=[{}])
+    with pytest.raises(InputError, match="tilted"):
+        Ground(plant, np.zeros(6)).site(0.4, 1.0)

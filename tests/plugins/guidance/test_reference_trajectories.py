@@ -195,6 +195,14 @@ def test_a_descent_that_cannot_be_planned_is_named(phobos: Any) -> None:
     [
         ({"start": {"position_km": [16, 0, 0]}}, "start.others: the plant's states beside"),
         ({"start": {"position_km": [16, 0], "others": {"true_anomaly": 0.0}}}, "has 3 axes, got 2"),
+        (
+            {"start": {"position_km": [5, 0, 0], "others": {"true_anomaly": 0.0}}},
+            r"'rt1': start.position: it must be outside of .*got \[5000.* m, 8030 m below ground",
+        ),
+        (
+            {"start": {"position_km": [0, 0, 0], "others": {"true_anomaly": 0.0}}},
+            "start.position: .* at its centre",
+        ),
         ({"touchdown_speed_m_s": None}, "belong together"),
         ({"end_position_km": [1, 2, 3]}, "give one of site and end_position_m"),
         ({"end_velocity_m_s": [1, 2, 3]}, "it belongs to end_position_m"),
@@ -203,6 +211,12 @@ def test_a_descent_that_cannot_be_planned_is_named(phobos: Any) -> None:
 def test_descents_that_are_refused(phobos: Any, keys: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         stage(phobos, [{**RT[0], **keys}])
+
+
+def test_a_start_from_another_distance_is_outside(phobos: Any) -> None:
+    with pytest.raises(InputError, match=r"start_distances: it must be outside .* 3030 m below"):
+        stage(phobos, RT[:1], start_distances_km=[10.0])
+    stage(phobos, RT[:1], start_distances_km=[13.03])
 
 
 def test_names_must_differ(phobos: Any) -> None:

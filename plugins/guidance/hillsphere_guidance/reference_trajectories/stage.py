@@ -30,6 +30,8 @@ __all__ = ["ReferenceTrajectoriesStage"]
 
 _NODES = 4
 _MESH = (37, 73)
+_ON_GROUND = 1e-9
+"""By how much a start on the ground may seem below it, relative to its distance."""
 
 
 @dataclass(frozen=True)
@@ -169,12 +171,25 @@ class ReferenceTrajectoriesStage:
         found = []
         for distance in (None, *self.spec.start_distances_m):
             for descent, begun in zip(self.spec.descents, starts, strict=True):
-                x, name = begun.copy(), descent.name
+                x, name, key = begun.copy(), descent.name, "start.position"
                 if distance is not None:
                     x[rows] *= distance / np.linalg.norm(x[rows])
                     name += f" from {distance / 1e3:.9g} km"
+                    key = "start_distances"
+                self._check_start(x[rows], f"descent {name!r}: {key}")
                 found.append(self._task(descent, name, x))
         return found
+
+    def _check_start(self, r: Array, where: str) -> None:
+        """Refuse a descent that begins inside of the body."""
+        if self._ground is None or self._ground.height(r[:, None])[0] >= 0.0:
+            return
+        below = -self._ground.heights(r[:, None])[0] if r.any() else np.inf
+        if below > _ON_GROUND * np.linalg.norm(r):
+            place = "at its centre" if np.isinf(below) else f"{below:.6g} m below ground"
+            raise InputError(
+                f"{where}: it must be outside of the body, got {r.tolist()} m, {place}"
+            )
 
     def _task(self, descent: DescentSpec, name: str, start: Array) -> _Descent:
         time_s, site = descent.start.time_s, descent.site

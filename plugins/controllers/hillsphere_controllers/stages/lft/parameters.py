@@ -11,6 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
 from hillsphere.linear_products import LinearModels
 from hillsphere.problems import did_you_mean
+from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.lft.uncertainties import Uncertainty, dispersed, real_parameter
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
@@ -99,7 +100,11 @@ def uncertain_parameters(
                     f"{did_you_mean(name, models.parameters, otherwise='there are')}"
                 )
     reach = spec.sigmas if sigmas is None else sigmas
-    bounded = {u.name: u for ref in spec.dispersions for u in _dispersed(models, ref.get(), reach)}
+    bounded = {
+        u.name: u
+        for ref in spec.dispersions
+        for u in _dispersed(models, ref.get(), reach, f"dispersions: {ref.name}")
+    }
     for bound in spec.bounds:
         bounded[bound.parameter] = real_parameter(
             bound.parameter, bound.lower, bound.upper, bound.nominal
@@ -133,7 +138,7 @@ def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> 
 
 
 def _dispersed(
-    models: LinearModels, dispersion: Dispersion, sigmas: float
+    models: LinearModels, dispersion: Dispersion, sigmas: float, where: str
 ) -> tuple[Uncertainty, ...]:
     """Return what a dispersion stands for among the models' parameters.
 
@@ -147,5 +152,13 @@ def _dispersed(
         for name, value, unit in zip(models.parameters, models.nominal, models.units, strict=True)
         if name.startswith(own)
     )
+    try:
+        matched(dispersion.keys, [one.name for one in offered], dispersion.of)
+    except InputError as error:
+        raise InputError(
+            f"{where}: among the parameters of the models {error}. What has no spread, its sigma "
+            "being 0 or relative to a nominal 0, is certain and no parameter of models: give it "
+            "one, or leave it out of the dispersion"
+        ) from error
     found = dispersed(_Parameters(offered), dispersion, sigmas=sigmas)
     return tuple(real_parameter(f"{own}{u.name}", u.lower, u.upper, u.nominal) for u in found)

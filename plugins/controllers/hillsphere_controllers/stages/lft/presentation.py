@@ -192,9 +192,18 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
             "largest gain."
         )
     elif product.parameters and product.checks.all():
+        bare = [
+            label
+            for label, copies in zip(product.labels, product.after, strict=True)
+            if not copies.any()
+        ]
+        kept = "the uncertain models keep their strongest directions"
+        if bare:
+            some = len(bare) < len(product.labels)
+            kept = f"{kept}, but none" if some else "the truncation leaves all of them out"
+            kept += f" at {', '.join(bare)}: nothing is left uncertain there"
         said.append(
-            f"All models are affine in the {len(product.parameters)} uncertain parameters; the "
-            "uncertain models keep their strongest directions."
+            f"All models are affine in the {len(product.parameters)} uncertain parameters; {kept}."
         )
     elif product.parameters:
         said.append(

@@ -85,7 +85,11 @@ class MuAnalysisStage:
             for m in chosen:
                 model = uncertain.models[m]
                 if not model.names:
-                    raise InputError(f"{uncertain.labels[m]}: nothing is uncertain")
+                    raise InputError(
+                        f"needs.uncertain: nothing is uncertain in {uncertain.labels[m]!r} of "
+                        f"{spec.needs.uncertain.name!r}; give that stage a smaller truncation, or "
+                        "name other models here (models)"
+                    )
                 loops.append(_closed(model.system, controller, uncertain, names[c]))
                 of_loop.append((c, m))
         grid = self._grid()
