@@ -152,7 +152,7 @@ def anomaly_from_mean(mean_rad: Array, eccentricity: float | Array) -> Array:
     return np.asarray(eccentric + 2.0 * np.arctan2(beta * sine, 1.0 - beta * cosine))
 
 
-def states_of_elements(elements: Array, gm_m3_s2: float) -> Array:
+def states_of_elements(elements: Array, gm_m3_s2: Array | float) -> Array:
     """Return the states (6, N) of elements a (m), e, i, Ω, ω, M (rad), shape (6, N).
 
     Raises
@@ -174,19 +174,22 @@ def states_of_elements(elements: Array, gm_m3_s2: float) -> Array:
 
 
 def kepler_step(states: Array, duration_s: Array | float, gm_m3_s2: float) -> Array:
-    """Carry heliocentric states (6, N) along their ellipses over durations (N,), of either sign.
+    """Carry heliocentric states (6, N) along their orbits over durations (N,), of either sign.
 
-    Raises
-    ------
-    InputError
-        If an orbit is no ellipse.
+    An orbit of the speed of escape or more is a hyperbola; a parabola one that hardly differs.
     """
     x = np.asarray(states, dtype=float)
     dt = np.broadcast_to(np.asarray(duration_s, dtype=float), x.shape[1:])
     r0 = np.sqrt(np.sum(x[:3] ** 2, axis=0))
     inverse = 2.0 / r0 - np.sum(x[3:] ** 2, axis=0) / gm_m3_s2
-    if not (inverse > 0.0).all():
-        raise InputError("a heliocentric orbit is no ellipse: its speed is that of escape or more")
+    escaping = inverse <= 0.0
+    if escaping.any():
+        found = np.full(x.shape, np.nan)
+        found[:, escaping] = _hyperbolic_step(x[:, escaping], dt[escaping], gm_m3_s2)
+        bound = ~escaping
+        if bound.any():
+            found[:, bound] = kepler_step(x[:, bound], dt[bound], gm_m3_s2)
+        return found
     a = 1.0 / inverse
     e_sin = np.sum(x[:3] * x[3:], axis=0) / np.sqrt(gm_m3_s2 * a)
     e_cos = 1.0 - r0 / a
@@ -198,6 +201,40 @@ def kepler_step(states: Array, duration_s: Array | float, gm_m3_s2: float) -> Ar
     g = dt - (ahead - s) / rate
     g_dot = 1.0 - a / r * c
     return np.concatenate([f * x[:3] + g * x[3:], f_dot * x[:3] + g_dot * x[3:]])
+
+
+def _hyperbolic_step(x: Array, dt: Array, gm_m3_s2: float) -> Array:
+    """Carry states (6, N) along hyperbolas, by the change D of the hyperbolic anomaly [1]_.
+
+    Of sinh D − D + ε sinh D + s (cosh D − 1) = M, with ε = r₀/|a| and s = r·v/√(GM |a|).
+    """
+    r0 = np.sqrt(np.sum(x[:3] ** 2, axis=0))
+    inverse = np.maximum(np.sum(x[3:] ** 2, axis=0) / gm_m3_s2 - 2.0 / r0, 1e-12 / r0)
+    a = 1.0 / inverse
+    near, s = r0 * inverse, np.sum(x[:3] * x[3:], axis=0) / np.sqrt(gm_m3_s2 * a)
+    rate = np.sqrt(gm_m3_s2 / a**3)
+    mean = rate * dt
+    most = 1.0 + np.log1p(np.abs(mean))
+    d = np.clip(mean / near, -most, most)
+    for _ in range(_ITERATIONS):
+        sine, cosine = np.sinh(d), 2.0 * np.sinh(0.5 * d) ** 2
+        off = _sinh_less(d) + near * sine + s * cosine - mean
+        step = np.clip(off / (cosine + near * (1.0 + cosine) + s * sine), -1.0, 1.0)
+        d = d - step
+        if (np.abs(step) <= 4e-16 * np.abs(d)).all():
+            break
+    sine, cosine = np.sinh(d), 2.0 * np.sinh(0.5 * d) ** 2
+    r = r0 * (1.0 + cosine) + a * (cosine + s * sine)
+    f, f_dot = 1.0 - a / r0 * cosine, -np.sqrt(gm_m3_s2 * a) * sine / (r * r0)
+    g, g_dot = dt - _sinh_less(d) / rate, 1.0 - a / r * cosine
+    return np.concatenate([f * x[:3] + g * x[3:], f_dot * x[:3] + g_dot * x[3:]])
+
+
+def _sinh_less(d: Array) -> Array:
+    """Return sinh D − D, by its series where the two nearly cancel."""
+    q = d * d
+    series = d * q / 6.0 * (1.0 + q / 20.0 * (1.0 + q / 42.0 * (1.0 + q / 72.0)))
+    return np.where(np.abs(d) < 0.1, series, np.sinh(d) - d)
 
 
 def hill_axes(states: Array) -> tuple[Array, Array]:

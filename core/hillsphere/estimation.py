@@ -17,6 +17,9 @@ from hillsphere.interfaces import Array, Channel
 
 __all__ = ["Belief", "Innovation", "MeasurementSet"]
 
+_SKEW = 1e-8
+"""Part of its size by which a covariance may differ from its transpose, by rounding."""
+
 
 @dataclass(frozen=True)
 class Belief:
@@ -70,10 +73,26 @@ class Belief:
         Raises
         ------
         InputError
-            If a covariance is not positive definite, or the shapes do not fit.
+            If a covariance is not finite, symmetric and positive definite, or the shapes do not
+            fit.
         """
+        covariance = np.asarray(covariance, dtype=np.float64)
+        if covariance.ndim != 3 or covariance.shape[1] != covariance.shape[2]:
+            raise InputError(f"covariances must be (N, n, n), got {covariance.shape}")
+        if not np.isfinite(covariance).all():
+            case = np.argwhere(~np.isfinite(covariance))[0, 0]
+            raise InputError(f"the covariance of case {case} is not finite")
+        variance = np.abs(np.diagonal(covariance, axis1=1, axis2=2))
+        size = np.sqrt(variance[:, :, None] * variance[:, None])
+        skew = np.abs(covariance - np.swapaxes(covariance, 1, 2)) > _SKEW * size
+        if skew.any():
+            case, i, j = np.argwhere(skew)[0]
+            raise InputError(
+                f"the covariance of case {case} is not symmetric: its entry ({i}, {j}) is "
+                f"{covariance[case, i, j]:.6g}, that of ({j}, {i}) {covariance[case, j, i]:.6g}"
+            )
         try:
-            root = np.linalg.cholesky(np.asarray(covariance, dtype=np.float64))
+            root = np.linalg.cholesky(covariance)
         except np.linalg.LinAlgError:
             least = np.linalg.eigvalsh(covariance)[..., 0]
             raise InputError(

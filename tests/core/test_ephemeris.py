@@ -82,8 +82,40 @@ def test_step_along_the_ellipse() -> None:
         found = kepler_step(x, duration, GM)
         np.testing.assert_allclose(found[:3], want[:3], rtol=0, atol=3e-13 * AU)
         np.testing.assert_allclose(found[3:], want[3:], rtol=0, atol=1e-8)
-    with pytest.raises(InputError, match="no ellipse"):
-        kepler_step(x * np.array([[1.0]] * 3 + [[3.0]] * 3), 1.0, GM)
+
+
+@pytest.mark.parametrize("faster", [1.5, 2.0, 10.0])
+@pytest.mark.parametrize("duration", [-1000.0, 1000.0, 1e7, -1e8])
+def test_orbits_that_escape(faster: float, duration: float) -> None:
+    """Against a numerical integration; ellipses beside them stay what they are."""
+    x = states_of_elements(ELEMENTS[:, :2], GM)
+    x[3:, 1] *= faster
+
+    def rate(t: float, y: Array) -> Array:
+        return np.concatenate([y[3:], -GM * y[:3] / np.linalg.norm(y[:3]) ** 3])
+
+    want = solve_ivp(
+        rate, (0.0, duration), x[:, 1], method="DOP853", rtol=1e-13, atol=1e-6
+    ).y[:, -1]  # fmt: skip
+    found = kepler_step(x, duration, GM)
+    np.testing.assert_allclose(found[:3, 1], want[:3], rtol=0, atol=1e-9 * AU)
+    np.testing.assert_allclose(found[3:, 1], want[3:], rtol=1e-10, atol=1e-5)
+    np.testing.assert_array_equal(found[:, :1], kepler_step(x[:, :1], duration, GM))
+
+
+def test_orbit_at_the_speed_of_escape() -> None:
+    """On a parabola, from its periapsis q: Barker's equation, and nothing jumps beside it."""
+    q, duration = AU, 1e7
+    speed = np.sqrt(2.0 * GM / q)
+    x = np.zeros((6, 3))
+    x[0], x[4] = q, speed * np.array([1.0 - 1e-9, 1.0, 1.0 + 1e-9])
+    half = np.sqrt(GM / (2.0 * q**3)) * duration
+    root = np.cbrt(1.5 * half + np.sqrt(2.25 * half**2 + 1.0))
+    tangent = root - 1.0 / root
+    want = q * np.array([1.0 - tangent**2, 2.0 * tangent])
+    found = kepler_step(x, duration, GM)
+    np.testing.assert_allclose(found[:2, 1], want, rtol=0, atol=1e-9 * AU)
+    np.testing.assert_allclose(found[:2] - want[:, None], 0.0, atol=1e-7 * AU)
 
 
 def test_earth_against_the_analytic_theory() -> None:

@@ -65,3 +65,24 @@ def test_innovation_counts_its_rows() -> None:
     used = np.array([[True, False], [True, False], [False, True]])
     brought = Innovation(np.zeros((3, 2)), np.zeros((2, 3, 3)), used, np.zeros(2))
     np.testing.assert_array_equal(brought.dof, [2, 1])
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [([[1.0, np.nan], [np.nan, 1.0]], "the covariance of case 1 is not finite"),
+     ([[np.inf, 0.0], [0.0, 1.0]], "the covariance of case 1 is not finite"),
+     ([[1.0, 0.5], [0.0, 1.0]], r"case 1 is not symmetric: its entry \(0, 1\) is 0.5")],
+)  # fmt: skip
+def test_belief_refuses_covariances_with_holes_or_skew(
+    entries: list[list[float]], message: str
+) -> None:
+    P = np.array([np.eye(2), entries])
+    with pytest.raises(InputError, match=message):
+        Belief.of(np.zeros((2, 2)), P, np.zeros(2))
+
+
+def test_belief_takes_what_is_symmetric_but_for_rounding() -> None:
+    P = np.array([[[1e6, 1.0 + 1e-12], [1.0, 1e-6 + 1.0]]])
+    Belief.of(np.zeros((2, 1)), P, np.zeros(1))
+    with pytest.raises(InputError, match=r"must be \(N, n, n\), got \(2, 2\)"):
+        Belief.of(np.zeros((2, 1)), P[0], np.zeros(1))

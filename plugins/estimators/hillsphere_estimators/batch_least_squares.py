@@ -168,7 +168,7 @@ def _squares(
         t_s = measured.t_s
         layout, used = usable(measured)
         none = np.zeros((len(t_s), 0, layout.rows))
-        z = shown(model, Belief(x, prior.root, t_s))
+        z = shown(model, Belief(x, prior.root, t_s), layout)
         residual = whitened(layout, measured, used, z, 0.0, none, none).residual
         total = total + np.sum(residual**2, axis=1)
     return np.asarray(total)

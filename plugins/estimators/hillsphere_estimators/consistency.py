@@ -38,7 +38,14 @@ def nees(belief: Belief, truth: Array, states: ArrayLike | None = None) -> Array
     -------
     ndarray, shape (N,)
         (x̂ − x)ᵀ P⁻¹ (x̂ − x): of a consistent filter χ² with as many degrees of freedom as states.
+
+    Raises
+    ------
+    InputError
+        If the truth is not of the belief's shape.
     """
+    if np.shape(truth) != belief.x.shape:
+        raise InputError(f"truth must be {belief.x.shape}, as the belief, got {np.shape(truth)}")
     rows = np.arange(len(belief.x)) if states is None else np.atleast_1d(np.asarray(states))
     off = (belief.x - truth)[rows].T[:, :, None]
     if states is None:

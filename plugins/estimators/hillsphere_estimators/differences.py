@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel
 
 __all__ = ["Layout", "across", "layout_of"]
@@ -47,6 +48,21 @@ class Layout:
         real[[row + 2 for row in self.directions]] = False
         real.flags.writeable = False
         return real
+
+    def fitting(self, shown: Array) -> Array:
+        """Return what a model shows (m, …), if it has the rows of the measurements.
+
+        Raises
+        ------
+        InputError
+            If it has more or fewer.
+        """
+        if len(shown) != self.rows:
+            raise InputError(
+                f"the model shows {len(shown)} rows, the measurements have {self.rows}; both must "
+                "be of the same channels (NaN where nothing was measured)"
+            )
+        return shown
 
     def difference(self, a: Array, b: Array) -> Array:
         """Return a minus b.

@@ -20,7 +20,7 @@ from hillsphere_estimators.innovations import Expected, whitened
 from hillsphere_estimators.linearisation import sensitivity, shown
 from hillsphere_estimators.resting import distance, regular_root, rested
 
-__all__ = ["HALVINGS", "SHORT", "Solver", "expected_by_slopes", "settled"]
+__all__ = ["HALVINGS", "SHORT", "Solver", "expected_by_slopes", "settled", "shortened"]
 
 Solver: TypeAlias = Callable[[Belief, Array, Expected], Belief]
 """Prior, the states (n, N) about which is linearised, and the measurements beside what these
@@ -96,12 +96,12 @@ def settled(
             before = _squares(prior, now.x, expected.residual)
 
             def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
-                z = shown(model, Belief(x, prior.root, prior.t_s))
+                z = shown(model, Belief(x, prior.root, prior.t_s), layout)
                 none = np.zeros((len(prior.t_s), 0, layout.rows))
                 off = whitened(layout, measurements, used, z, 0.0, none, none).residual
                 return ~(_squares(prior, x, off) <= limit)
 
-            there = _shortened(now, there, long, rises)
+            there = shortened(now, there, long, rises)
         now = rested(moving, there, now)
         moving &= far > tolerance
         if not moving.any():
@@ -109,13 +109,28 @@ def settled(
     return now
 
 
-def _shortened(
+def shortened(
     now: Belief,
     there: Belief,
     moving: NDArray[np.bool_],
     rises: Callable[[Array], NDArray[np.bool_]],
 ) -> Belief:
-    """Halve the steps of cases that would raise the sum of squares."""
+    """Halve the steps of cases that would raise a sum of squares.
+
+    Parameters
+    ----------
+    now, there : Belief
+        From where to where the means step.
+    moving : ndarray of bool, shape (N,)
+        Whose steps may be halved.
+    rises : callable
+        States (n, N) → where (N,) the sum is greater than now.
+
+    Returns
+    -------
+    Belief
+        `there`, its means moved towards those of now.
+    """
     share = np.ones(len(now.t_s))
     x = there.x
     for _ in range(HALVINGS):

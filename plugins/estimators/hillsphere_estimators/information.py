@@ -18,7 +18,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, about_prior, usable
+from hillsphere_estimators.innovations import Expected, about_prior, usable_at
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import upper_triangle
@@ -67,7 +67,7 @@ class Information:
             If the model has considered states: an information filter has no gain to leave out.
         """
         spec = self.spec
-        layout, used = usable(measurements)
+        layout, used = usable_at(belief, measurements)
         if considered(model, len(belief.x)) is not None:
             raise InputError(
                 "the information filter estimates all states, but the model has considered ones; "

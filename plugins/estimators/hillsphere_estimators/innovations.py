@@ -9,11 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array
 from hillsphere_estimators.differences import Layout, layout_of
 
-__all__ = ["Expected", "about_prior", "gate_threshold", "gated", "usable", "whitened"]
+__all__ = [
+    "Expected",
+    "about_prior",
+    "gate_threshold",
+    "gated",
+    "usable",
+    "usable_at",
+    "whitened",
+]
+
+_LATE = 1e-9
+"""Of two times, s and as a part of them, that count as the same."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +96,27 @@ def usable(measurements: MeasurementSet) -> tuple[Layout, NDArray[np.bool_]]:
     """Return the layout of the rows, and which of them hold something (m, N)."""
     layout = layout_of(measurements.blocks)
     return layout, measurements.present & layout.real[:, None]
+
+
+def usable_at(belief: Belief, measurements: MeasurementSet) -> tuple[Layout, NDArray[np.bool_]]:
+    """Return the same for an update of a belief.
+
+    Raises
+    ------
+    InputError
+        If the measurements are of another number of cases, or of another time.
+    """
+    at, then = belief.t_s, measurements.t_s
+    if at.shape != then.shape:
+        raise InputError(f"the belief has {len(at)} cases, the measurements have {len(then)}")
+    late = np.abs(then - at) > _LATE * (1.0 + np.abs(at))
+    if late.any():
+        case = int(np.argmax(late))
+        raise InputError(
+            f"case {case} was measured at {then[case]:.12g} s, but the belief is of "
+            f"{at[case]:.12g} s; predict it to the measurements' time first"
+        )
+    return usable(measurements)
 
 
 def whitened(

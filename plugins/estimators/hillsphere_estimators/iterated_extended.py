@@ -13,7 +13,7 @@ import numpy as np
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, about_prior, gated, usable
+from hillsphere_estimators.innovations import Expected, about_prior, gated, usable_at
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.roots import lower_root
 from hillsphere_estimators.sigma_points import considered
@@ -52,7 +52,7 @@ class IteratedExtended:
     ) -> tuple[Belief, Innovation]:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
         spec = self.spec
-        layout, used = usable(measurements)
+        layout, used = usable_at(belief, measurements)
         free = considered(model, len(belief.x))
         at_prior = expected_by_slopes(model, belief, layout, measurements, used)
         first = about_prior(belief, belief.x, at_prior)

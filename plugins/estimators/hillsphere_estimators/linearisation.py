@@ -54,9 +54,9 @@ def transition(
     return moved[:, 0], _slopes(moved[:, 1:] - moved[:, :1], steps)
 
 
-def shown(model: EstimationModel, belief: Belief) -> Array:
-    """Return what sensors would show of the means (m, N), SI."""
-    return model.observe(belief.x, belief.t_s, np.arange(len(belief.t_s)))
+def shown(model: EstimationModel, belief: Belief, layout: Layout) -> Array:
+    """Return what sensors would show of the means (m, N), SI; refused if it has other rows."""
+    return layout.fitting(model.observe(belief.x, belief.t_s, np.arange(len(belief.t_s))))
 
 
 def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple[Array, Array]:
@@ -79,13 +79,15 @@ def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple
         Derivatives of differences from it (`Layout.difference`) by the states.
     """
     if isinstance(model, LinearisedModel):
-        z = shown(model, belief)
+        z = shown(model, belief, layout)
         return z, layout.tangent(model.sensitivity(belief.x, belief.t_s), z)
     n, cases = belief.x.shape
     points, steps = _points(belief)
     each = points.shape[1]
-    z = model.observe(
-        points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(np.arange(cases), each)
+    z = layout.fitting(
+        model.observe(
+            points.reshape(n, -1), np.tile(belief.t_s, each), np.tile(np.arange(cases), each)
+        )
     ).reshape(-1, each, cases)
     return z[:, 0], _slopes(layout.difference(z[:, 1:], z[:, :1]), steps)
 

@@ -21,7 +21,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.differences import Layout
-from hillsphere_estimators.innovations import usable
+from hillsphere_estimators.innovations import usable_at
 from hillsphere_estimators.linearisation import sensitivity, shown, transition
 from hillsphere_estimators.sigma_points import considered
 from hillsphere_estimators.specs import SequentialExtendedSpec, SequentialUnscentedSpec
@@ -113,7 +113,7 @@ class SequentialExtended:
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
     ) -> tuple[Belief, Innovation]:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
-        layout, used = usable(measurements)
+        layout, used = usable_at(belief, measurements)
         _, slopes = sensitivity(model, belief, layout)
 
         def updated(k: int, offs: Callable[[Array], Array], z: Array, R: Array) -> Any:
@@ -141,8 +141,8 @@ def _updated(
             "FilterPy's filters estimate all states, but the model has considered ones; take an "
             "estimator of type unscented or iterated_extended"
         )
-    layout, used = usable(measurements)
-    middle = shown(model, belief)
+    layout, used = usable_at(belief, measurements)
+    middle = shown(model, belief, layout)
     values = np.where(measurements.present, measurements.values, middle)
     z = layout.difference(values, middle)
     m, cases = z.shape

@@ -42,11 +42,23 @@ class SigmaRule:
     ----------
     alpha, beta, kappa : float
         α > 0, β ≥ α², κ > −n.
+
+    Raises
+    ------
+    InputError
+        If α or β is none of these: a covariance might be negative.
     """
 
     alpha: float = 1.0
     beta: float = 2.0
     kappa: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.alpha**2 <= self.beta:
+            raise InputError(
+                f"sigma points need alpha > 0 and beta of at least its square, got alpha = "
+                f"{self.alpha:g} and beta = {self.beta:g}; for normal distributions take beta = 2"
+            )
 
     def reach(self, n: int) -> float:
         """Return √(n + λ), how many standard deviations out the points of n states lie."""
@@ -151,9 +163,9 @@ def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
     reach = rule.reach(n)
     points = sigma_points(belief, reach)
     each = 2 * n + 1
-    shown = model.observe(
-        points.reshape(n, -1), _repeated(belief.t_s, each), _cases(each, cases)
-    ).reshape(-1, each, cases)  # fmt: skip
+    shown = layout.fitting(
+        model.observe(points.reshape(n, -1), _repeated(belief.t_s, each), _cases(each, cases))
+    ).reshape(-1, each, cases)
     return _images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
 
 

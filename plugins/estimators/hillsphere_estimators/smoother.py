@@ -27,6 +27,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.linearisation import transition
+from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import lower_root, upper_triangle
 from hillsphere_estimators.sigma_points import SigmaRule, moved
 
@@ -78,6 +79,11 @@ def link(
     -------
     Link
         Its `predicted` is what the filter of that kind predicts.
+
+    Raises
+    ------
+    InputError
+        If a state is known exactly then: nothing can be told back from it.
     """
     noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
     before = np.swapaxes(belief.root, 1, 2)
@@ -94,9 +100,9 @@ def link(
     rows[:, k:, :n] = np.swapaxes(noise, 1, 2)
     rows[:, :n, n:] = before
     upper = upper_triangle(rows)
-    own = upper[:, :n, :n]
+    predicted = Belief(x, np.swapaxes(upper[:, :n, :n], 1, 2), t_to_s)
+    own = np.swapaxes(regular_root(predicted), 1, 2)
     gain = np.swapaxes(np.linalg.solve(own, upper[:, :n, n:]), 1, 2)
-    predicted = Belief(x, np.swapaxes(own, 1, 2), t_to_s)
     return Link(predicted, gain, np.swapaxes(upper[:, n:, n:], 1, 2))
 
 

@@ -61,11 +61,15 @@ class BatchedUnscentedSpec(_SigmaPointSpec):
         default="plain",
     )
     powers: int = option(
-        "with 'tempered': at most so many; each is so small that the curvature it sees stays below "
-        "its noise, but the last, which takes what is left",
+        "with 'tempered', and where 'iterated' leads nowhere: at most so many; each is so small "
+        "that the curvature it sees stays below its noise, but the last, which takes what is left",
         default=64, ge=2, le=1000,
     )  # fmt: skip
-    iterations: int = option("with 'iterated': at most so many", default=10, ge=1, le=200)
+    iterations: int = option(
+        "with 'iterated': at most so many; a case whose last step is still longer than one "
+        "standard deviation takes the tempered update",
+        default=10, ge=1, le=200,
+    )  # fmt: skip
     tolerance_sigmas: float = option(
         "with 'iterated': a case rests when its mean moves by less, in standard deviations",
         default=1e-3, gt=0,

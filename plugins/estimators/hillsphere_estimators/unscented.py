@@ -11,7 +11,15 @@ the innovation's covariance is Uᵀ U, the gain (U⁻¹ V)ᵀ, and W is the root
 Where a prior is wide beside what the measurements see, one linear update is inconsistent: it takes
 the slope at the prior for that at the posterior. Two ways out are offered: the likelihood in
 several powers, each small enough to be nearly linear, with sigma points drawn anew [1]_; or
-linearisation about the posterior, repeated until it rests [2]_.
+linearisation about the posterior, repeated until it rests [2]_. The latter is Gauss's and Newton's
+method: undamped it may leap to and fro for ever. So a long step to x is halved until, with the
+spread of the points and the curvature Ω that they have seen held, it lessens [3]_
+
+    |S⁻¹ (x − x̄)|² + ν(x)ᵀ (1 + Ω)⁻¹ ν(x),
+
+S the root of the prior covariance and ν what was measured minus the mean of what the points about x
+show, in units of the noise. A case that still leaps when its iterations run out takes the update
+in powers.
 
 References
 ----------
@@ -19,6 +27,8 @@ References
    nonlinear state estimation, SPIE 5099.
 .. [2] García-Fernández, Svensson, Morelande, Särkkä (2015), Posterior linearization filter:
    principles and implementation using sigma points, IEEE Trans. Signal Processing 63(20).
+.. [3] Raitoharju, Svensson, García-Fernández, Piché (2018), Damped posterior linearization filter,
+   IEEE Signal Processing Letters 25(4).
 """
 
 from __future__ import annotations
@@ -32,7 +42,8 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.innovations import Expected, about_prior, gated, usable, whitened
+from hillsphere_estimators.gauss_newton import SHORT, shortened
+from hillsphere_estimators.innovations import Expected, about_prior, gated, usable_at, whitened
 from hillsphere_estimators.resting import distance, regular_root, rested
 from hillsphere_estimators.roots import cleaned, lower_root, triangularised, unit
 from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
@@ -44,6 +55,8 @@ Expectation: TypeAlias = Callable[[Belief, NDArray[np.bool_]], Expected]
 
 _GROWTH = 10.0
 """Of one power of the likelihood to the next, at most."""
+_LEAP = 1.0
+"""Last step, in standard deviations, beyond which an iteration leads nowhere."""
 
 
 class BatchedUnscented:
@@ -72,7 +85,7 @@ class BatchedUnscented:
     ) -> tuple[Belief, Innovation]:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
         spec = self.spec
-        layout, used = usable(measurements)
+        layout, used = usable_at(belief, measurements)
         free = considered(model, len(belief.x))
 
         def expect(at: Belief, rows: NDArray[np.bool_]) -> Expected:
@@ -122,15 +135,25 @@ class BatchedUnscented:
         expect: Expectation,
         free: Array | None,
     ) -> Belief:
-        """Linearise about the posterior until it rests."""
+        """Linearise about the posterior until it rests; see the module."""
         moving = np.ones(len(belief.t_s), dtype=bool)
+        far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
-            expected = _about(after, belief, expect(after, first.used))
-            again = rested(moving, absorbed(belief, expected, 1.0, free), after)
-            moving &= distance(again, after) > self.spec.tolerance_sigmas
-            after = again
+            expected = expect(after, first.used)
+            there = absorbed(belief, _about(after, belief, expected), 1.0, free)
+            far = distance(there, after)
+            # far may be NaN; a step that leaves states out does not lessen the sum that is watched
+            long = moving & ~(far <= SHORT)
+            if free is None and long.any():
+                rises = _rising(belief, after, expected, expect)
+                there = shortened(after, there, long, rises)
+            after = rested(moving, there, after)
+            moving &= ~(far <= self.spec.tolerance_sigmas)
             if not moving.any():
-                break
+                return after
+        leaping = moving & ~(far <= _LEAP)
+        if leaping.any():
+            after = rested(leaping, self._tempered(belief, first, expect, free), after)
         return after
 
 
@@ -219,3 +242,25 @@ def _about(at: Belief, prior: Belief, expected: Expected) -> Expected:
     """Return what a linearisation about one belief says of measurements expected by another."""
     slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
     return about_prior(prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64)))
+
+
+def _rising(
+    prior: Belief, at: Belief, expected: Expected, expect: Expectation
+) -> Callable[[Array], NDArray[np.bool_]]:
+    """Return where states (n, N) have a greater sum of squares than a belief (see the module)."""
+    cases, _, m = expected.bent.shape
+    noise = np.broadcast_to(unit(m), (cases, m, m))
+    spread = lower_root(np.concatenate([expected.bent, noise], axis=1))
+
+    def squares(x: Array, residual: Array) -> Array:
+        off = np.linalg.solve(regular_root(prior), (x - prior.x).T[:, :, None])
+        missed = np.linalg.solve(spread, residual[:, :, None])
+        return np.asarray(np.sum(off**2, axis=(1, 2)) + np.sum(missed**2, axis=(1, 2)))
+
+    now = squares(at.x, expected.residual)
+
+    def rises(x: Array) -> NDArray[np.bool_]:
+        residual = expect(Belief(x, at.root, at.t_s), expected.used).residual
+        return ~(squares(x, residual) <= now)
+
+    return rises

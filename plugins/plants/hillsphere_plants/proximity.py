@@ -45,6 +45,7 @@ from hillsphere.symbolic import (
     time as symbolic_time,
 )
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY, moon_of, vector
+from hillsphere_plants.proximity_frame import frame_at
 from hillsphere_plants.proximity_orbit import (
     OrbitPoint,
     axes_of,
@@ -301,6 +302,36 @@ class Proximity:
         sun = np.zeros((3, table.shape[1]))
         sun[0] = -table[0]
         return {"sun": sun, "to_body": table[2:].reshape(3, 3, -1)}
+
+    @property
+    def epoch(self) -> str | None:
+        """Date (TDB) of time 0, where the body's mean anomaly says where the asteroid is then."""
+        given = self.spec.true_anomaly_rad is not None or self.body.mean_anomaly_rad is None
+        return None if given else self.body.epoch
+
+    @property
+    def oriented(self) -> bool:
+        """Whether the body gives the angles of its orbit: where heliocentric axes are known."""
+        body = self.body
+        return None not in (body.inclination_rad, body.node_rad, body.periapsis_rad)
+
+    def heliocentric(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
+        """Return what sensors take of the frame's place in the Solar System at times (N,).
+
+        Parameters
+        ----------
+        t_s, **values
+            As `scene` takes them.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``"origin"``, shape (6, N), ``"axes"``, (3, 3, N), and ``"rate"``, (3, N), as in
+            `hillsphere_plants.proximity_frame.frame_at`; in the axes of ecliptic and equinox J2000
+            where `oriented`, otherwise in axes that are as good for what depends on none.
+        """
+        t = np.atleast_1d(np.asarray(t_s, dtype=float))
+        return frame_at(t, self.body, {q.name: q.value for q in self._own} | values)
 
     def anomaly(self, t_s: Array) -> Array:
         """Return the true anomaly f (N,), rad, of the asteroid at times (N,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import model_validator
 
@@ -54,6 +54,8 @@ class ProximitySpec(Spec):
             "radiation_noise": 0.2,
         },
     )
+    gives: ClassVar[tuple[str, ...]] = ("sun", "to_body", "origin", "axes", "rate")
+    """What sensors find in its scene, by name."""
 
     body: Ref = reference("body", "the asteroid: gives orbit, rotation and surface")
     gravity: Ref = reference("gravity", "its gravity, in its body-fixed frame")

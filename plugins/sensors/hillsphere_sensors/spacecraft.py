@@ -18,6 +18,8 @@ __all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated", "sighted"]
 Booleans = NDArray[np.bool_]
 
 _SAME_TIME_S = 1e-6
+_LEVEL = 1e-11
+"""Part of a boresight along ±z that is made level: less than any camera resolves."""
 
 
 class SpacecraftSensor(ABC):
@@ -46,6 +48,11 @@ class SpacecraftSensor(ABC):
     def draws(self) -> tuple[int, int]:
         """A bias for each row; noise for each row, a dropout and an outlier."""
         return self._rows, self._rows + 2
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        return self.common.takes
 
     def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
         """Return what a perfect sensor shows; see `hillsphere.interfaces.Sensor`."""
@@ -165,17 +172,18 @@ def line_of_sight_frame(boresight: Array) -> Array:
     """Return the axes (3, 3, N), as rows, of what looks along boresights (3, N).
 
     The third is the boresight, the first z × boresight (level with the frame's xy plane), the
-    second completes them.
+    second completes them. A boresight along ±z, which leaves open which way is up, counts as turned
+    off it towards +x.
 
     Raises
     ------
     InputError
-        If a boresight is along z.
+        If a boresight has no length, or is not finite.
     """
     size = np.sqrt(np.sum(boresight**2, axis=0))
     level = np.sqrt(boresight[0] ** 2 + boresight[1] ** 2)
     if not (level > 1e-12 * size).all():
-        raise InputError("a boresight along ±z leaves open which way is up: turn it off the axis")
+        return line_of_sight_frame(_off_the_pole(boresight))
     z = boresight / size
     x = np.array([-boresight[1], boresight[0], np.zeros_like(level)]) / level
     y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
@@ -190,7 +198,7 @@ def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     Raises
     ------
     InputError
-        If a boresight is along z.
+        If a boresight has no length, or is not finite.
     """
     bx, by, bz = boresight
     rx, ry, rz = way
@@ -198,13 +206,26 @@ def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     size = np.sqrt(square + bz * bz)
     level = np.sqrt(square)
     if not (level > 1e-12 * size).all():
-        raise InputError("a boresight along ±z leaves open which way is up: turn it off the axis")
+        return sighted(_off_the_pole(boresight), way)
     flat = bx * rx + by * ry
     return (
         (bx * ry - by * rx) / level,
         (level * rz - bz * flat / level) / size,
         (flat + bz * rz) / size,
     )
+
+
+def _off_the_pole(boresight: Array) -> Array:
+    """Return boresights (3, N), those along ±z turned off it by less than anything resolves."""
+    bx, by, bz = boresight
+    size = np.sqrt(bx * bx + by * by + bz * bz)
+    if not ((size > 0.0) & (size < np.inf)).all():
+        raise InputError(
+            "boresight: a vector of some length is needed, got one of length zero or not a number; "
+            "a spacecraft at the origin of its states cannot look there"
+        )
+    steep = np.sqrt(bx * bx + by * by) <= 1e-12 * size
+    return np.array([np.where(steep, _LEVEL * size, bx), np.where(steep, 0.0, by), bz])
 
 
 def rotated(matrices: Array, vectors: Array) -> Array:

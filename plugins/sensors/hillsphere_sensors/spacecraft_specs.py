@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import pi
+from collections.abc import Mapping
+from math import hypot, pi
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -22,6 +23,7 @@ __all__ = [
 
 _DEGREE = 0.017453292519943295
 _STAR_TRACKER = 1e-4 * _DEGREE
+_HELIOCENTRIC = ("origin", "axes", "rate")
 
 
 class SpacecraftSensorSpec(Spec):
@@ -43,6 +45,16 @@ class SpacecraftSensorSpec(Spec):
         "probability that a measurement is an outlier, each for itself", default=0.0, ge=0, le=1
     )
     outlier_factor: float = option("by which the noise of outliers is greater", default=30.0, ge=1)
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        return ()
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        return {}
 
 
 class CameraSpec(SpacecraftSensorSpec):
@@ -90,6 +102,18 @@ class CameraSpec(SpacecraftSensorSpec):
         "angle", "standard deviation of the attitude's noise, each axis",
         default=_STAR_TRACKER, ge=0,
     )  # fmt: skip
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        if self.target == "centre":
+            return ("boresight",)
+        return ("boresight", "to_body", *(["sun"] if self.sunlit else []))
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is."""
+        return {"noise_px and attitude_sigma_rad": hypot(self.noise_px, self.attitude_sigma_rad)}
 
 
 class LidarSpec(SpacecraftSensorSpec):
@@ -141,9 +165,23 @@ class LidarSpec(SpacecraftSensorSpec):
             text = "the beam goes along the boresight: its direction from there says nothing"
             raise rule("angles", text)
         if self.field_of_view_rad is not None and self.spot == "pointing":
-            text = "the beam goes along the boresight and needs none; leave it out"
-            raise rule("field_of_view", text)
+            raise rule("field_of_view", "the beam is the boresight and needs none; leave it out")
         return self
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        aimed = self.angles or self.spot == "pointing" or self.field_of_view_rad is not None
+        return ("to_body", *(["boresight"] if aimed else []))
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        found = {"range_sigma_m": self.range_sigma_m}
+        if self.angles:
+            angle = hypot(self.pointing_sigma_rad, self.attitude_sigma_rad)
+            found["pointing_sigma_rad and attitude_sigma_rad"] = angle
+        return found
 
 
 class InterSatelliteSpec(SpacecraftSensorSpec):
@@ -185,12 +223,22 @@ class InterSatelliteSpec(SpacecraftSensorSpec):
     @model_validator(mode="after")
     def _something_of_another(self) -> Self:
         if not (self.range or self.angles):
-            text = "neither range nor angles are measured; keep one"
-            raise rule("range", text)
+            raise rule("range", "neither range nor angles are measured; keep one")
         if self.partner == self.spacecraft:
-            text = f"spacecraft {self.partner} is no partner of itself"
-            raise rule("partner", text)
+            raise rule("partner", f"spacecraft {self.partner} is no partner of itself")
         return self
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        needed = {"sun": bool(self.sun_cone_rad), "to_body": self.body is not None}
+        return tuple(name for name, taken in needed.items() if taken)
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        found = {"range_sigma_m": self.range_sigma_m} if self.range else {}
+        return found | ({"angle_sigma_rad": self.angle_sigma_rad} if self.angles else {})
 
 
 class DeepSpaceStationSpec(SpacecraftSensorSpec):
@@ -253,9 +301,20 @@ class DeepSpaceStationSpec(SpacecraftSensorSpec):
     @model_validator(mode="after")
     def _each_once(self) -> Self:
         if len(set(self.measures)) < len(self.measures):
-            text = "names something twice"
-            raise rule("measures", text)
+            raise rule("measures", "names something twice")
         return self
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        return (*_HELIOCENTRIC, "earth", "earth_axes")
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        keys = {"range": "range_sigma_m", "range_rate": "range_rate_sigma_m_s"}
+        every = [keys.get(name, "angle_sigma_rad") for name in self.measures]
+        return {key: getattr(self, key) for key in every}
 
 
 class SunDopplerSpec(SpacecraftSensorSpec):
@@ -267,6 +326,16 @@ class SunDopplerSpec(SpacecraftSensorSpec):
     bias_m_s: float = quantity(
         "speed", "standard deviation of a bias, constant within a case", default=0.0, ge=0
     )
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        return _HELIOCENTRIC
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        return {"sigma_m_s": self.sigma_m_s}
 
 
 class SunSensorSpec(SpacecraftSensorSpec):
@@ -285,6 +354,16 @@ class SunSensorSpec(SpacecraftSensorSpec):
         "angle", "full cone about the direction opposite to the boresight; left out: all around",
         default=None, gt=0, le=2 * pi,
     )  # fmt: skip
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        return ("sun", *(["boresight"] if self.field_of_view_rad is not None else []))
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        return {"sigma_rad": self.sigma_rad}
 
 
 class StarTrackerSpec(SpacecraftSensorSpec):
@@ -309,3 +388,13 @@ class StarTrackerSpec(SpacecraftSensorSpec):
         "the asteroid",
         default=0.0, ge=0, lt=pi,
     )  # fmt: skip
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """What it takes from the scene, by name."""
+        return ("attitude", *(["sun", "boresight"] if self.sun_cone_rad else []))
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Keys that make the noise of what it measures, and how large that is, SI."""
+        return {"sigma_rad": self.sigma_rad, "roll_sigma_rad": self.roll_sigma_rad}

@@ -12,6 +12,7 @@ from hillsphere import create
 from hillsphere.errors import InputError
 from hillsphere.testing import RecordingContext, check_presentation, example
 from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.refinement.gains import gains, rms
 from hillsphere_estimators.refinement.products import OrbitRefinement
 
 GOLDSTONE = {"station": "Goldstone", "latitude_deg": 35.4, "longitude_deg": -116.9}
@@ -146,3 +147,64 @@ def test_refusals() -> None:
         refinement(geometries=[{"name": "one", "epoch": "2029-01-15", "mean_anomaly_deg": 1}] * 2)
     with pytest.raises(InputError, match="longer than"):
         refinement(interval_h=72)
+
+
+@pytest.fixture(scope="module")
+def half_seen() -> OrbitRefinement:
+    """One geometry is by day or too low for both telescopes: nothing is observed there."""
+    dark = [
+        create(
+            "sensor", "deep_space_station", station="telescope", measures=["angles"],
+            latitude_deg=latitude, longitude_deg=longitude, mask_elevation_deg=20, sun_below_deg=12,
+        )
+        for latitude, longitude in ((28.3, -16.5), (19.8, -155.5))
+    ]  # fmt: skip
+    made = refinement(
+        optical=dark, initial_error=0.01, seeds=4, passes=1, optical_interval_h=4,
+        geometries=[
+            {"name": "seen", "epoch": "2029-03-01", "mean_anomaly_deg": 210},
+            {"name": "hidden", "epoch": "2029-06-01", "mean_anomaly_deg": 30},
+        ],
+    ).run(RecordingContext())  # fmt: skip
+    assert isinstance(made, OrbitRefinement)
+    return made
+
+
+def test_geometry_without_an_observation_is_a_row_and_no_lost_run(
+    half_seen: OrbitRefinement,
+) -> None:
+    shown = refinement(claims_velocity_kept=True).present(half_seen)
+    check_presentation(shown)
+    states = [row["state"] for row in shown.tables["refinement_optical"].rows]
+    assert states == ["converged", "not observed"]
+    assert any("No telescope sees the asteroid in 'hidden'" in line for line in shown.verdict)
+    (line,) = (line for line in shown.verdict if line.startswith("Optical angles alone"))
+    seen = rms(half_seen.optical.position_m[-1])[0] / 1e3
+    assert f"{seen:.3g} to {seen:.3g} km" in line
+
+
+def test_diverged_tracking_is_a_row_and_no_statement(product: OrbitRefinement) -> None:
+    rested, joint = product.tracked_settled.copy(), product.joint_nees.copy()
+    rested[0, 1], joint[1, 1, 0] = 0.0, np.nan
+    lost = replace(product, tracked_settled=rested, joint_nees=joint)
+    shown = refinement(claims_velocity_kept=True).present(lost)
+    check_presentation(shown)
+    rows = {
+        (str(row["geometry"]), str(row["arm"])): row
+        for row in shown.tables["refinement_tracking"].rows
+    }
+    assert rows["far", "all"]["state"] == rows["far", "no Doppler"]["state"] == "diverged"
+    assert rows["near", "all"]["state"] == rows["far", "cameras"]["state"] == "converged"
+    said = " ".join(shown.verdict)
+    assert "Tracking diverged, converging in no case, in 'far' with 'all'; 'far' with " in said
+    assert "10 or 20 cases" in said
+    assert "nan" not in said
+    arms = shown.tables["refinement_arms"].rows
+    near, _ = gains(product, 0)
+    assert arms[0]["position_gain_least"] == arms[0]["position_gain_greatest"] == near[0]
+    # with nothing left nothing is said of it
+    none = replace(product, tracked_settled=np.zeros_like(rested))
+    shown = refinement(claims_velocity_kept=True).present(none)
+    check_presentation(shown)
+    assert "tracking diverged in all geometries" in " ".join(shown.verdict)
+    assert {row["judged"] for row in shown.tables["refinement_arms"].rows} == {"diverged"}

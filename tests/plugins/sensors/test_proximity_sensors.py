@@ -354,9 +354,52 @@ def test_refused() -> None:
         sensor("camera", spacecraft=3).observe(
             STATES[:, None], NOW, {"boresight": np.ones((3, 3, 1))}
         )
-    with pytest.raises(InputError, match="along ±z"):
-        sensor("camera").observe(
-            STATES[:, None], NOW, {"boresight": np.array([[0, 0, 1.0]] * 2)[:, :, None]}
-        )
+    with pytest.raises(InputError, match="boresight: a vector of some length is needed"):
+        sensor("camera").observe(STATES[:, None], NOW, {"boresight": np.zeros((2, 3, 1))})
     with pytest.raises(InputError, match="must be"):
         sensor("camera").observe(STATES[:, None], NOW, {"boresight": np.ones((2, 3, 5))})
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_boresight_over_a_pole(sign: float) -> None:
+    """Along ±z, beside one that is not: the limit of a boresight that comes from +x."""
+    way = np.array([[120.0, 1.0], [-50.0, 2.0], [sign * 1500.0, 3.0]])
+    along = np.array([[0.0, 3.0], [0.0, 4.0], [sign * 7.0, 5.0]])
+    near = along + np.array([[1e-7, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    found, want = np.array(sighted(along, way)), np.array(sighted(near, way))
+    np.testing.assert_allclose(found[:, 0], want[:, 0], rtol=0, atol=1e-3)
+    np.testing.assert_array_equal(found[:, 1], want[:, 1])
+    np.testing.assert_allclose(found, rotated(line_of_sight_frame(along), way), atol=1e-9)
+    axes = line_of_sight_frame(along)[:, :, 0]
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [
+        ("camera", {}),
+        ("camera", {"target": "disc", "points": 60, "sunlit": True}),
+        ("camera", {"target": "points", "points": 60, "output": "pixels"}),
+        ("lidar", {}),
+        ("lidar", {"angles": False}),
+        ("lidar", {"angles": False, "field_of_view_deg": 30}),
+        ("lidar", {"angles": False, "spot": "pointing"}),
+        ("inter_satellite", {"partner": 2}),
+        ("inter_satellite", {"partner": 2, "sun_cone_deg": 0, "body": body()}),
+        ("sun_sensor", {}),
+        ("sun_sensor", {"field_of_view_deg": 120}),
+        ("star_tracker", {}),
+        ("star_tracker", {"sun_cone_deg": 30}),
+    ],
+)
+def test_takes_from_the_scene_what_it_says(kind: str, keys: dict[str, Any]) -> None:
+    """Without any of it the sensor fails, and with nothing else it works."""
+    made = sensor(kind, **keys)
+    whole = {**scene(), "attitude": np.zeros((2, 3, 1))}
+    own = {name: whole[name] for name in made.takes}
+    assert np.isfinite(made.observe(STATES[:, None], NOW, own)).all()
+    assert made.visible(STATES[:, None], NOW, own).shape == (1,)
+    for name in own:
+        rest = {key: value for key, value in own.items() if key != name}
+        with pytest.raises(InputError, match=f"lacks '{name}'"):
+            [ask(STATES[:, None], NOW, rest) for ask in (made.observe, made.visible)]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Self
 
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
+from hillsphere_estimators.sensor_fit import noiseless, unseen
 
 __all__ = ["BeginningSpec", "InitialisationSpec"]
 
@@ -76,3 +78,11 @@ class InitialisationSpec(StageSpec):
         if len(self.depths_m) ** len(self.spacecraft) > 20_000:
             refuse("depths_m", "makes more than 20000 combinations; give fewer distances")
         return self
+
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield which sensors would find nothing to look at, and which no fit can weigh."""
+        sensors = [(("sensors", i), ref) for i, ref in enumerate(self.sensors)]
+        yield from noiseless(sensors, tables)
+        yield from unseen(sensors, [self.plant], tables, takes_earth=False)

@@ -17,7 +17,7 @@ from hillsphere_estimators.initialisation.arc_fit import ArcFit, arc_fit, screen
 from hillsphere_estimators.initialisation.presentation import present_beginning
 from hillsphere_estimators.initialisation.products import StartingBelief
 from hillsphere_estimators.initialisation.specs import InitialisationSpec
-from hillsphere_estimators.navigation.scene import proximity_scene
+from hillsphere_estimators.navigation.scene import proximity_scene, sky_of
 from hillsphere_estimators.navigation.world import noise_of
 from hillsphere_estimators.refinement.flown import flown
 from hillsphere_estimators.refinement.linearised import LinearPath, path_to
@@ -85,7 +85,10 @@ class InitialisationStage:
         looking[rows] += (
             spec.pointing_rad * distance * ctx.rng("pointing").normal(size=(len(rows), seeds))
         )
-        scenes = {float(t): proximity_scene(plant, rows, np.full(seeds, t), looking) for t in times}
+        sky = sky_of(suite.sensors, [plant])
+        scenes = {
+            float(t): proximity_scene(plant, rows, np.full(seeds, t), looking, sky) for t in times
+        }
         model = BodiesModel(
             plant, suite, scenes, n // 6, reach_m=float(min(spec.depths_m)),
             noise=noise_of(plant), step_s=spec.step_s, noise_step_s=spec.noise_step_s,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.navigation.divergence import SEEN, SILENT, alarmed
 from hillsphere_estimators.navigation.figures import draw_control, draw_errors, draw_nees
 from hillsphere_estimators.navigation.metrics import ratio_to_bound
 from hillsphere_estimators.navigation.products import NavigationFlight
@@ -83,6 +85,8 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
         return f"{name}_{spec.label}" if spec.label else name
 
     n, count = len(product.states), product.nees.shape[1]
+    diverged = product.endings.count(SEEN), product.endings.count(SILENT)
+    alarms = alarmed(product.nis, product.used, product.sent, spec.diverged_beyond)
     mean = float(np.nanmean(product.nees[-1])) if product.lost < count else np.nan
     answer, low, high = judged(mean, n, count, product.lost)
     ratios = [
@@ -109,8 +113,10 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
     return Presentation(
         metrics={
             named("navigation_nees"): Metric(mean),
-            named("navigation_consistent"): Metric(answer == "consistent"),
+            named("navigation_consistent"): Metric(answer == "consistent" and not sum(diverged)),
             named("navigation_lost"): Metric(product.lost),
+            named("navigation_diverged"): Metric(sum(diverged)),
+            named("navigation_alarms"): Metric(int(alarms.sum())),
             named("navigation_bound_ratio"): Metric(float(max(r for r, _ in ratios))),
             named("navigation_dv"): Metric(dv, "m/s"),
         },
@@ -141,7 +147,10 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
                 "filter lie.",
             ),
         },
-        verdict=_verdict(product, called, (answer, mean, low, high), ratios, sensors, unknown),
+        verdict=[
+            *_verdict(product, called, (answer, mean, low, high), ratios, sensors, unknown),
+            *_diverged(diverged, int(alarms.sum()), count, called),
+        ],
     )
 
 
@@ -202,7 +211,8 @@ def _verdict(
     said = []
     if product.lost:
         said.append(
-            f"Navigation{called}: {product.lost} of {count} flights did not come to their end."
+            f"Navigation{called}: {product.lost} of {count} flights did not come to their end: "
+            f"{_causes(product)}."
         )
     if answer in ("overconfident", "cautious"):
         meaning = "greater" if answer == "overconfident" else "smaller"
@@ -224,6 +234,30 @@ def _verdict(
                 f"{error:.2g} times its bound, more than {MOST_OVER_BOUND:g}."
             )
     return said
+
+
+def _diverged(diverged: tuple[int, int], alarms: int, count: int, called: str) -> list[str]:
+    """Return how many filters went on but nowhere, and how many cried for nothing."""
+    said = []
+    seen, silent = diverged
+    if seen + silent:
+        said.append(
+            f"Navigation{called}: the filters of {seen + silent} of {count} flights have diverged; "
+            f"the innovations of {seen} of them give the alarm."
+        )
+    if alarms > seen:
+        said.append(
+            f"Navigation{called}: the innovations of {alarms - seen} of {count} flights give the "
+            "alarm although their filters have not diverged: the sensors are not as believed."
+        )
+    return said
+
+
+def _causes(product: NavigationFlight) -> str:
+    """Return how many flights ended how, those that came to their end left out."""
+    others = ("completed", SEEN, SILENT)
+    causes = Counter(ending for ending in product.endings if ending not in others)
+    return ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
 
 
 def _rms(values: np.ndarray) -> float:

@@ -49,6 +49,8 @@ class NavigationFlight:
         Whether the filter's world is the true one.
     lost : int
         How many of the flights did not come to their end.
+    endings : tuple of str
+        How each of the N flights ended, and why: ``"completed"``, ``"diverged (filter)"``.
     metrics, units : tuple of str
         Names and units of the m metrics.
     values : ndarray, shape (m, N)
@@ -76,6 +78,7 @@ class NavigationFlight:
     seen: Array
     matched: bool
     lost: int
+    endings: tuple[str, ...]
     metrics: tuple[str, ...]
     units: tuple[str, ...]
     values: Array

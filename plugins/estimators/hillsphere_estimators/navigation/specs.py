@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from math import isfinite
 from typing import Literal, Self
 
@@ -19,6 +20,7 @@ from hillsphere.spec import (
     reference,
     rule,
 )
+from hillsphere_estimators.sensor_fit import noiseless, two_dates, unseen
 
 __all__ = [
     "BeliefSpec",
@@ -181,6 +183,15 @@ class NavigationSpec(StageSpec):
         default=None,
     )
     sensors: tuple[Ref, ...] = reference("sensor", "what measures")
+    earth: Ref | None = reference(
+        "body", "the Earth, for stations on it; left out: there are none", default=None
+    )
+    epoch: str | None = option(
+        "date and time (TDB) at which time is 0: places the Earth and turns it; left out: that of "
+        "the body's mean anomaly, if the plant begins there",
+        default=None,
+        max_length=40,
+    )
     estimator: Ref = reference("estimator", "the filter, of all states")
     opening: Ref | None = reference(
         "estimator",
@@ -250,6 +261,13 @@ class NavigationSpec(StageSpec):
     rms_from_s: float = quantity(
         "time", "time since the start from which root mean squares count", default=0.0, ge=0
     )
+    diverged_beyond: float = option(
+        "a filter has diverged, and the flight failed, where its NEES per state at the end is "
+        "greater than this (1 on average of a consistent one, which is called so less than once in "
+        "1e6). Its innovations give the alarm where NIS per row is in each of the last five sets "
+        "of measurements, or where its gate leaves out more than half of each",
+        default=10.0, gt=1, le=1e6,
+    )  # fmt: skip
     label: str = option(
         "appended to the names of tables, figures and metrics, to tell two such stages apart",
         default="",
@@ -320,3 +338,14 @@ class NavigationSpec(StageSpec):
         if self.rms_from_s > self.duration_s:
             raise rule("rms_from_s", "is after the end")
         return self
+
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield which sensors would find nothing to look at, and which no filter can weigh."""
+        believed = [(("sensors", i), ref) for i, ref in enumerate(self.sensors)]
+        true = [(("truth", "sensors", i), ref) for i, ref in enumerate(self.truth.sensors)]
+        plants = [self.plant, *([self.truth.plant] if self.truth.plant else [])]
+        yield from noiseless(believed, tables)
+        yield from unseen([*believed, *true], plants, tables, self.earth, self.epoch)
+        yield from two_dates(plants, tables, self.epoch)

@@ -29,6 +29,7 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
 from hillsphere_estimators.bias_states import Biased
 from hillsphere_estimators.navigation.bounds import planned_bound
+from hillsphere_estimators.navigation.divergence import ending, endings
 from hillsphere_estimators.navigation.effort import spent
 from hillsphere_estimators.navigation.filtering import Filtering, FilterLog, Views
 from hillsphere_estimators.navigation.metrics import Record, histories_of, metrics_of
@@ -48,7 +49,7 @@ from hillsphere_estimators.navigation.parts import (
 from hillsphere_estimators.navigation.plan import Plan, check_step, plan_of
 from hillsphere_estimators.navigation.presentation import present_navigation
 from hillsphere_estimators.navigation.products import NavigationFlight
-from hillsphere_estimators.navigation.scene import aims, proximity_scene
+from hillsphere_estimators.navigation.scene import aims, proximity_scene, sky_of
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.world import AtInterval, Drift, ShakenReference, noise_of
 
@@ -100,7 +101,12 @@ class NavigationStage:
             )
         check_scales(spec.truth.scale, {name: q.value for name, q in self._nominal.items()})
         self._suite = SensorSuite(sensors_of(spec.sensors))
-        self._faults = faults_of(spec, true_sensors(spec, self._suite))
+        true = true_sensors(spec, self._suite)
+        self._faults = faults_of(spec, true)
+        self._sky = sky_of(
+            [*self._suite.sensors, *true.sensors], [self.plant, self.true_plant],
+            spec.earth and spec.earth.get(), spec.epoch,
+        )  # fmt: skip
         self._members = members_of(spec, self._suite)
         self._biases = biases_of(spec, self.plant, self._suite, self.law)
         self._estimator: Estimator = spec.estimator.get()
@@ -177,20 +183,16 @@ class NavigationStage:
         Returns
         -------
         CaseResults
-            Metrics as in `metrics_of`.
+            Metrics as in `metrics_of`. A flight that was lost, or whose filter has diverged, has
+            failed, see `endings`.
         """
         plan = self._plan(reference, belief)
         record, flights = self._fly(plan, batch, belief)
         names, units, values = self._metrics(record)
-        status, cause = list(flights.status), list(flights.cause)
-        lost = np.isnan(record.nees[-1])
-        for lane in range(len(status)):
-            if not lost[lane]:  # what comes after the last measurement is none of its business
-                status[lane], cause[lane] = "completed", ""
-            elif status[lane] == "completed":
-                status[lane], cause[lane] = "diverged", "filter"
+        status, cause = endings(record, flights, self.spec.diverged_beyond)
         kept = histories_of(record, plan.begin_s, history) if history else None
-        return CaseResults(names, units, values, tuple(status), tuple(cause), lost, kept)
+        failed = np.array(status) != "completed"
+        return CaseResults(names, units, values, status, cause, failed, kept)
 
     def prepare_cases(
         self,
@@ -234,7 +236,7 @@ class NavigationStage:
         return np.concatenate([*told, np.zeros((0, estimate.shape[1]))])
 
     def _scene(self, t_s: Array, believed: Array) -> Scene:
-        return proximity_scene(self.plant, self.rows.positions, t_s, believed)
+        return proximity_scene(self.plant, self.rows.positions, t_s, believed, self._sky)
 
     def _plan(self, product: FlightSet | None, belief: Beginnings | None) -> Plan:
         """Return what flights along this reference share, made once."""
@@ -322,7 +324,9 @@ class NavigationStage:
         moved = {name: value for name, value in p.items() if not name.startswith("gravity.")}
 
         def true_scene(t_s: Array, believed: Array) -> Scene:
-            return proximity_scene(self.true_plant, rows.positions, t_s, believed, **moved)
+            return proximity_scene(
+                self.true_plant, rows.positions, t_s, believed, self._sky, **moved
+            )
 
         model = self._model
         log = FilterLog()
@@ -381,6 +385,7 @@ class NavigationStage:
         labels = tuple(crafts or (f"spacecraft {i + 1}" for i in range(self.rows.vectors)))
         matched = truth.plant is None and not truth.sensors and not truth.scale
         x = record.x[:, :, 0]
+        status, cause = endings(record, flights, self.spec.diverged_beyond)
         return NavigationFlight(
             frame=self.plant.frame,
             spacecraft=labels,
@@ -403,6 +408,7 @@ class NavigationStage:
             seen=np.mean(record.seen, axis=1),
             matched=matched and truth.thrust == 1.0,
             lost=int(np.isnan(record.nees[-1]).sum()),
+            endings=tuple(map(ending, status, cause)),
             metrics=names,
             units=units,
             values=values,

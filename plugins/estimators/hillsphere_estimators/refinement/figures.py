@@ -9,6 +9,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_estimators.consistency import chi_square_band
+from hillsphere_estimators.refinement.gains import held
 from hillsphere_estimators.refinement.products import OrbitRefinement
 from hillsphere_estimators.refinement.verdict import silences
 
@@ -86,12 +87,16 @@ def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None
     axes = figure.subplots()
     cases = product.settled.size
     low, high = chi_square_band(6, cases)
+    worst = 0.0
     for a, (arm, known) in enumerate(zip(product.arms, product.tracked, strict=True)):
+        some = held(product, a)
+        if not some.size:
+            continue
         t = (known.t_s - known.t_s[0]) / 3600.0
-        mean = known.nees.reshape(len(t), -1).mean(axis=1)
+        mean = known.nees[:, some].reshape(len(t), -1).mean(axis=1)
+        worst = max(worst, float(mean.max()))
         axes.plot(t, mean, color=_COLOURS[a % len(_COLOURS)], label=arm)
     axes.axhspan(low, high, color="#999999", alpha=0.3, label="99.9 % band")
-    worst = max(float(known.nees.mean(axis=(1, 2)).max()) for known in product.tracked)
     axes.set_yscale("log" if worst > 3.0 * high else "linear")
     axes.set_xlabel("since tracking began [h]")
     axes.set_ylabel("mean NEES of six states [-]")

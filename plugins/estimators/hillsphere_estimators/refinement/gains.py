@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.refinement.specs import OrbitRefinementSpec
 
-__all__ = ["gain_ranges", "gains", "median_gain_range", "reported", "rms"]
+__all__ = ["gain_ranges", "gains", "held", "median_gain_range", "observed", "reported", "rms"]
 
 _DAY = 86400.0
 _AGAIN = 400
@@ -21,6 +21,23 @@ def reported(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, i
     wanted = list(spec.reported_s) or [_DAY * k for k in range(1, int(since[-1] // _DAY) + 1)]
     indices = sorted({int(np.argmin(np.abs(since - t))) for t in wanted} | {len(since) - 1})
     return [(float(since[k]), k) for k in indices]
+
+
+def observed(product: OrbitRefinement) -> Integers:
+    """Return the geometries in which a telescope saw the asteroid: elsewhere nothing is fitted."""
+    return np.flatnonzero(product.optical.rows.sum(axis=0) > 0.0)
+
+
+def held(product: OrbitRefinement, arm: int) -> Integers:
+    """Return the geometries in which tracking did not diverge.
+
+    It did where it converged in no case, or where an error is not finite: such numbers are shown in
+    their rows, and enter nothing that is said over geometries.
+    """
+    known = product.tracked[arm]
+    errors = known.position_m + known.velocity_m_s + known.nees
+    finite = np.isfinite(errors).all(axis=(0, 2)) & np.isfinite(product.joint_nees[arm]).all(axis=1)
+    return np.flatnonzero(finite & (product.tracked_settled[arm] > 0.0).any(axis=1))
 
 
 def rms(values: Array) -> Array:
@@ -46,9 +63,13 @@ def gain_ranges(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array
 
 
 def median_gain_range(product: OrbitRefinement, arm: int, at: int) -> tuple[Array, Array]:
-    """Return 5 % and 95 % (2,) of the median over geometries of the gains, likewise."""
+    """Return 5 % and 95 % (2,) of the median over geometries of the gains, likewise.
+
+    Over those in which tracking `held`, at least one.
+    """
+    some = held(product, arm)
     position, velocity = (
-        np.percentile(np.median(anew, axis=0), [5.0, 95.0])
+        np.percentile(np.median(anew[some], axis=0), [5.0, 95.0])
         for anew in _drawn_anew(product, arm, at)
     )
     return position, velocity

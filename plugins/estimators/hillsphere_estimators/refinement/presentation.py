@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
+from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.refinement.figures import draw_consistency, draw_optical, draw_tracked
-from hillsphere_estimators.refinement.gains import gain_ranges, gains, reported, rms
+from hillsphere_estimators.refinement.gains import gain_ranges, gains, held, observed, reported, rms
 from hillsphere_estimators.refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.refinement.specs import OrbitRefinementSpec
 from hillsphere_estimators.refinement.verdict import judged, refinement_verdict
@@ -47,12 +49,14 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
         "refinement_tracking": _tracking_table(product, spec),
         "refinement_arms": _arms_table(product),
     }
-    position, velocity = gains(product, 0)
+    first = held(product, 0)
+    position, velocity = (gain[first] for gain in gains(product, 0))
+    means = [_mean(nees[held(product, a)]) for a, nees in enumerate(product.joint_nees)]
     metrics = {
-        "refinement_position_gain_median": Metric(float(np.median(position))),
-        "refinement_velocity_gain_median": Metric(float(np.median(velocity))),
-        "refinement_mean_nees": Metric(float(np.mean(product.joint_nees[0]))),
-        "refinement_mean_nees_greatest": Metric(float(product.joint_nees.mean(axis=(1, 2)).max())),
+        "refinement_position_gain_median": Metric(_of(np.median, position)),
+        "refinement_velocity_gain_median": Metric(_of(np.median, velocity)),
+        "refinement_mean_nees": Metric(means[0]),
+        "refinement_mean_nees_greatest": Metric(max(means)),
         "refinement_settled": Metric(float(np.mean(product.settled))),
         "refinement_tracking_settled": Metric(float(np.mean(product.tracked_settled))),
     }
@@ -111,9 +115,11 @@ _STATE = [
 def _optical_table(product: OrbitRefinement) -> Table:
     rows: list[Mapping[str, Cell]] = []
     for g, name in enumerate(product.geometries):
+        cases = product.settled[g]
         rows.append(
             {
                 "geometry": name,
+                "state": _settled(cases) if g in observed(product) else "not observed",
                 "earth_au": float(product.earth_distance_m[g]) / _AU,
                 "observations": float(product.optical.rows[:, g].mean()),
                 **_state(product.optical, -1, g),
@@ -122,6 +128,7 @@ def _optical_table(product: OrbitRefinement) -> Table:
         )
     columns = [
         Column("geometry", "", "geometry"),
+        Column("state", "", "state"),
         Column("earth_au", "au", "least distance of the Earth", 3),
         Column("observations", "-", "values a time, mean", 3),
         *_STATE,
@@ -135,6 +142,8 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
     for g, name in enumerate(product.geometries):
         for a, arm in enumerate(product.arms):
             known = product.tracked[a]
+            cases = product.tracked_settled[a, g]
+            state = _settled(cases) if g in held(product, a) else "diverged"
             for since, k in reported(spec, known):
                 position, velocity = gains(product, a, k)
                 ranges = gain_ranges(product, a, k)
@@ -142,6 +151,7 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
                     {
                         "geometry": name,
                         "arm": arm,
+                        "state": state,
                         "after_d": since / _DAY,
                         **_state(known, k, g),
                         "position_gain": float(position[g]),
@@ -155,6 +165,7 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
     columns = [
         Column("geometry", "", "geometry"),
         Column("arm", "", "sensors"),
+        Column("state", "", "state"),
         Column("after_d", "d", "after", 3),
         *_STATE,
         *(
@@ -170,24 +181,28 @@ def _arms_table(product: OrbitRefinement) -> Table:
     rows: list[Mapping[str, Cell]] = []
     first = product.tracked[0]
     for a, arm in enumerate(product.arms):
-        position, velocity = gains(product, a)
-        known = product.tracked[a]
+        some = held(product, a)
+        both = np.intersect1d(some, held(product, 0))
+        position, velocity = (gain[some] for gain in gains(product, a))
+        ratios = [
+            rms(own[-1])[both] / rms(of_first[-1])[both]
+            for own, of_first in (
+                (product.tracked[a].position_sigma_m, first.position_sigma_m),
+                (product.tracked[a].velocity_sigma_m_s, first.velocity_sigma_m_s),
+            )
+        ]
         rows.append(
             {
                 "arm": arm,
-                "position_gain_median": float(np.median(position)),
-                "position_gain_least": float(position.min()),
-                "position_gain_greatest": float(position.max()),
-                "velocity_gain_median": float(np.median(velocity)),
-                "velocity_gain_least": float(velocity.min()),
-                "velocity_gain_greatest": float(velocity.max()),
-                "position_of_first": float(
-                    np.median(rms(known.position_sigma_m[-1]) / rms(first.position_sigma_m[-1]))
-                ),
-                "velocity_of_first": float(
-                    np.median(rms(known.velocity_sigma_m_s[-1]) / rms(first.velocity_sigma_m_s[-1]))
-                ),
-                "joint_nees": float(product.joint_nees[a].mean()),
+                "position_gain_median": _of(np.median, position),
+                "position_gain_least": _of(np.min, position),
+                "position_gain_greatest": _of(np.max, position),
+                "velocity_gain_median": _of(np.median, velocity),
+                "velocity_gain_least": _of(np.min, velocity),
+                "velocity_gain_greatest": _of(np.max, velocity),
+                "position_of_first": _of(np.median, ratios[0]),
+                "velocity_of_first": _of(np.median, ratios[1]),
+                "joint_nees": _mean(product.joint_nees[a][some]),
                 "judged": judged(product, a),
                 "settled": float(product.tracked_settled[a].mean()),
             }
@@ -208,10 +223,26 @@ def _arms_table(product: OrbitRefinement) -> Table:
     cases = product.joint_nees[0].size
     low, high = chi_square_band(product.states, cases)
     note = (
-        f"At the end of tracking, over geometries. The mean NEES of all {product.states} states of "
-        f"a consistent filter lies within {low:.3g} … {high:.3g} (99.9 %)."
+        "At the end of tracking, over geometries in which it did not diverge. The mean NEES of all "
+        f"{product.states} states of a consistent filter lies within {low:.3g} … {high:.3g} "
+        "(99.9 %)."
     )
     return Table("Sets of sensors compared", columns, rows, [note])
+
+
+def _settled(cases: Array) -> str:
+    """Return in how many cases of a geometry a fit has converged, in words."""
+    count = int((cases > 0.0).sum())
+    return "converged" if count == cases.size else f"converged in {count} of {cases.size}"
+
+
+def _of(measure: Callable[[Array], Any], values: Array) -> float:
+    """Return a measure of some values, NaN of none."""
+    return float(measure(values)) if values.size else float("nan")
+
+
+def _mean(values: Array) -> float:
+    return _of(np.mean, values)
 
 
 def _band(product: OrbitRefinement, geometries: int) -> str:

@@ -15,7 +15,7 @@ from hillsphere.interfaces import Array, Scene
 from hillsphere.time import Epoch
 from hillsphere_estimators.refinement.specs import GeometrySpec
 
-__all__ = ["orbit_of", "scenes_at", "starts"]
+__all__ = ["earth_at", "orbit_of", "scenes_at", "starts"]
 
 
 def orbit_of(body: Any, key: str) -> Ephemeris:
@@ -90,9 +90,9 @@ def scenes_at(
         "rate": np.zeros((3, 1)), "sun": np.zeros((3, 1)),
     }  # fmt: skip
     epochs = [Epoch.parse(geometry.epoch, "TDB") for geometry in geometries]
-    states = np.stack([earth.states(times_s, epoch) for epoch in epochs], axis=-1)
-    turns = np.stack(
-        [from_equator(earth_fixed("gcrs", epoch, times_s, UT1_IS_UTC)) for epoch in epochs], axis=-1
+    states, turns = (
+        np.stack(part, axis=-1)
+        for part in zip(*(earth_at(times_s, earth, epoch) for epoch in epochs), strict=True)
     )
     return {
         float(t): still
@@ -102,3 +102,12 @@ def scenes_at(
         }
         for k, t in enumerate(times_s)
     }
+
+
+def earth_at(times_s: Array, earth: Ephemeris, epoch: Epoch) -> tuple[Array, Array]:
+    """Return the Earth's heliocentric states (6, K), and the turns (3, 3, K) to its own axes.
+
+    At times (K,), s after an epoch.
+    """
+    turn = earth_fixed("gcrs", epoch, times_s, UT1_IS_UTC)
+    return earth.states(times_s, epoch), from_equator(turn)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Self
 
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
+from hillsphere_estimators.sensor_fit import noiseless
 
 __all__ = ["ApproachSpec", "ArmSpec", "GeometrySpec", "OrbitRefinementSpec"]
 
@@ -179,3 +181,12 @@ class OrbitRefinementSpec(StageSpec):
         if late:
             refuse("reported_s", f"{late[0]:g} s is after the end at {self.duration_s:g} s")
         return self
+
+    def misfits(
+        self, tables: Mapping[str, Mapping[str, Spec]]
+    ) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield which sensors no fit can weigh."""
+        yield from noiseless([(("optical", i), ref) for i, ref in enumerate(self.optical)], tables)
+        for a, arm in enumerate(self.arms):
+            own = [(("arms", a, "sensors", i), ref) for i, ref in enumerate(arm.sensors)]
+            yield from noiseless(own, tables)

@@ -7,7 +7,14 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.refinement.gains import gains, median_gain_range, reported, rms
+from hillsphere_estimators.refinement.gains import (
+    gains,
+    held,
+    median_gain_range,
+    observed,
+    reported,
+    rms,
+)
 from hillsphere_estimators.refinement.products import OrbitRefinement
 from hillsphere_estimators.refinement.specs import OrbitRefinementSpec
 
@@ -21,10 +28,14 @@ _CLAIMED = 2.0
 def judged(product: OrbitRefinement, arm: int) -> str:
     """Return how errors of all states at the end compare with what the filter says of them.
 
-    Over all geometries: in a single one, of a few cases, no mean is far out of its wide band.
+    Over all geometries in which tracking held: in a single one, of a few cases, no mean is far out
+    of its wide band. ``diverged`` if there is none.
     """
-    low, high = _joint_band(product)
-    mean = float(product.joint_nees[arm].mean())
+    some = held(product, arm)
+    if not some.size:
+        return "diverged"
+    low, high = _joint_band(product, arm)
+    mean = float(product.joint_nees[arm][some].mean())
     if not mean <= high:
         return "overconfident"
     return "cautious" if mean < low else "consistent"
@@ -45,17 +56,21 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
     list of str
         Errors, gains of each set of sensors, consistency, convergence, silences.
     """
-    optical = product.optical
-    position, velocity = rms(optical.position_m[-1]) / 1e3, rms(optical.velocity_m_s[-1])
-    found = [
-        f"Optical angles alone: rms errors of {position.min():.3g} to {position.max():.3g} km and "
-        f"{velocity.min():.2g} to {velocity.max():.2g} m/s, by geometry."
-    ]
+    optical, seen = product.optical, observed(product)
+    found = _left_out(product)
+    if seen.size:
+        position = rms(optical.position_m[-1])[seen] / 1e3
+        velocity = rms(optical.velocity_m_s[-1])[seen]
+        found.append(
+            f"Optical angles alone: rms errors of {position.min():.3g} to {position.max():.3g} km "
+            f"and {velocity.min():.2g} to {velocity.max():.2g} m/s, by geometry."
+        )
     for a, arm in enumerate(product.arms):
-        for since, k in reported(spec, product.tracked[a]):
+        for since, k in reported(spec, product.tracked[a]) if held(product, a).size else ():
             found.append(f"{arm}, after {since / _DAY:.3g} d: {_gained(product, a, k)}.")
-    if spec.claims_velocity_kept:
-        v = gains(product, 0)[1]
+    first = held(product, 0)
+    if spec.claims_velocity_kept and first.size:
+        v = gains(product, 0)[1][first]
         answer = (
             "refuted" if v.min() > _CLAIMED else "confirmed" if v.max() < _CLAIMED else "undecided"
         )
@@ -65,22 +80,46 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             f"{v.min():.3g} to {v.max():.3g} times with {product.arms[0]!r}."
         )
     found.append(_consistency(product))
-    if not (product.settled.all() and product.tracked_settled.all()):
+    tracked = [one[held(product, a)] for a, one in enumerate(product.tracked_settled)]
+    unsettled = sum(int((one == 0).sum()) for one in tracked)
+    if not product.settled.all() or unsettled:
         found.append(
             f"Not converged, and counted all the same: {int((product.settled == 0).sum())} of "
-            f"{product.settled.size} optical fits, {int((product.tracked_settled == 0).sum())} of "
-            f"{product.tracked_settled.size} during tracking."
+            f"{product.settled.size} optical fits, {unsettled} of "
+            f"{sum(one.size for one in tracked)} during tracking."
         )
     return [*found, *_silent(product)]
 
 
+def _left_out(product: OrbitRefinement) -> list[str]:
+    """Return which geometries nothing is said of, and why."""
+    names, found = np.array(product.geometries), []
+    if unseen := sorted(set(range(len(names))) - set(observed(product))):
+        found.append(
+            f"No telescope sees the asteroid in {', '.join(map(repr, names[unseen].tolist()))}: "
+            "there only what was known before stands in the table."
+        )
+    lost = [
+        f"{', '.join(map(repr, names[own].tolist()))} with {arm!r}"
+        for a, arm in enumerate(product.arms)
+        if (own := sorted(set(range(len(names))) - set(held(product, a))))
+    ]
+    if lost:
+        found.append(
+            f"Tracking diverged, converging in no case, in {'; '.join(lost)}: left out of what is "
+            "said over geometries."
+        )
+    return found
+
+
 def _gained(product: OrbitRefinement, arm: int, at: int) -> str:
     """Return by what errors fell, in words."""
-    parts = []
+    parts, some = [], held(product, arm)
     ranges = median_gain_range(product, arm, at)
-    for name, gain, (low, high) in zip(
+    for name, every, (low, high) in zip(
         ("position", "velocity"), gains(product, arm, at), ranges, strict=True
     ):
+        gain = every[some]
         parts.append(
             f"{name} better {gain.min():.3g} to {gain.max():.3g} times by geometry, median "
             f"{np.median(gain):.3g} ({low:.3g} … {high:.3g}, 90 %)"
@@ -88,17 +127,32 @@ def _gained(product: OrbitRefinement, arm: int, at: int) -> str:
     return "; ".join(parts)
 
 
-def _joint_band(product: OrbitRefinement) -> Array:
-    return chi_square_band(product.states, product.joint_nees[0].size)
+def _joint_band(product: OrbitRefinement, arm: int) -> Array:
+    return chi_square_band(product.states, _cases(product, arm))
+
+
+def _cases(product: OrbitRefinement, arm: int) -> int:
+    return int(product.joint_nees[arm][held(product, arm)].size)
 
 
 def _consistency(product: OrbitRefinement) -> str:
-    low, high = _joint_band(product)
+    kept = [a for a in range(len(product.arms)) if held(product, a).size]
+    if not kept:
+        return "Of consistency nothing can be said: tracking diverged in all geometries."
     each = ", ".join(
-        f"{arm!r} {product.joint_nees[a].mean():.4g} ({judged(product, a)})"
-        for a, arm in enumerate(product.arms)
+        f"{product.arms[a]!r} {product.joint_nees[a][held(product, a)].mean():.4g} "
+        f"({judged(product, a)})"
+        for a in kept
     )
-    bad = [arm for a, arm in enumerate(product.arms) if judged(product, a) != "consistent"]
+    bad = [product.arms[a] for a in kept if judged(product, a) != "consistent"]
+    bands: dict[int, list[str]] = {}
+    for a in kept:
+        bands.setdefault(_cases(product, a), []).append(product.arms[a])
+    limits = [
+        "{:.4g} … {:.4g}".format(*chi_square_band(product.states, cases))
+        + (f" ({', '.join(map(repr, arms))})" if len(bands) > 1 else "")
+        for cases, arms in bands.items()
+    ]
     answer = (
         "Errors are as large as the filter says"
         if not bad
@@ -106,7 +160,7 @@ def _consistency(product: OrbitRefinement) -> str:
     )
     return (
         f"{answer}: mean NEES of all {product.states} states at the end over "
-        f"{product.joint_nees[0].size} cases {each}; 99.9 % band {low:.4g} … {high:.4g}."
+        f"{' or '.join(map(str, bands))} cases {each}; 99.9 % band {', '.join(limits)}."
     )
 
 
@@ -130,7 +184,7 @@ def _silent(product: OrbitRefinement) -> list[str]:
     if not craft.any():
         return []
     grown: list[tuple[float, float]] = []
-    for g in range(len(product.geometries)):
+    for g in held(product, 0).tolist():
         own = [rms(sigma[:, g]) for sigma in (craft, known.velocity_sigma_m_s)]
         # what comes before the first measurements are in is no silence
         grown += [

@@ -1,0 +1,81 @@
+"""The iterated unscented update where undamped it leaps to and fro, or its iterations run out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.plugins.estimators.estimation_models import Bearing, Pair, filtered, pair_flight
+
+from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.interfaces import Array, Channel, Integers
+from hillsphere_estimators.consistency import chi_square_band, nees
+from hillsphere_estimators.specs import BatchedUnscentedSpec
+from hillsphere_estimators.unscented import BatchedUnscented
+
+
+class Arc:
+    """The arc tangent, flat far out: there Newton's steps are longer the farther off one is."""
+
+    blocks = ((Channel("arc", "rad"),),)
+    advance, process_noise = Bearing.advance, Bearing.process_noise
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        return np.arctan(x)
+
+
+class HeldArc(Arc):
+    """And beside it a number that is only reckoned with."""
+
+    considered = np.array([False, True])
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        return np.arctan(x[:1]) + x[1:]
+
+
+def seen(model: Arc, truth: Array, sigma: float) -> MeasurementSet:
+    """Return exact measurements of truths (n, N)."""
+    cases = truth.shape[1]
+    shown = model.observe(truth, np.zeros(cases), np.arange(cases))
+    return MeasurementSet.of(np.zeros(cases), shown, np.full((1, 1), sigma), model.blocks)
+
+
+def iterated(iterations: int) -> BatchedUnscented:
+    return BatchedUnscented(BatchedUnscentedSpec(update="iterated", iterations=iterations))
+
+
+@pytest.mark.parametrize(("mean", "wide"), [(2.0, 1.0), (4.0, 1.0), (4.0, 2.0)])
+def test_long_steps_are_halved(mean: float, wide: float) -> None:
+    """Undamped up to half of these lie hundreds of standard deviations off."""
+    truth = np.linspace(-3.0, 3.0, 25)[None]
+    prior = Belief.of(np.full((1, 25), mean), np.full((25, 1, 1), wide**2), np.zeros(25))
+    after, _ = iterated(100).update(Arc(), prior, seen(Arc(), truth, 1e-3))
+    assert np.abs((after.x - truth) / after.sigma).max() < 3.0
+
+
+def test_iterations_that_run_out_leave_the_tempered_update() -> None:
+    """Steps are not damped where a state is only reckoned with."""
+    truth = np.concatenate([np.linspace(-3.0, 3.0, 25)[None], np.zeros((1, 25))])
+    start = np.repeat([[4.0], [0.0]], 25, axis=1)
+    prior = Belief.of(start, np.repeat(np.diag([4.0, 1e-8])[None], 25, axis=0), np.zeros(25))
+    sets = seen(HeldArc(), truth, 1e-3)
+    after, _ = iterated(100).update(HeldArc(), prior, sets)
+    tempered, _ = BatchedUnscented(BatchedUnscentedSpec(update="tempered")).update(
+        HeldArc(), prior, sets
+    )
+    same = after.x[0] == tempered.x[0]
+    assert 5 < same.sum() < 20
+    off = np.abs(after.x - truth)[0] / after.sigma[0]
+    assert off[~same].max() < 3.0
+    assert np.sum(off > 3.0) <= 1  # of the tempered ones, of which undamped ten were
+    np.testing.assert_array_equal(after.x[1], 0.0)
+
+
+def test_few_iterations_from_a_wide_prior_are_consistent() -> None:
+    """Undamped 49 of 256 such flights are lost for ever, in silence."""
+    flight = pair_flight(64, 3, share=0.3)
+    run = filtered(iterated(10), Pair(), flight)
+    low, high = chi_square_band(12, 64, 0.99999)
+    for belief, truth in zip(run.after, flight.truth, strict=True):
+        errors = nees(belief, truth)
+        assert errors.max() < 60.0
+        assert low < errors.mean() < high

@@ -1,0 +1,84 @@
+"""Measurements, truths and covariances that do not fit are refused, by all estimators alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.plugins.estimators.estimation_models import Linear, nothing
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.interfaces import Channel, EstimationModel
+from hillsphere.testing import example
+from hillsphere_estimators.batch_least_squares import batch_least_squares
+from hillsphere_estimators.consistency import nees
+from hillsphere_estimators.sigma_points import SigmaRule
+from hillsphere_estimators.smoother import link
+
+TYPES = ["unscented", "iterated_extended", "information", "ukf", "ekf"]
+MODEL = Linear(np.eye(2), np.zeros((2, 1)), np.eye(2))
+
+
+class Plain:
+    """The same without its derivatives."""
+
+    advance, process_noise, observe = MODEL.advance, MODEL.process_noise, MODEL.observe
+
+
+def prior(cases: int = 1) -> Belief:
+    return Belief.of(
+        np.zeros((2, cases)), np.repeat(np.eye(2)[None], cases, axis=0), np.zeros(cases)
+    )
+
+
+def measured(rows: int, t_s: float = 0.0, cases: int = 1, kind: str = "linear") -> MeasurementSet:
+    blocks = tuple((Channel(f"z{k}", "rad", kind),) for k in range(rows))  # type: ignore[arg-type]
+    return MeasurementSet.of(
+        np.full(cases, t_s), np.ones((rows, cases)), np.full((rows, 1), 0.1), blocks
+    )
+
+
+@pytest.mark.parametrize("model", [MODEL, Plain()])
+@pytest.mark.parametrize("kind", ["linear", "angle"])
+@pytest.mark.parametrize("rows", [1, 3])
+@pytest.mark.parametrize("type_", TYPES)
+def test_other_rows(type_: str, rows: int, kind: str, model: EstimationModel) -> None:
+    """One row beside two was broadcast, and counted twice."""
+    with pytest.raises(InputError, match=f"model shows 2 rows, the measurements have {rows}"):
+        example("estimator", type_).update(model, prior(), measured(rows, kind=kind))
+
+
+def test_other_rows_of_a_fit() -> None:
+    with pytest.raises(InputError, match="model shows 2 rows, the measurements have 1"):
+        batch_least_squares(MODEL, prior(), [measured(1)])
+
+
+@pytest.mark.parametrize("type_", TYPES)
+def test_other_times_and_cases(type_: str) -> None:
+    estimator = example("estimator", type_)
+    with pytest.raises(InputError, match="case 0 was measured at 100 s, but the belief is of 0 s"):
+        estimator.update(MODEL, prior(), measured(2, 100.0))
+    with pytest.raises(InputError, match="belief has 2 cases, the measurements have 1"):
+        estimator.update(MODEL, prior(2), measured(2))
+    # times that differ by rounding are the same
+    late = Belief(prior().x, prior().root, np.array([0.1 + 0.2]))
+    estimator.update(MODEL, late, measured(2, 0.3))
+
+
+@pytest.mark.parametrize("shape", [(2,), (1, 2), (2, 1)])
+def test_truth_of_another_shape(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"truth must be \(2, 2\), as the belief, got"):
+        nees(prior(2), np.zeros(shape))
+
+
+@pytest.mark.parametrize(("alpha", "beta"), [(1.0, 0.0), (2.0, 3.9), (0.0, 2.0), (1.0, np.nan)])
+def test_sigma_points_that_make_no_covariance(alpha: float, beta: float) -> None:
+    with pytest.raises(InputError, match="beta of at least its square"):
+        SigmaRule(alpha, beta)
+
+
+@pytest.mark.parametrize("rule", [None, SigmaRule()])
+def test_link_of_states_known_exactly(rule: SigmaRule | None) -> None:
+    known = Belief(np.zeros((2, 1)), np.zeros((1, 2, 2)), np.zeros(1))
+    with pytest.raises(InputError, match="singular covariance"):
+        link(MODEL, known, np.ones(1), nothing(1), rule)
