@@ -22,8 +22,9 @@ STATUSES = (
 
 ``completed``: all samples were flown; ``impact``, ``escape``: events of the plant of these names;
 ``constraint``: any other event, or a limit; ``propellant``: the Δv at hand was spent;
-``diverged``: a state or a command was no finite number, or a filter left the truth; ``step_size``: the smallest sub-steps did
-not meet the tolerance; ``time_limit``: the block's wall-clock time was up.
+``diverged``: a state or a command was no finite number, or a filter left the truth;
+``step_size``: the smallest sub-steps did not meet the tolerance; ``time_limit``: the block's
+wall-clock time was up.
 """
 
 
