@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from tests.plugins.estimators.estimation_models import Linear, nothing
@@ -31,8 +33,10 @@ def prior(cases: int = 1) -> Belief:
     )
 
 
-def measured(rows: int, t_s: float = 0.0, cases: int = 1, kind: str = "linear") -> MeasurementSet:
-    blocks = tuple((Channel(f"z{k}", "rad", kind),) for k in range(rows))  # type: ignore[arg-type]
+def measured(
+    rows: int, t_s: float = 0.0, cases: int = 1, kind: Literal["linear", "angle"] = "linear"
+) -> MeasurementSet:
+    blocks = tuple((Channel(f"z{k}", "rad", kind),) for k in range(rows))
     return MeasurementSet.of(
         np.full(cases, t_s), np.ones((rows, cases)), np.full((rows, 1), 0.1), blocks
     )
@@ -42,7 +46,9 @@ def measured(rows: int, t_s: float = 0.0, cases: int = 1, kind: str = "linear") 
 @pytest.mark.parametrize("kind", ["linear", "angle"])
 @pytest.mark.parametrize("rows", [1, 3])
 @pytest.mark.parametrize("type_", TYPES)
-def test_other_rows(type_: str, rows: int, kind: str, model: EstimationModel) -> None:
+def test_other_rows(
+    type_: str, rows: int, kind: Literal["linear", "angle"], model: EstimationModel
+) -> None:
     """One row beside two was broadcast, and counted twice."""
     with pytest.raises(InputError, match=f"model shows 2 rows, the measurements have {rows}"):
         example("estimator", type_).update(model, prior(), measured(rows, kind=kind))
