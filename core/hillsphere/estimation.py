@@ -73,9 +73,12 @@ class Belief:
         Raises
         ------
         InputError
-            If a covariance is not finite, symmetric and positive definite, or the shapes do not
-            fit.
+            If a mean is not finite, a covariance not finite, symmetric and positive definite, or
+            the shapes do not fit.
         """
+        if not np.isfinite(x).all():
+            case = np.argwhere(~np.isfinite(x))[0, -1]
+            raise InputError(f"the mean of case {case} is not finite")
         covariance = np.asarray(covariance, dtype=np.float64)
         if covariance.ndim != 3 or covariance.shape[1] != covariance.shape[2]:
             raise InputError(f"covariances must be (N, n, n), got {covariance.shape}")

@@ -75,10 +75,12 @@ def chi_square_band(dof: ArrayLike, runs: ArrayLike = 1, probability: float = 0.
     Raises
     ------
     InputError
-        If the probability is not between 0 and 1.
+        If the probability is not between 0 and 1, or a mean is taken over nothing.
     """
     if not 0.0 < probability < 1.0:
         raise InputError(f"probability must lie between 0 and 1, got {probability:g}")
+    if not (np.asarray(runs) > 0).all():
+        raise InputError(f"runs must be above zero, got {np.min(runs):g}")
     tail = 0.5 * (1.0 - probability)
     total = np.multiply(dof, runs)
     ends = np.array([chi2.ppf(tail, total), chi2.isf(tail, total)])

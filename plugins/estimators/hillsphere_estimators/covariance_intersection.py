@@ -23,7 +23,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
-from hillsphere_estimators.resting import regular_root
+from hillsphere_estimators.resting import regular_root, regular_scales
 from hillsphere_estimators.roots import lower_root
 
 __all__ = ["covariance_intersection"]
@@ -59,8 +59,11 @@ def covariance_intersection(
     Raises
     ------
     InputError
-        If the beliefs are not of the same states and times.
+        If the beliefs are not of the same states and times, nothing else can be made least, or
+        scales do not fit.
     """
+    if least not in ("determinant", "trace"):
+        raise InputError(f'least must be "determinant" or "trace", got {least!r}')
     if first.x.shape != second.x.shape or not np.array_equal(first.t_s, second.t_s):
         raise InputError(
             f"beliefs to be joined must be of the same states and times, got {first.x.shape} and "
@@ -73,7 +76,7 @@ def covariance_intersection(
     if least == "determinant":
         share = np.ones_like(d)
     else:
-        unit = np.ones(d.shape[1]) if scales is None else np.asarray(scales, dtype=float)
+        unit = regular_scales(np.ones(d.shape[1]) if scales is None else scales, d.shape[1])
         share = np.sum((columns / unit[:, None]) ** 2, axis=1)
     weight = _weight(d, share, 1.0 if least == "determinant" else 2.0)
     information = weight[:, None] + (1.0 - weight)[:, None] / d

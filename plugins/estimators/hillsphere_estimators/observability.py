@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
 from hillsphere_estimators.gauss_newton import expected_by_slopes
 from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.linearisation import transition
+from hillsphere_estimators.resting import regular_scales
 from hillsphere_estimators.roots import upper_triangle
 
 __all__ = ["Observability", "observability"]
@@ -72,9 +74,18 @@ def observability(
     -------
     Observability
         Of N trajectories. By roots: the Gramian, whose condition is the square, is never formed.
+
+    Raises
+    ------
+    InputError
+        If scales do not fit the states, or there are more or fewer controls than measurements.
     """
     n, cases = start.x.shape
-    now, phi = start, np.broadcast_to(np.diag(np.asarray(scales, dtype=float)), (cases, n, n))
+    if controls is not None and len(controls) != len(measurements):
+        raise InputError(
+            f"{len(measurements)} measurements need as many controls, got {len(controls)}"
+        )
+    now, phi = start, np.broadcast_to(np.diag(regular_scales(scales, n)), (cases, n, n))
     root = np.zeros((cases, n, n))
     for k, measured in enumerate(measurements):
         control = np.zeros((0, cases)) if controls is None else controls[k]

@@ -9,7 +9,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
 
-__all__ = ["distance", "regular_root", "rested"]
+__all__ = ["distance", "regular_root", "regular_scales", "rested"]
 
 
 def regular_root(belief: Belief) -> Array:
@@ -26,6 +26,20 @@ def regular_root(belief: Belief) -> Array:
             "every state some uncertainty, or take the plain unscented update"
         )
     return belief.root
+
+
+def regular_scales(scales: Array, n: int) -> Array:
+    """Return the sizes of one unit of n states.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer, or one is not finite and above zero.
+    """
+    found = np.asarray(scales, dtype=float)
+    if found.shape != (n,) or not (np.isfinite(found) & (found > 0.0)).all():
+        raise InputError(f"scales must be {n} sizes, finite and above zero, got {found.tolist()}")
+    return found
 
 
 def distance(new: Belief, old: Belief) -> Array:

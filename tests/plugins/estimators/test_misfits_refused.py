@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -10,10 +10,12 @@ from tests.plugins.estimators.estimation_models import Linear, nothing
 
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
-from hillsphere.interfaces import Channel, EstimationModel
+from hillsphere.interfaces import Array, Channel, EstimationModel
 from hillsphere.testing import example
 from hillsphere_estimators.batch_least_squares import batch_least_squares
-from hillsphere_estimators.consistency import nees
+from hillsphere_estimators.consistency import chi_square_band, nees
+from hillsphere_estimators.covariance_intersection import covariance_intersection
+from hillsphere_estimators.observability import observability
 from hillsphere_estimators.sigma_points import SigmaRule
 from hillsphere_estimators.smoother import link
 
@@ -88,3 +90,32 @@ def test_link_of_states_known_exactly(rule: SigmaRule | None) -> None:
     known = Belief(np.zeros((2, 1)), np.zeros((1, 2, 2)), np.zeros(1))
     with pytest.raises(InputError, match="singular covariance"):
         link(MODEL, known, np.ones(1), nothing(1), rule)
+
+
+def test_means_that_are_not_finite() -> None:
+    with pytest.raises(InputError, match="the mean of case 1 is not finite"):
+        Belief.of(np.array([[0.0, np.nan]]), np.ones((2, 1, 1)), np.zeros(2))
+
+
+def test_a_mean_over_nothing() -> None:
+    with pytest.raises(InputError, match="runs must be above zero, got 0"):
+        chi_square_band(2, 0)
+
+
+@pytest.mark.parametrize("scales", [np.ones(3), np.array([1.0, 0.0]), np.array([1.0, np.nan])])
+def test_scales_that_do_not_fit(scales: Array) -> None:
+    with pytest.raises(InputError, match="scales must be 2 sizes"):
+        observability(MODEL, prior(), [measured(2)], scales)
+    with pytest.raises(InputError, match="scales must be 2 sizes"):
+        covariance_intersection(prior(), prior(), "trace", scales)
+
+
+def test_controls_of_another_number() -> None:
+    with pytest.raises(InputError, match="1 measurements need as many controls, got 0"):
+        observability(MODEL, prior(), [measured(2)], np.ones(2), [])
+
+
+def test_nothing_else_is_made_least() -> None:
+    least: Any = "norm"
+    with pytest.raises(InputError, match=r"least must be .* got 'norm'"):
+        covariance_intersection(prior(), prior(), least)

@@ -263,6 +263,10 @@ def test_faults_are_unknown_to_the_bound() -> None:
     assert not any("does not know" in note for note in notes)
     notes = stage(dropouts=0.3, outliers=0.02).present(joint()).tables["navigation"].notes
     assert any("does not know of dropouts, outliers" in note for note in notes)
+    for silent, known in ([], False), (["link"], True):
+        one = stage(outages=[{"sensors": silent, "interval_h": [0.2, 0.6]}])
+        notes = one.present(joint()).tables["navigation"].notes
+        assert any("all sensors are silent" in note for note in notes) is not known
 
 
 @pytest.mark.parametrize("keys", [{"step_s": 300}, {"step_s": 600, "noise_step_s": 600}])

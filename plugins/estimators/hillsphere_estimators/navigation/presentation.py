@@ -192,10 +192,13 @@ def _sensors(product: NavigationFlight) -> list[Mapping[str, Cell]]:
 def _unknown_to_the_bound(product: NavigationFlight, spec: NavigationSpec) -> str:
     """Return what the bound leaves out, "" if nothing: there it is no bound of this filter."""
     left = {
-        "that the true world is another": not product.matched,
+        "a true world that is another": not product.matched,
         "dropouts": spec.dropouts > 0.0,
         "outliers": spec.outliers > 0.0,
         "biases": bool(spec.biases),
+        "a law on estimates that nothing corrects, while all sensors are silent": any(
+            not out.sensors or set(out.sensors) >= set(product.sensors) for out in spec.outages
+        ),
         "what covariance intersection gives away": bool(spec.members),
     }
     return ", ".join(name for name, there in left.items() if there)

@@ -23,6 +23,8 @@ __all__ = ["judged", "refinement_verdict", "silences"]
 _DAY = 86400.0
 _CLAIMED = 2.0
 """What is called a considerable gain."""
+_PEAK = 1.1
+"""Growth of a standard deviation that is seen in a figure."""
 
 
 def judged(product: OrbitRefinement, arm: int) -> str:
@@ -178,6 +180,11 @@ def silences(rows: Array) -> list[tuple[int, int]]:
     return [(int(i) - 1, int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
 
 
+def _peaks(grown: Array) -> str:
+    count = int((grown > _PEAK).sum())
+    return str(count) if count else "no"
+
+
 def _silent(product: OrbitRefinement) -> list[str]:
     """Return what happens to velocities while the first set's sensors are partly silent."""
     known, craft = product.tracked[0], product.craft_velocity_sigma_m_s[0]
@@ -199,5 +206,7 @@ def _silent(product: OrbitRefinement) -> list[str]:
         f"While {product.arms[0]!r} is partly silent (outages, stations below the horizon; "
         f"{len(grown)} times), the standard deviation of a spacecraft's velocity changes by a "
         f"factor of {np.median(spacecraft):.3g} (median; greatest {spacecraft.max():.3g}), that of "
-        f"the asteroid's by {np.median(asteroid):.3g} ({asteroid.max():.3g})."
+        f"the asteroid's by {np.median(asteroid):.3g} ({asteroid.max():.3g}). A peak, of more than "
+        f"{100.0 * (_PEAK - 1.0):.0f} %, has the spacecraft's {_peaks(spacecraft)} times, the "
+        f"asteroid's {_peaks(asteroid)} times."
     ]
