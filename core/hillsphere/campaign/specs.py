@@ -203,7 +203,8 @@ class SweepSpec(CampaignSpec):
     )
     design: Literal["grid", "latin_hypercube", "sobol", "list"] = option(
         "'grid': every combination; 'latin_hypercube' and 'sobol': so many points between the "
-        "ends; 'list': the rows of a file or of an earlier stage",
+        "ends; 'list': the rows of a file or of an earlier stage, each at every combination of "
+        "what is swept besides",
         default="grid",
     )
     points: int | None = option(
@@ -233,19 +234,20 @@ class SweepSpec(CampaignSpec):
             raise rule("needs", "behind: there are no lines; name their quantities")
         if is_list != bool(self.rows or self.needs.rows) or (self.rows and self.needs.rows):
             raise rule("rows", "'list' takes either rows or needs.rows, the other designs neither")
-        if is_list == bool(self.over):
-            raise rule("over", "names what is swept, except for 'list', whose rows do")
+        if not (is_list or self.over):
+            raise rule("over", "names what is swept; only the rows of a 'list' do so by themselves")
         if (self.points is not None) != (self.design in ("latin_hypercube", "sobol")):
             raise rule("points", "is for 'latin_hypercube' and 'sobol', which need it")
+        combined = self.design in ("grid", "list")
         for name, values in self.over.items():
             if not isinstance(values, RangeSpec):
-                if not values or self.design != "grid":
+                if not values or not combined:
                     raise rule(
                         "over",
                         f"{name}: {self.design!r} needs "
                         + ("at least one value" if not values else "first and last"),
                     )
-            elif self.design == "grid" and values.points is None:
+            elif combined and values.points is None:
                 raise rule("over", f"{name}: a grid needs the number of points")
         return self
 

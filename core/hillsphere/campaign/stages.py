@@ -21,7 +21,7 @@ from hillsphere.campaign.sensitivity import independent_cases
 from hillsphere.campaign.specs import CampaignSpec, MonteCarloSpec, RangeSpec, SweepSpec
 from hillsphere.campaign.statistics import ended
 from hillsphere.campaign.stopping import StopCriteria
-from hillsphere.campaign.swept import Swept, case_list, grid, listed, sampled
+from hillsphere.campaign.swept import Swept, case_list, crossed, grid, listed, sampled
 from hillsphere.campaign.table import table_of
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Context, Integers
@@ -263,9 +263,9 @@ class Sweep(Campaign):
     def _swept(self, seed: int, stream: str, rows: CaseList | None) -> Swept:
         spec = self.spec
         if spec.rows is not None:
-            return listed(case_list(spec.rows))
+            rows = case_list(spec.rows)
         if rows is not None:
-            return listed(rows)
+            return crossed(listed(rows), grid(spec.over)) if spec.over else listed(rows)
         if spec.design not in ("latin_hypercube", "sobol"):
             return grid(spec.over)
         ranges = {name: v for name, v in spec.over.items() if isinstance(v, RangeSpec)}

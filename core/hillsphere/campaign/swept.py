@@ -19,7 +19,9 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.products import CaseList, Ladder
 from hillsphere.uncertainty.samples import read_columns
 
-__all__ = ["MOST_POINTS", "Swept", "case_list", "grid", "listed", "no_sweep", "sampled"]
+__all__ = [
+    "MOST_POINTS", "Swept", "case_list", "crossed", "grid", "listed", "no_sweep", "sampled",
+]  # fmt: skip
 
 MOST_POINTS = 10_000_000
 
@@ -234,6 +236,51 @@ def listed(cases: CaseList) -> Swept:
         values, index[i] = np.unique(row, return_inverse=True)
         levels.append(tuple(values.tolist()))
     return Swept("list", cases.names, tuple(levels), index, cases.labels, cases.units, ladder)
+
+
+def crossed(rows: Swept, others: Swept) -> Swept:
+    """Return every row of a list with every point of a grid, those of the grid varying fastest.
+
+    Parameters
+    ----------
+    rows : Swept
+        The list, whose labels and ladder the result keeps, with what the grid changes.
+    others : Swept
+        The grid.
+
+    Returns
+    -------
+    Swept
+        The points.
+
+    Raises
+    ------
+    InputError
+        If both change the same, or there are more than ten million points.
+    """
+    if both := sorted(set(rows.names) & set(others.names)):
+        raise InputError(f"{both[0]} stands in the rows and in 'over'; leave it out of one of them")
+    count, times = rows.index.shape[1], others.index.shape[1]
+    if count * times > MOST_POINTS:
+        raise InputError(f"there are {count * times} points; at most {MOST_POINTS} can be computed")
+    row, point = np.repeat(np.arange(count), times), np.tile(np.arange(times), count)
+    more = others.named([""] * len(others.names))
+
+    def with_others(names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(f"{names[r]}, {more[k]}" for r, k in zip(row, point, strict=True))
+
+    ladder = rows.ladder
+    if ladder is not None:
+        ladder = replace(ladder, values=ladder.values[row], groups=with_others(ladder.groups))
+    return Swept(
+        rows.design,
+        rows.names + others.names,
+        rows.levels + others.levels,
+        np.concatenate([rows.index[:, row], others.index[:, point]]),
+        with_others(rows.labels) if rows.labels else (),
+        rows.units + ("",) * len(others.names) if rows.units else (),
+        ladder,
+    )
 
 
 def case_list(path: str | Path) -> CaseList:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hillsphere.campaign.crossings import crossing_table, crossings
-from hillsphere.campaign.swept import listed
+from hillsphere.campaign.swept import crossed, grid, listed
 from hillsphere.errors import InputError
 from hillsphere.products import CaseList, CaseTable, Ladder
 
@@ -118,3 +118,24 @@ def test_a_ladder_goes_with_its_points() -> None:
     assert turned.ladder.groups == ("b", "a", "a")
     with pytest.raises(InputError, match="3 steps and 2 groups"):
         listed(replace(cases, ladder=replace(ladder, groups=("a", "b"))))
+
+
+def test_every_row_of_a_list_with_every_point_of_a_grid() -> None:
+    ladder = Ladder("σ", "-", np.array([1.0, 2.0]), ("a", "a"))
+    rows = listed(CaseList(("x",), ("m",), np.array([[7.0, 8.0]]), ("p", "q"), ladder))
+    made = crossed(rows, grid({"follow": ["rt1", "rt2"], "y": [3.0]}))
+    assert (made.design, made.names, made.units) == ("list", ("x", "follow", "y"), ("m", "", ""))
+    assert made.points.tolist() == [[7, 7, 8, 8], [0, 1, 0, 1], [3, 3, 3, 3]]
+    assert made.labels == tuple(
+        f"{row}, follow = {flight}, y = 3" for row in ("p", "q") for flight in ("rt1", "rt2")
+    )
+    assert made.ladder is not None
+    assert made.ladder.values.tolist() == [1.0, 1.0, 2.0, 2.0]
+    assert made.ladder.groups == ("a, follow = rt1, y = 3", "a, follow = rt2, y = 3") * 2
+    bare = crossed(replace(rows, labels=(), units=(), ladder=None), grid({"y": [3.0, 4.0]}))
+    assert (bare.labels, bare.units, bare.ladder) == ((), (), None)
+    assert bare.named(("m", ""))[1] == "x = 7 m, y = 4"
+    with pytest.raises(InputError, match="x stands in the rows and in 'over'"):
+        crossed(rows, grid({"x": [1.0]}))
+    with pytest.raises(InputError, match="there are 12000000 points"):
+        crossed(rows, grid({"y": np.arange(6e6).tolist()}))
