@@ -7,11 +7,12 @@ the same form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere.product_codec import load_product, save_product
@@ -144,9 +145,27 @@ class ControlDesign:
     ----------
     controller : LtiSystem
         From what the law sees to what it commands, SI.
+    others : tuple of LtiSystem
+        Those at which other searches of the same synthesis ended, the best first: how much of what
+        a controller does is a matter of the search.
     """
 
     controller: LtiSystem
+    others: tuple[LtiSystem, ...] = field(default=(), kw_only=True)
+
+    def design(self, number: int) -> LtiSystem:
+        """Return the controller for 1, the others for what follows.
+
+        Raises
+        ------
+        InputError
+            If there are not as many.
+        """
+        if not 1 <= number <= 1 + len(self.others):
+            raise InputError(
+                f"design {number} is asked for, of a synthesis that has {1 + len(self.others)}"
+            )
+        return (self.controller, *self.others)[number - 1]
 
 
 @dataclass(frozen=True)

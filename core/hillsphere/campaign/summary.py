@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from hillsphere.interfaces import Context
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable
+from hillsphere.uncertainty.matching import matched as named
 
 __all__ = ["CampaignSummaryStage", "answered", "summary"]
 
@@ -188,7 +190,8 @@ def answered(
     -------
     Claim
         Confirmed if the interval lies below zero, refuted if above, else undecidable. Chosen cases
-        are no sample: their ratios are compared as they are.
+        are no sample: their ratios are compared as they are. Of several pairs of campaigns, which
+        patterns name, all must have the answer; the interval holds those of all.
 
     Raises
     ------
@@ -197,6 +200,21 @@ def answered(
     """
     if claim.of == "worst":
         return _of_worst(claim, tables, worst, labels, level)
+    pairs = [
+        claim.model_copy(update={"less": less, "than": than})
+        for less in _named(claim.less, labels)
+        for than in _named(claim.than, labels)
+        if less != than
+    ]
+    if len(pairs) != 1:
+        return _of_all(claim, [_of_pair(one, tables, labels, level) for one in pairs])
+    return _of_pair(pairs[0], tables, labels, level)
+
+
+def _of_pair(
+    claim: ClaimSpec, tables: Sequence[CaseTable], labels: Sequence[str], level: float
+) -> Claim:
+    """Answer a statement about two campaigns, case by case."""
     i, j = _place(claim.less, labels), _place(claim.than, labels)
     a, b = matched(tables[i], tables[j], claim.less, claim.than)
     if claim.of == "failures":
@@ -230,6 +248,25 @@ def answered(
         f"({interval[0]:+.4g} to {interval[1]:+.4g})"
     )
     return _claim(claim, mean, interval, unit, d.size, reason)
+
+
+def _of_all(claim: ClaimSpec, found: Sequence[Claim]) -> Claim:
+    """Answer a statement about all pairs of two groups of campaigns."""
+    if not found:
+        raise InputError(
+            f"claims: {claim.less!r} and {claim.than!r} name the same campaign; name two"
+        )
+    count = Counter(one.answer for one in found)
+    said = ", ".join(f"{k} {answer}" for answer, k in count.most_common())
+    differences = [one.difference for one in found]
+    reason = (
+        f"of {len(found)} pairs {said}; the differences are {min(differences):+.4g} to "
+        f"{max(differences):+.4g} {found[0].unit}"
+    )
+    ends = np.array([one.interval for one in found])
+    middle = float(np.median(differences))
+    interval = np.array([ends[:, 0].min(), ends[:, 1].max()])
+    return _claim(claim, middle, interval, found[0].unit, min(d.pairs for d in found), reason)
 
 
 def _of_worst(
@@ -266,6 +303,13 @@ def _claim(
     low, high = interval
     answer = "confirmed" if high < 0.0 else "refuted" if low > 0.0 else "undecidable"
     return Claim(claim.text, answer, float(difference), interval, unit, int(pairs), reason)
+
+
+def _named(pattern: str, labels: Sequence[str]) -> list[str]:
+    """Return the labels that a pattern, or a label, names."""
+    if "*" not in pattern:
+        return [labels[_place(pattern, labels)]]
+    return list(named((pattern,), labels, "claims", "campaign"))
 
 
 def _place(label: str, labels: Sequence[str]) -> int:

@@ -45,8 +45,12 @@ class ClaimSpec(Spec):
         "what it is about: a metric (its mean over pairs of cases), 'failures' (their ratio, over "
         "pairs), or 'worst' (the ratio of failures among the chosen cases)"
     )
-    less: str = option("label of the campaign that is said to have less of it", default="")
-    than: str = option("label of the one that is said to have more", default="")
+    less: str = option(
+        "label of the campaign that is said to have less of it, or a pattern ('*' is any "
+        "characters): then each of those with each of 'than'",
+        default="",
+    )
+    than: str = option("label of the one that is said to have more, likewise", default="")
     above_random: str = option(
         "for 'worst', instead: label of the campaign whose chosen cases are said to fail more "
         "often than its random ones",

@@ -61,6 +61,8 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
         )
     if spec.needs.controller and not waits:
         raise InputError("needs.controller: the law has all that it needs; leave it out")
+    if spec.design > 1 and not waits:
+        raise InputError("design: the law waits for no synthesis; leave it out")
     wrong = "largest_acceleration_m_s2" if kind == "impulses" else "largest_impulse_m_s"
     if getattr(spec.require, wrong) is not None:
         raise InputError(f"require.{wrong}: the law commands {kind}; limit those")

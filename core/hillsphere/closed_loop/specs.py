@@ -245,6 +245,11 @@ class ClosedLoopSpec(StageSpec):
         "one",
         default="",
     )
+    design: int = option(
+        "with needs.controller: which controller of the synthesis; 1: the one that it took, 2 and "
+        "further: those at which its other searches ended, the best first",
+        default=1, ge=1, le=1000,
+    )  # fmt: skip
     target: TargetSpec | None = option(
         "state that is held; left out: what needs.reference gives, or else the place of the start",
         default=None,

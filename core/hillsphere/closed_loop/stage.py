@@ -248,7 +248,7 @@ class ClosedLoopStage:
             return known[2]
         law = self.law
         if controller is not None and isinstance(law, SynthesisedLaw):
-            law = law.flying(controller.controller)
+            law = law.flying(controller.design(self.spec.design))
         spec, period = self.spec, self.law.period_s
         course = self._held() if product is None else self._along(product)
         length = course.length_s

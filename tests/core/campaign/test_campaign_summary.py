@@ -74,6 +74,33 @@ def test_two_campaigns_without_a_failure_decide_nothing() -> None:
     assert found.interval[0] < 0.0 < found.interval[1]
 
 
+@pytest.mark.parametrize(
+    ("shifts", "answer", "said"),
+    [
+        ((0.1, 0.2), "confirmed", "of 2 pairs 2 confirmed; the differences are -0.2 to -0.1 m/s"),
+        ((-0.1, -0.2), "refuted", "of 2 pairs 2 refuted"),
+        ((0.1, -0.2), "undecidable", "1 confirmed, 1 refuted; the differences are -0.1 to +0.2"),
+    ],
+)
+def test_a_claim_about_groups_holds_for_all_pairs(
+    shifts: tuple[float, float], answer: str, said: str
+) -> None:
+    tables = (campaign(0.0, 0.0), *(campaign(shift, 0.2) for shift in shifts))
+    claim = ClaimSpec(text="said", of="dv", less="A", than="B *")
+    found = summary(tables, (), ("A", "B 1", "B 2"), [claim], 0.95).claims[0]
+    assert (found.answer, found.pairs) == (answer, int((~tables[1].failed).sum()))
+    assert said in found.reason
+    assert found.interval[0] <= -max(shifts) <= -min(shifts) <= found.interval[1]
+
+
+def test_a_group_that_names_nothing_is_refused() -> None:
+    tables, labels = (campaign(0.0, 0.0), campaign(0.3, 0.2)), LABELS
+    for less, message in (("C*", "claims has no campaign 'C"), ("B", "name the same campaign")):
+        claim = ClaimSpec(text="said", of="dv", less=less, than="B*")
+        with pytest.raises(InputError, match=message):
+            summary(tables, (), labels, [claim], 0.95)
+
+
 def test_points_of_a_sweep_stand_for_themselves() -> None:
     whole = campaign(0.0, 0.1)
     names = ("stage.d.follow = rt2", "stage.d.follow = rt3")

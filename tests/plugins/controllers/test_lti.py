@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from hillsphere.campaign.cases import CaseBatch
 from hillsphere.closed_loop.products import ClosedLoopFlight
@@ -166,6 +166,14 @@ def test_the_controller_of_a_synthesis_is_flown(tmp_path: Path) -> None:
     )  # fmt: skip
     other = flight.run(RecordingContext(), controller=weaker)
     assert np.abs(other.u[:, 0] - 0.5 * flown.u[:, 0]).max() < 1e-12
+    # as does one at which another search of the same synthesis ended
+    both = ControlDesign(again.controller, others=(weaker.controller,))
+    save_product(tmp_path / "both.npz", both)
+    second = stage(law=waiting, needs={"controller": "synthesis"}, design=2)
+    found = second.run(RecordingContext(), controller=load_product(tmp_path / "both.npz"))
+    assert_array_equal(found.u, other.u)
+    with pytest.raises(InputError, match="design 2 is asked for, of a synthesis that has 1"):
+        second.run(RecordingContext(), controller=again)
 
 
 def test_law_and_flight_must_agree_on_who_brings_the_controller() -> None:
@@ -175,6 +183,8 @@ def test_law_and_flight_must_agree_on_who_brings_the_controller() -> None:
         stage(law=law(d=np.ones((3, 3))), needs={"controller": "synthesis"})
     with pytest.raises(InputError, match=r"needs\.controller: the law has all"):
         stage(law=example("compensator", "pid"), needs={"controller": "synthesis"})
+    with pytest.raises(InputError, match="design: the law waits for no synthesis"):
+        stage(law=example("compensator", "pid"), design=2)
     with pytest.raises(InputError, match="the law has no controller"):
         law().step(0, np.zeros(1), np.zeros((3, 1)), np.zeros((3, 1)), np.zeros((0, 1)))
 

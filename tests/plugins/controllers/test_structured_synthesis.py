@@ -17,7 +17,7 @@ from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.structured.objective import Objective, Point
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
 from hillsphere_controllers.structured.single_loop import Pid
-from hillsphere_controllers.structured.structure import of_order, static
+from hillsphere_controllers.structured.structure import controller_of, of_order, static
 from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
 from hillsphere_controllers.systems.algebra import lower_lft
 
@@ -129,6 +129,9 @@ def test_seed_decides_and_starts_differ() -> None:
     one, again = (synthesise(plant, of_order(1, 1, 1), starts=2, seed=5) for _ in range(2))
     assert_allclose(again.theta, one.theta, rtol=0, atol=0)
     assert_allclose(again.starts, one.starts, rtol=0, atol=0)
+    for gamma, theta in zip(one.starts, one.ends, strict=True):
+        loop = lower_lft(plant.system, controller_of(of_order(1, 1, 1), theta))
+        assert_allclose(gamma, hinf_norm(loop).value, rtol=1e-6)
     other = synthesise(plant, of_order(1, 1, 1), starts=1, seed=6)
     assert np.abs(other.theta - one.theta).max() > 1e-9
     better = synthesise(plant, of_order(1, 1, 1), starts=1, initial=[one.theta])

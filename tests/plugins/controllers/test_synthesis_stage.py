@@ -143,6 +143,8 @@ def test_structured_serves_all_models_and_is_bounded_by_full_order() -> None:
     assert made.designed.all()
     assert made.search is not None
     assert made.search.starts.shape == (2,)
+    assert 1 <= len(made.others) <= 2
+    assert {one.shape for one in made.others} == {made.controller.shape}
     assert made.lower_bound <= made.gamma == pytest.approx(made.judged.hinf.max(), rel=1e-9)
     assert made.controller.order == 1
 

@@ -127,6 +127,8 @@ class RobustDesign:
         γ of the worst that was found for each plant; NaN if the design was interrupted.
     starts : ndarray, shape (starts,)
         γ from every start, for the scenarios known when they were begun from.
+    ends : ndarray, shape (starts, size)
+        Parameters at which these ended; NaN where no allowed controller was found.
     rounds : int
         Designs made.
     converged : bool
@@ -138,6 +140,7 @@ class RobustDesign:
     worst: Scenario
     each: Array
     starts: Array
+    ends: Array
     rounds: int
     converged: bool
 
@@ -211,7 +214,7 @@ def synthesise_robust(
     near = bool(begun)
     known: list[Array] = [np.zeros((0, len(plant.repeats))) for plant in many]
     whole = rounds == 1 or starts == 1  # whether this round is from all starts
-    done, distribution = False, np.zeros(0)
+    done, distribution, ends = False, np.zeros(0), np.zeros((0, structure.size))
     for count in range(1, rounds + 1):
         done = done or whole
         about = scatter if begun and whole and starts > 1 else 0.0
@@ -225,7 +228,7 @@ def synthesise_robust(
             prefer=prefer if whole else None, tie=tie, name=f"-{count}", progress=progress, ctx=ctx,
         )  # fmt: skip
         if whole or not distribution.size:
-            distribution = design.starts
+            distribution, ends = design.starts, design.ends
         scenarios = tuple(
             Scenario(j, delta, _gamma(many[j], norms))
             for (j, delta), norms in zip(places, design.verified.norms, strict=True)
@@ -233,7 +236,9 @@ def synthesise_robust(
         if design.interrupted:
             highest = max(scenarios, key=lambda s: s.gamma)
             unknown = np.full(len(many), np.nan)
-            return RobustDesign(design, scenarios, highest, unknown, design.starts, count, False)
+            return RobustDesign(
+                design, scenarios, highest, unknown, design.starts, design.ends, count, False
+            )
         each = [
             [
                 replace(s, plant=j)
@@ -249,11 +254,11 @@ def synthesise_robust(
                 f"{worst.gamma:.6g} (plant {many[worst.plant].name or worst.plant})"
             )
         at_worst = np.array([those[0].gamma for those in each])
-        made = RobustDesign(design, scenarios, worst, at_worst, distribution, count, enough)
+        made = RobustDesign(design, scenarios, worst, at_worst, distribution, ends, count, enough)
         # that of all starts is taken where it is as good
         if best is None or worst.gamma < best.worst.gamma or (whole and enough):
             best = made
-        best = replace(best, starts=distribution)
+        best = replace(best, starts=distribution, ends=ends)
         if enough and done:
             break
         whole = not done and (enough or count == rounds - 1)

@@ -108,6 +108,8 @@ class StructuredDesign:
         for plants to which the Riccati equations do not apply.
     starts : ndarray, shape (starts,)
         γ of every start; infinite where no allowed controller was found.
+    ends : ndarray, shape (starts, size)
+        Parameters at which they ended; NaN where no allowed controller was found.
     shaken : ndarray, shape (K,)
         γ of the searches that began near the best of them.
     interrupted : bool
@@ -128,6 +130,7 @@ class StructuredDesign:
     converged: bool
     lower_bound: float
     starts: Array
+    ends: Array
     shaken: Array
     interrupted: bool
     evaluations: int
@@ -278,6 +281,7 @@ def synthesise(
         best.converged,
         least,
         np.array([f.gamma if f.allowed else np.inf for f in first]),
+        np.array([f.theta if f.allowed else np.full(structure.size, np.nan) for f in first]),
         np.array([f.gamma if f.allowed else np.inf for f in second]),
         run.interrupted,
         sum(f.evaluations for f in first + second),

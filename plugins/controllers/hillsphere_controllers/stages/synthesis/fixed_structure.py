@@ -137,7 +137,7 @@ def by_search(
             shaken=options.shaken, prefer=prefer, tie=options.tie, told=ctx.info,
             progress=telling, ctx=ctx,
         )  # fmt: skip
-        found = replace(robust.design, starts=robust.starts)
+        found = replace(robust.design, starts=robust.starts, ends=robust.ends)
         result = _robust(robust, uncertain)
         alone = [plant.at(np.zeros(len(plant.repeats))) for plant in many]
     if found.interrupted:
@@ -155,7 +155,18 @@ def by_search(
         found.converged, found.evaluations, own, joint, scatter, bool(begun),
         options.target, found.equals, result,
     )  # fmt: skip
-    return Designed(found.controller, found.gamma, found.lower_bound, search)
+    others = tuple(
+        _controller(structure, found.ends[k], plants[0].dt_s)
+        for k in np.argsort(found.starts, kind="stable").tolist()
+        if np.isfinite(found.starts[k]) and not np.array_equal(found.ends[k], found.theta)
+    )
+    return Designed(found.controller, found.gamma, found.lower_bound, search, others=others)
+
+
+def _controller(structure: Structure, theta: Array, period_s: float | None) -> LtiSystem:
+    """Return the controller of parameters, in discrete time if there is a period."""
+    made = controller_of(structure, theta)
+    return made if period_s is None else discrete(made, period_s)
 
 
 def _begun(start: Synthesis | None, structure: Structure, period_s: float | None) -> list[Array]:
@@ -164,8 +175,7 @@ def _begun(start: Synthesis | None, structure: Structure, period_s: float | None
         return []
     if start.search is not None and start.search.theta.shape == (structure.size,):
         theta = start.search.theta
-        made = controller_of(structure, theta)
-        made = made if period_s is None else discrete(made, period_s)
+        made = _controller(structure, theta, period_s)
         pairs = [(getattr(made, m), getattr(start.controller, m)) for m in "abcd"]
         if made.dt_s == start.controller.dt_s and all(
             one.shape == other.shape and np.allclose(one, other, rtol=_SAME, atol=0.0)

@@ -37,6 +37,7 @@ class Designed:
     lower_bound: float
     search: SearchResult | None = None
     iterations: Iterations | None = None
+    others: tuple[LtiSystem, ...] = ()
 
 
 def designed(

@@ -120,6 +120,7 @@ class SynthesisStage:
         gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
         return Synthesis(
             controller=_named(made.controller, plants[0]),
+            others=tuple(_named(one, plants[0]) for one in made.others),
             method=spec.method,
             norm={"h2": "h2", "dk": "mu"}.get(spec.method, "hinf"),
             gamma=gamma,
