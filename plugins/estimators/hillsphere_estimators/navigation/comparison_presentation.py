@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
 from hillsphere_estimators.navigation.presentation import judged
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = ["present_comparison"]
@@ -51,6 +52,9 @@ _FLIGHTS = [
     Column("nees", "-", "mean NEES", 4),
     Column("answer", "", "the filter is"),
 ]
+_MARKS = "osD^v"
+_INSIDE = 6
+"""Entries of a legend that leaves room for curves."""
 _ORDER = [
     Column("claim", "", "less error"),
     Column("point", "", "at"),
@@ -303,15 +307,15 @@ def _draw_courses(figure: MatplotlibFigure, product: NavigationComparison) -> No
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
         time, label = hours_or_days(product.time_s[c, there])
-        colour = PALETTE[COLOURS[c % len(COLOURS)]]
+        colour, marks = _told_apart(c, time.size)
         for s, axes in enumerate(every):
-            axes.plot(time, product.error_m[c, s, there], color=colour, label=name)
+            axes.plot(time, product.error_m[c, s, there], color=colour, label=name, **marks)
             axes.plot(time, 3.0 * product.sigma_m[c, s, there], "--", color=colour, linewidth=1.0)
     for axes, craft in zip(every, product.spacecraft, strict=True):
         axes.set_yscale("log")
         axes.set_ylabel(f"{craft}\nposition error [m]")
-    every[0].legend(loc="upper right", ncols=2)
     every[-1].set_xlabel(label)
+    _legend(figure, every[0])
 
 
 def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
@@ -326,13 +330,34 @@ def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
         time, label = hours_or_days(product.time_s[c, there])
-        colour = PALETTE[COLOURS[c % len(COLOURS)]]
-        axes.plot(time, product.mean_nees[c, there], color=colour, label=name)
+        colour, marks = _told_apart(c, time.size)
+        axes.plot(time, product.mean_nees[c, there], color=colour, label=name, **marks)
     if np.nanmax(product.mean_nees) > 5.0 * high:
         axes.set_yscale("log")
     axes.set_ylabel(f"mean NEES of {int(product.flight_states[0])} states [-]")
     axes.set_xlabel(label)
-    axes.legend(loc="best")
+    _legend(figure, axes)
+
+
+def _told_apart(number: int, points: int) -> tuple[str, dict[str, Any]]:
+    """Return the colour of a curve, and marks once all colours are taken."""
+    colour, lap = PALETTE[COLOURS[number % len(COLOURS)]], number // len(COLOURS)
+    if not lap:
+        return colour, {}
+    every = max(points // 8, 1)
+    # a step later for each, so that marks of curves that coincide stand side by side
+    start = number % len(COLOURS) * every // len(COLOURS)
+    mark = _MARKS[(lap - 1) % len(_MARKS)]
+    return colour, {"marker": mark, "markevery": (start, every), "markersize": 5}
+
+
+def _legend(figure: MatplotlibFigure, axes: Axes) -> None:
+    """Set the legend inside, or below where it would cover curves."""
+    handles, names = axes.get_legend_handles_labels()
+    if len(names) <= _INSIDE:
+        axes.legend(loc="best")
+    else:
+        figure.legend(handles, names, loc="outside lower center", ncols=3)
 
 
 def _given(value: float) -> float | None:
