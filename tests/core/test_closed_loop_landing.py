@@ -324,6 +324,16 @@ def test_contract_of_a_landing() -> None:
     check_case_stage("closed_loop", keys, spread=0.3)
 
 
+def test_a_flight_that_begins_below_the_ground_is_refused() -> None:
+    keys: dict[str, Any] = {"target": {"position_m": [0, 0, 50]}, "samples": 3}
+    start = {"position_m": [20, 9, -1]}
+    made = stage(Solid(), law=Direct(), needs={}, start=start, **keys)
+    with pytest.raises(InputError, match="ended where it begins, by the plant's event 'impact'"):
+        made.run(RecordingContext())
+    # among cases of a campaign it is one that has failed
+    assert made.run_cases(block()).status[0] == "impact"
+
+
 def test_a_flight_of_its_own_may_differ_from_nominal() -> None:
     product = descent()
     inputs = {"plant.push": -2e-5, "actuator.coupling": 0.02}

@@ -6,9 +6,9 @@ from hillsphere.closed_loop.course import Rows
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Compensator, SynthesisedLaw
-from hillsphere.simulation import ContinuousLaw
+from hillsphere.simulation import ContinuousLaw, Flights
 
-__all__ = ["check", "lands"]
+__all__ = ["begun_after_its_end", "check", "lands"]
 
 
 def lands(spec: ClosedLoopSpec) -> bool:
@@ -69,3 +69,18 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
     missing = [name for name in others if name not in spec.start.others]
     if missing and not spec.needs.reference:
         raise InputError(f"start.others: give the value of {', '.join(missing)}")
+
+
+def begun_after_its_end(flights: Flights) -> None:
+    """Raise if the first flight ended before its law acted, by an event of the plant.
+
+    Raises
+    ------
+    InputError
+        If it did: it begins below the ground, or beyond where it has escaped.
+    """
+    if flights.status[0] in ("impact", "escape") and not flights.samples[0]:
+        raise InputError(
+            f"start: the flight has ended where it begins, by the plant's event "
+            f"{flights.cause[0]!r}; begin above the ground, and within the distance of escape"
+        )

@@ -9,7 +9,7 @@ from math import ceil, floor
 import numpy as np
 
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
-from hillsphere.closed_loop.checks import check, lands
+from hillsphere.closed_loop.checks import begun_after_its_end, check, lands
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
 from hillsphere.closed_loop.histories import histories_of, with_rows
 from hillsphere.closed_loop.largest import Largest, PlannedEnd
@@ -157,6 +157,11 @@ class ClosedLoopStage:
         -------
         ClosedLoopFlight
             With the navigation and actuator errors of draw 0, and `ClosedLoopSpec.flight_inputs`.
+
+        Raises
+        ------
+        InputError
+            If the flight begins below the ground, or beyond where it has escaped.
         """
         loop = self._loop(reference, controller)
         # A lane among 64 as in a campaign, so that the same case has the same bits there.
@@ -167,6 +172,7 @@ class ClosedLoopStage:
         batch = CaseBatch(lanes, lanes, filler, tuple(inputs), values, ctx.seed, _STREAM)
         advance = ctx.track("closed loop", loop.samples)
         flights, largest = self._fly(loop, batch, history=True)
+        begun_after_its_end(flights)
         step_error = None
         if self.spec.tolerance is None:
             finer, _ = self._fly(loop, batch, finer=True)
