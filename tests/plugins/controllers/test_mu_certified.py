@@ -168,6 +168,21 @@ def test_a_limit_is_refuted_between_the_frequencies_of_the_first_look() -> None:
     assert unproved(system, structure, 1.0001 * peak.upper) is None
 
 
+def test_a_limit_just_above_a_bound_that_is_the_same_everywhere() -> None:
+    """µ is one at all frequencies, proved at each by another D: 5e-5 above it no D reaches far."""
+    structure = BlockStructure([full(1), full(1)])
+    # (s + 1)/(s + 10) from the second to the first, its inverse back
+    crossed = np.array([[0.0, 1.0], [1.0, 0.0]])
+    system = LtiSystem(np.diag([-10.0, -1.0]), crossed, np.diag([-9.0, 9.0]), crossed)
+    at = system.response(np.geomspace(1e-2, 1e3, 50))
+    assert_allclose(np.abs(at[:, 0, 1] * at[:, 1, 0]), 1.0, rtol=1e-12)
+    assert unproved(system, structure, 1.01) is None
+    found = unproved(system, structure, 1.00005)
+    assert found is not None
+    assert 0.1 < found[0] < 100.0
+    assert_allclose(found[1], 1.0, rtol=1e-6)
+
+
 def resonant() -> tuple[LtiSystem, BlockStructure]:
     """Narrow peaks, with two real scalars and two blocks."""
     structure = BlockStructure([repeated_real(), repeated_real(), full(1), full(2)])

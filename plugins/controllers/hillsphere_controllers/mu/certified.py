@@ -36,6 +36,8 @@ Complex = NDArray[np.complex128]
 _GRID = 40
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _MOST_INTERVALS = 3000
+_MOST_OF_A_LIMIT = 500
+"""Where a bound is all but the limit, intervals on which that is proved are short without end."""
 _NARROW = 1e-7
 """A gap narrower than that, relative to its frequency, or far from all poles, is closed by scalings
 for both its ends: at a jump of µ none for one frequency reaches the other."""
@@ -166,15 +168,14 @@ def unproved(
     Returns
     -------
     tuple of float, or None
-        A frequency, rad/s, and the least bound there, or around it where µ jumps; None if µ is
+        A frequency, rad/s, and the least bound there, or around it where µ jumps: above the limit,
+        or so near it that intervals on which it is proved are too short to count. None if µ is
         below the limit at all frequencies.
 
     Raises
     ------
     InputError
         If the system is not stable or does not fit.
-    ConvergenceError
-        If too many intervals are needed.
     """
     image = in_continuous_time(system, structure)
     free = structure.indices(range(len(structure.blocks)))
@@ -210,13 +211,16 @@ class _Cover:
         self._add(0.0)
         self._add(np.inf)
         while not self._ended() and (between := self._widest_gap()) is not None:
-            if len(self.intervals) > _MOST_INTERVALS:
-                raise ConvergenceError(
-                    f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
-                    f"{between[0]:.6g} rad/s is left; allow a larger gap of the bounds"
-                )
             low, high = between
             near, far = max(low, self.slowest), min(high, self.fastest)
+            if len(self.intervals) > (_MOST_INTERVALS if limit is None else _MOST_OF_A_LIMIT):
+                if limit is not None:
+                    self._bound(float(np.sqrt(near * far)))
+                    return
+                raise ConvergenceError(
+                    f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
+                    f"{low:.6g} rad/s is left; allow a larger gap of the bounds"
+                )
             if far <= near * (1.0 + _NARROW):
                 self._close(low, high)
             else:

@@ -65,8 +65,6 @@ def proved_in_parts(
     ------
     InputError
         If the system does not fit, is not stable, has no real block, or the limit is not positive.
-    ConvergenceError
-        If the bound on a part needs too many intervals of frequency.
     """
     real = np.array([block.kind == "real" for block in structure.blocks])
     if not real.any():
