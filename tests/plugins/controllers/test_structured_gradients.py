@@ -188,7 +188,7 @@ def test_peak_that_was_missed_is_found(seed: int) -> None:
     level = norms.highest(loops)
     p, m = loop.closed.d.shape
     exact = hinf_norm(part_of(loop.closed, np.arange(p), np.arange(m)))
-    assert rough <= level
+    assert rough <= level + 1e-14  # but for rounding
     assert_allclose(np.exp(level), exact.value, rtol=1e-7)
     assert not norms.missed(loops, level + 1e-6)
     # as if a peak had been overlooked
