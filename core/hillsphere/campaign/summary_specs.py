@@ -65,6 +65,8 @@ class ClaimSpec(Spec):
             raise rule("less", "give either less and than, or above_random")
         if self.above_random and self.of != "worst":
             raise rule("above_random", "is for of = 'worst'")
+        if self.of == "worst" and "*" in self.less + self.than + self.above_random:
+            raise rule("of", "'worst' is about single campaigns: give labels without '*'")
         return self
 
 

@@ -102,6 +102,11 @@ def test_a_group_that_names_nothing_is_refused() -> None:
             summary(tables, (), labels, [claim], 0.95)
 
 
+def test_chosen_cases_are_those_of_single_campaigns() -> None:
+    with pytest.raises(ValueError, match="'worst' is about single campaigns"):
+        ClaimSpec(text="said", of="worst", less="A", than="B*")
+
+
 def test_points_of_a_sweep_stand_for_themselves() -> None:
     whole = campaign(0.0, 0.1)
     names = ("stage.d.follow = rt2", "stage.d.follow = rt3")
