@@ -219,9 +219,12 @@ class _Search:
         virtual = cp.Variable(2 * d * n)
         # both ends stay: the first step has no change before it, the last none after
         inner = sparse.eye_array(2 * d * n, format="csc")[:, : 2 * d * (n - 1)]
-        before = sparse.block_diag([by_state[:, :, k] for k in range(n)], format="csc")
-        before = before[:, 2 * d :]
-        pushed = sparse.block_diag([by_command[:, :, k] for k in range(n)], format="csc")
+        # Blocks that are sparse arrays make a sparse array in every SciPy; dense ones make a matrix
+        # in some versions and an array in others.
+        states = [sparse.coo_array(by_state[:, :, k]) for k in range(n)]
+        commands = [sparse.coo_array(by_command[:, :, k]) for k in range(n)]
+        before = sparse.block_diag(states, format="csc")[:, 2 * d :]
+        pushed = sparse.block_diag(commands, format="csc")
         known = self._defects(it).T.ravel() - pushed @ (it.u / size).T.ravel()
         dynamics = inner @ change - before @ change - pushed @ cp.vec(u, order="F") == (
             known + cp.multiply(np.tile(self._gap_unit, n), virtual)

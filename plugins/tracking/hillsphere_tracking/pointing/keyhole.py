@@ -180,23 +180,25 @@ def _least(passable: Callable[[float], bool], start: float) -> float:
     return high
 
 
-def _motion(times: Array, limits: AxisLimits) -> tuple[sparse.csr_matrix, Array]:
+def _motion(times: Array, limits: AxisLimits) -> tuple[sparse.csr_array, Array]:
     """Return the matrix and right side, A q ≤ b, of the limits on rate and acceleration.
 
     Each row is divided by its limit: the solver's tolerance is then a small part of it.
     """
     count, step = times.size, float(times[1] - times[0])
     rate, change = limits.rate_rad_s * step, limits.acceleration_rad_s2 * step**2
-    first = sparse.diags([-1.0 / rate, 1.0 / rate], [0, 1], shape=(count - 1, count))
-    second = sparse.diags(
-        [1.0 / change, -2.0 / change, 1.0 / change], [0, 1, 2], shape=(count - 2, count)
+    first = sparse.diags_array([-1.0 / rate, 1.0 / rate], offsets=[0, 1], shape=(count - 1, count))
+    second = sparse.diags_array(
+        [1.0 / change, -2.0 / change, 1.0 / change],
+        offsets=[0, 1, 2],
+        shape=(count - 2, count),
     )
-    matrix = sparse.csr_matrix(sparse.vstack([first, -first, second, -second]))
+    matrix = sparse.csr_array(sparse.vstack([first, -first, second, -second]))
     return matrix, np.ones(matrix.shape[0])
 
 
 def _solve(
-    matrix: sparse.csr_matrix,
+    matrix: sparse.csr_array,
     room: Array,
     low: Array,
     high: Array,
@@ -209,9 +211,9 @@ def _solve(
     limits = np.column_stack([low, high])
     if reference is not None and weight is not None:
         # |q − r| ≤ s, and the weighted sum of s least
-        unit = sparse.identity(count)
-        empty = sparse.csr_matrix((matrix.shape[0], count))
-        matrix = sparse.csr_matrix(
+        unit = sparse.eye_array(count)
+        empty = sparse.csr_array((matrix.shape[0], count))
+        matrix = sparse.csr_array(
             sparse.vstack(
                 [
                     sparse.hstack([matrix, empty]),
