@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from pydantic import model_validator
 
-from hillsphere.ranges import BODY_RADIUS_M, GM_M3_S2, ORBIT_RADIUS_M, ROTATION_RAD_S, STAR_GM_M3_S2
+from hillsphere.ranges import BODY_RADIUS_M, ORBIT_RADIUS_M, ROTATION_RAD_S
 from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference, rule
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class MoonSpec(Spec):
 
     name: str = option("name used in frames and figures", default="body", min_length=1)
     primary_gm_m3_s2: float = quantity(
-        "gravitational_parameter", "gravitational parameter of the primary", **GM_M3_S2
+        "gravitational_parameter", "gravitational parameter of the primary", gt=0, ge=1e-20
     )
     semi_major_axis_m: float = quantity("length", "semi-major axis of the orbit", **ORBIT_RADIUS_M)
     eccentricity: float = option(
@@ -131,7 +131,8 @@ class AsteroidSpec(MoonSpec):
         "gravitational_parameter",
         "gravitational parameter of the primary; left out: the Sun's nominal value",
         default=NOMINAL_SOLAR_GM_M3_S2,
-        **STAR_GM_M3_S2,
+        gt=0,
+        ge=1e-20,
     )
     rotation_rate_rad_s: float = quantity(
         "angular_rate", "rate of the spin about +z, among the stars", **ROTATION_RAD_S

@@ -33,7 +33,7 @@ LARGEST: Mapping[str, float] = {
     "acceleration": 1e6,  # at the surface of a white dwarf
     "angular_rate": 1e12,  # also bandwidths of weights, which may be far beyond any loop
     "angular_acceleration": 1e6,
-    "gravitational_parameter": 1e25,  # 75 000 Suns
+    "gravitational_parameter": 1e28,  # 75 million Suns, for limits in which the primary is large
     "density": 30_000.0,
     "mass": 1e35,  # 50 000 Suns
     "area_to_mass": 1e3,  # a grain of dust of 1 µm
@@ -46,12 +46,12 @@ DENSITY_KG_M3: Mapping[str, float] = {"gt": 0, "ge": 1.0, "le": LARGEST["density
 """A heap of the lightest dust, to somewhat more than osmium's 22 600. 1470 g/cm³ is 1470 kg/m³."""
 
 GM_M3_S2: Mapping[str, float] = {
-    "gt": 0, "ge": 1e-20, "le": LARGEST["gravitational_parameter"],
+    "gt": 0, "ge": 1e-20, "le": 1e25,
 }  # fmt: skip
 """A grain of 0.1 mm, to more than any star."""
 
 STAR_GM_M3_S2: Mapping[str, float] = {
-    "gt": 0, "ge": 1e18, "le": LARGEST["gravitational_parameter"],
+    "gt": 0, "ge": 1e18, "le": 1e25,
 }  # fmt: skip
 """What bodies orbit as planets do: a tenth of the lightest star (0.08 Suns is 1.06e19), and up.
 The Sun's 1.327e11 km³/s² under a key in m³/s² lies below."""

@@ -238,8 +238,8 @@ def test_densities_of_matter(density_kg_m3: float) -> None:
         ("gravity", "ellipsoid", {"axes_km": [1, 1, 1], "density_g_cm3": 1470}, "≤ 30 g/cm³"),
         ("gravity", "ellipsoid", {"axes_km": [1, 1, 1], "density_kg_m3": 0.5}, "≥ 1 kg/m³"),
         # the Sun's GM in km³/s² under a key in m³/s²
-        ("body", "asteroid", {"name": "a", "semi_major_axis_au": 1, "rotation_rate_deg_h": 10,
-                              "primary_gm_m3_s2": 1.32712440018e11}, "≥ 1e\\+18 m³/s²"),
+        ("body", "solar_orbit", {"semi_major_axis_au": 1, "epoch": "2026-01-01T00:00:00",
+                                 "primary_gm_m3_s2": 1.32712440018e11}, "≥ 1e\\+18 m³/s²"),
         # the Earth's radius in km under a key in m
         ("body", "planet", {"equatorial_radius_m": 6378.137}, "≥ 100000 m"),
         ("body", "planet", {"gm_m3_s2": 398600.4418}, "≥ 1000000000 m³/s²"),
