@@ -49,9 +49,9 @@ def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: 
     pydantic.fields.FieldInfo
         The field.
     """
-    sizes = {key: bounds.pop(key) for key in ("gt", "ge", "lt", "le") if key in bounds}
-    sizes = within_largest(dimension, sizes)
-    return option(description, default=default, extra={"x-dimension": dimension}, **sizes, **bounds)
+    given: dict[str, float] = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
+    bounds |= within_largest(dimension, given)
+    return option(description, default=default, extra={"x-dimension": dimension}, **bounds)
 
 
 def option(

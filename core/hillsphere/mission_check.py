@@ -91,7 +91,7 @@ def _unused_dispersions(
         for _, kind, ref in spec.references()
         if kind == "dispersions"
     }
-    found = []
+    found: list[Problem] = []
     for name in mission.specs.get("dispersions", {}):
         if name in used:
             continue

@@ -259,12 +259,12 @@ def _matrices() -> dict[str, Array]:
 
 def _npz(path: Path) -> None:
     buffer = BytesIO()
-    np.savez(buffer, **_matrices(), dt_s=np.array(0.1))
+    np.savez(buffer, dt_s=np.array(0.1), **_matrices())  # type: ignore[arg-type]
     path.write_bytes(buffer.getvalue())
 
 
 def _system_product(path: Path) -> None:
-    save_product(path, LtiSystem(**_matrices()))
+    save_product(path, LtiSystem(**_matrices()))  # type: ignore[arg-type]
 
 
 def _memory(path: Path) -> None:
@@ -351,7 +351,7 @@ READERS = (
            ("hillsphere_tracking.live.measurements",)),
 )  # fmt: skip
 
-RUN_DIRECTORY = "a run directory, damaged in test_damaged_runs.py"
+RUN_DIRECTORY = "a run directory, not a single file: test_resume.py, test_store.py"
 NO_READERS = {
     "hillsphere.atomic": "writes",
     "hillsphere.cached_files": "takes digests, parses nothing",

@@ -100,7 +100,7 @@ def test_every_module_that_opens_files_stands_in_the_table() -> None:
         name = package if package == "hillsphere" else f"hillsphere_{package}"
         root = importlib.import_module(name)
         for found in pkgutil.walk_packages(root.__path__, name + "."):
-            spec = found.module_finder.find_spec(found.name, None)  # type: ignore[call-arg]
+            spec = found.module_finder.find_spec(found.name, None)
             if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
                 continue
             if _opens_files(Path(spec.origin)) and found.name not in known | set(NO_READERS):

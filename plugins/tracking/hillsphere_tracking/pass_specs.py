@@ -64,7 +64,10 @@ class PassesSpec(StageSpec):
         default=False,
     )
     pressure_hpa: float = option(
-        "pressure of the air, for refraction, hPa", default=1010.0, **PRESSURE_HPA
+        "pressure of the air, for refraction, hPa",
+        default=1010.0,
+        ge=PRESSURE_HPA["ge"],
+        le=PRESSURE_HPA["le"],
     )
     temperature_c: float = option(
         "temperature of the air, for refraction, °C", default=10.0, gt=-150, lt=100

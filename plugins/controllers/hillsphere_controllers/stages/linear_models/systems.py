@@ -275,6 +275,7 @@ def _from_npz(path: Path) -> LtiSystem:
     if period.size != 1 or period.dtype.kind not in "fiu":
         raise InputError(f"{path.name}: dt_s must be one number, a period in seconds")
     try:
-        return LtiSystem(*(arrays[name] for name in "abcd"), float(period.flat[0]) or None)
+        a, b, c, d = (arrays[name] for name in "abcd")
+        return LtiSystem(a, b, c, d, float(period.flat[0]) or None)
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from error
