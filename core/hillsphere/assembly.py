@@ -6,13 +6,13 @@ import os
 from dataclasses import dataclass, field
 from typing import Any
 
-from hillsphere.errors import InputError
+from hillsphere.errors import HillsphereError, PluginError
 from hillsphere.mission import Mission
 from hillsphere.mission_links import Node, topological
-from hillsphere.problems import Key, format_key
+from hillsphere.problems import Key, MissionError, Problem
 from hillsphere.spec import Spec
 
-__all__ = ["Assembly", "build"]
+__all__ = ["Assembly", "build", "placed"]
 
 
 @dataclass
@@ -44,11 +44,11 @@ class Assembly:
 
         Raises
         ------
-        InputError
+        MissionError
             If the component refuses its Spec or cannot read its data; the message begins with the
             table's file, line and name, or with those of the key that names the data.
         PluginError
-            If its class cannot be imported.
+            If its class cannot be imported, or raises what is no `HillsphereError`.
         """
         if kind == "stage":
             return self._one(kind, name)
@@ -70,14 +70,41 @@ class Assembly:
             spec = self.bound(kind, name)
             try:
                 self._made[kind, name] = target(spec)
-            except (InputError, OSError) as error:
+            except (MissionError, PluginError):
+                raise
+            except (HillsphereError, OSError) as error:
                 key = (kind, name, *_key_of_file(error, spec))
-                place = self.mission.places[key]
-                raise InputError(f"{place}: {format_key(key)}: {error}") from error
+                raise MissionError([placed(self.mission, key, str(error))]) from error
+            except Exception as error:  # the border of what a plugin's class may raise
+                record = self.mission.components[kind][name]
+                text = " ".join(f"{type(error).__name__}: {error}".split())
+                raise PluginError(
+                    f"{self.mission.places[kind, name]}: {kind}.{name}: plugin "
+                    f"{record.plugin!r} cannot make it: {text}"
+                ) from error
         return self._made[kind, name]
 
 
-def _key_of_file(error: InputError | OSError, spec: Spec) -> Key:
+def placed(mission: Mission, key: Key, message: str) -> Problem:
+    """Return a problem at a table of a mission, or at one of its keys that has a place.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    key : tuple
+        Kind and name of the table, then the key in it.
+    message : str
+        What is wrong.
+    """
+    place = mission.places.get(key) or mission.places[key[:2]]
+    source, colon, line = place.rpartition(":")
+    if colon and line.isdigit():
+        return Problem(source, int(line), key, message)
+    return Problem(place, None, key, message)
+
+
+def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:
     """Key that names the file which an error is about; empty if it is about no input file.
 
     An `OSError` carries the file; a reader's message begins with its path or name, as in

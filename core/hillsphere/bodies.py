@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from pydantic import model_validator
 
+from hillsphere.ranges import BODY_RADIUS_M, ORBIT_RADIUS_M, ROTATION_RAD_S
 from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference, rule
 
 if TYPE_CHECKING:
@@ -40,9 +41,9 @@ class MoonSpec(Spec):
 
     name: str = option("name used in frames and figures", default="body", min_length=1)
     primary_gm_m3_s2: float = quantity(
-        "gravitational_parameter", "gravitational parameter of the primary", gt=0
+        "gravitational_parameter", "gravitational parameter of the primary", gt=0, ge=1e-20
     )
-    semi_major_axis_m: float = quantity("length", "semi-major axis of the orbit", gt=0)
+    semi_major_axis_m: float = quantity("length", "semi-major axis of the orbit", **ORBIT_RADIUS_M)
     eccentricity: float = option(
         "eccentricity of the orbit, for plants that move the moon on its ellipse",
         default=0.0,
@@ -71,14 +72,14 @@ class MoonSpec(Spec):
         "rate of W, by which it is carried to an epoch, and at which a body with a spin of its own "
         "turns; left out: the mean motion",
         default=None,
-        gt=0,
+        **ROTATION_RAD_S,
     )
     semi_axes_m: Vector3 | None = quantity(
         "length",
         "semi-axes of the body's surface along x, y, z, for impacts; left out: that of the shape, "
         "or else of the gravity model, if it has one",
         default=None,
-        gt=0,
+        **BODY_RADIUS_M,
     )
     shape: Ref | None = reference(
         "shape", "the body's surface, for impacts and landing sites, if not semi-axes", default=None
@@ -131,9 +132,10 @@ class AsteroidSpec(MoonSpec):
         "gravitational parameter of the primary; left out: the Sun's nominal value",
         default=NOMINAL_SOLAR_GM_M3_S2,
         gt=0,
+        ge=1e-20,
     )
     rotation_rate_rad_s: float = quantity(
-        "angular_rate", "rate of the spin about +z, among the stars", gt=0
+        "angular_rate", "rate of the spin about +z, among the stars", **ROTATION_RAD_S
     )
     obliquity_rad: float = quantity(
         "angle", "angle between spin axis and orbit normal", default=0.0, ge=0, le=pi

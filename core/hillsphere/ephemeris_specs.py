@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import pi
 
 from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
+from hillsphere.ranges import ORBIT_RADIUS_M, STAR_GM_M3_S2
 from hillsphere.spec import DataPath, Spec, data_path, option, quantity
 
 __all__ = ["KeplerOrbitSpec", "SpiceOrbitSpec"]
@@ -32,9 +33,9 @@ class KeplerOrbitSpec(Spec):
         "gravitational_parameter",
         "gravitational parameter of the Sun; left out: the nominal value",
         default=NOMINAL_SOLAR_GM_M3_S2,
-        gt=0,
+        **STAR_GM_M3_S2,
     )
-    semi_major_axis_m: float = quantity("length", "semi-major axis", gt=0)
+    semi_major_axis_m: float = quantity("length", "semi-major axis", **ORBIT_RADIUS_M)
     eccentricity: float = option("eccentricity", default=0.0, ge=0, lt=1)
     inclination_rad: float = quantity("angle", "inclination", default=0.0, ge=0, le=pi)
     node_rad: float = quantity("angle", "longitude of the ascending node", default=0.0)

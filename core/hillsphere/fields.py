@@ -9,6 +9,8 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field
 
+from hillsphere.ranges import within_largest
+
 __all__ = [
     "DataPath",
     "Pair",
@@ -39,13 +41,16 @@ def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: 
         SI value; without it the key is required.
     **bounds
         pydantic bounds in SI (``gt``, ``ge``, ``lt``, ``le``, ``min_length``, ``max_length``). On
-        an array of numbers the numeric bounds hold for each element.
+        an array of numbers the numeric bounds hold for each element. On a side without one the
+        largest magnitude of the dimension stands (`hillsphere.ranges`).
 
     Returns
     -------
     pydantic.fields.FieldInfo
         The field.
     """
+    given: dict[str, float] = {k: bounds.pop(k) for k in ("gt", "ge", "lt", "le") if k in bounds}
+    bounds |= within_largest(dimension, given)
     return option(description, default=default, extra={"x-dimension": dimension}, **bounds)
 
 

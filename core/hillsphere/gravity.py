@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, ArrayGravityModel, GravityModel, Parameter
+from hillsphere.ranges import GM_M3_S2
 from hillsphere.symbolic import (
     Expr,
     Params,
@@ -37,6 +38,7 @@ __all__ = [
     "is_array_model",
     "model_parameters",
     "potential_at",
+    "whole_gravity",
 ]
 
 AnyGravityModel: TypeAlias = GravityModel | ArrayGravityModel
@@ -54,6 +56,39 @@ grows faster than the model.
 def is_array_model(model: AnyGravityModel) -> bool:
     """Tell whether a model is a function of arrays rather than an expression."""
     return isinstance(model, ArrayGravityModel)
+
+
+def whole_gravity(model: AnyGravityModel) -> AnyGravityModel:
+    """Return a model that is to be all the gravity of a plant, if it attracts.
+
+    A part of a sum may have no mass, or a negative one (a void to be taken out, a series whose
+    C00 is zero because it holds what another part lacks). A plant whose whole gravity has none
+    would fly as in empty space, or away from the body, and say nothing of it.
+
+    Parameters
+    ----------
+    model : GravityModel or ArrayGravityModel
+        The model.
+
+    Returns
+    -------
+    GravityModel or ArrayGravityModel
+        The same.
+
+    Raises
+    ------
+    InputError
+        Unless its gravitational parameter is in the range of bodies
+        (`hillsphere.ranges.GM_M3_S2`).
+    """
+    gm, (least, most) = model.gm_m3_s2, (GM_M3_S2["ge"], GM_M3_S2["le"])
+    if not least <= gm <= most:
+        raise InputError(
+            f"gravity: the model as a whole has GM = {gm:.6g} m³/s² and attracts nothing; it must "
+            f"be from {least:g} to {most:g} m³/s². Give it a mass: a series of harmonics needs "
+            "C00 > 0 (1 if it is not listed), a sum at least one part that has one"
+        )
+    return model
 
 
 def model_parameters(parameters: Sequence[Parameter], run_time: Sequence[str] = ()) -> Params:

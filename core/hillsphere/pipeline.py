@@ -19,14 +19,15 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from hillsphere.assembly import Assembly
 from hillsphere.drawing import Drawing, draw
 from hillsphere.earlier_run import LOCAL, EarlierRun, local_facts
 from hillsphere.errors import HillsphereError, InputError, Interrupted, StageError
 from hillsphere.executor_choice import ExecutorChoice, executor_of, executor_table
 from hillsphere.mission import Mission
+from hillsphere.mission_check import check_mission
 from hillsphere.plugins import Registry, default_registry
 from hillsphere.presentation import Figure, Presentation, presentation_faults
+from hillsphere.product_codec import canonical
 from hillsphere.progress import Progress
 from hillsphere.run_record import RunRecord, StageRecord
 from hillsphere.run_result import RunResult
@@ -35,10 +36,7 @@ from hillsphere.stage_cache import StageCache
 from hillsphere.stage_context import StageContext
 from hillsphere.store import RunDirectory, plain_json
 from hillsphere.wiring import (
-    check_needs,
-    check_repeats,
     inputs_of,
-    product_class,
     repeated_of,
     takes_from,
 )
@@ -181,16 +179,12 @@ class _Run:
         self.stopped = stopped
         self.registry = registry
         self.earlier = earlier
-        self.order = mission.order()
         self.products: dict[str, Any] = {}
         # Stages whose products a repetition might not reproduce: nothing of them is for the cache.
         self.by_chance: set[str] = set()
         self.specs = mission.specs["stage"]
-        self.classes = {name: product_class(mission, name) for name in self.order}
-        check_needs(mission, self.classes)
-        assembly = Assembly(mission)
-        self.stages = {name: assembly.get("stage", name) for name in self.order}
-        check_repeats(mission, self.stages)
+        checked = check_mission(mission)
+        self.order, self.classes, self.stages = checked.order, checked.classes, checked.stages
         self.executor = executor_of(executor, registry or default_registry())
         self.cache = StageCache() if use_cache else None
         self.record = RunRecord.begun(mission)
@@ -346,7 +340,8 @@ class _Run:
             raise StageError(
                 f"it must yield a {expected.__name__}, but yielded a {type(product).__name__}"
             )
-        return product
+        # Later stages go on with what a resumed run would load.
+        return canonical(product)
 
     def _keep(self, record: StageRecord, product: Any, context: StageContext) -> None:
         if self.cache is not None and record.key is not None:

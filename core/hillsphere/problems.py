@@ -80,7 +80,8 @@ def format_key(key: Sequence[str | int]) -> str:
         if isinstance(part, int):
             text += f"[{part}]"
         else:
-            text += ("." if text else "") + (part if _BARE.fullmatch(part) else _quoted(part))
+            bare = len(part) <= _SHOWN_CHARACTERS and _BARE.fullmatch(part)
+            text += ("." if text else "") + (part if bare else _quoted(part))
     return text
 
 
@@ -111,8 +112,10 @@ def did_you_mean(word: str, valid: Iterable[str], *, otherwise: str = "valid") -
     words = list(dict.fromkeys(valid))[:_CANDIDATES]
     # difflib is quadratic in the length of a word; no valid word is longer than this.
     if near := get_close_matches(word[:100], words, n=1, cutoff=0.6):
-        return f"; did you mean {near[0]!r}?"
-    listed = ", ".join(words[:_LISTED]) + (", …" if len(words) > _LISTED else "")
+        return f"; did you mean {near[0][:100]!r}?"
+    short = (word if len(word) <= _SHOWN_CHARACTERS else word[:_SHOWN_CHARACTERS] + "…"
+             for word in words[:_LISTED])  # fmt: skip
+    listed = ", ".join(short) + (", …" if len(words) > _LISTED else "")
     return f"; {otherwise}: {listed}" if words else ""
 
 

@@ -13,25 +13,66 @@ import importlib
 import json
 import math
 import re
+import struct
 import sys
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hillsphere.atomic import replacing
 from hillsphere.errors import HillsphereError, InputError, StageError
 
-__all__ = ["load_product", "read_fault", "save_product"]
+__all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_product"]
+
+T = TypeVar("T")
 
 FORMAT = 1
 HEADER = "__product__"
 _SPECIAL_FLOATS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+_MOST_BYTES = 1 << 30
+"""Of one array in a compressed file: as a matrix 11 585 rows square. A small file could grow to
+any size."""
+_DAMAGES = (
+    zipfile.BadZipFile, zlib.error, EOFError, LookupError, TypeError, ValueError, AttributeError,
+    RuntimeError, ArithmeticError, AssertionError, SyntaxError, struct.error, tokenize.TokenError,
+)  # fmt: skip
+"""What zipfile, NumPy (which parses the heads of arrays as Python literals) and json raise."""
 _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+def canonical(product: T) -> T:
+    """Return a product as `load_product` would give it back, without a file.
+
+    NumPy adds in the order of memory, so that the last bits of a sum or of a matrix product depend
+    on whether an array is in C or in Fortran order, or a view of a larger one. Whatever goes on
+    with a product that may also be read from a file (a later stage, a search that may be resumed)
+    goes on with this form of it: then a run that was interrupted has the bits of one that was not.
+
+    Parameters
+    ----------
+    product : object
+        As for `save_product`; it is not changed.
+
+    Returns
+    -------
+    object
+        Equal to it, with every array in C order. An array that is so already may be shared.
+
+    Raises
+    ------
+    InputError
+        If it is no product; the field is named.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    found: T = _decode(_encoded(product, arrays), arrays, type(product).__name__)
+    return found
 
 
 def save_product(path: str | Path, product: Any) -> None:
@@ -53,12 +94,7 @@ def save_product(path: str | Path, product: Any) -> None:
         If the file cannot be written.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    if not _is_product(product):
-        raise InputError(
-            f"a product must be a frozen dataclass, got {type(product).__name__}; "
-            "decorate its class with @dataclass(frozen=True)"
-        )
-    root = _encode(product, (), arrays)
+    root = _encoded(product, arrays)
     # allow_nan is off on purpose: a special float that slipped through would not be JSON.
     text = json.dumps({"format": FORMAT, "root": root}, allow_nan=False)
     header = np.frombuffer(text.encode("ascii"), dtype=np.uint8)
@@ -110,11 +146,43 @@ def load_product(path: str | Path) -> Any:
         raise read_fault(place, error) from error
     except InputError:
         raise
-    except (zipfile.BadZipFile, EOFError, LookupError, TypeError, ValueError, AttributeError,
-            RuntimeError, ArithmeticError) as error:  # fmt: skip
+    except _DAMAGES as error:
         raise InputError(
             f"{place.name}: not a product file, or a damaged one "
             f"({type(error).__name__}: {error}); run the mission again"
+        ) from error
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Read the arrays of any ``.npz`` file, such as ``numpy.savez`` and `save_product` write.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By name, in C order. Nothing is unpickled.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is torn or none of this kind.
+    StageError
+        If the file is there but cannot be read just now, as for `load_product`.
+    """
+    place = Path(path)
+    try:
+        return _arrays(place, compressed=True)
+    except (OSError, MemoryError) as error:
+        raise read_fault(place, error) from error
+    except InputError:
+        raise
+    except _DAMAGES as error:
+        raise InputError(
+            f"{place.name}: not an .npz file, or a damaged one ({type(error).__name__}: {error})"
         ) from error
 
 
@@ -151,22 +219,28 @@ def read_fault(path: Path, error: OSError | MemoryError) -> HillsphereError:
 
 
 def _members(path: Path) -> tuple[str, dict[str, np.ndarray[Any, Any]]]:
+    arrays = _arrays(path, compressed=False)
+    if HEADER not in arrays:
+        raise InputError(f"{path.name}: not a product file (it has no entry {HEADER})")
+    return arrays.pop(HEADER).tobytes().decode("ascii"), arrays
+
+
+def _arrays(path: Path, *, compressed: bool) -> dict[str, np.ndarray[Any, Any]]:
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
         for member in archive.infolist():
-            if member.compress_type != zipfile.ZIP_STORED:
+            stored = member.compress_type == zipfile.ZIP_STORED
+            if not (stored or compressed):
                 raise InputError(f"{path.name}: not a product file (its entries are compressed)")
             # Before memory is asked for it: a lack of memory is no damage.
-            if member.file_size > size:
-                raise zipfile.BadZipFile(f"{member.filename} is longer than the file")
+            if member.file_size > (size if stored else _MOST_BYTES):
+                raise zipfile.BadZipFile(f"{member.filename} is too long")
             # A whole member is read at once: only then does zipfile check its CRC.
             data = BytesIO(archive.read(member))
             array = np.lib.format.read_array(data, allow_pickle=False)
-            arrays[member.filename.removesuffix(".npy")] = array
-    if HEADER not in arrays:
-        raise InputError(f"{path.name}: not a product file (it has no entry {HEADER})")
-    return arrays.pop(HEADER).tobytes().decode("ascii"), arrays
+            arrays[member.filename.removesuffix(".npy")] = np.asarray(array, order="C")
+    return arrays
 
 
 def _is_product(value: Any) -> bool:
@@ -179,6 +253,16 @@ def _is_product(value: Any) -> bool:
 
 def _stored_fields(cls: type) -> Iterator[str]:
     return (field.name for field in fields(cls) if field.init)
+
+
+def _encoded(product: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    """Return a product as plain values; its arrays are put into `arrays`, in C order."""
+    if not _is_product(product):
+        raise InputError(
+            f"a product must be a frozen dataclass, got {type(product).__name__}; "
+            "decorate its class with @dataclass(frozen=True)"
+        )
+    return _encode(product, (), arrays)
 
 
 def _encode(
@@ -195,7 +279,9 @@ def _encode(
         items = [_encode(item, (*where, str(i)), arrays) for i, item in enumerate(value)]
         return {"tuple": items}
     if type(value) is np.ndarray or isinstance(value, np.generic):
-        array = np.asarray(value)
+        # One order in memory and in the file: see `canonical`. (Not `ascontiguousarray`, which
+        # gives an array without axes one.)
+        array = np.asarray(value, order="C")
         if array.dtype.hasobject:
             raise InputError(f"{'.'.join(where)}: an array of Python objects cannot be stored")
         key = ".".join(where)

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
+from hillsphere.assembly import placed
 from hillsphere.errors import InputError, PluginError
 from hillsphere.interfaces import CaseStage
 from hillsphere.mission import Mission
 from hillsphere.plugins import load_object
-from hillsphere.problems import with_article
+from hillsphere.problems import MissionError, Problem, with_article
 from hillsphere.spec import Ref, Spec
 
 if TYPE_CHECKING:
     from hillsphere.campaign.repeated import Repeated
 
 __all__ = [
-    "check_needs",
-    "check_repeats",
     "inputs_of",
+    "needs_faults",
     "product_class",
+    "repeat_faults",
     "repeated_by",
     "repeated_of",
     "takes_from",
@@ -32,17 +34,24 @@ def product_class(mission: Mission, stage: str) -> type:
     Raises
     ------
     PluginError
-        If its Spec does not say, or what it names is no class that can be imported.
+        If its Spec does not say, or what it names is no class that can be imported, or none that
+        can be stored: a frozen dataclass.
     """
-    path = getattr(mission.specs["stage"][stage], "produces", "")
+    path = str(getattr(mission.specs["stage"][stage], "produces", ""))
     what = f"stage {stage!r} ({_type(mission, stage)})"
     if not path:
         raise PluginError(f"{what}: its Spec does not say what it produces")
-    return _class(path, what)
+    found = _class(path, what)
+    if not (is_dataclass(found) and found.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+        raise PluginError(
+            f"{what}: its product class {path!r} must be a frozen dataclass, which can be stored; "
+            "decorate it with @dataclass(frozen=True)"
+        )
+    return found
 
 
-def check_needs(mission: Mission, classes: Mapping[str, type]) -> None:
-    """Check that every need is met by a stage whose product is of the class that is needed.
+def needs_faults(mission: Mission, classes: Mapping[str, type]) -> Iterator[Problem]:
+    """Yield a problem for every need that is not met by a product of the class that is needed.
 
     Parameters
     ----------
@@ -50,26 +59,22 @@ def check_needs(mission: Mission, classes: Mapping[str, type]) -> None:
         The mission.
     classes : mapping
         Stage → class of its product.
-
-    Raises
-    ------
-    InputError
-        With the stage's place in the mission.
     """
     for name in classes:
         for where, path, ref in mission.specs["stage"][name].needs_of():
             wanted = _class(path, f"stage {name!r} ({_type(mission, name)})")
             given = classes[ref.name]
             if not issubclass(given, wanted):
-                raise InputError(
-                    f"{mission.places['stage', name]}: stage.{name}."
-                    f"{'.'.join(map(str, where))}: needs {with_article(wanted.__name__)}, but "
-                    f"stage {ref.name!r} yields {with_article(given.__name__)}"
+                yield placed(
+                    mission,
+                    ("stage", name, *where),
+                    f"needs {with_article(wanted.__name__)}, but stage {ref.name!r} yields "
+                    f"{with_article(given.__name__)}",
                 )
 
 
-def check_repeats(mission: Mission, stages: Mapping[str, Any]) -> None:
-    """Check every stage that repeats another, before anything runs.
+def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield what is wrong with stages that repeat others.
 
     Parameters
     ----------
@@ -78,29 +83,30 @@ def check_repeats(mission: Mission, stages: Mapping[str, Any]) -> None:
     stages : mapping
         Stage → its component. What its method ``check`` raises, if it has one, is told with the
         place of the stage in the mission; it is given the `Repeated` without products.
-
-    Raises
-    ------
-    InputError
-        If the other is no `CaseStage`, or ``check`` refuses it.
     """
     for name, stage in stages.items():
         for field, other in repeated_by(mission.specs["stage"][name]):
-            place = f"{mission.places['stage', name]}: stage.{name}"
+            if other not in stages:  # it could not be made, which is told elsewhere
+                continue
             if not isinstance(stages[other], CaseStage):
                 fitting = [key for key, made in stages.items() if isinstance(made, CaseStage)]
                 hint = f"it can repeat {', '.join(fitting)}" if fitting else "nor can any other"
-                raise InputError(
-                    f"{place}.{field}: stage {other!r} ({_type(mission, other)}) cannot be "
-                    f"repeated: it has no run_cases; {hint}"
+                yield placed(
+                    mission,
+                    ("stage", name, field),
+                    f"stage {other!r} ({_type(mission, other)}) cannot be "
+                    f"repeated: it has no run_cases; {hint}",
                 )
+                continue
             check = getattr(stage, "check", None)
             if check is None:
                 continue
             try:
                 check(_repeated(mission, other, {}, by=name))
+            except MissionError as error:
+                yield from error.problems
             except InputError as error:
-                raise InputError(f"{place}: {error}") from error
+                yield placed(mission, ("stage", name), str(error))
 
 
 def repeated_by(spec: Spec) -> Iterator[tuple[str, str]]:

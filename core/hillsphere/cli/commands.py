@@ -59,7 +59,8 @@ def validate(
 ) -> int:
     """Check missions, under each of their profiles, without running them."""
     from hillsphere.cli.endings import ExitCode, say
-    from hillsphere.errors import InputError
+    from hillsphere.errors import InputError, PluginError
+    from hillsphere.mission_check import check_mission
 
     registry = registry_of(strict_plugins)
     results: list[dict[str, Any]] = []
@@ -69,9 +70,10 @@ def validate(
         idle: list[str] = []
         try:
             loaded = load(name, sets, profile, registry, allow_path)
+            check_mission(loaded)
             if profile is None:
                 idle = _check_profiles(loaded, name, sets, registry, allow_path)
-        except InputError as error:
+        except (InputError, PluginError) as error:
             told = str(error)
             problems = [_problem(problem) for problem in getattr(error, "problems", ())]
             problems = problems or [_problem(told)]
@@ -196,13 +198,14 @@ def _check_profiles(
 
     A setting may be meant for what a profile drops; which ones are is returned, as sentences.
     """
+    from hillsphere.mission_check import check_mission
     from hillsphere.problems import MissionError
 
     found: dict[Problem, list[str]] = {}
     idle: list[str] = []
     for profile in mission.profiles:
         try:
-            load(name, sets, profile, registry, allow_path)
+            check_mission(load(name, sets, profile, registry, allow_path))
         except MissionError as error:
             for problem in error.problems:
                 if problem.is_idle:

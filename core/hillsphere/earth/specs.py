@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
 from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
 
 __all__ = ["PlanetSpec"]
@@ -32,14 +33,13 @@ class PlanetSpec(Spec):
         "gravitational parameter, for mean elements; left out: of the Earth with its atmosphere "
         "(WGS 84). Numerical flights take that of their gravity model",
         default=3.986004418e14,
-        gt=0,
+        **PLANET_GM_M3_S2,
     )
     equatorial_radius_m: float = quantity(
         "length",
         "semi-major axis of the ellipsoid; left out: WGS 84",
         default=6378137.0,
-        ge=1e-3,
-        le=1e9,
+        **PLANET_RADIUS_M,
     )
     inverse_flattening: float = option(
         "1/f of the ellipsoid; left out: WGS 84", default=298.257223563, gt=1

@@ -13,8 +13,11 @@ from hillsphere.errors import InputError
 
 __all__ = ["Coefficient", "CoefficientTable", "LineReader"]
 
-_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
-_INTEGER = re.compile(r"\d{1,6}")
+# Each character can belong to one part only: of a long row of digits nothing is tried twice.
+_REAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
+_INTEGER = re.compile(r"[0-9]{1,6}")
+_MOST_SHOWN = 300
+"""Characters of a message: a torn file may be one line of many megabytes."""
 
 
 class Coefficient(NamedTuple):
@@ -93,6 +96,7 @@ class LineReader:
     def fault(self, text: str, line: int | None = None) -> InputError:
         """Make an error that names the file and a line: the present one, or none if `line` is 0."""
         number = self.number if line is None else line
+        text = text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "…"
         return InputError(f"{self.path}:{number}: {text}" if number else f"{self.path}: {text}")
 
     def real(self, text: str, what: str, line: int | None = None) -> float:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
+from math import isfinite, nan
 
 import numpy as np
 
@@ -221,10 +222,10 @@ def _segment(
     states: list[list[float]] = []
     for line, parts in rows:
         try:
-            values = [float(part) for part in parts[1:]]
             epochs.append(Epoch.parse(parts[0].removesuffix("Z"), scale))
-        except ValueError as error:  # InputError is one
+        except InputError as error:
             raise InputError(f"line {line}: {error}") from error
+        values = [_number(part, line) for part in parts[1:]]
         if len(values) not in (6, 9):
             raise InputError(f"line {line}: expected an epoch and 6 or 9 numbers")
         states.append(values[:6])
@@ -237,3 +238,14 @@ def _segment(
         t_s=np.array([epoch.seconds_since(epochs[0]) for epoch in epochs]),
         x=np.array(states).T * 1e3,
     )
+
+
+def _number(text: str, line: int) -> float:
+    """Read a number of kilometres or kilometres a second."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(1e3 * value):
+        raise InputError(f"line {line}: expected a finite number, got {text[:40]!r}")
+    return value

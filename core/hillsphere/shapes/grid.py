@@ -41,7 +41,8 @@ class GridShape:
                 f"{where}: expected at least three rows of the same three or more radii, got rows "
                 f"of {sorted({*map(len, rows)})}"
             )
-        radii = METRES[spec.length_unit] * np.array(rows)
+        with np.errstate(over="ignore"):  # refused below
+            radii = METRES[spec.length_unit] * np.array(rows)
         if not (np.isfinite(radii).all() and (radii > 0.0).all()):
             raise InputError(f"{where}: radii must be positive")
         for pole in (0, -1):

@@ -42,14 +42,18 @@ class HarmonicShape:
         rows = read_shape_harmonics(spec.file) if spec.file is not None else _rows(spec)
         known = max(row.n for row in rows)
         if spec.max_degree is not None and spec.max_degree > known:
-            raise InputError(f"max_degree must be ≤ {known}, that of the table")
+            table = "the table" if spec.file is None else spec.file
+            raise InputError(f"max_degree must be ≤ {known}, that of {table}")
         self.degree = known if spec.max_degree is None else spec.max_degree
         unit = METRES[spec.length_unit]
         self._pairs = {(row.n, row.m): (unit * row.c, unit * row.s) for row in rows}
         grid = unit_vectors(np.linspace(-90, 90, 181), np.linspace(0, 359, 360))
         radii = self.radius_array(grid)
         if not (np.isfinite(radii).all() and radii.min() > 0.0):
-            raise InputError("the radius of the series is not positive everywhere; check the rows")
+            where = "" if spec.file is None else f"{spec.file}: "
+            raise InputError(
+                f"{where}the radius of the series is not positive everywhere; check the rows"
+            )
         x, y, z = np.max(np.abs(grid * radii), axis=1).tolist()
         self._extent = (x, y, z)
         self._farthest = grid[:, int(np.argmax(radii))]

@@ -39,10 +39,20 @@ def matched(
     """
     found: dict[str, None] = {}
     for pattern in patterns:
-        form = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        form = _compiled(pattern)
         hits = [name for name in names if form.fullmatch(name)]
         if not hits:
             hint = did_you_mean(pattern, names, otherwise="there are") or "; it offers none"
             raise InputError(f"{where} has no {what} {pattern[:60]!r}{hint}")
         found.update(dict.fromkeys(hits))
     return tuple(found)
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    """Return a regular expression that takes a time linear in the name, however many ``*``."""
+    if "*" not in pattern:
+        return re.compile(re.escape(pattern))
+    first, *middle, last = (re.escape(part) for part in re.split(r"\*+", pattern))
+    # Atomic groups: each part stands at the first place where it fits, and no other is tried.
+    within = "".join(f"(?>.*?{part})" for part in middle)
+    return re.compile(f"{first}{within}.*{last}", re.DOTALL)

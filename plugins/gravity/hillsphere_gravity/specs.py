@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.ranges import BODY_RADIUS_M, DENSITY_KG_M3, GM_M3_S2
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -42,12 +43,6 @@ _SUFFIXES: dict[str, FileFormat] = {
 }
 
 
-# From a pebble to the Sun, no denser than a nucleus: what lies outside is a slip, and far outside
-# the powers of lengths leave the range of floats. `gt` first, for the plain message on a sign.
-_LENGTH_M = {"gt": 0, "ge": 1e-3, "le": 1e9}
-_DENSITY_KG_M3 = {"gt": 0, "ge": 1e-3, "le": 1e18}
-_GM_M3_S2 = {"gt": 0, "ge": 1e-20, "le": 1e25}
-
 MOST_ELONGATED = 100.0
 """Largest ratio of two semi-axes of an ellipsoid for which its integrals were verified."""
 
@@ -72,7 +67,7 @@ class PointMassSpec(Spec):
 
     examples = ({"gm_km3_s2": 7.0875e-4},)
 
-    gm_m3_s2: float = quantity("gravitational_parameter", "gravitational parameter GM", **_GM_M3_S2)
+    gm_m3_s2: float = quantity("gravitational_parameter", "gravitational parameter GM", **GM_M3_S2)
 
 
 class EllipsoidSpec(Spec):
@@ -87,11 +82,11 @@ class EllipsoidSpec(Spec):
         "length",
         "semi-axes along the body's x, y, z, in any order of size; the longest at most 100 times "
         "the shortest",
-        **_LENGTH_M,
+        **BODY_RADIUS_M,
     )
-    density_kg_m3: float | None = quantity("density", "density", default=None, **_DENSITY_KG_M3)
+    density_kg_m3: float | None = quantity("density", "density", default=None, **DENSITY_KG_M3)
     gm_m3_s2: float | None = quantity(
-        "gravitational_parameter", "gravitational parameter GM", default=None, **_GM_M3_S2
+        "gravitational_parameter", "gravitational parameter GM", default=None, **GM_M3_S2
     )
     gravitational_constant: float | None = option(
         "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
@@ -135,9 +130,9 @@ class PolyhedronSpec(Spec):
         ge=0,
         le=7,
     )
-    density_kg_m3: float | None = quantity("density", "density", default=None, **_DENSITY_KG_M3)
+    density_kg_m3: float | None = quantity("density", "density", default=None, **DENSITY_KG_M3)
     gm_m3_s2: float | None = quantity(
-        "gravitational_parameter", "gravitational parameter GM", default=None, **_GM_M3_S2
+        "gravitational_parameter", "gravitational parameter GM", default=None, **GM_M3_S2
     )
     gravitational_constant: float | None = option(
         "constant of gravitation G that goes with the density, m³/(kg s²); left out: the CODATA "
@@ -192,10 +187,10 @@ class HarmonicsSpec(Spec):
     )
 
     gm_m3_s2: float | None = quantity(
-        "gravitational_parameter", "gravitational parameter GM", default=None, **_GM_M3_S2
+        "gravitational_parameter", "gravitational parameter GM", default=None, **GM_M3_S2
     )
     reference_radius_m: float | None = quantity(
-        "length", "reference radius of the coefficients", default=None, **_LENGTH_M
+        "length", "reference radius of the coefficients", default=None, **BODY_RADIUS_M
     )
     normalisation: Normalisation | None = option(
         "'full': 4π-normalised, 'none': conventional; neither with the Condon–Shortley phase",

@@ -19,7 +19,13 @@ from hillsphere.earth.rotation import (
 )
 from hillsphere.earth.sun_moon import GM_M3_S2, moon_position, sun_position
 from hillsphere.errors import InputError
-from hillsphere.gravity import AnyGravityModel, acceleration_at, is_array_model, potential_at
+from hillsphere.gravity import (
+    AnyGravityModel,
+    acceleration_at,
+    is_array_model,
+    potential_at,
+    whole_gravity,
+)
 from hillsphere.interfaces import (
     Array,
     GravityModel,
@@ -102,7 +108,7 @@ class EarthOrbit:
             raise InputError(
                 f"earth_orbit flies about a body of type 'planet', got a {type(planet).__name__}"
             )
-        model: AnyGravityModel = spec.gravity.get()
+        model: AnyGravityModel = whole_gravity(spec.gravity.get())
         if is_array_model(model):
             raise InputError(
                 f"earth_orbit needs gravity that is an expression, got a {type(model).__name__}"

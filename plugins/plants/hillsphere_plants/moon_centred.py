@@ -13,7 +13,13 @@ import numpy as np
 
 from hillsphere.bodies import Moon
 from hillsphere.errors import InputError
-from hillsphere.gravity import AnyGravityModel, GravityField, acceleration_at, potential_at
+from hillsphere.gravity import (
+    AnyGravityModel,
+    GravityField,
+    acceleration_at,
+    potential_at,
+    whole_gravity,
+)
 from hillsphere.interfaces import (
     Array,
     ArrayGravityModel,
@@ -97,7 +103,7 @@ class MoonCentred(ABC):
         self, spec: MoonCentredSpec, meridian_rad: float, mean_motion_rad_s: float
     ) -> None:
         body = moon_of(spec.body)
-        self._model: AnyGravityModel = spec.gravity.get()
+        self._model: AnyGravityModel = whole_gravity(spec.gravity.get())
         self._semi_axes_m: tuple[float, float, float] | None = body.semi_axes_m
         self._shape = body.shape
         if body.shape is None and body.semi_axes_m is None:

@@ -16,7 +16,7 @@ from hillsphere.bodies import Moon
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.ephemeris import anomaly_from_mean
 from hillsphere.errors import InputError
-from hillsphere.gravity import AnyGravityModel, acceleration_at
+from hillsphere.gravity import AnyGravityModel, acceleration_at, whole_gravity
 from hillsphere.interfaces import (
     Array,
     ArraySurface,
@@ -110,7 +110,7 @@ class Proximity:
                 f"proximity: body {body.name!r} has no rotation_rate; give it one "
                 "(rotation_rate_deg_d), as a body of type 'asteroid' has"
             )
-        self._model: AnyGravityModel = spec.gravity.get()
+        self._model: AnyGravityModel = whole_gravity(spec.gravity.get())
         self.spec = spec
         self.body: Moon = body
         self.body_name: str = body.name

@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 from pydantic import model_validator
 
 from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
+from hillsphere.ranges import STAR_GM_M3_S2
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference, rule
 
 __all__ = [
@@ -78,7 +79,7 @@ class ProximitySpec(Spec):
         default=0.0,
     )
     radiation_pressure_n_m2: float = option(
-        "radiation pressure of the Sun at 1 au, N/m²", default=4.56e-6, ge=0
+        "radiation pressure of the Sun at 1 au, N/m²", default=4.56e-6, ge=0, le=1e-2
     )
     acceleration_noise_m_s2: float = quantity(
         "acceleration",
@@ -121,10 +122,10 @@ class HeliocentricSpec(Spec):
         "gravitational_parameter",
         "gravitational parameter of the Sun; left out: the nominal value",
         default=NOMINAL_SOLAR_GM_M3_S2,
-        gt=0,
+        **STAR_GM_M3_S2,
     )
     radiation_pressure_n_m2: float = option(
-        "radiation pressure of the Sun at 1 au, N/m²", default=4.56e-6, ge=0
+        "radiation pressure of the Sun at 1 au, N/m²", default=4.56e-6, ge=0, le=1e-2
     )
 
 

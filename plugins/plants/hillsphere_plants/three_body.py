@@ -10,6 +10,7 @@ import numpy as np
 
 from hillsphere.dynamics import ArrayFunction, bracketed_roots
 from hillsphere.errors import InputError
+from hillsphere.gravity import whole_gravity
 from hillsphere.interfaces import Array, Parameter, Variable
 from hillsphere.symbolic import (
     Expr,
@@ -68,7 +69,7 @@ class ThreeBody(MoonCentred):
 
     def __init__(self, spec: ThreeBodySpec, meridian_rad: float) -> None:
         body = moon_of(spec.body)
-        total = body.primary_gm_m3_s2 + spec.gravity.get().gm_m3_s2
+        total = body.primary_gm_m3_s2 + whole_gravity(spec.gravity.get()).gm_m3_s2
         super().__init__(spec, meridian_rad, sqrt(total / body.semi_major_axis_m**3))
         self.gm_m3_s2: float = spec.gravity.get().gm_m3_s2
         self.primary_gm_m3_s2: float = body.primary_gm_m3_s2

@@ -8,6 +8,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.ranges import STATION_HEIGHT_M
 from hillsphere.spec import Pair, Ref, Spec, option, quantity, reference, rule
 
 __all__ = [
@@ -260,7 +261,9 @@ class DeepSpaceStationSpec(SpacecraftSensorSpec):
     station: str = option("name of the station", min_length=1, max_length=60)
     latitude_rad: float = quantity("angle", "geodetic latitude, WGS 84", ge=-pi / 2, le=pi / 2)
     longitude_rad: float = quantity("angle", "longitude, east positive", ge=-2 * pi, le=2 * pi)
-    height_m: float = quantity("length", "height above the ellipsoid", default=0.0)
+    height_m: float = quantity(
+        "length", "height above the ellipsoid", default=0.0, **STATION_HEIGHT_M
+    )
     mask_elevation_rad: float = quantity(
         "angle", "elevation from which there are measurements",
         default=10.0 * _DEGREE, ge=0, lt=pi / 2,

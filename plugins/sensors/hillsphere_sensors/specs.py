@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
+from hillsphere.ranges import STATION_HEIGHT_M
 from hillsphere.spec import Pair, Spec, Vector3, option, quantity
 
 __all__ = ["AntennaSpec"]
@@ -40,7 +41,9 @@ class AntennaSpec(Spec):
     station: str = option("name of the station", min_length=1, max_length=60)
     latitude_rad: float = quantity("angle", "true geodetic latitude", ge=-pi / 2, le=pi / 2)
     longitude_rad: float = quantity("angle", "true longitude, east positive", ge=-2 * pi, le=2 * pi)
-    height_m: float = quantity("length", "true height above the ellipsoid", default=0.0)
+    height_m: float = quantity(
+        "length", "true height above the ellipsoid", default=0.0, **STATION_HEIGHT_M
+    )
     believed_latitude_rad: float | None = quantity(
         "angle", "latitude that trackers are told; left out: the true one",
         default=None, ge=-pi / 2, le=pi / 2,
@@ -50,7 +53,10 @@ class AntennaSpec(Spec):
         default=None, ge=-2 * pi, le=2 * pi,
     )  # fmt: skip
     believed_height_m: float | None = quantity(
-        "length", "height that trackers are told; left out: the true one", default=None
+        "length",
+        "height that trackers are told; left out: the true one",
+        default=None,
+        **STATION_HEIGHT_M,
     )
     station_sigma_m: Vector3 = quantity(
         "length",

@@ -38,7 +38,7 @@ _NUMBERS = (
     "BSTAR",
 )
 _OPTIONAL = {"MEAN_MOTION_DOT": 0.0, "MEAN_MOTION_DDOT": 0.0}
-_LINE = re.compile(r"([A-Z][A-Z0-9_]*)\s*=\s*(.*?)\s*(?:\[[^\]]*\])?")
+_KEYWORD = re.compile(r"[A-Z][A-Z0-9_]*")
 _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)")
 
 
@@ -96,10 +96,11 @@ def _kvn(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
         line = raw.strip()
         if not line or line.startswith("COMMENT"):
             continue
-        match = _LINE.fullmatch(line)
-        if match is None:
+        key, sign, value = (part.strip() for part in line.partition("="))
+        if not (sign and _KEYWORD.fullmatch(key)):
             raise InputError(f"{where}:{number}: expected KEYWORD = value, got {line[:40]!r}")
-        key, value = match.groups()
+        if value.endswith("]"):  # a unit: 3.0539 [deg]
+            value = value[: max(value.rfind("["), 0)].rstrip()
         if key == "CCSDS_OMM_VERS" and fields:
             yield place, fields
             fields = {}

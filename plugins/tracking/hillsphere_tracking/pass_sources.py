@@ -15,7 +15,7 @@ from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
 from hillsphere_tracking.satellite_specs import MeanElementsSpec, SatelliteSpec, StationSpec
 from hillsphere_tracking.satellites import MeanElementsOrbit, Orbit, Sgp4Orbit, orbits_of
 
-__all__ = ["blind_sectors_of", "mask_of", "orbits_from", "station_of"]
+__all__ = ["blind_sectors_of", "mask_of", "orbits_from", "orbits_of_file", "station_of"]
 
 _LARGEST_FILE = 20_000_000
 
@@ -44,7 +44,7 @@ def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
         if spec.elements is not None:
             found.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
         elif spec.file is not None:
-            found += _of_file(Path(spec.file), spec.name, spec.label)
+            found += orbits_of_file(Path(spec.file), spec.name, spec.label)
         else:
             orbits = orbits_of(spec.tle, "tle")
             if len(orbits) != 1:
@@ -103,7 +103,23 @@ def _mean_elements_orbit(name: str, spec: MeanElementsSpec) -> MeanElementsOrbit
     return MeanElementsOrbit(name, epoch, elements, earth, short_period=spec.short_period)
 
 
-def _of_file(path: Path, name: str, label: str) -> list[Sgp4Orbit]:
+def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbit]:
+    """Return the orbits of a file of element sets (TLE, or OMM in either form).
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    name : str
+        Name or catalogue number of the satellite that is meant; left out: all of them.
+    label : str
+        What it is called from now on.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or does not hold the satellite once.
+    """
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise InputError(f"{path.name}: larger than {_LARGEST_FILE // 1_000_000} MB; split it")

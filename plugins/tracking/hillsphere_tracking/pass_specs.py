@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hillsphere.ranges import PRESSURE_HPA
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference
 from hillsphere_tracking.satellite_specs import SatelliteSpec, StationSpec
 
@@ -62,7 +63,12 @@ class PassesSpec(StageSpec):
         "whether elevations are apparent, lifted by the atmosphere, in masks and tables",
         default=False,
     )
-    pressure_hpa: float = option("pressure of the air, for refraction", default=1010.0, gt=0)
+    pressure_hpa: float = option(
+        "pressure of the air, for refraction, hPa",
+        default=1010.0,
+        ge=PRESSURE_HPA["ge"],
+        le=PRESSURE_HPA["le"],
+    )
     temperature_c: float = option(
         "temperature of the air, for refraction, °C", default=10.0, gt=-150, lt=100
     )

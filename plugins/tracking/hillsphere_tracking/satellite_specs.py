@@ -8,6 +8,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.ranges import ORBIT_RADIUS_M, PLANET_GM_M3_S2, PLANET_RADIUS_M, STATION_HEIGHT_M
 from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
 
 __all__ = ["BlindSectorSpec", "MeanElementsSpec", "SatelliteSpec", "StationSpec", "ZonalFieldSpec"]
@@ -19,10 +20,16 @@ class ZonalFieldSpec(Spec):
     examples = ({},)
 
     gm_m3_s2: float = quantity(
-        "gravitational_parameter", "gravitational parameter", default=398600.4418e9, gt=0
+        "gravitational_parameter",
+        "gravitational parameter",
+        default=398600.4418e9,
+        **PLANET_GM_M3_S2,
     )
     radius_m: float = quantity(
-        "length", "equatorial radius to which J2 and J4 belong", default=6378137.0, gt=0
+        "length",
+        "equatorial radius to which J2 and J4 belong",
+        default=6378137.0,
+        **PLANET_RADIUS_M,
     )
     j2: float = option("zonal coefficient J2", default=1.08262668e-3)
     j4: float = option("zonal coefficient J4", default=-1.61962159e-6)
@@ -44,7 +51,7 @@ class MeanElementsSpec(Spec):
     )
 
     epoch: str = option("date and time of the elements, UTC", max_length=40)
-    semi_major_axis_m: float = quantity("length", "semi-major axis", gt=0)
+    semi_major_axis_m: float = quantity("length", "semi-major axis", **ORBIT_RADIUS_M)
     eccentricity: float = option("eccentricity", ge=0, lt=1)
     inclination_rad: float = quantity("angle", "inclination", ge=0, le=pi)
     node_rad: float = quantity("angle", "right ascension of the ascending node")
@@ -146,7 +153,9 @@ class StationSpec(Spec):
     name: str = option("of the station", min_length=1, max_length=60)
     latitude_rad: float = quantity("angle", "geodetic latitude", ge=-pi / 2, le=pi / 2)
     longitude_rad: float = quantity("angle", "longitude, east positive", ge=-2 * pi, le=2 * pi)
-    height_m: float = quantity("length", "height above the ellipsoid", default=0.0)
+    height_m: float = quantity(
+        "length", "height above the ellipsoid", default=0.0, **STATION_HEIGHT_M
+    )
     mask_elevation_rad: tuple[float, ...] = quantity(
         "angle",
         "elevation above which the station sees; one, or one for each azimuth of the mask with "

@@ -85,8 +85,9 @@ def read_tles(text: str, where: str = "TLE") -> tuple[Tle, ...]:
         if not line.startswith("1 ") or len(line) < _LENGTH - 1:
             if title:
                 raise InputError(
-                    f"{where}:{number}: expected line 1 of the element set {title!r}, which begins "
-                    f"with '1 ' and is {_LENGTH} characters long, got {line[:40]!r}; {_REMEDY}"
+                    f"{where}:{number}: expected line 1 of the element set {title[:40]!r}, which "
+                    f"begins with '1 ' and is {_LENGTH} characters long, got {line[:40]!r}; "
+                    f"{_REMEDY}"
                 )
             # "0 NAME" is a title too, in the three-line form
             title = line.removeprefix("0 ").strip()

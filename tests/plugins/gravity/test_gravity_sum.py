@@ -31,10 +31,10 @@ def point(gm: float) -> PointMass:
     return PointMass(PointMassSpec(gm_m3_s2=gm))
 
 
-def ellipsoid(*axes: float, density: float = 1e10) -> Ellipsoid:
+def ellipsoid(*axes: float, density: float = 1e4) -> Ellipsoid:
     return Ellipsoid(
         EllipsoidSpec.model_validate(
-            {"axes_m": axes, "density_kg_m3": density, "gravitational_constant": 1e-10}
+            {"axes_m": axes, "density_kg_m3": density, "gravitational_constant": 1e-4}
         )
     )
 

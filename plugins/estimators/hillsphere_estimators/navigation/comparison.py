@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,8 +9,9 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
-from hillsphere.presentation import Presentation
+from hillsphere.presentation import Presentation, Printed
 from hillsphere.products import CaseTable
+from hillsphere.reference import ReferenceTable
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.comparison_presentation import present_comparison
 from hillsphere_estimators.navigation.comparison_products import NavigationComparison
@@ -19,7 +19,7 @@ from hillsphere_estimators.navigation.comparison_specs import NavigationComparis
 from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
 from hillsphere_estimators.navigation.products import NavigationFlight
 
-__all__ = ["NavigationComparisonStage", "paired_rms_ratio"]
+__all__ = ["NavigationComparisonStage", "paired_rms_ratio", "published_errors"]
 
 _RESAMPLES = 2000
 _COLUMNS = ("case", "spacecraft", "position_error_m", "velocity_error_mm_s")
@@ -93,7 +93,9 @@ class NavigationComparisonStage:
                     answers.append(
                         "confirmed" if most < 1.0 else "refuted" if least > 1.0 else "undecided"
                     )
-        paper = _published(spec, shape[0], len(crafts))
+        paper = np.full((2, shape[0], len(crafts)), np.nan)
+        if spec.reference is not None:
+            paper = published_errors(Path(spec.reference), shape[0], len(crafts))
         return NavigationComparison(
             labels=labels,
             spacecraft=crafts,
@@ -265,32 +267,48 @@ def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None)
     return tuple(f"spacecraft {i + 1}" for i in range(max(count, 1)))
 
 
-def _published(spec: NavigationComparisonSpec, sets: int, crafts: int) -> Array:
-    """Return published position and velocity errors (2, C, S), SI; NaN where there are none."""
+def published_errors(path: Path, sets: int, crafts: int) -> Array:
+    """Read published errors of navigation.
+
+    Parameters
+    ----------
+    path : Path
+        A reference table with the columns case, spacecraft (both counted from 1),
+        position_error_m and velocity_error_mm_s.
+    sets, crafts : int
+        Numbers S of sets that are compared and C of spacecraft.
+
+    Returns
+    -------
+    ndarray, shape (2, S, C)
+        Errors of position and velocity, SI; NaN where none are published.
+
+    Raises
+    ------
+    InputError
+        If the file is no reference table of these columns, or a row belongs to no set or craft.
+    """
     found = np.full((2, sets, crafts), np.nan)
-    if spec.reference is None:
-        return found
-    path = Path(spec.reference)
-    with path.open(encoding="utf-8", newline="") as file:
-        lines = [line for line in file if not line.startswith("#")]
-    reader = csv.DictReader(lines)
-    if tuple(reader.fieldnames or ()) != _COLUMNS:
+    table = ReferenceTable.read(path)
+    if table.columns != _COLUMNS:
         raise InputError(
-            f"reference: {path.name} must have the columns {', '.join(_COLUMNS)}; it has "
-            f"{', '.join(reader.fieldnames or ()) or 'none'}"
+            f"{path.name}: must have the columns {', '.join(_COLUMNS)}; it has "
+            f"{', '.join(table.columns)}"
         )
-    for number, row in enumerate(reader, start=1):
-        try:
-            case, craft = int(row["case"]) - 1, int(row["spacecraft"]) - 1
-            values = float(row["position_error_m"]), 1e-3 * float(row["velocity_error_mm_s"])
-        except (TypeError, ValueError) as error:
-            raise InputError(f"reference: {path.name}, row {number}: {error}") from error
-        if not (0 <= case < sets and 0 <= craft < crafts):
+    for number, row in enumerate(table.rows, start=1):
+        values = []
+        for name in _COLUMNS:
+            cell = row[name]
+            if not isinstance(cell, Printed):
+                raise InputError(f"{path.name}, row {number}: {name} must be a number, got {cell}")
+            values.append(float(cell))
+        case, craft, position_m, velocity_mm_s = values
+        if not (case in range(1, sets + 1) and craft in range(1, crafts + 1)):
             raise InputError(
-                f"reference: {path.name}, row {number}: case {case + 1}, spacecraft {craft + 1}; "
+                f"{path.name}, row {number}: case {case:g}, spacecraft {craft:g}; "
                 f"there are {sets} sets and {crafts} spacecraft, counted from 1"
             )
-        found[:, case, craft] = values
+        found[:, int(case) - 1, int(craft) - 1] = position_m, 1e-3 * velocity_mm_s
     return found
 
 

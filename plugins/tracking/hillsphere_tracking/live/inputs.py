@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import sys
 import warnings
 from collections.abc import Iterator
@@ -57,6 +58,8 @@ def input_of(
         except OSError as error:
             raise InputError(f"{source}: cannot be read: {error.strerror or error}") from error
         stack.callback(os.close, descriptor)
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise InputError(f"{source}: is a directory; a file or a pipe is needed")
     if not replay:
         arriving = Arriving(descriptor, where, epoch, say)
         stack.callback(arriving.close)
@@ -64,7 +67,10 @@ def input_of(
     lines = stack.enter_context(
         os.fdopen(descriptor, encoding="utf-8", errors="replace", closefd=False)
     )
-    recorded = Recorded(measurements(_read(lines), where, epoch), say)
+    try:
+        recorded = Recorded(measurements(_read(lines), where, epoch), say)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
     return recorded, Replay(recorded.first.epoch, speed)
 
 

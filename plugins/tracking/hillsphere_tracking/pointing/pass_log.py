@@ -144,7 +144,10 @@ def read_pass_log(path: Path) -> PassLog:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"the pass log {path} cannot be read: {error}") from None
-    lines = list(csv.reader(text.splitlines()))
+    try:
+        lines = list(csv.reader(text.splitlines()))
+    except csv.Error as error:
+        raise InputError(f"{path}: is no table of a pass log: {error}") from None
     if not lines or tuple(lines[0]) != _COLUMNS:
         raise InputError(f"{path}:1: a pass log begins with the line {','.join(_COLUMNS)}")
     if len(lines) < 2:

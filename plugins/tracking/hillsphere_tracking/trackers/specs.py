@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from hillsphere.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
 from hillsphere.spec import Spec, option, quantity
 
 __all__ = ["AverageSpec", "LeastSquaresSpec", "TableSpec", "TrackerSpec"]
@@ -15,10 +16,13 @@ class TrackerSpec(Spec):
     """What all trackers need: the planet's field and how well the nominal elements are known."""
 
     gm_m3_s2: float = quantity(
-        "gravitational_parameter", "of the planet", default=398600.4418e9, gt=0
+        "gravitational_parameter", "of the planet", default=398600.4418e9, **PLANET_GM_M3_S2
     )
     equatorial_radius_m: float = quantity(
-        "length", "equatorial radius to which J2 and J4 belong", default=6378137.0, gt=0
+        "length",
+        "equatorial radius to which J2 and J4 belong",
+        default=6378137.0,
+        **PLANET_RADIUS_M,
     )
     j2: float = option("zonal coefficient J2 = −C20, not normalised", default=1.08262668e-3)
     j4: float = option("zonal coefficient J4 = −C40, not normalised", default=-1.61962159e-6)

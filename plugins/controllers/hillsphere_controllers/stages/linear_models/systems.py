@@ -7,12 +7,11 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.product_codec import HEADER, load_product
+from hillsphere.product_codec import HEADER, load_product, read_arrays
 from hillsphere_controllers.stages.linear_models.expressions import value_of
 from hillsphere_controllers.stages.linear_models.specs import (
     EntryMatrix,
@@ -32,7 +31,15 @@ from hillsphere_controllers.systems.holding import held
 from hillsphere_controllers.systems.interconnection import connect, with_names
 from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
 
-__all__ = ["connected_of", "model_part", "parts_of", "performance_of", "shelving_of", "system_of"]
+__all__ = [
+    "connected_of",
+    "model_part",
+    "parts_of",
+    "performance_of",
+    "shelving_of",
+    "system_from_file",
+    "system_of",
+]
 
 Values = Mapping[str, float]
 
@@ -166,7 +173,7 @@ def performance_of(spec: PerformanceSpec, period_s: float | None = None) -> LtiS
 
 def _bare(spec: SystemSpec, values: Values, period_s: float | None) -> LtiSystem:
     if spec.file is not None:
-        return _from_file(Path(spec.file), spec.variable)
+        return system_from_file(Path(spec.file), spec.variable)
     if spec.shelving is not None:
         return shelving_of(spec.shelving, period_s)
     if spec.performance is not None:
@@ -223,7 +230,22 @@ def _names(given: tuple[str, ...]) -> str | tuple[str, ...]:
     return given[0] if len(given) == 1 else given
 
 
-def _from_file(path: Path, variable: str) -> LtiSystem:
+def system_from_file(path: Path, variable: str = "") -> LtiSystem:
+    """Return the system in a file.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.mat`` file, a plain ``.npz`` file of a, b, c, d and, in discrete time, dt_s, or the
+        product of a stage that holds a controller.
+    variable : str
+        Which system of a ``.mat`` file; not needed where it holds one.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds no such system.
+    """
     if path.suffix == ".npz":
         return _from_npz(path)
     found = {
@@ -240,15 +262,8 @@ def _from_file(path: Path, variable: str) -> LtiSystem:
 
 def _from_npz(path: Path) -> LtiSystem:
     """Return the system of a plain file of a, b, c, d and dt_s, or of a stored `LtiSystem`."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays: dict[str, NDArray[np.float64]] = {
-                name: file[name] for name in file.files if name != HEADER
-            }
-            stored = HEADER in file.files
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path.name}: cannot be read: {error}") from error
-    if stored:
+    arrays = read_arrays(path)
+    if HEADER in arrays:
         product = load_product(path)
         product = getattr(product, "controller", product)
         if not isinstance(product, LtiSystem):
@@ -256,5 +271,11 @@ def _from_npz(path: Path) -> LtiSystem:
         return product
     if missing := [name for name in "abcd" if name not in arrays]:
         raise InputError(f"{path.name}: has no array {missing[0]!r}; a, b, c and d are needed")
-    period = float(arrays["dt_s"]) if "dt_s" in arrays else 0.0
-    return LtiSystem(arrays["a"], arrays["b"], arrays["c"], arrays["d"], period or None)
+    period = arrays.get("dt_s", np.zeros(()))
+    if period.size != 1 or period.dtype.kind not in "fiu":
+        raise InputError(f"{path.name}: dt_s must be one number, a period in seconds")
+    try:
+        a, b, c, d = (arrays[name] for name in "abcd")
+        return LtiSystem(a, b, c, d, float(period.flat[0]) or None)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from error

@@ -1,0 +1,41 @@
+"""Whether a dispersion fits the quantities that it may stand for, apart from any campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Dispersion, Parameter
+from hillsphere.uncertainty.matching import matched
+
+__all__ = ["check_dispersion"]
+
+
+def check_dispersion(dispersion: Dispersion, offered: Sequence[Parameter]) -> None:
+    """Check names, unit and sizes of a dispersion.
+
+    Parameters
+    ----------
+    dispersion : Dispersion
+        The distribution.
+    offered : sequence of Parameter
+        The quantities of the table that it is of.
+
+    Raises
+    ------
+    InputError
+        If there is no quantity of a name, one has another unit, or sizes or correlations are given
+        for another number of quantities than the names find.
+    """
+    by_name = {parameter.name: parameter for parameter in offered}
+    names = matched(dispersion.keys, list(by_name), dispersion.of)
+    for name in names:
+        if dispersion.unit and by_name[name].unit != dispersion.unit:
+            raise InputError(
+                f"its numbers stand for {dispersion.unit}, but {name} is in {by_name[name].unit}; "
+                "give another unit, or leave it out for SI"
+            )
+    nominal = np.array([by_name[name].value for name in names])
+    dispersion.quantiles(np.full((len(names), 1), 0.5), nominal)

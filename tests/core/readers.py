@@ -1,0 +1,375 @@
+"""Every reader of the framework and its plugins, each with a sound file: one table for tests.
+
+Whatever opens a file that a user, another program or an earlier run wrote stands here. A test
+looks for modules that open or parse files and are not named in `Reader.modules` or `NO_READERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from hillsphere import create
+from hillsphere.earth.orientation import OrientationTable
+from hillsphere.formats.icgem import read_icgem
+from hillsphere.formats.obj import read_obj
+from hillsphere.formats.oem import OemSegment, read_oem, write_oem
+from hillsphere.formats.shadr import read_shadr
+from hillsphere.formats.shape_harmonics import read_shape_harmonics
+from hillsphere.formats.tdm import read_tdm
+from hillsphere.interfaces import Array
+from hillsphere.lti import LtiSystem
+from hillsphere.mission import load_mission
+from hillsphere.paths import missions_directory
+from hillsphere.products import PeriodicOrbits, load_product, save_product
+from hillsphere.reference import ReferenceTable
+from hillsphere.time import Epoch
+from hillsphere.uncertainty.samples import read_columns
+from hillsphere_controllers.stages.linear_models.systems import system_from_file
+from hillsphere_estimators.navigation.comparison import published_errors
+from hillsphere_tracking.live.feed import Recorded
+from hillsphere_tracking.live.inputs import input_of
+from hillsphere_tracking.memory import read_memory
+from hillsphere_tracking.pass_sources import orbits_of_file
+from hillsphere_tracking.pointing.pass_log import read_pass_log
+
+__all__ = ["NO_READERS", "READERS", "Reader"]
+
+
+@dataclass(frozen=True)
+class Reader:
+    """One way in.
+
+    Parameters
+    ----------
+    name : str
+        Of the test case.
+    file : str
+        Name of the file.
+    sound : callable
+        Path → a sound file is written there.
+    read : callable
+        Path → reads it.
+    modules : tuple of str
+        The modules that open or parse it.
+    binary : bool
+        Whether it has no lines.
+    of_text : bool
+        Whether the reader is given the text, not the path: messages then name the line.
+    """
+
+    name: str
+    file: str
+    sound: Callable[[Path], object]
+    read: Callable[[Path], object]
+    modules: tuple[str, ...]
+    binary: bool = False
+    of_text: bool = False
+
+
+DATA = missions_directory() / "data"
+
+
+def _copy(name: str) -> Callable[[Path], object]:
+    return lambda path: path.write_bytes((DATA / name).read_bytes())
+
+
+def _text(text: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(text, "utf-8")
+
+
+def _of_text(read: Callable[[str], object]) -> Callable[[Path], object]:
+    """Read as a caller of a reader of text does: bytes that are no UTF-8 are replaced."""
+    return lambda path: read(path.read_text("utf-8", "replace"))
+
+
+MISSION = """format = 1
+name = "small"
+title = "Small"
+seed = 5
+[body.moon]
+type = "moon"
+name = "phobos"
+primary_gm_km3_s2 = 42828.37
+semi_major_axis_km = 9377
+[gravity.field]
+type = "ellipsoid"
+axes_km = [13.03, 11.40, 9.14]
+density_g_cm3 = 1.86
+[plant.hill]
+type = "hill"
+body = "moon"
+gravity = "field"
+[dispersions.field]
+type = "normal"
+of = "gravity.field"
+parameters = ["C*"]
+sigma_relative = 0.05
+[stage.family]
+type = "qso_family"
+plant = "hill"
+x_amplitudes_km = [60, 30, 20]
+"""
+COLUMNS = "# drawn elsewhere\ngravity.phobos.gm,state.x\n7.1e5,20.1\n7.0e5,19.9\n"
+SHADR = """ 1.11000000E+01, 7.08750000E-04, 1.0E-08,   3,   3,   1, 0.0, 0.0
+    2,    0,-4.698E-02, 0.0, 1.0E-04, 0.0
+    2,    2, 2.276E-02,-2.02E-04, 2.0E-04, 3.0E-04
+    3,    1,-3.09E-03, 1.81E-03, 0.0, 0.0
+"""
+OCTAHEDRON = """o body
+v 10 0 0
+v -9 0 0
+v 0 9 0
+v 0 -9 0
+v 0 0 8
+v 0 0 -8
+f 1 3 5
+f 3 2 5
+f 2 4 5
+f 4 1 5
+f 3 1 6
+f 2 3 6
+f 4 2 6
+f 1 4 6
+"""
+GRID = """# radii
+9.1 9.1 9.1 9.1
+11.0, 10.1, 11.1, 10.0
+13.0 11.4 13.0 11.4
+11.0 10.1 11.1 10.0
+9.1 9.1 9.1 9.1
+"""
+# CCSDS 502.0-B, the example of an OMM with TLE-related data
+OMM = """CCSDS_OMM_VERS = 2.0
+CREATION_DATE = 2007-065T16:00:00
+ORIGINATOR = NOAA/USA
+OBJECT_NAME = GOES 9
+OBJECT_ID = 1995-025A
+CENTER_NAME = EARTH
+REF_FRAME = TEME
+TIME_SYSTEM = UTC
+MEAN_ELEMENT_THEORY = SGP/SGP4
+EPOCH = 2007-064T10:34:41.4264
+MEAN_MOTION = 1.00273272 [rev/day]
+ECCENTRICITY = 0.0005013
+INCLINATION = 3.0539 [deg]
+RA_OF_ASC_NODE = 81.7939
+ARG_OF_PERICENTER = 249.2363
+MEAN_ANOMALY = 150.1602
+NORAD_CAT_ID = 23581
+BSTAR = 0.0001
+"""
+OMM_XML = "<ndm><omm><body>" + "".join(
+    f"<{key.strip()}>{value.split('[')[0].strip()}</{key.strip()}>"
+    for key, _, value in (line.partition("=") for line in OMM.splitlines())
+) + "</body></omm></ndm>"  # fmt: skip
+# Vallado, Revisiting Spacetrack Report #3, catalogue number 5
+TLE = """VANGUARD 1
+1 00005U 58002B   00179.78495062  .00000023  00000-0  28098-4 0  4753
+2 00005  34.2682 348.7242 1859667 331.7664  19.3264 10.82419157413667
+"""
+TDM = """CCSDS_TDM_VERS = 2.0
+CREATION_DATE = 2026-11-21T10:00:00
+ORIGINATOR = TEST
+META_START
+TIME_SYSTEM = UTC
+PARTICIPANT_1 = ALCANTARA
+PARTICIPANT_2 = SCD1
+MODE = SEQUENTIAL
+PATH = 2,1
+ANGLE_TYPE = AZEL
+RANGE_UNITS = km
+META_STOP
+DATA_START
+ANGLE_1 = 2026-11-21T09:00:00.000Z 359.5
+ANGLE_2 = 2026-11-21T09:00:00.000Z 5.25
+RANGE = 2026-11-21T09:00:00.000Z 2500.125
+ANGLE_1 = 2026-325T09:00:01.5 -0.25
+ANGLE_2 = 2026-325T09:00:01.5 90
+DATA_STOP
+"""
+TDM_XML = """<?xml version="1.0" encoding="UTF-8"?>
+<ndm:tdm xmlns:ndm="urn:ccsds:schema:ndmxml" id="CCSDS_TDM_VERS" version="2.0">
+<header><CREATION_DATE>2026-11-21T10:00:00</CREATION_DATE><ORIGINATOR>TEST</ORIGINATOR></header>
+<body><segment>
+<metadata><TIME_SYSTEM>UTC</TIME_SYSTEM>
+<PARTICIPANT_1>ALCANTARA</PARTICIPANT_1><PARTICIPANT_2>SCD1</PARTICIPANT_2>
+<MODE>SEQUENTIAL</MODE><PATH>2,1</PATH><ANGLE_TYPE>AZEL</ANGLE_TYPE></metadata>
+<data>
+<observation><EPOCH>2026-11-21T09:00:00</EPOCH><ANGLE_1 units="deg">359.5</ANGLE_1></observation>
+<observation><EPOCH>2026-11-21T09:00:00</EPOCH><ANGLE_2>5.25</ANGLE_2></observation>
+<observation><EPOCH>2026-11-21T09:00:01.5</EPOCH><ANGLE_1>-0.25</ANGLE_1></observation>
+<observation><EPOCH>2026-11-21T09:00:01.5</EPOCH><ANGLE_2>90</ANGLE_2></observation>
+</data></segment></body></ndm:tdm>
+"""
+ANGLES = """utc,azimuth_deg,elevation_deg,sigma_deg
+2026-11-21T09:00:00Z,359.5,5.25,0.1
+2026-11-21T09:00:01Z,0.5,6.25,0.1
+2026-11-21T09:00:02Z,1.5,7.25,
+"""
+
+
+def _oem(path: Path) -> None:
+    rng = np.random.default_rng(3)
+    segment = OemSegment(
+        object_name="QSO-H",
+        object_id="2024-999A",
+        center_name="MARS",
+        ref_frame="ICRF",
+        epoch=Epoch.parse("2027-06-01T06:30:00.5", "TDB"),
+        t_s=np.arange(12.0) * 600.0,
+        x=np.concatenate([rng.normal(0, 9e6, (3, 12)), rng.normal(0, 2e3, (3, 12))]),
+    )
+    path.write_text(write_oem([segment]), "utf-8")
+
+
+def _orientation(path: Path) -> None:
+    import astropy_iers_data
+
+    text = Path(astropy_iers_data.IERS_A_FILE).read_text("ascii")
+    path.write_text("".join(text.splitlines(keepends=True)[-500:-330]), "ascii")
+
+
+def _product(path: Path) -> None:
+    rng = np.random.default_rng(7)
+    orbits = PeriodicOrbits(
+        frame="hill:phobos",
+        states=("x", "y", "z", "vx", "vy", "vz"),
+        x0=rng.normal(size=(6, 3)),
+        period_s=rng.normal(size=3),
+        integral=np.full(3, np.nan),
+        monodromy=np.asfortranarray(rng.normal(size=(6, 6, 3))),
+        residual=np.zeros(3),
+        labels=("1", "2", "3"),
+        length_m=23864.25,
+        time_s=4387.63,
+    )
+    save_product(path, orbits)
+
+
+def _matrices() -> dict[str, Array]:
+    a = np.array([[-1.0, 0.5], [0.0, -2.0]])
+    return {"a": a, "b": np.eye(2), "c": np.eye(2), "d": np.zeros((2, 2))}
+
+
+def _npz(path: Path) -> None:
+    buffer = BytesIO()
+    np.savez(buffer, dt_s=np.array(0.1), **_matrices())  # type: ignore[arg-type]
+    path.write_bytes(buffer.getvalue())
+
+
+def _system_product(path: Path) -> None:
+    save_product(path, LtiSystem(**_matrices()))  # type: ignore[arg-type]
+
+
+def _memory(path: Path) -> None:
+    from hillsphere_tracking.memory import Calibration, write_memory
+
+    calibration = Calibration(
+        Epoch.parse("2026-11-21T09:00:00", "UTC"), np.array([1e-3, 2e-3, 0.01]),
+        np.diag([1e-8, 4e-8, 1e-6]), 3,
+    )  # fmt: skip
+    write_memory(path, {"Alcântara": calibration})
+
+
+def _pass_log(path: Path) -> None:
+    from hillsphere_tracking.pointing.pass_log import PassLog, write_pass_log
+
+    times = np.arange(5.0)
+    angles = 0.01 * times
+    write_pass_log(
+        path,
+        PassLog(
+            Epoch.parse("2026-11-21T09:00:00", "UTC"), times, angles, angles, np.full(5, 1e-3),
+            np.array([True, True, False, True, True]), angles, angles, angles, angles,
+        ),
+    )  # fmt: skip
+
+
+def _measured(path: Path) -> None:
+    with ExitStack() as stack:
+        feed, _ = input_of(stack, str(path), None, True, 1.0)
+        assert isinstance(feed, Recorded)
+        feed.until(feed.first.epoch, 1e6)
+
+
+FORMATS = "hillsphere.formats."
+READERS = (
+    Reader("mission", "small.toml", _text(MISSION), load_mission,
+           ("hillsphere.toml_source", "hillsphere.toml_scan")),
+    Reader("reference", "table.csv", _copy("phobos-3d-qso-table3.csv"), ReferenceTable.read,
+           ("hillsphere.reference",)),
+    Reader("columns", "rows.csv", _text(COLUMNS), read_columns,
+           ("hillsphere.uncertainty.samples",)),
+    Reader("orientation", "finals.data", _orientation, OrientationTable.read,
+           ("hillsphere.earth.orientation",)),
+    Reader("icgem", "field.gfc", _copy("phobos-gravity-degree4.gfc"), read_icgem,
+           (FORMATS + "icgem", FORMATS + "coefficients")),
+    Reader("shadr", "field.tab", _text(SHADR), read_shadr, (FORMATS + "shadr",)),
+    Reader("harmonics", "field.gfc", _copy("phobos-gravity-degree4.gfc"),
+           lambda path: create("gravity", "harmonics", file=str(path)),
+           ("hillsphere_gravity.harmonics",)),
+    Reader("obj", "mesh.obj", _text(OCTAHEDRON), read_obj, (FORMATS + "obj",)),
+    Reader("polyhedron", "mesh.obj", _text(OCTAHEDRON),
+           lambda path: create("shape", "polyhedron", file=str(path), length_unit="km"),
+           ("hillsphere.shapes.polyhedron",)),
+    Reader("shape_harmonics", "shape.tab", _copy("eros-shape-degree8.tab"), read_shape_harmonics,
+           (FORMATS + "shape_harmonics",)),
+    Reader("harmonic_shape", "shape.tab", _copy("eros-shape-degree8.tab"),
+           lambda path: create("shape", "harmonics", file=str(path), length_unit="km"),
+           ("hillsphere.shapes.harmonic",)),
+    Reader("grid", "grid.txt", _text(GRID),
+           lambda path: create("shape", "grid", file=str(path), length_unit="km"),
+           ("hillsphere.shapes.grid",)),
+    Reader("oem", "flight.oem", _oem, _of_text(read_oem), (FORMATS + "oem",), of_text=True),
+    Reader("tdm", "pass.tdm", _text(TDM), _of_text(read_tdm),
+           (FORMATS + "tdm", FORMATS + "tdm_records", FORMATS + "tdm_entries"), of_text=True),
+    Reader("tdm_xml", "pass.xml", _text(TDM_XML), _of_text(read_tdm), (FORMATS + "tdm_entries",),
+           of_text=True),
+    Reader("product", "family.npz", _product, load_product, ("hillsphere.product_codec",), True),
+    Reader("system_npz", "system.npz", _npz, system_from_file,
+           ("hillsphere_controllers.stages.linear_models.systems",), True),
+    Reader("system_product", "design.npz", _system_product, system_from_file,
+           ("hillsphere_controllers.stages.linear_models.systems",), True),
+    Reader("published", "table4.csv", _copy("apophis-formation-table4.csv"),
+           lambda path: published_errors(path, 9, 9),
+           ("hillsphere_estimators.navigation.comparison",)),
+    Reader("tle", "two-line.txt", _text(TLE), orbits_of_file,
+           ("hillsphere_tracking.pass_sources", "hillsphere_tracking.tle")),
+    Reader("omm", "orbit.omm", _text(OMM), orbits_of_file, ("hillsphere_tracking.omm",)),
+    Reader("omm_xml", "orbit.xml", _text(OMM_XML), orbits_of_file, ("hillsphere_tracking.omm",)),
+    Reader("memory", "stations.json", _memory, read_memory, ("hillsphere_tracking.memory",)),
+    Reader("pass_log", "pass.csv", _pass_log, read_pass_log,
+           ("hillsphere_tracking.pointing.pass_log",)),
+    Reader("angles", "angles.csv", _text(ANGLES), _measured, ("hillsphere_tracking.live.inputs",)),
+    Reader("angles_tdm", "angles.tdm", _text(TDM), _measured,
+           ("hillsphere_tracking.live.measurements",)),
+)  # fmt: skip
+
+RUN_DIRECTORY = "a run directory, not a single file: test_resume.py, test_store.py"
+NO_READERS = {
+    "hillsphere.atomic": "writes",
+    "hillsphere.cached_files": "takes digests, parses nothing",
+    "hillsphere.campaign.executors.pool": "pipes to its own processes",
+    "hillsphere.campaign.executors.worker": "pipes from its own process",
+    "hillsphere.campaign.export": "writes",
+    "hillsphere.cli.exporting": RUN_DIRECTORY,
+    "hillsphere.cli.running": RUN_DIRECTORY,
+    "hillsphere.cli.streams": "/dev/null",
+    "hillsphere.compile_cache": "own entries behind a check of their owner; test_compile_cache.py",
+    "hillsphere.doctor": "the system's list of mounts",
+    "hillsphere.earlier_run": RUN_DIRECTORY,
+    "hillsphere.pipeline": RUN_DIRECTORY,
+    "hillsphere.report": "the package's own style sheet",
+    "hillsphere.rerun": RUN_DIRECTORY,
+    "hillsphere.spice": "CSPICE, which ends the process at some damaged kernels; test_spice.py",
+    "hillsphere.store": "appends to the log",
+    "hillsphere_controllers.systems.exchange": "scipy's loadmat",
+    "hillsphere.workers": "copies an error of its own",
+}
+"""Modules that open or parse something which is no single input file, and what it is."""
