@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 __all__ = ["SMALL", "Mutant", "mutant"]
@@ -192,7 +193,7 @@ def _table_moved(text: str, chance: random.Random) -> str:
     heads = [m.start() for m in HEADER.finditer(text)] + [len(text)]
     if len(heads) < 3:
         return text
-    pieces = [text[: heads[0]], *(text[a:b] for a, b in zip(heads, heads[1:], strict=False))]
+    pieces = [text[: heads[0]], *(text[a:b] for a, b in pairwise(heads))]
     piece = pieces.pop(chance.randrange(1, len(pieces)))
     what = chance.random()
     if what < 0.5:

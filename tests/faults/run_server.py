@@ -118,7 +118,7 @@ def _children() -> list[int]:
 def _import_what_runs_import() -> None:
     """Import the command line and every component, without compiling anything."""
     import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg
+    import matplotlib.backends.backend_svg  # noqa: F401
     import scipy.stats  # noqa: F401
 
     import hillsphere.cli.commands

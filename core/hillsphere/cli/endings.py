@@ -25,7 +25,7 @@ from typing import NoReturn
 
 from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
 from hillsphere.errors import HillsphereError, InputError, Interrupted, PluginError
-from hillsphere.signals import STOPPING, interrupt
+from hillsphere.signals import STOPPING, end_in_time, interrupt
 
 __all__ = ["ExitCode", "main", "run", "say"]
 
@@ -48,6 +48,7 @@ class ExitCode(IntEnum):
 def main() -> NoReturn:
     """Run the command line of this process and exit."""
     _take_signals()
+    end_in_time()
     code: int = ExitCode.INTERRUPTED
     try:
         fault = _environment_fault()
