@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
@@ -41,7 +42,7 @@ _ITERATIONS = 60
 
 
 @runtime_checkable
-class Ephemeris(Protocol):
+class Ephemeris(Contract, Protocol):
     """Where a body is in the Solar System over time."""
 
     @property

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypeVar, ru
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.contracts import Contract
 from hillsphere.presentation import Presentation
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class GravityModel(Protocol):
 
 
 @runtime_checkable
-class ArrayGravityModel(Protocol):
+class ArrayGravityModel(Contract, Protocol):
     """Gravity that cannot be written as an expression (a table, a polyhedron)."""
 
     @property
@@ -149,7 +150,7 @@ class ArrayGravityModel(Protocol):
 
 
 @runtime_checkable
-class SeriesGravity(Protocol):
+class SeriesGravity(Contract, Protocol):
     """Gravity as a series that is sure to converge only outside a sphere about the centre."""
 
     @property
@@ -159,7 +160,7 @@ class SeriesGravity(Protocol):
 
 
 @runtime_checkable
-class Piecewise(Protocol):
+class Piecewise(Contract, Protocol):
     """A `GravityModel` whose expressions change branch (`hillsphere.symbolic.select`)."""
 
     def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
@@ -172,7 +173,7 @@ class Piecewise(Protocol):
 
 
 @runtime_checkable
-class Surface(Protocol):
+class Surface(Contract, Protocol):
     """A body with a surface: positive outside, zero on it, negative inside."""
 
     def surface(self, r: Vec3) -> Expr:
@@ -185,7 +186,7 @@ class Surface(Protocol):
 
 
 @runtime_checkable
-class ArraySurface(Protocol):
+class ArraySurface(Contract, Protocol):
     """A `Surface` that cannot be written as an expression (a polyhedron, a grid of radii)."""
 
     def surface_array(self, r: Array) -> Array:
@@ -205,7 +206,7 @@ class ArraySurface(Protocol):
 
 
 @runtime_checkable
-class Enclosed(Protocol):
+class Enclosed(Contract, Protocol):
     """A surface of which is known how far from the centre it reaches, in whatever direction."""
 
     @property
@@ -260,7 +261,7 @@ class Plant(Protocol):
 
 
 @runtime_checkable
-class ExternalInputs(Protocol):
+class ExternalInputs(Contract, Protocol):
     """A plant some of whose terms are functions of arrays, not expressions (tabulated gravity).
 
     Its `derivative` uses them as plain variables, ``symbolic.variable(name)``, of the names listed
@@ -287,7 +288,7 @@ class ExternalInputs(Protocol):
 
 
 @runtime_checkable
-class ExternalEvents(Protocol):
+class ExternalEvents(Contract, Protocol):
     """A plant some of whose events are functions of arrays (contact with a polyhedron).
 
     Its `events` use them as plain variables of the names listed in `event_terms`; nothing else of
@@ -306,7 +307,7 @@ class ExternalEvents(Protocol):
 
 
 @runtime_checkable
-class ConservedQuantity(Protocol):
+class ConservedQuantity(Contract, Protocol):
     """A plant with an integral of motion."""
 
     def integral(self, x: tuple[Expr, ...], p: Params) -> Expr:
@@ -320,7 +321,7 @@ class ConservedQuantity(Protocol):
 
 
 @runtime_checkable
-class MirrorSymmetry(Protocol):
+class MirrorSymmetry(Contract, Protocol):
     """A plant that is unchanged when time runs backwards and some states change sign."""
 
     @property
@@ -330,7 +331,7 @@ class MirrorSymmetry(Protocol):
 
 
 @runtime_checkable
-class PiecewisePlant(Protocol):
+class PiecewisePlant(Contract, Protocol):
     """A plant whose derivative changes branch, its own or that of a `Piecewise` gravity model."""
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
@@ -343,7 +344,7 @@ class PiecewisePlant(Protocol):
 
 
 @runtime_checkable
-class TimedPlant(Protocol):
+class TimedPlant(Contract, Protocol):
     """A plant that names terms of its derivative that depend on time and parameters only.
 
     Where many lanes fly at the same times, as the sigma points of a filter do, these are computed
@@ -385,7 +386,7 @@ class OrbitProblem(Protocol):
 
 
 @runtime_checkable
-class OrbitFamily(Protocol):
+class OrbitFamily(Contract, Protocol):
     """A one-parameter family of periodic orbits of a plant."""
 
     @property
@@ -451,7 +452,7 @@ class GuidedFlight:
 
 
 @runtime_checkable
-class Guidance(Protocol):
+class Guidance(Contract, Protocol):
     """Plans a flight between two states of a plant, with the command that flies it.
 
     Where there is no such flight the method raises, a named error that says what cannot be met.
@@ -463,7 +464,7 @@ class Guidance(Protocol):
 
 
 @runtime_checkable
-class Compensator(Protocol):
+class Compensator(Contract, Protocol):
     """A run-time law that acts at samples: what it sees to what the actuator is told.
 
     Pure functions of arrays, lane by lane: the law keeps nothing between calls, its memory is the
@@ -496,7 +497,7 @@ class Compensator(Protocol):
 
 
 @runtime_checkable
-class SynthesisedLaw(Protocol):
+class SynthesisedLaw(Contract, Protocol):
     """A law, at samples or continuous, that may wait for the controller of an earlier stage."""
 
     @property
@@ -538,7 +539,7 @@ Scene: TypeAlias = Mapping[str, Array]
 
 
 @runtime_checkable
-class Sensor(Protocol):
+class Sensor(Contract, Protocol):
     """What is measured of a state, and with which errors.
 
     Pure functions on N lanes: states x (n, N), SI, positions first, at times t_s (N,), s. All
@@ -661,7 +662,7 @@ class Stage(Protocol):
 
 
 @runtime_checkable
-class CaseStage(Protocol):
+class CaseStage(Contract, Protocol):
     """A `Stage` that can be repeated over many cases, by ``monte_carlo`` and ``sweep``.
 
     Its cases are independent: what comes of one depends on nothing but its inputs, its noise and
@@ -765,7 +766,7 @@ class EstimationModel(Protocol):
 
 
 @runtime_checkable
-class LinearisedModel(EstimationModel, Protocol):
+class LinearisedModel(EstimationModel, Contract, Protocol):
     """An `EstimationModel` that knows its derivatives; else they are taken by differences."""
 
     def transition(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
@@ -778,7 +779,7 @@ class LinearisedModel(EstimationModel, Protocol):
 
 
 @runtime_checkable
-class ConsiderModel(EstimationModel, Protocol):
+class ConsiderModel(EstimationModel, Contract, Protocol):
     """An `EstimationModel` some of whose states are not estimated, only reckoned with."""
 
     @property
@@ -788,7 +789,7 @@ class ConsiderModel(EstimationModel, Protocol):
 
 
 @runtime_checkable
-class Estimator(Protocol):
+class Estimator(Contract, Protocol):
     """From measurements to a belief of the states, N independent cases at once.
 
     Pure functions of frozen beliefs; streaming is N = 1.

@@ -27,6 +27,7 @@ from hillsphere.executor_choice import ExecutorChoice, executor_of, executor_tab
 from hillsphere.mission import Mission
 from hillsphere.plugins import Registry, default_registry
 from hillsphere.presentation import Figure, Presentation, presentation_faults
+from hillsphere.product_codec import canonical
 from hillsphere.progress import Progress
 from hillsphere.run_record import RunRecord, StageRecord
 from hillsphere.run_result import RunResult
@@ -357,7 +358,8 @@ class _Run:
             raise StageError(
                 f"it must yield a {expected.__name__}, but yielded a {type(product).__name__}"
             )
-        return product
+        # Later stages go on with what a resumed run would load.
+        return canonical(product)
 
     def _keep(self, record: StageRecord, product: Any, context: StageContext) -> None:
         if self.cache is not None and record.key is not None:

@@ -19,19 +19,49 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hillsphere.atomic import replacing
 from hillsphere.errors import HillsphereError, InputError, StageError
 
-__all__ = ["load_product", "read_fault", "save_product"]
+__all__ = ["canonical", "load_product", "read_fault", "save_product"]
+
+T = TypeVar("T")
 
 FORMAT = 1
 HEADER = "__product__"
 _SPECIAL_FLOATS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+def canonical(product: T) -> T:
+    """Return a product as `load_product` would give it back, without a file.
+
+    NumPy adds in the order of memory, so that the last bits of a sum or of a matrix product depend
+    on whether an array is in C or in Fortran order, or a view of a larger one. Whatever goes on
+    with a product that may also be read from a file (a later stage, a search that may be resumed)
+    goes on with this form of it: then a run that was interrupted has the bits of one that was not.
+
+    Parameters
+    ----------
+    product : object
+        As for `save_product`; it is not changed.
+
+    Returns
+    -------
+    object
+        Equal to it, with every array in C order. An array that is so already may be shared.
+
+    Raises
+    ------
+    InputError
+        If it is no product; the field is named.
+    """
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    found: T = _decode(_encoded(product, arrays), arrays, type(product).__name__)
+    return found
 
 
 def save_product(path: str | Path, product: Any) -> None:
@@ -53,12 +83,7 @@ def save_product(path: str | Path, product: Any) -> None:
         If the file cannot be written.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    if not _is_product(product):
-        raise InputError(
-            f"a product must be a frozen dataclass, got {type(product).__name__}; "
-            "decorate its class with @dataclass(frozen=True)"
-        )
-    root = _encode(product, (), arrays)
+    root = _encoded(product, arrays)
     # allow_nan is off on purpose: a special float that slipped through would not be JSON.
     text = json.dumps({"format": FORMAT, "root": root}, allow_nan=False)
     header = np.frombuffer(text.encode("ascii"), dtype=np.uint8)
@@ -163,7 +188,7 @@ def _members(path: Path) -> tuple[str, dict[str, np.ndarray[Any, Any]]]:
             # A whole member is read at once: only then does zipfile check its CRC.
             data = BytesIO(archive.read(member))
             array = np.lib.format.read_array(data, allow_pickle=False)
-            arrays[member.filename.removesuffix(".npy")] = array
+            arrays[member.filename.removesuffix(".npy")] = np.asarray(array, order="C")
     if HEADER not in arrays:
         raise InputError(f"{path.name}: not a product file (it has no entry {HEADER})")
     return arrays.pop(HEADER).tobytes().decode("ascii"), arrays
@@ -181,6 +206,16 @@ def _stored_fields(cls: type) -> Iterator[str]:
     return (field.name for field in fields(cls) if field.init)
 
 
+def _encoded(product: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+    """Return a product as plain values; its arrays are put into `arrays`, in C order."""
+    if not _is_product(product):
+        raise InputError(
+            f"a product must be a frozen dataclass, got {type(product).__name__}; "
+            "decorate its class with @dataclass(frozen=True)"
+        )
+    return _encode(product, (), arrays)
+
+
 def _encode(
     value: Any, where: tuple[str, ...], arrays: dict[str, np.ndarray[Any, Any]]
 ) -> dict[str, Any] | str | int | float | bool | None:
@@ -195,7 +230,9 @@ def _encode(
         items = [_encode(item, (*where, str(i)), arrays) for i, item in enumerate(value)]
         return {"tuple": items}
     if type(value) is np.ndarray or isinstance(value, np.generic):
-        array = np.asarray(value)
+        # One order in memory and in the file: see `canonical`. (Not `ascontiguousarray`, which
+        # gives an array without axes one.)
+        array = np.asarray(value, order="C")
         if array.dtype.hasobject:
             raise InputError(f"{'.'.join(where)}: an array of Python objects cannot be stored")
         key = ".".join(where)

@@ -19,6 +19,7 @@ from hillsphere.campaign.block_outcome import BlockOutcome, failed_rows, joined
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import CaseStage, Integers
+from hillsphere.product_codec import canonical
 from hillsphere.uncertainty.matching import matched
 
 __all__ = ["BlockOutcome", "compute", "only"]
@@ -82,7 +83,8 @@ def compute(
         _check(stage, results, len(batch.numbers))
         kept = results.histories if history else _of_bands(stage, results.histories, bands)
         rows.append(_rows(results, lanes, batch.numbers[lanes], kept, history))
-    return replace(joined(rows), seconds=perf_counter() - begin)
+    # In the order of memory that a checkpoint gives back, whoever computed it.
+    return replace(canonical(joined(rows)), seconds=perf_counter() - begin)
 
 
 def _check_inputs(stage: CaseStage, batch: CaseBatch) -> None:

@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.interfaces import Array, ArraySurface, Plant, Surface
 
 __all__ = ["Surroundings"]
@@ -16,7 +17,7 @@ _MESH = 121
 
 
 @runtime_checkable
-class _AboutBody(Protocol):
+class _AboutBody(Contract, Protocol):
     """A plant about a body that stands still in its frame."""
 
     body_name: str
@@ -38,21 +39,21 @@ class _AboutBody(Protocol):
 
 
 @runtime_checkable
-class _AboutPrimary(Protocol):
+class _AboutPrimary(Contract, Protocol):
     """A plant about a moon, whose primary is far."""
 
     primary_distance_m: float
 
 
 @runtime_checkable
-class _TruePrimary(Protocol):
+class _TruePrimary(Contract, Protocol):
     """A plant that has the primary at its true distance, not in Hill's approximation."""
 
     primary_gm_m3_s2: float
 
 
 @runtime_checkable
-class _Shaped(Protocol):
+class _Shaped(Contract, Protocol):
     """A plant about a body whose surface may be more than semi-axes."""
 
     @property
@@ -62,7 +63,7 @@ class _Shaped(Protocol):
 
 
 @runtime_checkable
-class _Radial(Protocol):
+class _Radial(Contract, Protocol):
     """A shape that is known along rays from the centre."""
 
     def radius_array(self, directions: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.interfaces import Array
 from hillsphere.shapes.mesh import Mesh
 from hillsphere.shapes.sphere import icosphere
@@ -14,7 +15,7 @@ __all__ = ["Radial", "triangulated"]
 
 
 @runtime_checkable
-class Radial(Protocol):
+class Radial(Contract, Protocol):
     """A shape that tells how far out its surface lies along a ray from the centre."""
 
     def radius_array(self, directions: Array) -> Array:

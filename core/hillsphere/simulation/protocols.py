@@ -12,6 +12,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers, Variable
 from hillsphere.symbolic import Expr
@@ -77,7 +78,7 @@ class CommandSteps:
 
 
 @runtime_checkable
-class Reference(Protocol):
+class Reference(Contract, Protocol):
     """What the law should see, and what it is told to do besides."""
 
     def at(self, k: int, t_s: Array, y: Array, cases: Integers) -> Array:
@@ -111,7 +112,7 @@ class Actuator(Protocol):
 
 
 @runtime_checkable
-class ContinuousLaw(Protocol):
+class ContinuousLaw(Contract, Protocol):
     """A law that acts between samples: its equations are compiled with those of the plant.
 
     Its states ẋ_c = f(x_c, y, r, t) join those of the plant, and its command u = g(x_c, y, r, t)
@@ -166,7 +167,7 @@ class ContinuousLaw(Protocol):
 
 
 @runtime_checkable
-class KnownPoles(Protocol):
+class KnownPoles(Contract, Protocol):
     """A `ContinuousLaw` that can say how short its sub-steps must be."""
 
     @property

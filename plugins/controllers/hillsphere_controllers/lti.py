@@ -10,6 +10,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Variable
 from hillsphere.lti import LtiSystem
@@ -25,7 +26,7 @@ __all__ = ["ContinuousLti", "LinearLaw", "Lti", "flown_controller", "lti"]
 
 
 @runtime_checkable
-class LinearLaw(Protocol):
+class LinearLaw(Contract, Protocol):
     """A law that can say what it makes of a controller at any period, for an analysis of it."""
 
     @property

@@ -8,6 +8,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, ExternalInputs, Plant, Variable
 from hillsphere.symbolic import Expr, Params, constant, exp, sum_of
@@ -17,7 +18,7 @@ __all__ = ["FormationPlant", "LyapunovFormation"]
 
 
 @runtime_checkable
-class FormationPlant(Plant, Protocol):
+class FormationPlant(Plant, Contract, Protocol):
     """A plant of one or more spacecraft: six states and three controls each, in turn."""
 
     @property

@@ -22,6 +22,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch, StepControl
@@ -38,7 +39,7 @@ _QUICK = 0.35  # part of the largest turn up to which the next step may be longe
 
 
 @runtime_checkable
-class LaneProblem(Problem, Protocol):
+class LaneProblem(Problem, Contract, Protocol):
     """Equations that are solved with other settings in every lane (sub-steps, parameters)."""
 
     def of(self, lanes: NDArray[np.intp]) -> Problem:

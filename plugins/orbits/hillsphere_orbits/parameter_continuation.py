@@ -23,6 +23,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.dynamics import ArrayFunction, StepMap, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
@@ -46,7 +47,7 @@ _ROUNDING = 1e-14  # times the largest element of the matrix: what no number of 
 
 
 @runtime_checkable
-class Conditions(Shooting, Protocol):
+class Conditions(Shooting, Contract, Protocol):
     """A shooting problem whose equations can be evaluated on another flow than its own."""
 
     def conditions(self, start: Array, end: Array, phi: Array, rate: Array) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array, Plant
@@ -32,7 +33,7 @@ without the mirror plane xy lifts every orbit by some metres, and twice that bou
 
 
 @runtime_checkable
-class LockedMoon(Protocol):
+class LockedMoon(Contract, Protocol):
     """What a plant may tell of the moon that stands still in its frame."""
 
     body_name: str
@@ -60,14 +61,14 @@ class LockedMoon(Protocol):
 
 
 @runtime_checkable
-class TruePrimary(Protocol):
+class TruePrimary(Contract, Protocol):
     """A plant that has the primary at its true distance, not in Hill's approximation."""
 
     primary_gm_m3_s2: float
 
 
 @runtime_checkable
-class ArrayConserved(Protocol):
+class ArrayConserved(Contract, Protocol):
     """A plant whose integral of motion is a function of arrays, not an expression."""
 
     def integral_array(self, x: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.bodies import Moon
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.shapes.ellipsoid import EllipsoidShape
@@ -20,7 +21,7 @@ _STEP = 1e-5
 
 
 @runtime_checkable
-class _Radial(Protocol):
+class _Radial(Contract, Protocol):
     def radius_array(self, directions: Array) -> Array:
         """Return the distances (N,), m, of the surface along directions (3, N)."""
         ...

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.contracts import Contract
 from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.earth.rotation import InertialFrame, to_earth_fixed
 from hillsphere.errors import PropagationError
@@ -46,7 +47,7 @@ class Orbit(Protocol):
 
 
 @runtime_checkable
-class LimitedOrbit(Protocol):
+class LimitedOrbit(Contract, Protocol):
     """An orbit that does not last: a satellite decays, a flight ends."""
 
     def exists(self, t_s: Array) -> NDArray[np.bool_]:

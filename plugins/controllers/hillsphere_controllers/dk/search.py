@@ -11,6 +11,7 @@ import numpy as np
 from hillsphere.errors import HillsphereError, InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere.product_codec import canonical
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.dk.absorption import absorbed, factors
@@ -120,14 +121,18 @@ class Search:
 
     def restore(self, state: State) -> None:
         """Go on from a state that was kept, as if the search had never ended."""
-        loop = lower_lft(self.plant, state.controller)
-        self.best = Point(state.controller, loop, state.multipliers, state.peak)
-        self._omega, self._done = state.omega_rad_s, state.done
-        self._is_joint, self._is_raised, self._reason = state.joint, state.raised, state.reason
+        self._go_on_from(state)
+        self._done, self._is_joint, self._is_raised = state.done, state.joint, state.raised
+        self._reason = state.reason
         for step in state.steps:
             self.steps.append(step)
             if self._progress is not None:
                 self._progress(step)
+
+    def _go_on_from(self, state: State) -> None:
+        loop = lower_lft(self.plant, state.controller)
+        self.best = Point(state.controller, loop, state.multipliers, state.peak)
+        self._omega = state.omega_rad_s
 
     def begin(self, controller: LtiSystem | None) -> None:
         """Take a first controller, or make it with the best constant scalings."""
@@ -189,12 +194,14 @@ class Search:
         """Keep the state after a step, and tell of the step."""
         best = self.best
         if self._keep is not None and best is not None:
-            self._keep(
+            state = canonical(
                 State(
                     self._key, self._done, self._is_joint, self._is_raised, self._reason,
                     best.controller, best.multipliers, best.peak, self._omega, tuple(self.steps),
                 )
             )  # fmt: skip
+            self._keep(state)
+            self._go_on_from(state)
         if self._progress is not None:
             self._progress(self.steps[-1])
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.errors import InputError, StageError
-from hillsphere.product_codec import load_product, save_product
+from hillsphere.product_codec import canonical, load_product, save_product
 from hillsphere_controllers.structured.search import Found, Start
 
 __all__ = ["KeptSearches"]
@@ -53,21 +53,28 @@ class KeptSearches:
         self._note(f"{path.name} is of another search, which is done once more")
         return None
 
-    def keep(self, found: Found) -> None:
+    def keep(self, found: Found) -> Found:
         """Keep what a search found, unless it was stopped: then it is to be done once more.
+
+        Returns
+        -------
+        Found
+            What the file gives back.
 
         Raises
         ------
         StageError
             If the file cannot be written.
         """
+        found = canonical(found)
         if found.interrupted:
-            return
+            return found
         path = self._path(found.start)
         try:
             save_product(path, found)
         except OSError as error:
             raise _unusable(path, error) from error
+        return found
 
     def _path(self, start: Start) -> Path:
         return self._directory / f"search-{start.number:05d}.npz"

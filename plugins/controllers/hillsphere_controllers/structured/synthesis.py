@@ -339,8 +339,7 @@ class _Run:
                 yield known
         with Workers(self._ctx, _Searches(self._problem, self._going_on)) as workers:
             for one in workers.ended(left):
-                self._kept.keep(one)
-                yield one
+                yield self._kept.keep(one)
 
     def _ended(self, found: Found) -> None:
         self._done += 1

@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.ephemeris import Ephemeris
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant, Scene, Sensor
@@ -19,7 +20,7 @@ __all__ = ["HeliocentricPlant", "ScenicPlant", "Sky", "aims", "proximity_scene",
 
 
 @runtime_checkable
-class ScenicPlant(Protocol):
+class ScenicPlant(Contract, Protocol):
     """A plant that can say where the Sun stands and how the body is turned.
 
     Its Spec lists in ``gives`` what sensors find in its scene, by name: only then is a mission
@@ -32,7 +33,7 @@ class ScenicPlant(Protocol):
 
 
 @runtime_checkable
-class HeliocentricPlant(Protocol):
+class HeliocentricPlant(Contract, Protocol):
     """A plant whose frame moves about the Sun."""
 
     @property

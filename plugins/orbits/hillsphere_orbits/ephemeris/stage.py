@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from hillsphere.bodies import Moon
+from hillsphere.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
 from hillsphere.formats.oem import OemSegment, write_oem
@@ -62,7 +63,7 @@ class Ephemerides:
 
 
 @runtime_checkable
-class AboutMoon(Protocol):
+class AboutMoon(Contract, Protocol):
     """A plant in the rotating frame of a moon."""
 
     @property

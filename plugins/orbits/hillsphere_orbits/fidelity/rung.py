@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.survey import LockedMoon
@@ -17,7 +18,7 @@ STATES = ("x", "y", "z", "vx", "vy", "vz")
 
 
 @runtime_checkable
-class Clocked(Protocol):
+class Clocked(Contract, Protocol):
     """A plant whose moon moves on its ellipse: the true anomaly is its seventh state."""
 
     def in_hill_frame(self, x: Array) -> Array:

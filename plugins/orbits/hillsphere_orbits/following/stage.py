@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
@@ -28,7 +29,7 @@ _TAYLOR = "re-propagated by Taylor series, independent of the step map that foun
 
 
 @runtime_checkable
-class Followed(Protocol):
+class Followed(Contract, Protocol):
     """A family that knows where it begins and how it is followed."""
 
     @property
