@@ -26,7 +26,7 @@ STOPPING = tuple(
 )
 
 
-GRACE_S = 3.5
+GRACE_S = 2.5
 """Time that a command has to end by itself after a signal. What sends one, such as a batch system,
 often kills after 5 or 10 s: then nobody would end the workers, nor say how to go on."""
 
