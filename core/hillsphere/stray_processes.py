@@ -19,7 +19,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import Any, NoReturn
 
-__all__ = ["STRAY_CODE", "install"]
+__all__ = ["STRAY_CODE", "end_child_of", "install"]
 
 STRAY_CODE = 70
 """Exit code of a process that was ended: EX_SOFTWARE of sysexits.h, an error in a program."""
@@ -45,6 +45,9 @@ _ended: tuple[int, int] | None = None
 _known: tuple[int, int] | None = None
 """The same in a child: its parent's pipe."""
 
+_mark: tuple[tuple[str, int], FrameType] | None = None
+"""In a child: where it was forked, and the frame to which it must not come back."""
+
 _unreaped: list[int] = []
 _is_first = True
 
@@ -53,6 +56,20 @@ def install() -> None:
     """Watch the forks of this process from now on."""
     if hasattr(os, "register_at_fork"):  # Windows has no fork
         os.register_at_fork(before=_before, after_in_child=_after_in_child)
+
+
+def end_child_of(process: int) -> None:
+    """End this process if a plugin has forked it from that one.
+
+    For what a stage calls in a loop of its own, where its children never come back to a caller.
+
+    Parameters
+    ----------
+    process : int
+        Number of the process to which an object belongs, such as the context of a stage.
+    """
+    if _mark is not None and os.getpid() != process:
+        _end(*_mark)
 
 
 def _before() -> None:
@@ -89,7 +106,7 @@ def _reap(descriptor: int) -> None:
 
 def _after_in_child() -> None:
     """End this process when it comes back to the frame of the framework that called the plugin."""
-    global _ended, _known
+    global _ended, _known, _mark
     forking = sys._getframe(1)
     home = _home(forking)
     if home is None:
@@ -97,6 +114,7 @@ def _after_in_child() -> None:
     _known, _ended = _ended, None
     _unreaped.clear()
     site = _site(forking)
+    _mark = site, home
 
     def trace(frame: FrameType, event: str, argument: Any) -> None:
         # The second: compiled code of the framework's, such as map(), calls the plugin once more.

@@ -42,7 +42,8 @@ def serve(request: dict[str, Any]) -> dict[str, Any] | None:
     request : mapping
         ``arguments``; ``directory``, where it runs; ``log``, the file of what it writes;
         ``seconds``, after which it is sent ``signal``; ``memory`` and ``files``, limits in bytes
-        of its address space and of each file; ``draws``, whether figures are drawn; ``environment``.
+        of its address space and of each file; ``processes``, a limit of their number; ``draws``,
+        whether figures are drawn; ``environment``, variables.
 
     Returns
     -------
@@ -89,10 +90,38 @@ def _become(request: dict[str, Any]) -> None:
         if name in request:
             resource.setrlimit(limit, (request[name], request[name]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if "processes" in request:
+        _limit_processes(request["processes"])
     if not request.get("draws", True):
         # Drawing takes most of the time of a short run.
         vars(hillsphere.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
     sys.argv = ["hillsphere", *request["arguments"]]
+
+
+def _limit_processes(most: int) -> None:
+    """Let this process and what it starts be no more than so many at a time.
+
+    The system's limit per user does not hold for root, who gets a control group instead.
+    """
+    if os.geteuid() != 0:
+        own = sum(place.stat().st_uid == os.geteuid() for place in Path("/proc").glob("[0-9]*"))
+        resource.setrlimit(resource.RLIMIT_NPROC, (own + most, own + most))
+        return
+    group = control_group()
+    assert group is not None
+    (group / "pids.max").write_text(str(most))
+    (group / "cgroup.procs").write_text(str(os.getpid()))
+
+
+def control_group() -> Path | None:
+    """Return a control group that limits processes, made for this program; None if none can be."""
+    for root in ("/sys/fs/cgroup/pids", "/sys/fs/cgroup"):
+        place = Path(root, "hillsphere-tests")
+        with suppress(OSError):
+            place.mkdir(exist_ok=True)
+            if (place / "pids.max").exists():
+                return place
+    return None
 
 
 def _orphans() -> list[str]:
