@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, NoReturn
 
-__all__ = ["GRACE_S", "STOPPING", "child_groups", "end_in_time", "interrupt", "remedy",
+__all__ = ["GRACE_S", "STOPPING", "child_groups", "end_in_time", "ignore", "interrupt", "remedy",
            "stop_signals"]  # fmt: skip
 
 STOPPING = tuple(
@@ -45,6 +45,10 @@ _remedies: list[str] = []
 def interrupt(number: int, frame: FrameType | None) -> NoReturn:
     """Handle a signal: raise a `KeyboardInterrupt` that names it."""
     raise KeyboardInterrupt(f"interrupted by {signal.Signals(number).name}")
+
+
+def ignore(number: int, frame: FrameType | None) -> None:
+    """Handle a signal by nothing: the process is about to exit, and `end_in_time` sees to it."""
 
 
 @contextmanager
@@ -147,8 +151,7 @@ def _end_late(reading: int) -> None:
 def _is_ours(number: int) -> bool:
     """Whether a signal interrupts what this process does, or has begun to."""
     handler = signal.getsignal(number)
-    # Once a command was interrupted it ignores further signals.
-    usual = (interrupt, signal.default_int_handler, signal.SIG_IGN)
+    usual = (interrupt, ignore, signal.default_int_handler)
     return handler in usual or handler in _handlers
 
 
@@ -161,7 +164,7 @@ def _leave_to_parent() -> None:
         return
     child_groups.clear()
     for number in STOPPING:
-        if _is_ours(number) and signal.getsignal(number) is not signal.SIG_IGN:
+        if _is_ours(number):
             usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
             signal.signal(number, usual)
 

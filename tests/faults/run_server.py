@@ -72,7 +72,7 @@ def serve(request: dict[str, Any]) -> dict[str, Any] | None:
     found["code"] = os.waitstatus_to_exitcode(status)
     found["seconds"] = time.monotonic() - begin
     found["cpu_s"] = usage.ru_utime + usage.ru_stime
-    found["lost"] = _orphans()
+    found["lost"] = _orphans(pid)
     return found
 
 
@@ -124,7 +124,7 @@ def control_group() -> Path | None:
     return None
 
 
-def _orphans() -> list[str]:
+def _orphans(group: int) -> list[str]:
     """Wait for what is left of a run; return the command lines of what had to be killed."""
     until = time.monotonic() + ORPHANS_S
     while time.monotonic() < until:
@@ -135,6 +135,8 @@ def _orphans() -> list[str]:
             return []
     lost = []
     while children := _children():
+        with suppress(ProcessLookupError):  # at once, as they may go on to fork
+            os.killpg(group, signal.SIGKILL)
         for child in children:
             with suppress(OSError):
                 lost.append(Path(f"/proc/{child}/cmdline").read_text("utf-8").replace("\0", " "))

@@ -25,7 +25,7 @@ from typing import NoReturn
 
 from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
 from hillsphere.errors import HillsphereError, InputError, Interrupted, PluginError
-from hillsphere.signals import STOPPING, end_in_time, interrupt
+from hillsphere.signals import STOPPING, end_in_time, ignore, interrupt
 
 __all__ = ["ExitCode", "main", "run", "say"]
 
@@ -167,7 +167,8 @@ def _ignore_signals() -> None:
     while True:
         try:
             for number in STOPPING:
-                signal.signal(number, signal.SIG_IGN)
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    signal.signal(number, ignore)
         except KeyboardInterrupt:
             continue  # one more that had already arrived
         return
