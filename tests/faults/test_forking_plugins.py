@@ -86,7 +86,7 @@ def test_children_end_when_they_come_back(
     told = [line for line in said if "has forked came back into" in line]
     if where != "thread":  # whose child has no code of the framework to come back to
         assert len(told) >= 1
-        assert "forking_plugin.py:" in told[0]
+        assert "unruly_plugin.py:" in told[0]
     # One message for each process and place that forks, and one result.
     assert len(told) <= 1 + workers
     assert sum(line == "forks: success" for line in said) == 1
@@ -99,7 +99,7 @@ def test_a_plugin_that_forks_when_it_is_imported(
     path = os.pathsep.join(map(str, [*PLUGINS, *filter(None, sys.path)]))
     done = subprocess.run(
         [sys.executable, "-m", "hillsphere", "run", "forks.toml", "--workers", "0", "--out", "out"],
-        env={**os.environ, "PYTHONPATH": path, "FORKING_PLUGIN": "import"}, cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path, "UNRULY_PLUGIN": "import"}, cwd=tmp_path,
         capture_output=True, text=True, check=False, timeout=60, process_group=0,
     )  # fmt: skip
     assert done.returncode == 0

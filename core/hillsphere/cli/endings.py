@@ -15,6 +15,7 @@ code   meaning
 
 from __future__ import annotations
 
+import atexit
 import errno
 import os
 import signal
@@ -49,6 +50,7 @@ def main() -> NoReturn:
     """Run the command line of this process and exit."""
     _take_signals()
     end_in_time()
+    atexit.register(_ignore_for_good)
     code: int = ExitCode.INTERRUPTED
     try:
         fault = _environment_fault()
@@ -172,6 +174,12 @@ def _ignore_signals() -> None:
         except KeyboardInterrupt:
             continue  # one more that had already arrived
         return
+
+
+def _ignore_for_good() -> None:
+    """Ignore signals while the interpreter shuts down, which gives functions' signals back."""
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _code_of(leaving: SystemExit) -> int:

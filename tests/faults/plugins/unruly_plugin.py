@@ -1,4 +1,4 @@
-"""A plugin for tests: it forks, and lets both processes return to the framework."""
+"""A plugin for tests: it forks and lets both processes return, or compiles without end."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numpy as np
 from hillsphere.campaign.cases import CaseBatch, CaseResults
 from hillsphere.campaign.specs import MonteCarloSpec
 from hillsphere.campaign.stages import MonteCarlo
+from hillsphere.campaign.tasks import Job
 from hillsphere.interfaces import Context, Parameter
 from hillsphere.plugins import Component, hookimpl
 from hillsphere.presentation import Metric, Presentation
@@ -26,14 +27,14 @@ from hillsphere.workers import Workers
 
 PIECES = 40
 
-if os.environ.get("FORKING_PLUGIN") == "import":
+if os.environ.get("UNRULY_PLUGIN") == "import":
     os.fork()
 
 
 class ForkingSpec(StageSpec):
     """Where it forks."""
 
-    produces: ClassVar[str] = "forking_plugin:Number"
+    produces: ClassVar[str] = "unruly_plugin:Number"
     examples = ({},)
 
     where: Literal[
@@ -152,6 +153,60 @@ class Forking:
         )  # fmt: skip
 
 
+class CompilingSpec(StageSpec):
+    """Where it compiles."""
+
+    produces: ClassVar[str] = "unruly_plugin:Number"
+    examples = ({},)
+
+    elsewhere: bool = option("whether it compiles in a worker", default=False)
+
+
+class Compiling:
+    """Compiles something that takes minutes."""
+
+    def __init__(self, spec: CompilingSpec) -> None:
+        self.elsewhere = spec.elsewhere
+
+    def run(self, ctx: Context) -> Number:
+        """Compile."""
+        ctx.info("compiling")
+        if self.elsewhere:
+            with ctx.executor.crew(_Compiling()) as crew:
+                crew.submit(Job(0))
+                crew.outcome()
+        else:
+            _compile_without_end()
+        return Number(0.0)
+
+    def present(self, product: Number) -> Presentation:
+        """Show nothing."""
+        return Presentation()
+
+
+@dataclass(frozen=True)
+class _Compiling:
+    """Work that compiles, in a worker if there is one."""
+
+    def prepare(self) -> Callable[[Job], float]:
+        """Return a function that does not come to its end."""
+        return _compile_for
+
+
+def _compile_for(job: Job) -> float:
+    _compile_without_end()
+    return 0.0
+
+
+def _compile_without_end() -> None:
+    """Compile an integrator term by term, not in a loop: the compiler takes minutes."""
+    from hillsphere._heyoka import heyoka
+
+    x, y, u, v = heyoka.make_vars("x", "y", "u", "v")
+    force = sum(heyoka.sin(x * float(i) + y) / (1.0 + x * x + float(i)) for i in range(1, 60))
+    heyoka.taylor_adaptive([(x, u), (y, v), (u, force), (v, -force)], [1.0] * 4)
+
+
 class ManyForksSpec(MonteCarloSpec):
     """A Monte Carlo campaign."""
 
@@ -167,8 +222,9 @@ class ManyForks(MonteCarlo):
 @hookimpl
 def hillsphere_components() -> list[Component]:
     """Return the components."""
-    here = "forking_plugin"
+    here = "unruly_plugin"
     return [
         Component("stage", "forking", f"{here}:Forking", f"{here}:ForkingSpec", "forks"),
+        Component("stage", "compiling", f"{here}:Compiling", f"{here}:CompilingSpec", "compiles"),
         Component("stage", "many_forks", f"{here}:ManyForks", f"{here}:ManyForksSpec", "many"),
     ]
