@@ -74,6 +74,13 @@ class Assembly:
                 key = (kind, name, *_key_of_file(error, spec))
                 place = self.mission.places[key]
                 raise InputError(f"{place}: {format_key(key)}: {error}") from error
+            except ArithmeticError as error:
+                # Every number is within its bounds, but a product or a quotient of them is not.
+                raise InputError(
+                    f"{self.mission.places[kind, name]}: {format_key((kind, name))}: it cannot be "
+                    f"computed from these numbers ({type(error).__name__}: {error}); one of them, "
+                    "or of the tables that it refers to, is far too large or too small"
+                ) from error
         return self._made[kind, name]
 
 
