@@ -175,7 +175,8 @@ def finish(runs: Runs, place: Path, undisturbed: Undisturbed) -> str:
     if found["code"] == 2:
         # It ended before it had written down what it is; nothing was computed by then.
         assert not list(place.rglob("*.npz"))
-        assert "manifest.json" in runs.said or "resume.json" in runs.said
+        reasons = ("manifest.json", "resume.json", "there is no such directory")
+        assert any(reason in runs.said for reason in reasons)
         how, place = "begun anew", runs.place()
         found = runs.begin(place, 0)
     assert found["code"] == 0, runs.said
@@ -255,14 +256,15 @@ def kill_anywhere(runs: Runs, undisturbed: Undisturbed, kills: int) -> Counter[s
         found = runs.begin(
             place, chance.choice((0, 1, 2)), {"after_s": chance.uniform(0.02, longest_s)}
         )
-        what = "run"
+        what, resumes = "run", 0
         while found["code"] == KILLED:
             killed[what] += 1
-            # No manifest: there is nothing to resume yet.
-            if killed.total() == kills or not (place / "manifest.json").is_file():
+            # Without a manifest there is nothing to resume yet.
+            is_begun = (place / "manifest.json").is_file()
+            if killed.total() == kills or not is_begun or resumes == 2:
                 break
             check_files(place)
-            what, longest_s = "resume", 0.7 * longest_s
+            what, resumes = "resume", resumes + 1
             found = runs("resume", place, fault={"after_s": chance.uniform(0.02, longest_s)})
         assert found["code"] in (0, KILLED), runs.said
         if found["code"] == KILLED:
