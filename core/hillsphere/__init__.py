@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hillsphere import stray_processes
+
 if TYPE_CHECKING:
     from hillsphere.mission import load_mission
     from hillsphere.pipeline import resume_run, run_mission
@@ -23,6 +25,9 @@ _LAZY = {
     "resume_run": "hillsphere.pipeline",
     "run_mission": "hillsphere.pipeline",
 }
+
+
+stray_processes.install()
 
 
 def __getattr__(name: str) -> Any:

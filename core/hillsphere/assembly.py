@@ -75,6 +75,13 @@ class Assembly:
             except (HillsphereError, OSError) as error:
                 key = (kind, name, *_key_of_file(error, spec))
                 raise MissionError([placed(self.mission, key, str(error))]) from error
+            except ArithmeticError as error:
+                # Every number is within its bounds, but a product or a quotient of them is not.
+                text = (
+                    f"it cannot be computed from these numbers ({type(error).__name__}: {error}); "
+                    "one of them, or of the tables that it refers to, is far too large or too small"
+                )
+                raise MissionError([placed(self.mission, (kind, name), text)]) from error
             except Exception as error:  # the border of what a plugin's class may raise
                 record = self.mission.components[kind][name]
                 text = " ".join(f"{type(error).__name__}: {error}".split())

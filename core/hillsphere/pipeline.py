@@ -31,7 +31,7 @@ from hillsphere.product_codec import canonical
 from hillsphere.progress import Progress
 from hillsphere.run_record import RunRecord, StageRecord
 from hillsphere.run_result import RunResult
-from hillsphere.signals import stop_signals
+from hillsphere.signals import remedy, stop_signals
 from hillsphere.stage_cache import StageCache
 from hillsphere.stage_context import StageContext
 from hillsphere.store import RunDirectory, plain_json
@@ -194,6 +194,18 @@ class _Run:
 
     def run(self, directory: RunDirectory) -> RunResult:
         self.directory = directory
+        with remedy(self._how_to_go_on()):
+            return self._run()
+
+    def _how_to_go_on(self) -> str:
+        place = self.directory.path
+        return (
+            f"results so far are in {place}; continue with: hillsphere resume "
+            f"{shlex.quote(str(place))}"
+        )
+
+    def _run(self) -> RunResult:
+        directory = self.directory
         for plugin, reason in (self.registry.broken if self.registry else {}).items():
             directory.log(f"plugin {plugin} was set aside as broken: {reason}")
         directory.put_json(LOCAL, self.local)
@@ -211,9 +223,8 @@ class _Run:
             done = [s.name for s in self.record.stages.values() if s.state == "done"]
             kept = f"{stop.kept}; " if isinstance(stop, Interrupted) and stop.kept else ""
             raise Interrupted(
-                f"interrupted; finished stages: {', '.join(done) or 'none'}; {kept}results so far "
-                f"are in {directory.path}; continue with: hillsphere resume "
-                f"{shlex.quote(str(directory.path))}"
+                f"interrupted; finished stages: {', '.join(done) or 'none'}; {kept}"
+                f"{self._how_to_go_on()}"
             ) from None
         return RunResult(
             directory=directory.path,

@@ -1,16 +1,23 @@
-"""The signals that end a process, as one exception and one event; imports nothing heavy."""
+"""The signals that end a process, as one exception and one event; imports nothing heavy.
+
+Python handles a signal between two of its own instructions. Compiling the equations of a mission is
+one instruction that may take minutes: `end_in_time` ends a command that does not come to its end.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, NoReturn
 
-__all__ = ["STOPPING", "interrupt", "stop_signals"]
+__all__ = ["GRACE_S", "STOPPING", "child_groups", "end_in_time", "ignore", "interrupt", "remedy",
+           "stop_signals"]  # fmt: skip
 
 STOPPING = tuple(
     getattr(signal, name)
@@ -19,9 +26,29 @@ STOPPING = tuple(
 )
 
 
+GRACE_S = 2.5
+"""Time that a command has to end by itself after a signal. What sends one, such as a batch system,
+often kills after 5 or 10 s: then nobody would end the workers, nor say how to go on."""
+
+INTERRUPTED = 130
+"""Exit code, as `hillsphere.cli.endings` explains."""
+
+child_groups: set[int] = set()
+"""Process groups of workers: whoever starts one adds it, and takes it away once it has ended."""
+
+_handlers: set[Callable[..., Any]] = set()
+"""Handlers of `stop_signals` that are in place."""
+
+_remedies: list[str] = []
+
+
 def interrupt(number: int, frame: FrameType | None) -> NoReturn:
     """Handle a signal: raise a `KeyboardInterrupt` that names it."""
     raise KeyboardInterrupt(f"interrupted by {signal.Signals(number).name}")
+
+
+def ignore(number: int, frame: FrameType | None) -> None:
+    """Handle a signal by nothing: the process is about to exit, and `end_in_time` sees to it."""
 
 
 @contextmanager
@@ -59,6 +86,7 @@ def stop_signals(stopped: threading.Event) -> Iterator[None]:
             told(fault)
 
     taken: dict[int, Any] = {}
+    ours: list[Callable[..., Any]] = []
     sys.unraisablehook = tell
     try:
         for number in STOPPING:
@@ -68,9 +96,78 @@ def stop_signals(stopped: threading.Event) -> Iterator[None]:
                 usual = interrupt if handler is signal.SIG_DFL else handler
                 assert callable(usual)
                 taken[number] = handler
-                signal.signal(number, stopping(usual))
+                ours.append(stopping(usual))
+                _handlers.add(ours[-1])
+                signal.signal(number, ours[-1])
         yield
     finally:
         sys.unraisablehook = told
         for number, handler in taken.items():
             signal.signal(number, handler)
+        _handlers.difference_update(ours)
+
+
+@contextmanager
+def remedy(text: str) -> Iterator[None]:
+    """Say, if `end_in_time` ends the process within the block, what is kept and how to go on."""
+    _remedies.append(text)
+    try:
+        yield
+    finally:
+        _remedies.remove(text)
+
+
+def end_in_time() -> None:
+    """End this process `GRACE_S` after a signal of `STOPPING` if it has not ended by then.
+
+    For a command line, which nobody else's code shares. The workers of `child_groups` are killed.
+
+    Notes
+    -----
+    The system's part of the handler, which runs at once, writes the signal's number to a pipe; a
+    thread reads it. Compiling and propagating release the interpreter's lock, so that the thread
+    runs while the main thread is in them. Signals that are ignored, or that a plugin's command
+    handles by a function of its own, end nothing.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    threading.Thread(target=_end_late, args=(reading,), daemon=True).start()
+
+
+def _end_late(reading: int) -> None:
+    while not (numbers := [n for n in os.read(reading, 64) if n in STOPPING and _is_ours(n)]):
+        pass
+    time.sleep(GRACE_S)
+    for group in list(child_groups):
+        with suppress(OSError):
+            os.killpg(group, signal.SIGKILL)
+    parts = [f"interrupted by {signal.Signals(numbers[0]).name}", *_remedies[-1:]]
+    with suppress(OSError):
+        os.write(2, ("; ".join(parts) + "\n").encode("utf-8", "backslashreplace"))
+    os._exit(INTERRUPTED)
+
+
+def _is_ours(number: int) -> bool:
+    """Whether a signal interrupts what this process does, or has begun to."""
+    handler = signal.getsignal(number)
+    usual = (interrupt, ignore, signal.default_int_handler)
+    return handler in usual or handler in _handlers
+
+
+def _leave_to_parent() -> None:
+    """In a child that a plugin forks, take signals as usual: its parent's pipe is not told of them.
+
+    `multiprocessing` ends its children by SIGTERM, which must not end the run.
+    """
+    if signal.set_wakeup_fd(-1) == -1:
+        return
+    child_groups.clear()
+    for number in STOPPING:
+        if _is_ours(number):
+            usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+            signal.signal(number, usual)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_parent)

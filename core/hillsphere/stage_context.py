@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -14,6 +15,7 @@ from hillsphere.errors import Interrupted
 from hillsphere.progress import Progress
 from hillsphere.seeds import name_key
 from hillsphere.store import RunDirectory
+from hillsphere.stray_processes import end_child_of
 
 if TYPE_CHECKING:
     from hillsphere.campaign.tasks import Executor
@@ -59,6 +61,7 @@ class StageContext:
         self._stopped = stopped
         self._fingerprint = fingerprint
         self._executor = executor
+        self._process = os.getpid()
 
     @property
     def fingerprint(self) -> str:
@@ -72,6 +75,7 @@ class StageContext:
     @property
     def executor(self) -> Executor:
         """Where campaigns, and stages by `hillsphere.workers`, do what they divide."""
+        end_child_of(self._process)
         return self._executor
 
     def workspace(self) -> Path:
@@ -141,6 +145,7 @@ class StageContext:
         draw = self._progress.track(description, total, note)
 
         def advance(count: int) -> None:
+            end_child_of(self._process)
             if self._stopped.is_set():
                 raise Interrupted("the run was asked to stop")
             draw(count)

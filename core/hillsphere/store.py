@@ -19,6 +19,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import secrets
 import shutil
 import sys
@@ -27,7 +28,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, date, datetime
 from io import StringIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -44,6 +45,22 @@ if sys.platform != "win32":
 __all__ = ["RunDirectory", "csv_text", "plain_json"]
 
 T = TypeVar("T")
+
+_held: set[BinaryIO] = set()
+"""Files that hold the locks of this process's runs."""
+
+
+def _leave_locks_to_parent() -> None:
+    """In a forked child, close what holds a lock: else it lasts until the child has ended too.
+
+    Children of a plugin that outlive a killed run would keep it from being resumed.
+    """
+    while _held:
+        _held.pop().close()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_locks_to_parent)
 
 
 class RunDirectory:
@@ -149,7 +166,11 @@ class RunDirectory:
                 ) from None
             except OSError:  # no locks here, as on some network file systems
                 pass
-            yield
+            _held.add(log)
+            try:
+                yield
+            finally:
+                _held.discard(log)
 
     def workspace(self, stage: str) -> Path:
         """Return the directory ``work/<stage>``, made if it is not there.

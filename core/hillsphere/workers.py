@@ -8,6 +8,7 @@ number of workers, and for none.
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -22,6 +23,7 @@ from hillsphere.campaign.executors.worker import told
 from hillsphere.campaign.tasks import Crew, Failed, Finished, Job, Lost
 from hillsphere.errors import HillsphereError, StageError
 from hillsphere.interfaces import Context
+from hillsphere.stray_processes import end_child_of
 
 __all__ = ["Divisible", "Workers"]
 
@@ -78,6 +80,7 @@ class Workers(Generic[T, R]):
         self._alone = False
         self._do: Callable[[T], R] | None = None
         self._begun = 0
+        self._process = os.getpid()
 
     def __enter__(self) -> Workers[T, R]:
         return self
@@ -116,6 +119,7 @@ class Workers(Generic[T, R]):
                 if error is not None:
                     raise error
                 yield value
+                end_child_of(self._process)
                 following += 1
 
     def ended(self, items: Sequence[T]) -> Generator[R, None, None]:
@@ -128,6 +132,7 @@ class Workers(Generic[T, R]):
             if error is not None:
                 raise error
             yield value
+            end_child_of(self._process)
 
     def _results(self, items: Sequence[T]) -> Iterator[tuple[int, _Result]]:
         """Yield number and result of every piece, as they end."""

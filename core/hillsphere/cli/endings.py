@@ -15,6 +15,7 @@ code   meaning
 
 from __future__ import annotations
 
+import atexit
 import errno
 import os
 import signal
@@ -25,7 +26,7 @@ from typing import NoReturn
 
 from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
 from hillsphere.errors import HillsphereError, InputError, Interrupted, PluginError
-from hillsphere.signals import STOPPING, interrupt
+from hillsphere.signals import STOPPING, end_in_time, ignore, interrupt
 
 __all__ = ["ExitCode", "main", "run", "say"]
 
@@ -48,6 +49,8 @@ class ExitCode(IntEnum):
 def main() -> NoReturn:
     """Run the command line of this process and exit."""
     _take_signals()
+    end_in_time()
+    atexit.register(_ignore_for_good)
     code: int = ExitCode.INTERRUPTED
     try:
         fault = _environment_fault()
@@ -166,10 +169,17 @@ def _ignore_signals() -> None:
     while True:
         try:
             for number in STOPPING:
-                signal.signal(number, signal.SIG_IGN)
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    signal.signal(number, ignore)
         except KeyboardInterrupt:
             continue  # one more that had already arrived
         return
+
+
+def _ignore_for_good() -> None:
+    """Ignore signals while the interpreter shuts down, which gives functions' signals back."""
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _code_of(leaving: SystemExit) -> int:

@@ -19,6 +19,9 @@ __all__ = [
     "TargetSpec",
 ]
 
+MOST_SAMPLES = 10_000_000
+"""Samples of a flight at most: histories of so many already fill gigabytes."""
+
 
 class ClosedLoopNeeds(Spec):
     """Products of earlier stages that ``closed_loop`` takes."""
@@ -268,7 +271,10 @@ class ClosedLoopSpec(StageSpec):
         gt=0,
     )
     samples: int | None = option(
-        "at how many samples the law acts, instead of a duration", default=None, ge=1, le=10_000_000
+        "at how many samples the law acts, instead of a duration",
+        default=None,
+        ge=1,
+        le=MOST_SAMPLES,
     )
     overtime_s: float = quantity(
         "time",

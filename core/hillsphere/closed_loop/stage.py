@@ -25,7 +25,7 @@ from hillsphere.closed_loop.parts import (
 )
 from hillsphere.closed_loop.presentation import present_flight
 from hillsphere.closed_loop.products import ClosedLoopFlight
-from hillsphere.closed_loop.specs import ClosedLoopSpec
+from hillsphere.closed_loop.specs import MOST_SAMPLES, ClosedLoopSpec
 from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.errors import InputError
 from hillsphere.interfaces import (
@@ -478,5 +478,11 @@ class ClosedLoopStage:
 
 
 def _periods(duration_s: float, period_s: float) -> int:
-    """Return how many whole periods, one at least, last so long."""
-    return max(1, ceil(duration_s / period_s * (1.0 - _ENDS)))
+    """Return how many whole periods, one at least, last so long; `InputError` if too many."""
+    periods = duration_s / period_s * (1.0 - _ENDS)
+    if not periods <= MOST_SAMPLES:
+        raise InputError(
+            f"a flight of {duration_s:.6g} s has {periods:.3g} periods of {period_s:.6g} s of its "
+            f"law; at most {MOST_SAMPLES} can be computed"
+        )
+    return max(1, ceil(periods))

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -112,6 +113,12 @@ class MoonCentred(ABC):
         self.moon: Moon = body
         self.body_name: str = body.name
         self.primary_distance_m: float = body.semi_major_axis_m
+        # Its square is divided by, and both underflow for a primary that attracts next to nothing.
+        if not 0.0 < mean_motion_rad_s * mean_motion_rad_s < inf:
+            raise InputError(
+                f"the mean motion of {body.name!r} is {mean_motion_rad_s:.3g} rad/s, with which "
+                "nothing can be computed; correct primary_gm or semi_major_axis of the body"
+            )
         self.mean_motion_rad_s = mean_motion_rad_s
         self.prime_meridian_rad = meridian_rad
         self.rotation = AxialRotation.by(meridian_rad)

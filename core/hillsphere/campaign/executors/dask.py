@@ -33,6 +33,7 @@ from hillsphere.campaign.executors.pool import ONE_THREAD
 from hillsphere.campaign.tasks import Job, Lost, Outcome, Work
 from hillsphere.errors import InputError, StageError
 from hillsphere.processors import processors
+from hillsphere.signals import child_groups
 
 if TYPE_CHECKING:
     from hillsphere.campaign.executors.specs import DaskSpec
@@ -331,11 +332,13 @@ class DaskCrew:
             self._local = subprocess.Popen(
                 command, env=environment, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True
             )
+            child_groups.add(self._local.pid)
             try:
                 yield address
             finally:
                 os.killpg(self._local.pid, signal.SIGKILL)
                 self._local.wait()
+                child_groups.discard(self._local.pid)
 
 
 def _end(watching: concurrent.futures.Future[None]) -> None:

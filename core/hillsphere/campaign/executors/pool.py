@@ -28,6 +28,7 @@ from hillsphere.campaign.executors.worker import MOST_FAULTS
 from hillsphere.campaign.tasks import Failed, Finished, Job, Lost, Outcome, Work, unready
 from hillsphere.errors import StageError
 from hillsphere.processors import processors
+from hillsphere.signals import child_groups
 
 __all__ = ["Pool", "PoolCrew"]
 
@@ -128,7 +129,7 @@ class PoolCrew:
                     with suppress(OSError):
                         worker.channel.send(None)
                 else:
-                    worker.process.kill()
+                    _kill(worker.process)
             end = monotonic() + FAREWELL_S
             for worker in idle:
                 with suppress(subprocess.TimeoutExpired):
@@ -262,10 +263,21 @@ class PoolCrew:
             self._ended.append(Failed(under_way[0], error, detail))
 
     def _remove(self, worker: _Worker) -> None:
-        worker.process.kill()
+        _kill(worker.process)
         worker.process.wait()
+        child_groups.discard(worker.process.pid)
         worker.channel.close()
         self._workers.remove(worker)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a worker and all that plugins have started in it, which would outlive the run.
+
+    Processes that one has started stay in its group, whose number is not given to another process
+    while they live, also after the worker itself has ended.
+    """
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _started() -> _Worker:
@@ -294,6 +306,7 @@ def _started() -> _Worker:
         ) from error
     finally:
         os.close(descriptor)
+    child_groups.add(process.pid)
     return _Worker(process, Channel(ours))
 
 

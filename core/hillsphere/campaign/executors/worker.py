@@ -92,4 +92,6 @@ def _leave_with_parent(descriptor: int) -> None:
     hangup = select.poll()
     hangup.register(descriptor, 0)
     hangup.poll()
+    if os.getpgrp() == os.getpid():  # with all that plugins have started here
+        os.killpg(0, signal.SIGKILL)
     os._exit(1)
