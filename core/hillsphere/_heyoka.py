@@ -1,8 +1,9 @@
 """The one place where the compile layer is imported.
 
 heyoka turns expressions into machine code through LLVM. Its on-disk cache of compiled code lives
-in the framework's cache directory; heyoka reads the variable when it is imported, hence this
-module. Plugins import `hillsphere.symbolic` and `hillsphere.dynamics`, never this.
+in the framework's cache directory, or where HEYOKA_CACHE_DIR says. heyoka loads what it finds there
+whoever owns it, so that the directory is judged before heyoka is imported, which reads the variable
+then, in every process. Plugins import `hillsphere.symbolic` and `hillsphere.dynamics`, never this.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import os
 import tempfile
 from pathlib import Path
 
-from hillsphere.paths import cache_directory
+from hillsphere.paths import compiled_code_directory
 
-os.environ.setdefault("HEYOKA_CACHE_DIR", str(cache_directory() / "compiled"))
+os.environ["HEYOKA_CACHE_DIR"] = str(compiled_code_directory())
 
 import heyoka
 
@@ -44,4 +45,6 @@ heyoka.set_nthreads(1)
 
 # heyoka's logger writes to stdout, which belongs to the results; its errors are raised anyway.
 heyoka.set_logger_level_critical()
+# heyoka may have been imported before this module, and have read another variable then.
+heyoka.llvm_state.set_diskcache_path(os.environ["HEYOKA_CACHE_DIR"])
 _keep_compiled_code(Path(os.environ["HEYOKA_CACHE_DIR"]))

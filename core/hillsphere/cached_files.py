@@ -7,14 +7,21 @@ from hashlib import sha256
 from pathlib import Path
 
 from hillsphere.errors import InputError
+from hillsphere.regular_files import open_regular
 
 __all__ = ["drop_oldest", "file_digest", "tree_digest"]
 
 
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's content; `InputError` if it cannot be read."""
+def file_digest(path: Path, *, follow_links: bool = True) -> str:
+    """Return the SHA-256 of a regular file's content; `InputError` if it cannot be read.
+
+    Parameters
+    ----------
+    path, follow_links
+        As for `hillsphere.regular_files.open_regular`.
+    """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path, follow_links=follow_links) as stream:
             digest = sha256()
             while block := stream.read(1 << 20):
                 digest.update(block)
@@ -51,7 +58,7 @@ def drop_oldest(directory: Path, suffixes: Collection[str], max_bytes: int) -> N
         if path.suffix not in suffixes:
             continue
         try:
-            found = path.stat()
+            found = path.lstat()
         except FileNotFoundError:  # another process removed it
             continue
         entries.append((found.st_mtime, found.st_size, path))

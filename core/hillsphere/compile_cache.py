@@ -10,9 +10,9 @@ code as a fresh compilation gives, so results are the same bits.
 It goes along with the compile layer's own cache: in a directory beside it, off if that is off, and
 used with `--no-cache` too, which is about results.
 
-Entries are pickles, and unpickling runs what is in them. Only files are read that belong to this
-user and that nobody else may write to; whoever can make such a file can run anything as this user
-anyway.
+Entries are pickles, and unpickling runs what is in them. `hillsphere._heyoka` has judged the
+directory and all above it; of the files only those are read that belong to this user and that
+nobody else may write to. Whoever can make such a file can run anything as this user anyway.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from __future__ import annotations
 import json
 import os
 import pickle
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO
+from typing import Any
 
 from hillsphere._heyoka import heyoka as _hy
 from hillsphere.atomic import PART_SUFFIX, replacing
 from hillsphere.cached_files import drop_oldest, tree_digest
 from hillsphere.environment import package_versions
+from hillsphere.private_cache import is_private
+from hillsphere.regular_files import open_regular
 from hillsphere.symbolic import Expr, variable
 
 __all__ = ["kept_function"]
@@ -114,8 +115,8 @@ def _maker() -> str:
 def _load(path: Path, key: str) -> Any:
     """Return the function in a file, or None if there is none that can be trusted."""
     try:
-        with path.open("rb") as stream:
-            if not _is_own(stream):
+        with open_regular(path, MAX_BYTES, follow_links=False) as stream:
+            if not is_private(os.fstat(stream.fileno())):
                 return None
             digest, content = stream.read(_DIGEST_BYTES), stream.read()
         if digest != _digest(key, content):
@@ -131,9 +132,7 @@ def _load(path: Path, key: str) -> Any:
 def _save(path: Path, key: str, function: Any) -> None:
     content = pickle.dumps(function, _PROTOCOL)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with replacing(path) as stream:
-        if sys.platform != "win32":
-            os.fchmod(stream.fileno(), 0o600)  # whatever the umask, or it would not be read
+    with replacing(path, mode=0o600) as stream:  # whatever the umask, or it would not be read
         stream.write(_digest(key, content))
         stream.write(content)
     drop_oldest(path.parent, (_SUFFIX, PART_SUFFIX), MAX_BYTES)
@@ -142,11 +141,3 @@ def _save(path: Path, key: str, function: Any) -> None:
 def _digest(key: str, content: bytes) -> bytes:
     # With the key: an entry that was renamed is another function.
     return sha256(key.encode() + content).digest()
-
-
-def _is_own(stream: BinaryIO) -> bool:
-    """Whether a file belongs to this user and nobody else may write to it."""
-    if sys.platform == "win32":  # the cache is in the user's own profile
-        return True
-    found = os.fstat(stream.fileno())
-    return found.st_uid == os.geteuid() and not found.st_mode & 0o022

@@ -2,64 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from hillsphere.errors import InputError
 from hillsphere.mission import Mission, load_mission
-from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registry
 from hillsphere.product_codec import load_product, read_fault
+from hillsphere.resume_choices import ResumeChoices, choose, read_local
 from hillsphere.run_differences import differences
-from hillsphere.run_record import SCHEMA, RunRecord
+from hillsphere.run_manifest import MANIFEST, parse_time, read_manifest
+from hillsphere.run_record import RunRecord
 from hillsphere.stage_cache import file_digest
 from hillsphere.store import RunDirectory, plain_json
 
-__all__ = ["LOCAL", "EarlierRun", "local_facts"]
-
-LOCAL = "resume.json"
-"""File of what belongs to this machine: it makes ``resume`` work with no further argument."""
+__all__ = ["EarlierRun"]
 
 _LISTED = 20
-
-
-def local_facts(mission: Mission, *, cache: bool, executor: Any) -> dict[str, Any]:
-    """Return the content of `LOCAL`.
-
-    Parameters
-    ----------
-    mission : Mission
-        What is run.
-    cache : bool
-        Whether results of stages may come from the cache.
-    executor : mapping or None
-        Table of the executor; ``None`` for one that was made in Python.
-
-    Returns
-    -------
-    dict
-        Where the mission is, whether it reads files elsewhere, and the other arguments.
-    """
-    packaged = missions_directory().resolve()
-    is_packaged = mission.path.parent.resolve() == packaged and mission.path.suffix == ".toml"
-    roots = (mission.directory, packaged)
-    return {
-        "schema": SCHEMA,
-        "mission": mission.path.stem if is_packaged else str(mission.path),
-        "allow_path": any(
-            not any(Path(path).is_relative_to(root) for root in roots)
-            for specs in mission.specs.values()
-            for spec in specs.values()
-            for _, path in spec.data_paths()
-        ),
-        "cache": cache,
-        "executor": executor,
-    }
 
 
 @dataclass(frozen=True)
@@ -84,14 +46,15 @@ class EarlierRun:
         Raises
         ------
         InputError
-            If it is none, or holds what this version cannot read.
+            If it is none, or holds what this version cannot read, or links, FIFOs or devices, which
+            a run does not make and through which another place would be read or written.
         """
         place = Path(path)
         try:
             if not place.is_dir():
                 missing = "it is a file" if place.exists() else "there is no such directory"
-            elif not (place / "manifest.json").is_file():
-                missing = "it holds no manifest.json"
+            elif not (place / MANIFEST).exists():
+                missing = f"it holds no {MANIFEST}"
                 if (place / "log.txt").is_file():
                     missing += "; the run ended before it kept anything"
             else:
@@ -100,39 +63,62 @@ class EarlierRun:
             missing = str(error)
         if missing:
             raise InputError(f"{str(path)!r} is no run directory: {missing}")
-        keys = ("mission", "stages", "versions", "platform")
-        return cls(RunDirectory(place), _table(place / "manifest.json", keys))
+        directory = RunDirectory(place)
+        directory.refuse_links()
+        return cls(directory, read_manifest(place))
 
     @cached_property
     def local(self) -> Mapping[str, Any]:
-        """Content of ``resume.json``."""
-        return _table(self.directory.path / LOCAL, ("mission", "allow_path"))
+        """Content of ``resume.json``, of which `choices` says what may be taken."""
+        return read_local(self.directory.path)
 
     @property
     def state(self) -> str:
         """``"running"`` (or killed), ``"interrupted"``, ``"failed"`` or ``"finished"``."""
         return str(self.manifest.get("state"))
 
-    def mission(self, registry: Registry | None) -> Mission:
+    def choices(
+        self, given: ResumeChoices, command: tuple[str, ...], *, needs_executor: bool = True
+    ) -> ResumeChoices:
+        """Return how the run is continued: see `hillsphere.resume_choices.choose`.
+
+        Parameters
+        ----------
+        given : ResumeChoices
+            What the caller says.
+        command : tuple of str
+            Words behind ``hillsphere``, the run directory left out: ``("resume",)``.
+        needs_executor : bool
+            Whether the command works with the executor of the run.
+        """
+        path = str(self.directory.path)
+        name = f"./{path}" if path.startswith("-") else path
+        words = ("hillsphere", command[0], name, *command[1:])
+        settings = self.manifest.get("sets", ())
+        return choose(self.local, given, words, settings, needs_executor=needs_executor)
+
+    def mission(self, registry: Registry | None, choices: ResumeChoices) -> Mission:
         """Load the mission as it is now, with the profile and settings of the run.
+
+        Parameters
+        ----------
+        registry : Registry, optional
+            Components to choose from.
+        choices : ResumeChoices
+            Of `choices`: which mission, and whether it may read files elsewhere.
 
         Raises
         ------
         InputError
             If its file is not there any more, or is not sound any more.
         """
-        name = str(self.local["mission"])
-        if Path(name).is_absolute() and not Path(name).is_file():
-            raise InputError(
-                f"mission file {name!r}, from which this run was started, is not there any more; "
-                f"put it back, or write where it is now into {self.directory.path / LOCAL}"
-            )
+        assert choices.mission is not None
         return load_mission(
-            name,
+            choices.mission,
             sets=tuple(self.manifest.get("sets", ())),
             profile=self.manifest.get("profile"),
             registry=registry,
-            allow_path=bool(self.local["allow_path"]),
+            allow_path=choices.allow_path,
         )
 
     def continue_in(self, record: RunRecord) -> None:
@@ -149,8 +135,8 @@ class EarlierRun:
             See `refuse_changes`.
         """
         self.refuse_changes(record)
-        record.resumed = [*map(_moment, self.manifest.get("resumed_utc", [])), record.started]
-        record.started = _moment(self.manifest.get("started_utc"))
+        record.resumed = [*map(parse_time, self.manifest.get("resumed_utc", [])), record.started]
+        record.started = parse_time(self.manifest.get("started_utc"))
         for stage in record.stages.values():
             entry = self.manifest["stages"].get(stage.name, {})
             if stage.key is not None and entry.get("product") and entry.get("key") == stage.key:
@@ -186,7 +172,7 @@ class EarlierRun:
                     *listed,
                 ]
             )
-            + f"\nundo that, or begin a new run: {self.manifest.get('command', 'hillsphere run')}"
+            + f"\nundo that, or begin a new run: {record.command()}"
         )
 
     def product(self, stage: str, expected: type) -> Any:
@@ -208,7 +194,7 @@ class EarlierRun:
         """
         path = self.directory.path / f"{stage}.npz"
         try:
-            digest = file_digest(path)
+            digest = file_digest(path, follow_links=False)
         except InputError as error:
             if isinstance(error.__cause__, OSError):
                 raise read_fault(path, error.__cause__) from error
@@ -219,27 +205,3 @@ class EarlierRun:
         if not isinstance(product, expected):
             raise InputError(f"{path.name}: holds a {type(product).__name__}")
         return product
-
-
-def _table(path: Path, keys: tuple[str, ...]) -> Mapping[str, Any]:
-    """Read a JSON file that must hold a table with these keys."""
-    try:
-        found = json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise InputError(f"{path}: is damaged: {error}") from error
-    if not isinstance(found, dict) or not all(key in found for key in keys):
-        raise InputError(f"{path}: is not the file that a run writes")
-    if found.get("schema") != SCHEMA:
-        raise InputError(
-            f"{path}: written in format {found.get('schema')!r}; this version reads {SCHEMA}"
-        )
-    return found
-
-
-def _moment(text: object) -> datetime:
-    try:
-        return datetime.strptime(str(text), "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
-    except ValueError as error:
-        raise InputError(f"manifest.json: {text!r} is no time") from error

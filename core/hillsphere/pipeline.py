@@ -8,8 +8,8 @@ is taken up again by `resume_run`: what it has stored is not computed twice.
 
 from __future__ import annotations
 
+import os
 import secrets
-import shlex
 import threading
 import traceback
 from collections.abc import Iterator, Mapping
@@ -20,15 +20,17 @@ from time import perf_counter
 from typing import Any
 
 from hillsphere.drawing import Drawing, draw
-from hillsphere.earlier_run import LOCAL, EarlierRun, local_facts
+from hillsphere.earlier_run import EarlierRun
 from hillsphere.errors import HillsphereError, InputError, Interrupted, StageError
 from hillsphere.executor_choice import ExecutorChoice, executor_of, executor_table
 from hillsphere.mission import Mission
 from hillsphere.mission_check import check_mission
+from hillsphere.paths import cache_directory
 from hillsphere.plugins import Registry, default_registry
 from hillsphere.presentation import Figure, Presentation, presentation_faults
 from hillsphere.product_codec import canonical
 from hillsphere.progress import Progress
+from hillsphere.resume_choices import LOCAL, ResumeChoices, local_facts, resume_command
 from hillsphere.run_record import RunRecord, StageRecord
 from hillsphere.run_result import RunResult
 from hillsphere.signals import remedy, stop_signals
@@ -107,6 +109,8 @@ def run_mission(
 def resume_run(
     run: str | Path,
     *,
+    mission: str | os.PathLike[str] | None = None,
+    allow_path: bool = False,
     executor: ExecutorChoice | None = None,
     progress: Progress | None = None,
     registry: Registry | None = None,
@@ -119,9 +123,15 @@ def resume_run(
     Parameters
     ----------
     run : str or Path
-        Its run directory.
+        Its run directory. It is data: what it names beyond a packaged mission and an executor of
+        this machine must be given.
+    mission : str or path, optional
+        The mission of the run, needed if it is not a packaged one.
+    allow_path : bool
+        Accept input files outside the directory of the mission and the packaged data.
     executor : str, mapping or Executor, optional
-        As for `run_mission`; by default as in the earlier run.
+        As for `run_mission`; by default as in the earlier run, if that was ``"serial"`` or
+        ``"pool"``.
     progress, registry : optional
         As for `run_mission`.
 
@@ -133,20 +143,23 @@ def resume_run(
     Raises
     ------
     InputError
-        If the directory is none of a run, another process is still writing to it, or anything that
-        the results depend on has changed: the mission, its inputs, the code, the versions of the
-        numerical packages, the processor's features. The message shows every difference.
+        If something must be given that the run directory names, with the command line that does
+        so; if the directory is none of a run, another process is still writing to it, or anything
+        that the results depend on has changed: the mission, its inputs, the code, the versions of
+        the numerical packages, the processor's features. The message shows every difference.
     PluginError, StageError, Interrupted
         As `run_mission`.
     """
-    EarlierRun.open(run)
+    given = ResumeChoices(mission, allow_path, executor)
+    EarlierRun.open(run).choices(given, ("resume",))
     with _attended(progress) as (bars, stopped), RunDirectory(Path(run)).locked():
         try:
             earlier = EarlierRun.open(run)  # as it is now that nobody else writes to it
-            mission = earlier.mission(registry)
-            executor = executor or earlier.local.get("executor") or "serial"
-            use_cache = bool(earlier.local.get("cache", True))
-            again = _Run(mission, bars, stopped, use_cache, executor, registry, earlier)
+            choices = earlier.choices(given, ("resume",))
+            loaded = earlier.mission(registry, choices)
+            executor = choices.executor or "serial"
+            use_cache = earlier.local.get("cache", True)
+            again = _Run(loaded, bars, stopped, use_cache, executor, registry, earlier)
         except KeyboardInterrupt:
             raise Interrupted("interrupted before any stage ran") from None
         earlier.directory.clear_parts()
@@ -182,10 +195,16 @@ class _Run:
         self.products: dict[str, Any] = {}
         # Stages whose products a repetition might not reproduce: nothing of them is for the cache.
         self.by_chance: set[str] = set()
+        # Stages with anything from the run directory that is resumed: others may have written it,
+        # and what the cache holds goes into other runs, which trust it.
+        self.from_directory: set[str] = set()
         self.specs = mission.specs["stage"]
         checked = check_mission(mission)
         self.order, self.classes, self.stages = checked.order, checked.classes, checked.stages
         self.executor = executor_of(executor, registry or default_registry())
+        # Judged here, before other processes begin, also if no results of stages are kept: what is
+        # wrong with the cache is said once.
+        cache_directory()
         self.cache = StageCache() if use_cache else None
         self.record = RunRecord.begun(mission)
         if earlier is not None:
@@ -199,10 +218,7 @@ class _Run:
 
     def _how_to_go_on(self) -> str:
         place = self.directory.path
-        return (
-            f"results so far are in {place}; continue with: hillsphere resume "
-            f"{shlex.quote(str(place))}"
-        )
+        return f"results so far are in {place}; continue with: {resume_command(place, self.local)}"
 
     def _run(self) -> RunResult:
         directory = self.directory
@@ -297,13 +313,21 @@ class _Run:
         self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
     ) -> Any:
         """Return the product of a stage, which is in the run directory then."""
-        settled = self.by_chance.isdisjoint(takes_from(self.specs[record.name]))
+        taken = takes_from(self.specs[record.name])
+        settled = self.by_chance.isdisjoint(taken)
+        if self.earlier is not None and (
+            record.product
+            or not self.from_directory.isdisjoint(taken)
+            or (self.directory.path / "work" / record.name).exists()
+        ):
+            self.from_directory.add(record.name)
         product = self._stored(record, context)
         if product is None:
             product = self._cached(record, context) if settled else None
             if product is None:
                 product = self._computed(record, inputs, context)
-                if settled and getattr(product, "reproducible", True):
+                kept = settled and record.name not in self.from_directory
+                if kept and getattr(product, "reproducible", True):
                     self._keep(record, product, context)
             record.product = self.directory.put_product(record.name, product)
             self._put_manifest("running")

@@ -12,6 +12,7 @@ import errno
 import importlib
 import json
 import math
+import os
 import re
 import struct
 import sys
@@ -20,7 +21,6 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +28,9 @@ import numpy as np
 
 from hillsphere.atomic import replacing
 from hillsphere.errors import HillsphereError, InputError, StageError
+from hillsphere.npz import read_arrays as read_members
+from hillsphere.private_cache import is_private
+from hillsphere.regular_files import open_regular
 
 __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_product"]
 
@@ -75,7 +78,7 @@ def canonical(product: T) -> T:
     return found
 
 
-def save_product(path: str | Path, product: Any) -> None:
+def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
     """Write a product to an ``.npz`` file.
 
     Parameters
@@ -85,6 +88,8 @@ def save_product(path: str | Path, product: Any) -> None:
     product : object
         A frozen dataclass of arrays (any dtype but object), numbers, strings, ``None``, tuples of
         these and further such dataclasses. Its class stands at the top level of a module.
+    own : bool
+        Let nobody else read or write it, whatever the umask.
 
     Raises
     ------
@@ -99,19 +104,22 @@ def save_product(path: str | Path, product: Any) -> None:
     text = json.dumps({"format": FORMAT, "root": root}, allow_nan=False)
     header = np.frombuffer(text.encode("ascii"), dtype=np.uint8)
     # Not numpy.savez: it takes member names as keyword arguments, where "file" is taken.
-    with replacing(Path(path)) as stream, zipfile.ZipFile(stream, "w") as archive:
+    mode = 0o600 if own else None
+    with replacing(Path(path), mode=mode) as stream, zipfile.ZipFile(stream, "w") as archive:
         for name, array in [(HEADER, header), *arrays.items()]:
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
 
 
-def load_product(path: str | Path) -> Any:
+def load_product(path: str | Path, *, own: bool = False) -> Any:
     """Read a product that `save_product` wrote.
 
     Parameters
     ----------
     path : str or Path
         The ``.npz`` file.
+    own : bool
+        Refuse a link, a file of another user, and one that others may write to.
 
     Returns
     -------
@@ -134,7 +142,7 @@ def load_product(path: str | Path) -> Any:
     """
     place = Path(path)
     try:
-        text, arrays = _members(place)
+        text, arrays = _members(place, own)
         head = json.loads(text)
         if head["format"] != FORMAT:
             raise InputError(
@@ -175,7 +183,8 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray[Any, Any]]:
     """
     place = Path(path)
     try:
-        return _arrays(place, compressed=True)
+        with open_regular(place) as stream:
+            return read_members(stream, compressed=True)
     except (OSError, MemoryError) as error:
         raise read_fault(place, error) from error
     except InputError:
@@ -218,29 +227,14 @@ def read_fault(path: Path, error: OSError | MemoryError) -> HillsphereError:
     )
 
 
-def _members(path: Path) -> tuple[str, dict[str, np.ndarray[Any, Any]]]:
-    arrays = _arrays(path, compressed=False)
+def _members(path: Path, own: bool) -> tuple[str, dict[str, np.ndarray[Any, Any]]]:
+    with open_regular(path, follow_links=not own) as stream:
+        if own and not is_private(os.fstat(stream.fileno())):
+            raise InputError(f"{path.name}: belongs to another user, or others may write to it")
+        arrays = read_members(stream, compressed=False)
     if HEADER not in arrays:
         raise InputError(f"{path.name}: not a product file (it has no entry {HEADER})")
     return arrays.pop(HEADER).tobytes().decode("ascii"), arrays
-
-
-def _arrays(path: Path, *, compressed: bool) -> dict[str, np.ndarray[Any, Any]]:
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    size = path.stat().st_size
-    with zipfile.ZipFile(path) as archive:
-        for member in archive.infolist():
-            stored = member.compress_type == zipfile.ZIP_STORED
-            if not (stored or compressed):
-                raise InputError(f"{path.name}: not a product file (its entries are compressed)")
-            # Before memory is asked for it: a lack of memory is no damage.
-            if member.file_size > (size if stored else _MOST_BYTES):
-                raise zipfile.BadZipFile(f"{member.filename} is too long")
-            # A whole member is read at once: only then does zipfile check its CRC.
-            data = BytesIO(archive.read(member))
-            array = np.lib.format.read_array(data, allow_pickle=False)
-            arrays[member.filename.removesuffix(".npy")] = np.asarray(array, order="C")
-    return arrays
 
 
 def _is_product(value: Any) -> bool:

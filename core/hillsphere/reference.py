@@ -20,6 +20,7 @@ from pathlib import Path
 
 from hillsphere.errors import InputError
 from hillsphere.presentation import Cell, Column, Printed
+from hillsphere.regular_files import read_bytes
 
 __all__ = ["PAPER_SUFFIX", "ReferenceTable", "beside", "difference_notes", "with_paper"]
 
@@ -72,14 +73,11 @@ class ReferenceTable:
         place = Path(path)
         try:
             # utf-8-sig: a spreadsheet puts a byte-order mark first.
-            with place.open(encoding="utf-8-sig", newline="") as stream:
-                text = stream.read(MAX_BYTES + 1)
+            text = read_bytes(place, MAX_BYTES).decode("utf-8-sig")
         except OSError as error:
             raise InputError(f"{place.name}: cannot be read: {error.strerror or error}") from error
         except UnicodeDecodeError as error:
             raise InputError(f"{place.name}: not UTF-8 text (byte {error.start})") from error
-        if len(text) > MAX_BYTES:
-            raise InputError(f"{place.name}: larger than {MAX_BYTES >> 20} MiB")
         about, lines = _head(text)
         if not about.get("source"):
             raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from hillsphere.history import history_csv, history_figure
 from hillsphere.mission import Mission
 from hillsphere.plugins import Registry
 from hillsphere.products import CaseTable
+from hillsphere.resume_choices import ResumeChoices
 from hillsphere.run_record import RunRecord
 from hillsphere.wiring import inputs_of, product_class, repeated_by, repeated_of, takes_from
 
@@ -81,6 +83,8 @@ def rerun_case(
     case: int,
     *,
     stage: str | None = None,
+    mission: str | os.PathLike[str] | None = None,
+    allow_path: bool = False,
     executor: Executor | None = None,
     registry: Registry | None = None,
 ) -> Rerun:
@@ -96,6 +100,10 @@ def rerun_case(
         Number of the case.
     stage : str, optional
         The campaign; needed if the mission has several.
+    mission : str or path, optional
+        The mission of the run, needed if it is not a packaged one.
+    allow_path : bool
+        Accept input files outside the directory of the mission and the packaged data.
     executor : Executor, optional
         Where it is computed; by default one process of its own, so that a case that kills its
         process does not kill this one.
@@ -110,21 +118,24 @@ def rerun_case(
     Raises
     ------
     InputError
-        If there is no such campaign or case, what the results depend on has changed since, or the
-        run is still going on.
+        If something must be given that the run directory names, with the command line that does
+        so; if there is no such campaign or case, what the results depend on has changed since, or
+        the run is still going on.
     StageError
         If the stage cannot be built in the worker, or the files cannot be written.
     """
-    EarlierRun.open(run)
+    given = ResumeChoices(mission, allow_path)
+    command = ("rerun", "--case", str(case), *(("--stage", stage) if stage else ()))
+    EarlierRun.open(run).choices(given, command, needs_executor=False)
     # Checkpoints of a campaign that goes on must not be touched by anybody else.
     with EarlierRun.open(run).directory.locked():
         earlier = EarlierRun.open(run)
-        mission = earlier.mission(registry)
-        record = RunRecord.begun(mission)
+        loaded = earlier.mission(registry, earlier.choices(given, command, needs_executor=False))
+        record = RunRecord.begun(loaded)
         earlier.refuse_changes(record)
-        name = one_campaign(campaigns(mission), stage, run)
-        spec = mission.specs["stage"][name]
-        plan, repeated_stage = _plan(earlier, mission, name)
+        name = one_campaign(campaigns(loaded), stage, run)
+        spec = loaded.specs["stage"][name]
+        plan, repeated_stage = _plan(earlier, loaded, name)
         if not 0 <= case < plan.cases:
             raise InputError(
                 f"campaign {name!r} has no case {case}: they are 0 to {plan.cases - 1}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -15,11 +14,12 @@ from hillsphere.mission import Mission
 from hillsphere.paths import missions_directory
 from hillsphere.presentation import Figure, Metric, Table
 from hillsphere.report import Report, Section, render
+from hillsphere.run_manifest import SCHEMA
+from hillsphere.shell_words import shell_line
 from hillsphere.stage_cache import StageKeys, file_digest
 
-__all__ = ["SCHEMA", "Failure", "RunRecord", "StageRecord"]
+__all__ = ["Failure", "RunRecord", "StageRecord"]
 
-SCHEMA = 1
 PLATFORM = ("system", "machine", "c_library", "cpu_features", "kernels")
 
 
@@ -200,7 +200,7 @@ class RunRecord:
             words += ["--profile", self.mission.profile]
         for setting in self.mission.sets:
             words += ["--set", setting]
-        return shlex.join(words)
+        return shell_line(words)
 
     def report(self, state: str) -> str:
         """Return the report, an HTML page."""

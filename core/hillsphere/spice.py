@@ -8,6 +8,9 @@ References
 
 from __future__ import annotations
 
+import importlib.util
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -18,6 +21,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.spice_kernel import checked_kernel
 from hillsphere.time import J2000, Epoch
 
 if TYPE_CHECKING:
@@ -75,7 +79,7 @@ class SpiceOrbit:
                 f"kernel {Path(self.kernel).name!r} does not cover {at} TDB for the body "
                 f"{self.target!r}; it covers {spans}"
             )
-        with self._loaded() as spice:
+        with self._loaded() as (spice, _):
             try:
                 found, _ = spice.spkezr(self.target, t, "ECLIPJ2000", "NONE", self.centre)
             except spice.utils.exceptions.SpiceyError as error:
@@ -88,22 +92,23 @@ class SpiceOrbit:
     @cached_property
     def _spans(self) -> list[tuple[float, float]]:
         """Return the intervals that the kernel holds, s after J2000 TDB."""
-        with self._loaded() as spice:
-            return self._coverage(spice, self._known(spice))
+        with self._loaded() as (spice, kernel):
+            return self._coverage(spice, kernel, self._known(spice))
 
     @contextmanager
-    def _loaded(self) -> Iterator[Any]:
+    def _loaded(self) -> Iterator[tuple[Any, str]]:
         spice = _spiceypy()
-        try:
-            spice.furnsh(self.kernel)
-        except spice.utils.exceptions.SpiceyError as error:
-            raise InputError(
-                f"{self.kernel!r} cannot be read as a SPICE kernel: {_first_line(error)}"
-            ) from None
-        try:
-            yield spice
-        finally:
-            spice.unload(self.kernel)
+        with checked_kernel(self.kernel) as kernel:
+            try:
+                spice.furnsh(kernel)
+            except spice.utils.exceptions.SpiceyError as error:
+                raise InputError(
+                    f"{self.kernel!r} cannot be read as a SPICE kernel: {_first_line(error)}"
+                ) from None
+            try:
+                yield spice, kernel
+            finally:
+                spice.unload(kernel)
 
     def _known(self, spice: Any) -> int:
         try:
@@ -113,12 +118,12 @@ class SpiceOrbit:
                 f"SPICE knows no body {self.target!r}; give its NAIF number, such as '20099942'"
             ) from None
 
-    def _coverage(self, spice: Any, number: int) -> list[tuple[float, float]]:
+    def _coverage(self, spice: Any, kernel: str, number: int) -> list[tuple[float, float]]:
         """Return the intervals that the kernel holds, s after J2000 TDB."""
         try:
-            window = spice.spkcov(self.kernel, number)
+            window = spice.spkcov(kernel, number)
             intervals = [spice.wnfetd(window, i) for i in range(spice.wncard(window))]
-            bodies = sorted(int(i) for i in spice.spkobj(self.kernel))
+            bodies = sorted(int(i) for i in spice.spkobj(kernel))
         except spice.utils.exceptions.SpiceyError as error:
             raise InputError(
                 f"{Path(self.kernel).name!r} is no SPK kernel: {_first_line(error)}"
@@ -133,6 +138,7 @@ class SpiceOrbit:
 
 def _spiceypy() -> Any:
     try:
+        _choose_library()
         import spiceypy
     except ImportError:
         raise InputError(
@@ -140,6 +146,29 @@ def _spiceypy() -> Any:
             "pip install 'hillsphere[spice]'"
         ) from None
     return spiceypy
+
+
+def _choose_library() -> None:
+    """Let spiceypy load the library that came with it, or that of the Python environment.
+
+    Left alone it looks for ``libcspice.so`` in the working directory first, which may be that of a
+    mission of somebody else's, and would run what it finds there.
+    """
+    if os.environ.get("CSPICE_SHARED_LIB") or "spiceypy" in sys.modules:
+        return
+    spec = importlib.util.find_spec("spiceypy")
+    if spec is None:
+        return  # the import says so
+    places = [Path(place) / "utils" for place in spec.submodule_search_locations or ()]
+    places += [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin"]  # as conda has it
+    names = ("libcspice.so", "libcspice.dylib", "libcspice.dll", "cspice.dll")
+    for path in (place / name for place in places for name in names):
+        if path.is_file():
+            os.environ["CSPICE_SHARED_LIB"] = str(path)
+            return
+    raise InputError(
+        "spiceypy has no CSPICE library beside it; set CSPICE_SHARED_LIB to the path of yours"
+    )
 
 
 def _first_line(error: Exception) -> str:

@@ -63,7 +63,8 @@ class StageCache:
         Raises
         ------
         InputError
-            If the entry is damaged or holds something else; it is removed.
+            If the entry is damaged, holds something else, or somebody else may have written it; it
+            is removed.
         StageError
             If it cannot be read just now; it stays.
         """
@@ -71,7 +72,7 @@ class StageCache:
         if not path.exists():
             return None
         try:
-            product = load_product(path)
+            product = load_product(path, own=True)
             if not isinstance(product, expected):
                 raise InputError(f"{path.name}: holds a {type(product).__name__}")
         except InputError:
@@ -89,8 +90,8 @@ class StageCache:
         OSError
             If it cannot be written.
         """
-        self.directory.mkdir(parents=True, exist_ok=True)
-        save_product(self._path(key), product)
+        self.directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        save_product(self._path(key), product, own=True)
         drop_oldest(self.directory, (".npz", PART_SUFFIX), self.max_bytes)
 
 

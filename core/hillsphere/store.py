@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import math
 import os
 import secrets
 import shutil
+import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -37,6 +39,7 @@ from hillsphere.drawing import Drawing
 from hillsphere.errors import InputError, StageError
 from hillsphere.presentation import Printed, Table
 from hillsphere.product_codec import save_product
+from hillsphere.regular_files import check_regular
 from hillsphere.stage_cache import file_digest
 
 if sys.platform != "win32":
@@ -98,7 +101,11 @@ class RunDirectory:
                 "exist"
             )
         if is_other and not is_directory:
-            raise InputError(f"output directory {str(out)!r} is a file; name a directory")
+            what = "is a link that leads nowhere"
+            with suppress(OSError):  # leads nowhere, or in a circle
+                mode = place.stat().st_mode
+                what = "is a file" if stat.S_ISREG(mode) else "is a device or a FIFO"
+            raise InputError(f"output directory {str(out)!r} {what}; name a directory")
 
     @classmethod
     def create(cls, out: str | Path | None, mission: str, started: datetime) -> RunDirectory:
@@ -137,6 +144,34 @@ class RunDirectory:
             raise _unusable(path, error) from error
         return cls(path)
 
+    def refuse_links(self) -> None:
+        """Refuse a directory with anything in it but regular files and directories.
+
+        A run makes nothing else. Through a link, files elsewhere would be read, written or removed;
+        a FIFO would be waited for.
+
+        Raises
+        ------
+        InputError
+            Naming the first such entry, or if the directory cannot be read.
+        """
+        waiting = [self.path]
+        try:
+            while waiting:
+                # What is not there any more was removed by a run that goes on.
+                with suppress(FileNotFoundError), os.scandir(waiting.pop()) as entries:
+                    for entry in entries:
+                        if entry.is_dir(follow_symlinks=False):
+                            waiting.append(Path(entry.path))
+                            continue
+                        with suppress(FileNotFoundError):
+                            check_regular(entry.stat(follow_symlinks=False), entry.path)
+        except OSError as error:
+            raise InputError(
+                f"run directory {str(self.path)!r} cannot be used: {error.filename}: "
+                f"{error.strerror}; remove it, if it is not yours"
+            ) from error
+
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other processes from writing to the same run, within the block.
@@ -152,7 +187,7 @@ class RunDirectory:
         file system without locks has none.
         """
         try:
-            log = (self.path / "log.txt").open("ab")
+            log = self._open_log()
         except OSError as error:
             raise _unusable(self.path, error) from error
         with log:
@@ -204,10 +239,29 @@ class RunDirectory:
         """Add a line to ``log.txt``."""
         data = (line.rstrip("\n") + "\n").encode("utf-8", "backslashreplace")
         try:
-            with (self.path / "log.txt").open("ab") as log:
+            with self._open_log() as log:
                 log.write(data)
         except OSError as error:
             raise self._full("log.txt", error) from error
+
+    def _open_log(self) -> BinaryIO:
+        """Open ``log.txt`` at its end: the only file that is written where it stands."""
+        path = self.path / "log.txt"
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_CLOEXEC", 0)
+        # Neither to another file through a link, nor waiting for the reader of a FIFO.
+        flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        descriptor = os.open(path, flags, 0o666)
+        try:
+            status = os.fstat(descriptor)
+            check_regular(status, str(path))
+            if status.st_nlink > 1:
+                raise OSError(
+                    errno.EMLINK, "log.txt is also another file (a hard link); make a copy of it"
+                )
+            return os.fdopen(descriptor, "ab")
+        except BaseException:
+            os.close(descriptor)
+            raise
 
     def put_product(self, name: str, product: Any) -> str:
         """Write a product, a stage's by its name, to ``<name>.npz``; return the file's SHA-256."""

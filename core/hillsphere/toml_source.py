@@ -6,9 +6,8 @@ parser is `tomllib`; it sees only what the scanner (`hillsphere.toml_scan`) let 
 
 from __future__ import annotations
 
-import os
+import errno
 import re
-import stat
 import tomllib
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.problems import Key, MissionError, Problem
+from hillsphere.regular_files import NotRegularError, read_bytes
 from hillsphere.toml_scan import MAX_DEPTH, Scan, Statement, scan
 
 __all__ = ["MAX_BYTES", "MAX_DEPTH", "Locations", "parse_toml", "read_toml"]
@@ -23,6 +23,7 @@ __all__ = ["MAX_BYTES", "MAX_DEPTH", "Locations", "parse_toml", "read_toml"]
 MAX_BYTES = 1 << 20
 """Largest accepted file."""
 
+_TOO_LARGE = "is larger than 1 MiB, the most that a mission file may have"
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 _POSITION = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
@@ -106,23 +107,19 @@ def parse_toml(data: bytes, source: str) -> tuple[dict[str, Any], Locations, str
 
 def _read(path: Path, source: str) -> bytes:
     try:
-        mode = os.stat(path).st_mode
-        if stat.S_ISDIR(mode):
-            raise _refused(source, "is a directory; give the mission file itself")
-        if not stat.S_ISREG(mode):
-            raise _refused(source, "is not a regular file")
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except MissionError:  # from above; it is a ValueError
-        raise
+        return read_bytes(path, MAX_BYTES)
+    except IsADirectoryError:
+        raise _refused(source, "is a directory; give the mission file itself") from None
+    except NotRegularError:
+        raise _refused(source, "is not a regular file") from None
     except FileNotFoundError:
         raise _refused(source, "no such file") from None
     except PermissionError:
         raise _refused(source, "permission denied; the file cannot be read") from None
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise _refused(source, f"cannot be read: {reason}") from None
-    return data
+    except OSError as error:
+        if error.errno == errno.EFBIG:
+            raise _refused(source, _TOO_LARGE) from None
+        raise _refused(source, f"cannot be read: {error.strerror}") from None
 
 
 def _refused(source: str, message: str, line: int | None = None) -> MissionError:
@@ -131,7 +128,7 @@ def _refused(source: str, message: str, line: int | None = None) -> MissionError
 
 def _decoded(data: bytes, source: str) -> str:
     if len(data) > MAX_BYTES:
-        raise _refused(source, "is larger than 1 MiB, the most that a mission file may have")
+        raise _refused(source, _TOO_LARGE)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise _refused(source, "is UTF-16 text; save it as UTF-8", 1)
     try:

@@ -47,6 +47,8 @@ repeat = "wave"
 dispersions = ["start"]
 cases = 130
 """
+AGAIN = ("--mission", "waves.toml")
+"""What a run of an own mission is resumed with: its directory is data, and does not choose."""
 SLOW = ("--set", "stage.wave.steps=3000", "--set", "stage.many.cases=2000", "--no-cache")
 """A campaign of 32 blocks that take some 20 ms each."""
 
@@ -144,7 +146,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Runner:
 def test_a_killed_run_is_resumed_to_the_same_bits(hillsphere: Runner, whole: Runner) -> None:
     process = hillsphere.start("run", "waves.toml", *SLOW, "--out", "out", "--workers", "2")
     hillsphere.until(process, lambda: hillsphere.kept("out") >= 3)
-    other = hillsphere("resume", "out")
+    other = hillsphere("resume", "out", *AGAIN)
     process.kill()
     process.communicate()
     assert (other.returncode, other.stdout) == (2, "")
@@ -154,7 +156,7 @@ def test_a_killed_run_is_resumed_to_the_same_bits(hillsphere: Runner, whole: Run
     assert hillsphere.kept("out") >= 3
     manifest = json.loads((hillsphere.directory / "out" / "manifest.json").read_text())
     assert manifest["state"] == "running"
-    done = hillsphere("resume", "out", "--workers", "0")
+    done = hillsphere("resume", "out", *AGAIN, "--workers", "0")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("waves: success\n")
     assert hillsphere.digest("out") == whole.digest("out")
@@ -185,7 +187,7 @@ def test_a_signal_keeps_every_finished_group(
     assert (process.returncode, stdout) == (130, "")
     assert stderr == (
         "interrupted; finished stages: wave; results so far are in out; continue with: "
-        "hillsphere resume out\n"
+        f"hillsphere resume out --mission {hillsphere.directory}/waves.toml\n"
     )
     kept = hillsphere.kept("out")
     assert kept >= 2
@@ -193,7 +195,7 @@ def test_a_signal_keeps_every_finished_group(
     (failure,) = json.loads((directory / "summary.json").read_text())["failures"]
     assert (failure["stage"], failure["state"]) == ("many", "interrupted")
     assert list((directory / "work" / "many").glob("*.part")) == []
-    done = hillsphere("resume", "out", "--workers", "0", "--json")
+    done = hillsphere("resume", "out", *AGAIN, "--workers", "0", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)["verdict"]["state"] == "success"
     assert hillsphere.digest("out") == whole.digest("out")
@@ -220,16 +222,16 @@ def test_a_changed_mission_is_refused(hillsphere: Runner) -> None:
     process.communicate()
     path = hillsphere.directory / "waves.toml"
     path.write_text(MISSION.replace("sigma = 0.2", "sigma = 0.3"), "utf-8")
-    for arguments in (["resume", "out"], ["rerun", "out", "--case", "1"]):
+    for arguments in (["resume", "out", *AGAIN], ["rerun", "out", *AGAIN, "--case", "1"]):
         done = hillsphere(*arguments)
         assert (done.returncode, done.stdout) == (2, "")
         assert done.stderr.splitlines()[1:-1] == ["  dispersions.start.sigma: 0.2 -> 0.3"]
     path.write_text(MISSION, "utf-8")
     # What was kept so far is compared with; the run is not finished.
-    done = hillsphere("rerun", "out", "--case", "5")
+    done = hillsphere("rerun", "out", *AGAIN, "--case", "5")
     assert done.returncode == 0, done.stderr
     assert "  the same as in the run, to the last bit\n" in done.stdout
-    done = hillsphere("rerun", "out", "--case", "1999")
+    done = hillsphere("rerun", "out", *AGAIN, "--case", "1999")
     assert "  the run has not computed this case\n" in done.stdout
     done = hillsphere("export", "out")
     assert done.returncode == 2
@@ -250,7 +252,7 @@ def test_bands_are_the_same_bits_killed_or_not_by_one_worker_or_two(hillsphere: 
     hillsphere.until(process, lambda: hillsphere.kept("out") >= 3)
     process.kill()
     process.communicate()
-    assert hillsphere("resume", "out", "--workers", "0").returncode == 0
+    assert hillsphere("resume", "out", *AGAIN, "--workers", "0").returncode == 0
     assert not (hillsphere.directory / "out" / "work").exists()
     done = hillsphere("run", "waves.toml", *BANDS, "--out", "one", "--workers", "1")
     assert (done.returncode, done.stderr) == (0, "")
@@ -270,7 +272,7 @@ def test_bands_are_the_same_bits_killed_or_not_by_one_worker_or_two(hillsphere: 
         rows = list(csv.DictReader(stream))
     medians = [float(row["seen.height p50 [m]"]) for row in rows]
     assert medians == bands.values[1, 1].tolist()
-    done = hillsphere("rerun", "out", "--case", "1017")
+    done = hillsphere("rerun", "out", *AGAIN, "--case", "1017")
     assert "  the same as in the run, to the last bit\n" in done.stdout
 
 
@@ -404,12 +406,12 @@ def test_what_cannot_be_repeated_is_told_before_anything_runs(
 
 def test_a_case_is_repeated_with_its_history(whole: Runner) -> None:
     table = load_product_of(whole, "many")
-    done = whole("rerun", "out", "--case", "1017")
+    done = whole("rerun", "out", *AGAIN, "--case", "1017")
     assert (done.returncode, done.stderr) == (0, "")
     head, *_ = lines = done.stdout.splitlines()
     assert head == "many: case 1017 of stage wave, draw 1017"
     assert lines[1:3] == ["  succeeded: completed", "  the same as in the run, to the last bit"]
-    shown = json.loads(whole("rerun", "out", "--case", "1017", "--json").stdout)
+    shown = json.loads(whole("rerun", "out", *AGAIN, "--case", "1017", "--json").stdout)
     assert shown["now"] == shown["then"]
     assert shown["differences"] == []
     folded = table.values[0, 1017]
@@ -429,7 +431,7 @@ def test_a_case_is_repeated_with_its_history(whole: Runner) -> None:
 
 
 def test_a_case_that_raised_shows_where(broken: Runner) -> None:
-    done = broken("rerun", "out", "--case", "3")
+    done = broken("rerun", "out", *AGAIN, "--case", "3")
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert lines[1:4] == [
@@ -444,7 +446,7 @@ def test_a_case_that_raised_shows_where(broken: Runner) -> None:
 
 
 def test_a_case_that_killed_its_worker_says_so_again(broken: Runner) -> None:
-    done = broken("rerun", "out", "--case", "65")
+    done = broken("rerun", "out", *AGAIN, "--case", "65")
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert lines[1] == "  failed: killed"
@@ -453,7 +455,7 @@ def test_a_case_that_killed_its_worker_says_so_again(broken: Runner) -> None:
 
 
 def test_the_neighbour_of_a_case_that_kills_is_repeated(broken: Runner) -> None:
-    done = broken("rerun", "out", "--case", "64", "--json")
+    done = broken("rerun", "out", *AGAIN, "--case", "64", "--json")
     shown = json.loads(done.stdout)
     assert shown["now"]["status"] == "completed"
     assert (done.returncode, shown["differences"]) == (0, [])
@@ -482,7 +484,7 @@ def test_a_case_that_is_not_the_same_is_told(
     whole: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WAVES_TIDE", "1e-15")
-    done = whole("rerun", "out", "--case", "7")
+    done = whole("rerun", "out", *AGAIN, "--case", "7")
     assert (done.returncode, done.stderr) == (1, "")
     lines = done.stdout.splitlines()
     assert lines[2] == "  NOT the same as in the run (then -> now):"
@@ -500,7 +502,7 @@ def test_a_case_that_is_not_the_same_is_told(
     ],
 )
 def test_cases_that_are_not_there(whole: Runner, options: list[str], message: str) -> None:
-    done = whole("rerun", "out", *options)
+    done = whole("rerun", "out", *AGAIN, *options)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(message)
 
@@ -541,6 +543,6 @@ def test_a_run_without_campaign_has_no_cases(hillsphere: Runner) -> None:
     path = hillsphere.directory / "waves.toml"
     path.write_text(MISSION[: MISSION.index("[stage.many]")], "utf-8")
     assert hillsphere("run", "waves.toml", "--out", "out").returncode == 0
-    for arguments in (["rerun", "out", "--case", "1"], ["export", "out"]):
+    for arguments in (["rerun", "out", *AGAIN, "--case", "1"], ["export", "out"]):
         done = hillsphere(*arguments)
         assert (done.returncode, done.stderr) == (2, "run 'out' has no campaign\n")

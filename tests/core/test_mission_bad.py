@@ -369,7 +369,7 @@ def test_unreadable_file(
     def refuse(*args: object, **options: object) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("builtins.open", refuse)
+    monkeypatch.setattr("os.open", refuse)
     _seen(_problems(path, toys), ((None, "", "permission denied"),))
 
 

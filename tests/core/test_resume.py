@@ -27,11 +27,13 @@ from hillsphere.pipeline import RunResult, resume_run, run_mission
 from hillsphere.plugins import Component, Registry, hookimpl
 from hillsphere.presentation import Metric, Presentation
 from hillsphere.product_codec import save_product
+from hillsphere.regular_files import open_regular
 from hillsphere.run_differences import differences
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option
 from hillsphere.store import RunDirectory
 
 HERE = __name__
+SMALL = "./small.toml"
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ def same(one: RunResult, two: RunResult) -> None:
 def test_an_interrupted_run_goes_on_where_it_was(registry: Registry) -> None:
     interrupted(registry)
     assert states() == {"one": "done", "two": "interrupted", "three": "not run"}
-    resumed = resume_run("out", registry=registry)
+    resumed = resume_run("out", mission=SMALL, registry=registry)
     assert Make.ran == [2, 3]
     assert resumed.ok
     assert states() == dict.fromkeys(("one", "two", "three"), "done")
@@ -188,7 +190,7 @@ def test_what_an_interruption_says(registry: Registry) -> None:
         run_mission(loaded, out="a run", use_cache=False)
     assert str(told.value) == (
         "interrupted; finished stages: one; results so far are in a run; continue with: "
-        "hillsphere resume 'a run'"
+        f"hillsphere resume 'a run' --mission {loaded.path}"
     )
     summary = json.loads(Path("a run/summary.json").read_text())
     assert [(f["stage"], f["state"]) for f in summary["failures"]] == [
@@ -201,9 +203,9 @@ def test_interrupted_again_and_again(registry: Registry) -> None:
     for act in (2, 3, 3):
         Make.acts = {act: interrupt}
         with pytest.raises(Interrupted, match="hillsphere resume out"):
-            resume_run("out", registry=registry)
+            resume_run("out", mission=SMALL, registry=registry)
     Make.acts.clear()
-    resumed = resume_run("out", registry=registry)
+    resumed = resume_run("out", mission=SMALL, registry=registry)
     assert Make.ran == [2, 2, 3, 3, 3]
     assert len(manifest()["resumed_utc"]) == 4
     same(resumed, run_mission(mission(registry), out="whole", use_cache=False))
@@ -213,9 +215,9 @@ def test_an_interruption_of_what_was_finished_loses_nothing(registry: Registry) 
     interrupted(registry)
     Make.shows[1] = interrupt
     with pytest.raises(Interrupted, match="finished stages: one;"):
-        resume_run("out", registry=registry)
+        resume_run("out", mission=SMALL, registry=registry)
     Make.shows.clear()
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == [2, 3]
 
 
@@ -224,7 +226,7 @@ def test_a_failed_stage_is_run_again(registry: Registry) -> None:
     assert run_mission(mission(registry), out="out", use_cache=False).state == "failed"
     Make.acts.clear()
     Make.ran.clear()
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == [2, 3]
 
 
@@ -234,7 +236,7 @@ def test_a_product_that_could_not_be_shown_is_not_computed_again(registry: Regis
     assert states()["two"] == "failed"
     Make.shows.clear()
     Make.ran.clear()
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == []
 
 
@@ -242,7 +244,7 @@ def test_a_finished_run_is_only_shown_again(registry: Registry) -> None:
     first = run_mission(mission(registry), out="out", use_cache=False)
     before = Path("out/summary.json").read_bytes()
     Make.ran.clear()
-    same(first, resume_run("out", registry=registry))
+    same(first, resume_run("out", mission=SMALL, registry=registry))
     assert Make.ran == []
     assert Path("out/summary.json").read_bytes() == before
 
@@ -258,7 +260,7 @@ def test_a_damaged_product_is_computed_again(registry: Registry, damage: str) ->
         save_product(path, Numbers(np.zeros(1)))
     else:
         path.unlink()
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == [1, 2, 3]
     assert path.read_bytes() == whole
     assert "its product is damaged and computed again" in Path("out/log.txt").read_text()
@@ -270,40 +272,40 @@ def test_a_product_that_cannot_be_read_just_now_stays(
 ) -> None:
     interrupted(registry)
     whole = Path("out/one.npz").read_bytes()
-    opened = Path.open
+    opened = open_regular
 
-    def failing(self: Path, *arguments: Any, **options: Any) -> Any:
-        if self.name == "one.npz":
+    def failing(path: Path, *arguments: Any, **options: Any) -> Any:
+        if path.name == "one.npz":
             raise OSError(errno.EIO, "Input/output error")
-        return opened(self, *arguments, **options)
+        return opened(path, *arguments, **options)
 
     def unread(self: zipfile.ZipFile, *arguments: Any) -> bytes:
         raise OSError(errno.EIO, "Input/output error")
 
     with monkeypatch.context() as patched:
         if where == "digest":
-            patched.setattr(Path, "open", failing)
+            patched.setattr("hillsphere.cached_files.open_regular", failing)
         else:
             patched.setattr(zipfile.ZipFile, "read", unread)
-        result = resume_run("out", registry=registry)
+        result = resume_run("out", mission=SMALL, registry=registry)
     assert not result.ok
     assert "one.npz: cannot be read: Input/output error" in Path("out/log.txt").read_text()
     assert Path("out/one.npz").read_bytes() == whole
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == [2, 3]
 
 
 def test_cache_profile_and_settings_are_as_they_were(registry: Registry, tmp_path: Path) -> None:
     text = CHAIN + "[profile.more]\nstage.three.count = 4\n"
     interrupted(registry, text=text, profile="more", sets=("stage.one.count=5",))
-    assert resume_run("out", registry=registry).product("three").values.shape == (4,)
+    assert resume_run("out", mission=SMALL, registry=registry).product("three").values.shape == (4,)
     assert Make.ran == [2, 4]
     assert not (tmp_path / "cache" / "stages").exists()
 
 
 def test_only_what_is_local_names_this_machine(registry: Registry, tmp_path: Path) -> None:
     interrupted(registry)
-    resume_run("out", registry=registry)
+    resume_run("out", mission=SMALL, registry=registry)
     for path in Path("out").iterdir():
         named = str(tmp_path).encode() in path.read_bytes()
         assert named == (path.name == "resume.json"), path
@@ -328,7 +330,9 @@ def test_files_elsewhere_may_be_read_again(registry: Registry, tmp_path: Path) -
         run_mission(load_mission(place, registry=registry, allow_path=True), out="out")
     Make.acts.clear()
     assert json.loads(Path("out/resume.json").read_text())["allow_path"] is True
-    assert resume_run("out", registry=registry).ok
+    with pytest.raises(InputError, match=r"hillsphere resume out --mission \S+ --allow-path$"):
+        resume_run("out", mission=place, registry=registry)
+    assert resume_run("out", mission=place, allow_path=True, registry=registry).ok
 
 
 # --- what has changed
@@ -338,7 +342,7 @@ def refused(registry: Registry, *lines: str) -> None:
     """Check that the run is not continued, and the lines that say why."""
     before = {path: path.read_bytes() for path in Path("out").iterdir() if path.is_file()}
     with pytest.raises(InputError) as told:
-        resume_run("out", registry=registry)
+        resume_run("out", mission=SMALL, registry=registry)
     first, *found, last = str(told.value).splitlines()
     assert first == (
         "run 'out' cannot be continued: what its results depend on has changed (then -> now):"
@@ -375,7 +379,7 @@ def test_a_changed_title_is_none_of_the_results(registry: Registry) -> None:
     interrupted(registry)
     head = HEAD.replace('"Small"', '"Still small"') + 'description = "More words."\n'
     Path("small.toml").write_text(head.replace('"small"', '"other"') + CHAIN)
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert Make.ran == [2, 3]
 
 
@@ -530,7 +534,7 @@ def test_damaged_records_are_told(
     else:
         path.write_text(text)
     with pytest.raises(InputError, match=re.escape(message)):
-        resume_run("out", registry=registry)
+        resume_run("out", mission=SMALL, registry=registry)
 
 
 def test_a_mission_that_was_moved(registry: Registry, tmp_path: Path) -> None:
@@ -538,28 +542,22 @@ def test_a_mission_that_was_moved(registry: Registry, tmp_path: Path) -> None:
     (tmp_path / "moved").mkdir()
     new = Path("small.toml").rename(tmp_path / "moved" / "small.toml")
     Path("table.txt").rename(tmp_path / "moved" / "table.txt")
-    with pytest.raises(
-        InputError,
-        match=rf"^mission file '{tmp_path}/small\.toml', from which this run was started, is not "
-        r"there any more; put it back, or write where it is now into out/resume\.json$",
-    ):
-        resume_run("out", registry=registry)
-    local = json.loads(Path("out/resume.json").read_text())
-    Path("out/resume.json").write_text(json.dumps({**local, "mission": str(new)}))
-    assert resume_run("out", registry=registry).ok
+    with pytest.raises(InputError, match=r"^\./small\.toml: no such file"):
+        resume_run("out", mission=SMALL, registry=registry)
+    assert resume_run("out", mission=new, registry=registry).ok
 
 
 def test_a_mission_that_is_not_sound_any_more(registry: Registry) -> None:
     interrupted(registry)
     Path("small.toml").write_text(HEAD + CHAIN + "counts = 3\n")
     with pytest.raises(InputError, match=r"small\.toml:19: stage\.three\.counts: "):
-        resume_run("out", registry=registry)
+        resume_run("out", mission=SMALL, registry=registry)
 
 
 def test_a_run_that_moved_is_resumed_where_it_is(registry: Registry) -> None:
     interrupted(registry)
     Path("out").rename("new")
-    assert resume_run("new", registry=registry).directory == Path("new")
+    assert resume_run("new", mission=SMALL, registry=registry).directory == Path("new")
 
 
 def test_a_run_that_goes_on_is_left_alone(registry: Registry) -> None:
@@ -576,11 +574,11 @@ def test_a_run_that_goes_on_is_left_alone(registry: Registry) -> None:
         assert other.stdout is not None
         assert other.stdout.readline() == "locked\n"
         with pytest.raises(InputError, match="run 'out' is still going on in another process"):
-            resume_run("out", registry=registry)
+            resume_run("out", mission=SMALL, registry=registry)
         other.kill()
         other.wait()
         # The lock went with the process.
-        assert resume_run("out", registry=registry).ok
+        assert resume_run("out", mission=SMALL, registry=registry).ok
 
 
 def test_a_running_run_holds_the_lock(registry: Registry) -> None:
@@ -588,7 +586,7 @@ def test_a_running_run_holds_the_lock(registry: Registry) -> None:
 
     def look(ctx: Context) -> None:
         with pytest.raises(InputError, match="still going on") as error:
-            resume_run("out", registry=registry)
+            resume_run("out", mission=SMALL, registry=registry)
         told.append(error)
 
     Make.acts[2] = look
@@ -616,7 +614,7 @@ def test_a_workspace_lasts_until_the_product_is_stored(registry: Registry) -> No
         run_mission(loaded, out="out", use_cache=False)
     assert Path("out/work/two/part.txt").is_file()
     with pytest.raises(Interrupted):
-        resume_run("out", registry=registry)
+        resume_run("out", mission=SMALL, registry=registry)
     assert left == ["part 0"]
 
     def shown() -> None:
@@ -624,7 +622,7 @@ def test_a_workspace_lasts_until_the_product_is_stored(registry: Registry) -> No
         assert manifest()["stages"]["two"]["product"]
 
     Make.shows[2] = shown
-    assert resume_run("out", registry=registry).ok
+    assert resume_run("out", mission=SMALL, registry=registry).ok
     assert left == ["part 0", "part 1"]
     assert not Path("out/work").exists()
 
@@ -688,7 +686,7 @@ def test_a_resumed_run_has_the_executor_that_it_had(registry: Registry) -> None:
         run_mission(loaded, out="out", executor={"type": "pool", "workers": 3})
     for choice in (None, {"type": "pool", "workers": 2}, None, Serial(SerialSpec()), None):
         with pytest.raises(Interrupted):
-            resume_run("out", executor=choice, registry=registry)
+            resume_run("out", mission=SMALL, executor=choice, registry=registry)
     workers = [getattr(executor.spec, "workers", "serial") for executor in seen]
     assert workers == [3, 3, 2, 2, "serial", "serial"]
 

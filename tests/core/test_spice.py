@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import struct
+import subprocess
 import sys
 from pathlib import Path
 
@@ -84,3 +88,97 @@ def test_without_spiceypy(kernel: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setitem(sys.modules, "spiceypy", None)
     with pytest.raises(InputError, match=r"pip install 'hillsphere\[spice\]'"):
         create("body", "spice", kernel=str(kernel), target=str(BODY)).states(np.zeros(1))
+
+
+def refused(path: Path, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        create("body", "spice", kernel=str(path), target=str(BODY)).states(np.zeros(1))
+
+
+def test_a_text_kernel_does_not_choose_what_is_read(kernel: Path, tmp_path: Path) -> None:
+    """A meta-kernel named further files, and SPICE read them wherever they were."""
+    meta = tmp_path / "body.bsp"
+    meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( '{kernel}' )\n", "utf-8")
+    refused(meta, r"'body\.bsp' is no binary SPK kernel: it begins with b'KPL/MK")
+
+
+@pytest.mark.parametrize("word", [b"DAF/PCK ", b"DAF/CK  ", b"DAS/DSK ", b"DAFETF N", b""])
+def test_only_what_is_needed_is_let_through(kernel: Path, tmp_path: Path, word: bytes) -> None:
+    other = tmp_path / "other.bsp"
+    other.write_bytes(word + kernel.read_bytes()[8:] if word else b"")
+    refused(other, "is no binary SPK kernel")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
+def test_a_fifo_or_a_device_is_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.bsp")
+    refused(tmp_path / "pipe.bsp", "cannot be read as a SPICE kernel: it is a FIFO")
+    (tmp_path / "zero.bsp").symlink_to("/dev/zero")
+    refused(tmp_path / "zero.bsp", "cannot be read as a SPICE kernel: it is a device")
+
+
+@pytest.mark.parametrize(
+    ("at", "form", "value", "message"),
+    [
+        # The file record's pointer to the first summary record stands in its bytes 76 to 79; a
+        # summary record begins with the next one's number, the former's, and how many it holds.
+        (76, "<i", 0x7FFFFFFF, "said to be number 2147483647"),
+        (None, "<d", None, "form a circle"),
+        (16, "<d", 1e9, r"claims 1e\+09 summaries"),
+        (24 + 36, "<i", 0x7FFFFFFF, "has an array from"),
+    ],
+)
+def test_records_that_would_lead_spice_astray(
+    kernel: Path, tmp_path: Path, at: int | None, form: str, value: float | None, message: str
+) -> None:
+    """A record that is its own successor is followed without end."""
+    content = bytearray(kernel.read_bytes())
+    (record,) = struct.unpack_from("<i", content, 76)
+    begin = (record - 1) * 1024
+    place = at if at == 76 else begin + (at or 0)
+    struct.pack_into(form, content, place, record if value is None else value)
+    path = tmp_path / "astray.bsp"
+    path.write_bytes(content)
+    refused(path, message)
+
+
+PROGRAM = """
+import os, sys
+seen = []
+sys.addaudithook(lambda event, given: seen.append((event, given)))
+from hillsphere.spice import _spiceypy
+_spiceypy()
+here = os.getcwd()
+print([str(given[0]) for event, given in seen if event == "ctypes.dlopen" and given[0]
+       and os.path.realpath(str(given[0])).startswith(here)])
+print(sum(event == "subprocess.Popen" for event, given in seen))
+"""
+
+
+def test_no_library_is_taken_from_the_working_directory(tmp_path: Path) -> None:
+    """Spiceypy asks the linker for libcspice.so, with the working directory before the others."""
+    spice = pytest.importorskip("spiceypy")
+    library = Path(spice.__file__).parent / "utils" / "libcspice.so"
+    if not library.is_file():
+        pytest.skip("spiceypy has its library elsewhere")
+    shutil.copy(library, tmp_path)
+    kept = {k: v for k, v in os.environ.items() if k != "CSPICE_SHARED_LIB"}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", PROGRAM], cwd=tmp_path, env=kept, capture_output=True,
+        text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["[]", "0"]
+
+
+def test_a_kernel_of_before_1993_is_read(kernel: Path, tmp_path: Path) -> None:
+    """As DE421 is: it begins with NAIF/DAF, and does not say how its numbers are written."""
+    content = bytearray(kernel.read_bytes())
+    content[:8] = b"NAIF/DAF"
+    path = tmp_path / "old.bsp"
+    path.write_bytes(content)
+    body = create("body", "spice", kernel=str(path), target=str(BODY))
+    assert isinstance(body, Ephemeris)
+    np.testing.assert_allclose(
+        body.states(np.zeros(1), J2000)[:3], orbit().states(np.zeros(1), J2000)[:3], atol=1e-2
+    )

@@ -33,7 +33,7 @@ def export_csv(table: CaseTable, path: str | Path) -> None:
     table : CaseTable
         The cases.
     path : str or Path
-        Where; the file appears complete or not at all.
+        Where; the file appears complete or not at all. A link is followed.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def export_csv(table: CaseTable, path: str | Path) -> None:
     apart by ``"input "``, ``"metric "`` before it.
     """
     said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
-    with replacing(Path(path)) as stream:
+    with replacing(Path(path), follow_links=True) as stream:
         text = TextIOWrapper(stream, "utf-8", errors="backslashreplace", newline="")
         writer = csv.writer(text)
         writer.writerow(_header(table))
@@ -67,7 +67,7 @@ def export_bands_csv(bands: Bands, path: str | Path) -> None:
     bands : Bands
         The quantiles.
     path : str or Path
-        Where; the file appears complete or not at all.
+        Where; the file appears complete or not at all. A link is followed.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def export_bands_csv(bands: Bands, path: str | Path) -> None:
         end = f" [{unit}]" if unit not in ("", "-") else ""
         header += [f"{name} {percentile(q)}{end}" for q in bands.levels] + [f"{name} cases"]
         columns += [*bands.values[:, i].tolist(), bands.count[i].tolist()]
-    with replacing(Path(path)) as stream:
+    with replacing(Path(path), follow_links=True) as stream:
         text = TextIOWrapper(stream, "utf-8", errors="backslashreplace", newline="")
         writer = csv.writer(text)
         writer.writerow(header)
@@ -140,7 +140,7 @@ def export_netcdf(table: CaseTable, path: str | Path) -> None:
     table : CaseTable
         The cases.
     path : str or Path
-        Where; the file appears complete or not at all.
+        Where; the file appears complete or not at all. A link is followed.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def export_netcdf(table: CaseTable, path: str | Path) -> None:
 
     # scipy closes the descriptor that it is given: another one of the same file.
     with (
-        replacing(Path(path)) as stream,
+        replacing(Path(path), follow_links=True) as stream,
         os.fdopen(os.dup(stream.fileno()), "wb") as own,
     ):
         file = netcdf_file(own, "w", version=2)

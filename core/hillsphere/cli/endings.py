@@ -219,8 +219,10 @@ def _log(text: str) -> str:
     from hillsphere.paths import cache_directory
 
     directory = cache_directory() / "logs"
-    directory.mkdir(parents=True, exist_ok=True)
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = directory / f"traceback-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}-{os.getpid()}.txt"
     command = " ".join(sys.argv)
-    path.write_text(f"{command}\n\n{text}", encoding="utf-8", errors="backslashreplace")
+    # "x": never into what stands there.
+    with path.open("x", encoding="utf-8", errors="backslashreplace") as log:
+        log.write(f"{command}\n\n{text}")
     return str(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from hillsphere.atomic import output_place
 from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
 from hillsphere.earlier_run import EarlierRun
 from hillsphere.errors import InputError
@@ -60,9 +61,10 @@ def export_cases(
             f"campaign {name!r} is not finished in run {str(run)!r}; hillsphere resume continues it"
         )
     path = run / f"{name}{_SUFFIXES[format_]}" if out is None else out
-    table = earlier.product(name, CaseTable)
     paths = [path]
     try:
+        output_place(path)  # before the table is read, which may take a while
+        table = earlier.product(name, CaseTable)
         if format_ == "netcdf":
             export_netcdf(table, path)
         else:

@@ -7,13 +7,15 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from hillsphere.cli.streams import harmless
+
 __all__ = ["number", "write", "write_json", "write_table"]
 
 
 def write(text: str) -> None:
-    """Write lines to stdout; characters that its encoding lacks are escaped, not fatal."""
+    """Write lines to stdout; characters that its encoding lacks, or that steer it, are escaped."""
     encoding = sys.stdout.encoding or "utf-8"
-    sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding) + "\n")
+    sys.stdout.write(harmless(text).encode(encoding, "backslashreplace").decode(encoding) + "\n")
     sys.stdout.flush()
 
 

@@ -15,7 +15,14 @@ __all__ = ["rerun_and_show"]
 
 
 def rerun_and_show(
-    run: Path, case: int, *, stage: str | None, registry: Registry, json: bool
+    run: Path,
+    case: int,
+    *,
+    stage: str | None,
+    mission: str | None,
+    allow_path: bool,
+    registry: Registry,
+    json: bool,
 ) -> ExitCode:
     """Repeat a case; write what came of it, and whether that is the same, to stdout.
 
@@ -27,6 +34,10 @@ def rerun_and_show(
         Number of the case.
     stage : str or None
         The campaign.
+    mission : str or None
+        The mission of the run, needed if it is not a packaged one.
+    allow_path : bool
+        Whether it may read files outside its directory.
     registry : Registry
         Where components come from.
     json : bool
@@ -37,7 +48,9 @@ def rerun_and_show(
     ExitCode
         ``FAILED`` if the case is not the same as in the run.
     """
-    found = rerun_case(run, case, stage=stage, registry=registry)
+    found = rerun_case(
+        run, case, stage=stage, mission=mission, allow_path=allow_path, registry=registry
+    )
     if json:
         write_json(_plain(found))
     else:

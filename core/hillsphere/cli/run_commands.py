@@ -49,6 +49,12 @@ ExecutorType = Annotated[
         help="Where campaigns and other stages that divide their work do it: serial, pool, dask …",
     ),
 ]
+MissionAgain = Annotated[
+    str | None,
+    typer.Option(
+        "--mission", metavar="MISSION", help="The run's mission; needed if it is no packaged one."
+    ),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Use the dask cluster there, e.g. tcp://host:8786."),
@@ -97,19 +103,25 @@ def run(
 @app.command()
 def resume(
     run: RunName,
+    mission: MissionAgain = None,
     workers: Workers = None,
     executor: ExecutorType = None,
     scheduler: Scheduler = None,
     json: Json = False,
     quiet: Quiet = False,
+    allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
 ) -> int:
-    """Continue a run that was interrupted or killed, or in which a stage failed."""
+    """Continue a run that was interrupted or killed, or in which a stage failed.
+
+    A run directory is data. A mission that is not a packaged one, files outside its directory and
+    an executor beyond this machine must be given again; the message says how.
+    """
     from hillsphere.cli.running import resume_and_show
 
     return resume_and_show(
-        run, registry=registry_of(strict_plugins), executor=_executor(executor, workers, scheduler),
-        quiet=quiet, json=json,
+        run, mission=mission, allow_path=allow_path, registry=registry_of(strict_plugins),
+        executor=_executor(executor, workers, scheduler), quiet=quiet, json=json,
     )  # fmt: skip
 
 
@@ -136,14 +148,17 @@ def rerun(
     run: RunName,
     case: Annotated[int, typer.Option("--case", metavar="N", help="Number of the case.")],
     stage: StageName = None,
+    mission: MissionAgain = None,
     json: Json = False,
+    allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
 ) -> int:
     """Repeat one case of a campaign with its history, and compare it with that of the run."""
     from hillsphere.cli.rerunning import rerun_and_show
 
     return rerun_and_show(
-        run, case, stage=stage, registry=registry_of(strict_plugins), json=json
+        run, case, stage=stage, mission=mission, allow_path=allow_path,
+        registry=registry_of(strict_plugins), json=json,
     )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from hillsphere.mission import Mission
 from hillsphere.pipeline import RunResult, resume_run, run_mission
 from hillsphere.plugins import Registry
 from hillsphere.progress import Progress
+from hillsphere.run_manifest import read_record
 
 __all__ = ["resume_and_show", "run_and_show"]
 
@@ -60,7 +60,14 @@ def run_and_show(
 
 
 def resume_and_show(
-    run: Path, *, registry: Registry, executor: Mapping[str, Any], quiet: bool, json: bool
+    run: Path,
+    *,
+    mission: str | None,
+    allow_path: bool,
+    registry: Registry,
+    executor: Mapping[str, Any],
+    quiet: bool,
+    json: bool,
 ) -> ExitCode:
     """Continue a run and show it like `run_and_show`; say so if there is nothing to continue.
 
@@ -68,6 +75,10 @@ def resume_and_show(
     ----------
     run : Path
         Run directory.
+    mission : str or None
+        The mission of the run, needed if it is not a packaged one.
+    allow_path : bool
+        Whether it may read files outside its directory.
     registry : Registry
         Where its components come from.
     executor : mapping
@@ -86,15 +97,17 @@ def resume_and_show(
     name = str(earlier.manifest["mission"].get("name"))
     if earlier.state == "finished":
         if json:
-            _write_summary(json_text.loads((run / "summary.json").read_text("utf-8")), run)
+            keys = ("mission", "verdict", "metrics")
+            _write_summary(read_record(run / "summary.json", keys), run)
         else:
             write(f"{name}: this run is finished; nothing is left to do")
             write(f"report: {run / 'report.html'}")
         return ExitCode.SUCCESS
     # What the command line runs by default; a run from Python may have had an executor of its own.
-    chosen = executor or earlier.local.get("executor") or {"type": "pool"}
+    chosen = executor or (None if earlier.local.get("executor") else {"type": "pool"})
     result = resume_run(
-        run, executor=chosen, progress=Progress(quiet=quiet), registry=registry
+        run, mission=mission, allow_path=allow_path, executor=chosen,
+        progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
     return _ended(name, result, json)
 

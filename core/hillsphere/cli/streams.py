@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from typing import TextIO
 
-__all__ = ["drop", "flush_stdout", "replace_closed", "say"]
+__all__ = ["drop", "flush_stdout", "harmless", "replace_closed", "say"]
+
+_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters but tab and line feed, and those that turn the direction of writing."""
 
 
 def replace_closed() -> list[str]:
@@ -37,12 +41,21 @@ def say(message: str) -> None:
     """
     # A message may quote a file name or key that the terminal's encoding cannot show.
     encoding = sys.stderr.encoding or "utf-8"
-    shown = message.encode(encoding, "backslashreplace").decode(encoding)
+    shown = harmless(message).encode(encoding, "backslashreplace").decode(encoding)
     try:
         print(shown, file=sys.stderr, flush=True)  # noqa: T201 - the message is for the user
     except OSError:
         # Nobody can read stderr any more; the exit code still says what happened.
         drop(sys.stderr)
+
+
+def harmless(text: str) -> str:
+    """Return a text with the characters escaped that would steer a terminal.
+
+    Messages quote names, titles and settings that somebody else may have written: an escape
+    sequence among them could rewrite what is shown, or what is pasted.
+    """
+    return _STEERING.sub(lambda match: f"\\u{ord(match.group()):04x}", text)
 
 
 def flush_stdout() -> OSError | None:

@@ -24,6 +24,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 
 __all__ = [
@@ -190,7 +191,7 @@ class OrientationTable:
         """
         source = Path(path).name
         try:
-            lines = Path(path).read_text(encoding="ascii").splitlines()
+            lines = read_text(path, "ascii").splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"cannot read the Earth orientation file {path}: {error}") from error
         rows: list[tuple[float, float, float, float]] = []

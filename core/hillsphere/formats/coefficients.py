@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from hillsphere.errors import InputError
+from hillsphere.regular_files import read_text
 
 __all__ = ["Coefficient", "CoefficientTable", "LineReader"]
 
@@ -84,7 +85,7 @@ class LineReader:
         try:
             # Comments of older files are in Latin-1; every number is ASCII in either. Not
             # splitlines, which counts bytes of UTF-8 comments (0x85) as ends of line.
-            self._lines = path.read_text(encoding="latin-1").split("\n")
+            self._lines = read_text(path, "latin-1").split("\n")
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise InputError(f"{path}: cannot be read: {reason}") from error

@@ -139,7 +139,7 @@ def check_light(modules: Iterable[str]) -> None:
     )
     names = list(dict.fromkeys(modules))
     done = subprocess.run(
-        [sys.executable, "-c", code, *names], capture_output=True, text=True, check=False
+        [sys.executable, "-P", "-c", code, *names], capture_output=True, text=True, check=False
     )
     require(
         done.returncode == 0,

@@ -9,6 +9,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.regular_files import read_text
 from hillsphere.uncertainty.distribution import require_count, si_unit
 from hillsphere.uncertainty.specs import SamplesSpec
 
@@ -106,7 +107,7 @@ def read_columns(path: str | Path) -> dict[str, Array]:
         Naming file and line of what is no number, no finite one, or missing.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_text(path, "utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:

@@ -35,6 +35,8 @@ import numpy as np
 from hillsphere.atomic import write_text
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.json_files import parse_json
+from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 
 __all__ = [
@@ -43,6 +45,8 @@ __all__ = [
 
 _FORMAT = "hillsphere station memory"
 _VERSION = 1
+_LARGEST_FILE = 16 << 20
+"""Bytes: ten thousand stations."""
 _DEGREE = np.pi / 180.0
 _TO_SI = np.array([_DEGREE, _DEGREE, 1.0])
 _NAMES = ("azimuth_bias_deg", "elevation_bias_deg", "time_offset_s")
@@ -204,14 +208,14 @@ def read_memory(path: Path) -> Mapping[str, Calibration]:
         If the file cannot be read, is damaged, or was written by a newer version.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, max_bytes=_LARGEST_FILE)
     except FileNotFoundError:
         return MappingProxyType({})
     except (OSError, UnicodeDecodeError) as error:
         _damaged(path, str(error))
     try:
-        data = json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as error:
+        data = parse_json(text)
+    except ValueError as error:
         _damaged(path, str(error))
     if not isinstance(data, dict) or data.get("format") != _FORMAT:
         _damaged(path, f'it does not say "format": "{_FORMAT}"')
@@ -253,7 +257,8 @@ def write_memory(path: Path, memory: Mapping[str, Calibration]) -> None:
         "version": _VERSION,
         "stations": {name: _entry(memory[name]) for name in sorted(memory)},
     }
-    write_text(path, json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+    text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+    write_text(path, text, follow_links=True)
 
 
 def remember(path: Path, station: str, calibration: Calibration) -> None:
@@ -320,10 +325,6 @@ def _number(value: Any, name: str) -> float:
     if not isinstance(value, int | float) or isinstance(value, bool) or not isfinite(value):
         raise InputError(f"{name} must be a finite number, got {value!r}")
     return float(value)
-
-
-def _no_number(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no number here")
 
 
 def _damaged(path: Path, reason: str) -> NoReturn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from hillsphere.earth.geodetic import WGS84, Ellipsoid, Station
 from hillsphere.errors import InputError
+from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 from hillsphere_tracking.mean_elements import ZonalField
 from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
@@ -121,10 +123,12 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         If the file cannot be read, or does not hold the satellite once.
     """
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"{path.name}: larger than {_LARGEST_FILE // 1_000_000} MB; split it")
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, "utf-8-sig", _LARGEST_FILE)
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            raise InputError(
+                f"{path.name}: larger than {_LARGEST_FILE // 1_000_000} MB; split it"
+            ) from error
         raise InputError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: not a text file: {error}") from error

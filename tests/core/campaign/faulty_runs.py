@@ -118,6 +118,10 @@ class Faults:
         class System:
             """What `hillsphere.atomic` knows of the operating system."""
 
+            path = os.path
+            lstat = staticmethod(os.lstat)
+            fchmod = staticmethod(os.fchmod)
+
             @staticmethod
             def fsync(descriptor: int) -> None:
                 self.event("fsync")

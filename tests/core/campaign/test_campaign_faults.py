@@ -108,6 +108,11 @@ class Runs:
             "run", mission, "--no-cache", "--out", place, "--workers", workers, *more, fault=fault
         )
 
+    def resume(self, place: Path, *more: object, fault: Fault | None = None) -> dict[str, Any]:
+        # A run directory is data: it does not choose the mission that it is continued with.
+        mission = self.directory / "faults.toml"
+        return self("resume", place, "--mission", mission, *more, fault=fault)
+
     def place(self) -> Path:
         """Return a name for a run directory."""
         self.number += 1
@@ -171,7 +176,7 @@ def finish(runs: Runs, place: Path, undisturbed: Undisturbed) -> str:
     check_files(place)
     how = "resumed"
     kept = {path.name: path.stat().st_mtime_ns for path in place.glob("work/verify/*.npz")}
-    found = runs("resume", place, "--workers", 0)
+    found = runs.resume(place, "--workers", 0)
     if found["code"] == 2:
         # It ended before it had written down what it is; nothing was computed by then.
         assert not list(place.rglob("*.npz"))
@@ -214,7 +219,7 @@ def kill_main(
                 fault = {"event": "compute", "at": 3, "act": "kill"}
                 assert runs.begin(place, workers, fault)["code"] == KILLED
                 fault = {"event": "merge", "at": chance.randint(1, 2), "act": "kill"}
-                found = runs("resume", place, fault=fault)
+                found = runs.resume(place, fault=fault)
             else:
                 fault = moment(chance, phase, undisturbed.counts)
                 found = runs.begin(place, workers, fault)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -208,3 +210,25 @@ def test_blocks_larger_than_their_system_are_refused(tmp_path: Path) -> None:
         load_mat(tmp_path / "none.mat")
     with pytest.raises(InputError, match="cannot be written"):
         save_mat(tmp_path / "none" / "one.mat", {"one": np.eye(2)})
+
+
+def test_a_file_that_unpacks_to_gigabytes_is_refused(tmp_path: Path) -> None:
+    """1.6 MB that unpack to 1.6 GB: a thousand zeros are one byte of zlib's."""
+    packing = zlib.compressobj(9)
+    body = b"".join(packing.compress(bytes(1 << 24)) for _ in range(100)) + packing.flush()
+    tag = (15).to_bytes(4, "little") + len(body).to_bytes(4, "little")
+    path = tmp_path / "bomb.mat"
+    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + tag + body)
+    with pytest.raises(InputError, match="unpacks to more than 1073741824 bytes"):
+        load_mat(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
+def test_no_fifo_is_waited_for_or_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "pipe.mat"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="it is a FIFO"):
+        load_mat(path)
+    with pytest.raises(InputError, match="it is a FIFO"):
+        save_mat(path, {"a": np.eye(2)})
+    assert path.is_fifo()

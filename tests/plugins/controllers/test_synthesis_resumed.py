@@ -112,7 +112,7 @@ def test_an_interrupted_synthesis_is_resumed_to_the_same_bits(
         return search(self, start)
 
     monkeypatch.setattr(Search, "__call__", counted)
-    code = run(["resume", "out", "--workers", "0"])
+    code = run(["resume", "out", "--mission", "mission.toml", "--workers", "0"])
     assert code == 0, capsys.readouterr().err
     assert sorted(searched) == [k for k in range(3) if f"search-{k:05d}.npz" not in before]
     assert run(["run", "mission.toml", "--out", "whole", "--workers", "0", "--no-cache"]) == 0

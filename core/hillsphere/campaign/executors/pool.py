@@ -289,7 +289,8 @@ def _started() -> _Worker:
     errors = subprocess.DEVNULL if sys.__stderr__ is None else 2
     try:
         process = subprocess.Popen(
-            [sys.executable, "-c", _START, str(descriptor), json.dumps(sys.path)],
+            # -P: nothing from the working directory, which may hold a stranger's json.py.
+            [sys.executable, "-P", "-c", _START, str(descriptor), json.dumps(sys.path)],
             pass_fds=(descriptor,),
             env={**os.environ, **ONE_THREAD},
             stdin=subprocess.DEVNULL,

@@ -39,7 +39,8 @@ def mat(
             "synthesis or mu_analysis"
         )
     try:
-        save_mat(path, found)
+        # Only a link that the user has named: one that lies beside a product may be anybody's.
+        save_mat(path, found, follow_links=out is not None)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
     write(str(path))

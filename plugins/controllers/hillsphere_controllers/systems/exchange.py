@@ -15,7 +15,10 @@ passed over.
 from __future__ import annotations
 
 import re
+import struct
+import zlib
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
+from hillsphere.atomic import replacing
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
+from hillsphere.npz import MAX_UNPACKED_BYTES
+from hillsphere.regular_files import read_bytes
 from hillsphere_controllers.mu.blocks import Block, BlockStructure, full
 
 __all__ = ["Content", "load_mat", "save_mat"]
@@ -36,18 +42,23 @@ Content = LtiSystem | tuple[LtiSystem, BlockStructure] | Numbers | dict[str, Num
 _NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 _SYSTEM = {"a", "b", "c", "d"}
 _REGULAR = 1e-12
+_COMPRESSED = 15
+_MOST_BYTES = 256 << 20
+"""Most bytes of a file: thirty systems of 1000 states."""
 _NAMES = (("InputName", "inputs"), ("OutputName", "outputs"), ("StateName", "states"))
 
 
-def save_mat(path: Path, contents: Mapping[str, Content]) -> None:
+def save_mat(path: Path, contents: Mapping[str, Content], *, follow_links: bool = True) -> None:
     """Write systems, uncertain systems, matrices and tables to a file of MATLAB's version 5.
 
     Parameters
     ----------
     path : Path
-        The file, written over if it exists.
+        The file, written over if it exists. It is whole or not there.
     contents : mapping of str to Content
         By variable name: letters, digits and ``_``, at most 63, a letter first.
+    follow_links : bool
+        Whether a link is followed; else the file takes its place.
 
     Raises
     ------
@@ -56,9 +67,10 @@ def save_mat(path: Path, contents: Mapping[str, Content]) -> None:
     """
     written = {_name(name): _written(name, content) for name, content in contents.items()}
     try:
-        savemat(path, written, appendmat=False, long_field_names=True, do_compression=True)
+        with replacing(path, follow_links=follow_links) as stream:
+            savemat(stream, written, appendmat=False, long_field_names=True, do_compression=True)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error}") from error
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 def load_mat(path: Path) -> dict[str, Content]:
@@ -77,16 +89,19 @@ def load_mat(path: Path) -> dict[str, Content]:
         or a system has delays, a singular descriptor matrix, a period that is left open (−1), or
         another unit of time than seconds.
     """
-    if not path.is_file():
-        raise InputError(f"{path} cannot be read: there is no such file")
     try:
-        found = loadmat(path, appendmat=False, chars_as_strings=True)
+        data = read_bytes(path, _MOST_BYTES)
+    except FileNotFoundError:
+        raise InputError(f"{path} cannot be read: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+    _check_unpacked(path, data)
+    try:
+        found = loadmat(BytesIO(data), appendmat=False, chars_as_strings=True)
     except NotImplementedError:
         raise InputError(
             f"{path} is a file of MATLAB's version 7.3; save it with save(…, '-v7')"
         ) from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error}") from error
     except Exception as error:  # scipy raises many kinds for a file that is damaged
         raise InputError(f"{path} is no .mat file, or damaged: {error}") from error
     if "__function_workspace__" in found:
@@ -99,6 +114,31 @@ def load_mat(path: Path) -> dict[str, Content]:
         for name, value in found.items()
         if not name.startswith("__") and np.asarray(value).dtype.kind != "U"
     }
+
+
+def _check_unpacked(path: Path, data: bytes) -> None:
+    """Refuse a file of version 5 whose compressed variables unpack to too much.
+
+    Behind a head of 128 bytes each variable has a tag of two integers, its kind and its length; of
+    kind 15 it is compressed by zlib (MATLAB, "MAT-File Format", 1-6). A thousand bytes of zeros are
+    one byte there.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    at, total = 128, 0
+    while order and at + 8 <= len(data):
+        kind, length = struct.unpack(f"{order}2I", data[at : at + 8])
+        if kind == _COMPRESSED:
+            unpacking = zlib.decompressobj()
+            try:
+                rest: bytes = data[at + 8 : at + 8 + length]
+                while rest:
+                    total += len(unpacking.decompress(rest, 1 << 20))
+                    if total > MAX_UNPACKED_BYTES:
+                        raise InputError(f"{path} unpacks to more than {MAX_UNPACKED_BYTES} bytes")
+                    rest = unpacking.unconsumed_tail
+            except zlib.error as error:
+                raise InputError(f"{path} is no .mat file, or damaged: {error}") from error
+        at += 8 + length
 
 
 def _name(name: str) -> str:

@@ -6,6 +6,7 @@ import tempfile
 from math import inf, radians
 from pathlib import Path
 
+from hillsphere.atomic import output_place
 from hillsphere.errors import InputError
 from hillsphere_tracking.live.atmosphere import Air
 from hillsphere_tracking.memory import Forgetting
@@ -33,15 +34,21 @@ def check_writable(option: str, path: Path | None) -> None:
     Raises
     ------
     InputError
-        If it is a directory, or nothing can be written beside it.
+        If it is no regular file (a directory, a device, a FIFO), or nothing can be written beside
+        it. Of a link, what it leads to is judged: that is what is written.
     """
     if path is None:
         return
-    folder = path.absolute().parent
+    try:
+        folder = output_place(path).parent
+    except IsADirectoryError:
+        raise InputError(f"{option}: {path} is a directory; name a file in it") from None
+    except OSError as error:
+        raise InputError(
+            f"{option}: {path} cannot be written: {error.strerror}; name a file"
+        ) from error
     if not folder.is_dir():
         raise InputError(f"{option}: the directory {folder} does not exist")
-    if path.is_dir():
-        raise InputError(f"{option}: {path} is a directory; name a file in it")
     try:
         # files are written beside their place and moved there whole
         with tempfile.TemporaryFile(dir=folder):

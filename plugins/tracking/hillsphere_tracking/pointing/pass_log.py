@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from hillsphere.atomic import write_text
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 
 __all__ = ["PassLog", "read_pass_log", "write_pass_log"]
@@ -119,7 +120,7 @@ def write_pass_log(path: Path, log: PassLog) -> None:
                 _cell(log.predicted_elevation_rad[i]),
             ]
         )
-    write_text(path, text.getvalue())
+    write_text(path, text.getvalue(), follow_links=True)
 
 
 def read_pass_log(path: Path) -> PassLog:
@@ -141,7 +142,7 @@ def read_pass_log(path: Path) -> PassLog:
         If it cannot be read, or a line is not as it should be: with file and line.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"the pass log {path} cannot be read: {error}") from None
     try:

@@ -1,0 +1,149 @@
+"""Regular files: how every file that somebody else may have written is opened.
+
+A path in a mission, a run directory or on the command line may lead to a FIFO, whose opening waits
+for a writer for ever, or to a device, whose opening alone may do something. `open_regular` refuses
+both before it opens anything, and judges what it has opened once more, since the name may lead
+somewhere else by then. Every reader of the framework and of its plugins reads through this module.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+__all__ = [
+    "MAX_FILE_BYTES",
+    "MAX_TEXT_BYTES",
+    "NotRegularError",
+    "check_regular",
+    "open_regular",
+    "read_bytes",
+    "read_text",
+]
+
+MAX_FILE_BYTES = 16 << 30
+"""Most bytes of any file. The largest in use, an ephemeris over 30,000 years, has 3 GB, and the
+table of a campaign of a million cases 8 GB. A sparse file, which costs its maker nothing, could
+otherwise keep a reader busy for ever."""
+
+MAX_TEXT_BYTES = 512 << 20
+"""Most bytes of a text file of data. The largest in use, a gravity field to degree and order 2190,
+has 250 MB; twice that still fits into the memory of a small machine."""
+
+
+class NotRegularError(OSError):
+    """A path leads to a FIFO, a socket, a device or a link that may not be followed."""
+
+
+_KINDS = (
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISLNK, "a link"),
+)
+
+
+def open_regular(
+    path: str | os.PathLike[str], max_bytes: int = MAX_FILE_BYTES, *, follow_links: bool = True
+) -> BinaryIO:
+    """Open a regular file for reading.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    max_bytes : int
+        Most bytes that it may have.
+    follow_links : bool
+        Whether `path` itself may be a symbolic link.
+
+    Returns
+    -------
+    BinaryIO
+        At the beginning of the file.
+
+    Raises
+    ------
+    NotRegularError
+        If the path leads to a FIFO, a socket, a device or a link that may not be followed, none of
+        which is opened.
+    OSError
+        If it cannot be opened. Its `strerror` reads behind "cannot be read: ". ``EINVAL`` if the
+        path is none, ``EISDIR`` if it leads to a directory, ``EFBIG`` if the file is larger than it
+        may be.
+    """
+    name = os.fspath(path)
+    try:
+        found = os.stat(name, follow_symlinks=follow_links)
+    except ValueError as error:  # a null character in the path
+        raise OSError(errno.EINVAL, str(error), name) from error
+    check_regular(found, name)
+    # The name may lead to something else by now: O_NONBLOCK keeps the opening of a FIFO from
+    # waiting, and O_NOCTTY a terminal from becoming that of this process.
+    flags = os.O_RDONLY | os.O_CLOEXEC if os.name != "nt" else os.O_RDONLY | os.O_BINARY  # type: ignore[attr-defined,unused-ignore]
+    flags |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+    if not follow_links:
+        flags |= getattr(os, "O_NOFOLLOW", 0)
+    descriptor = os.open(name, flags)
+    try:
+        opened = os.fstat(descriptor)
+        check_regular(opened, name)
+        if opened.st_size > max_bytes:
+            raise OSError(errno.EFBIG, f"it is larger than {_size(max_bytes)}", name)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def check_regular(found: os.stat_result, name: str) -> None:
+    """Raise the `OSError` of `open_regular` if a status is not that of a regular file."""
+    if stat.S_ISREG(found.st_mode):
+        return
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
+    kind = next((what for test, what in _KINDS if test(found.st_mode)), "of an unknown kind")
+    raise NotRegularError(errno.EINVAL, f"it is {kind}, not a regular file", name)
+
+
+def read_bytes(path: str | os.PathLike[str], max_bytes: int, *, follow_links: bool = True) -> bytes:
+    """Return the content of a regular file; arguments and errors as those of `open_regular`."""
+    blocks, count = [], 0
+    with open_regular(path, max_bytes, follow_links=follow_links) as stream:
+        while block := stream.read(1 << 20):
+            blocks.append(block)
+            count += len(block)
+            if count > max_bytes:  # it has grown since it was opened
+                raise OSError(errno.EFBIG, f"it is larger than {_size(max_bytes)}", str(path))
+    return b"".join(blocks)
+
+
+def read_text(
+    path: str | os.PathLike[str], encoding: str = "utf-8", max_bytes: int = MAX_TEXT_BYTES
+) -> str:
+    """Return the text of a regular file, its lines ending with a line feed.
+
+    Parameters
+    ----------
+    path, max_bytes
+        As for `open_regular`.
+    encoding : str
+        Of the text.
+
+    Raises
+    ------
+    OSError
+        See `open_regular`.
+    UnicodeDecodeError
+        If it is no text of that encoding.
+    """
+    text = read_bytes(Path(path), max_bytes).decode(encoding)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _size(count: int) -> str:
+    return f"{count >> 20} MiB" if count >> 20 else f"{count} bytes"
