@@ -30,6 +30,7 @@ import sys
 import tempfile
 import time
 import tomllib
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -54,8 +55,8 @@ TIME_FACTOR, TIME_MARGIN_S = 3.0, 5.0
 """A mutant has this multiple of the unmutated time, and this much more for a busy machine."""
 WARM = ("numpy", "scipy.linalg", "scipy.optimize", "scipy.integrate", "scipy.stats",
         "scipy.sparse", "scipy.spatial", "heyoka", "pydantic", "control", "cvxpy", "clarabel",
-        "typer", "rich", "matplotlib.pyplot", "filterpy.kalman", "hypothesis", "erfa",
-        "sgp4.api", "pytest", "xdist")  # fmt: skip
+        "typer", "rich", "matplotlib.pyplot", "filterpy.kalman", "erfa",
+        "sgp4.api", "pytest")  # fmt: skip
 """What every fork would import: no package of ours, whose modules are exchanged."""
 
 
@@ -217,7 +218,11 @@ def run_tests(
             if source is not None:
                 sys.meta_path.insert(0, _Finder(target.module, source))
             code = _pytest(target, scratch, _Order(dict(durations), measured))
+        except BaseException:
+            traceback.print_exc()
         finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
             os._exit(code)
     try:
         ended = _wait(child, started + limit_s)
