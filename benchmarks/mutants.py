@@ -5,8 +5,9 @@
 function and the source text, not on line numbers: an edit elsewhere in the file does not change it.
 
 Not mutated, because a test of behaviour says nothing about it: docstrings, annotations, imports,
-strings and the messages of errors, decorators, ``__all__``, and powers of ten outside 1e-5 to 1e5,
-which are tolerances. A dropped guard is a mutant, its message is not.
+strings and the messages of errors, decorators, ``__all__``, plain numbers at the top of a module
+and powers of ten outside 1e-5 to 1e5: how long a search goes on and how exactly. What is computed
+from them is mutated. A dropped guard is a mutant, its message is not.
 """
 
 from __future__ import annotations
@@ -187,7 +188,10 @@ class _Walker(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_Assign(self, node: ast.Assign) -> None:
-        if not any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
+        plain = not self.scope and not any(
+            isinstance(part, ast.Call | ast.BinOp | ast.Dict) for part in ast.walk(node.value)
+        )
+        if not plain:
             self.generic_visit(node)
 
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
