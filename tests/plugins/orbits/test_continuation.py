@@ -311,6 +311,7 @@ def test_a_member_too_far_from_its_prediction_is_on_another_family() -> None:
     origin = np.zeros(2)
     assert advance(Step(0.49), origin, RIGHT, 2.0) == (True, True)
     assert advance(Step(-0.49), origin, RIGHT, 2.0) == (True, True)
+    assert advance(Step(0.5), origin, RIGHT, 2.0) == (True, True)  # exactly as far
     assert advance(Step(0.51), origin, RIGHT, 2.0) == (False, False)
     assert advance(Step(-0.51), origin, RIGHT, 2.0) == (False, False)
     assert advance(Step(0.31), origin, RIGHT, 1.2) == (False, False)  # 0.25 · 1.2 = 0.3
@@ -335,7 +336,11 @@ def test_a_step_of_many_newton_steps_is_not_easy() -> None:
         return count
 
     assert newton_steps(2.0, 0.49) == 6
+    assert newton_steps(1.7 / 0.49, 0.49) == 8  # as many as are allowed
+    assert newton_steps(1.9 / 0.49, 0.49) == 9
     assert newton_steps(5.0, 0.49) > 8
+    assert advance(Step(0.49, stiffness=1.7 / 0.49), np.zeros(2), RIGHT, 2.0) == (True, False)
+    assert advance(Step(0.49, stiffness=1.9 / 0.49), np.zeros(2), RIGHT, 2.0) == (False, False)
     assert advance(Step(0.49, stiffness=2.0), np.zeros(2), RIGHT, 2.0) == (True, False)
     assert advance(Step(0.49, stiffness=5.0), np.zeros(2), RIGHT, 2.0) == (False, False)
 
@@ -369,8 +374,8 @@ def test_halving_ends_at_the_smallest_step() -> None:
 
 
 def test_a_start_within_rounding_of_a_boundary_is_on_it() -> None:
-    """Beyond by 5e-10 is rounding, by 2e-9 is not; the branch is that single member."""
-    for beyond, fine in ((5e-10, True), (2e-9, False)):
+    """Beyond by up to 1e-9 is rounding, by 2e-9 is not; the branch is that single member."""
+    for beyond, fine in ((5e-10, True), (1e-9, True), (2e-9, False)):
         edge = Boundary("the wall", lambda z, beyond=beyond: -z[0] - beyond)
         if fine:
             branch = follow(Floor(), np.zeros(2), RIGHT, boundaries=[edge])
@@ -458,3 +463,10 @@ def test_both_ways_hold_the_start_once() -> None:
     assert half.ends == ("left", "right")
     np.testing.assert_allclose(half.z[0, [0, -1]], [-0.2, 0.3], atol=1e-12)
     assert bool(np.all(np.diff(half.z[0]) > 0.0))
+
+
+def test_a_closed_family_ends_after_the_most_members() -> None:
+    """400 of them if nothing else is said, as `StepControl` documents."""
+    branch = follow(Circle(), START, UP)
+    assert branch.size == 400
+    assert branch.ends[1] == "stopped after 400 members"
