@@ -362,3 +362,63 @@ def test_considered_states() -> None:
     assert considered(NoneHeld(), 2) is None
     with pytest.raises(InputError, match=r"considered must be \(3,\)"):
         considered(Flown(), 3)
+
+
+def one_case(belief: Belief, case: int) -> Belief:
+    own = slice(case, case + 1)
+    return Belief(belief.x[:, own], belief.root[own], belief.t_s[own])
+
+
+class Alike(Bent):
+    """Both cases with the same sensors."""
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        return super().observe(x, t_s, np.zeros_like(case))
+
+
+def near_and_far() -> tuple[Belief, MeasurementSet]:
+    """Return a case that settles soon and one whose second step is longer than one deviation."""
+    covariance = np.array([[[0.02, 0.0], [0.0, 0.02]], [[4.0, 0.0], [0.0, 9.0]]])
+    prior = Belief.of(np.array([[1.0, 1.0], [0.6, -2.0]]), covariance, np.full(2, 10.0))
+    truth = np.array([[1.05, 3.0], [0.65, 1.5]])
+    values = Alike().observe(truth, prior.t_s, np.arange(2))
+    sigma = np.repeat(np.array([[0.05], [0.05], [0.02]]), 2, axis=1)
+    return prior, MeasurementSet.of(prior.t_s, values, sigma, Bent.blocks)
+
+
+def measured_alone(measured: MeasurementSet, case: int) -> MeasurementSet:
+    own = slice(case, case + 1)
+    return MeasurementSet.of(
+        measured.t_s[own], measured.values[:, own], measured.sigma[:, own], measured.blocks
+    )
+
+
+def test_only_the_case_that_leaps_takes_the_update_in_powers() -> None:
+    """Two iterations: the near case keeps what they gave, the far one that of the powers."""
+    prior, sets = near_and_far()
+    rule = RULES[0]
+    keys = {"iterations": 2, "tolerance_sigmas": 1e-9}
+    together, _ = estimator(rule, update="iterated", **keys).update(Alike(), prior, sets)
+    powers, _ = estimator(rule, update="tempered").update(Alike(), prior, sets)
+    plain, _ = estimator(rule, update="plain").update(Alike(), prior, sets)
+    alone, _ = estimator(rule, update="iterated", **keys).update(
+        Alike(), one_case(prior, 0), measured_alone(sets, 0)
+    )
+    assert_allclose(together.x[:, 0], alone.x[:, 0], rtol=1e-12)
+    assert np.abs(together.x[:, 0] - powers.x[:, 0]).max() > 1e-9
+    assert np.abs(together.x[:, 0] - plain.x[:, 0]).max() > 1e-9
+    assert_allclose(together.x[:, 1], powers.x[:, 1], rtol=1e-12)
+    assert_allclose(together.covariance[1], powers.covariance[1], rtol=1e-9)
+
+
+def test_a_case_within_the_tolerance_rests() -> None:
+    """With a tolerance of half a deviation the first iteration is the last, however many may be."""
+    prior, sets = near_and_far()
+    prior, sets = one_case(prior, 0), measured_alone(sets, 0)
+    found = [
+        estimator(RULES[0], update="iterated", iterations=n, tolerance_sigmas=0.5)
+        .update(Alike(), prior, sets)[0]
+        .x
+        for n in (2, 30)
+    ]
+    assert_array_equal(found[0], found[1])
