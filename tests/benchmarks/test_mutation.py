@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -33,9 +34,7 @@ def weigh(values: list[float], n: int = 1) -> float:
 @pytest.fixture
 def mutants(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import mutants as module
-
-    return module
+    return importlib.import_module("mutants")
 
 
 def changes(mutants: ModuleType, source: str) -> set[tuple[str, str, str]]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
-from tests.core.test_dynamics_step_map import OSCILLATOR, Equations, system
+from tests.core.test_dynamics_step_map import OSCILLATOR, Equations
 
-from hillsphere.dynamics import StepMap
+from hillsphere.dynamics import StepMap, system
 
 MOVING = Equations(
     OSCILLATOR.law,

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.product_codec import _trusted_packages, load_product, save_product
 
 
@@ -21,7 +20,7 @@ from hillsphere.product_codec import _trusted_packages, load_product, save_produ
 class Pair:
     """A product."""
 
-    a: Array
+    a: Any
     b: float
 
 

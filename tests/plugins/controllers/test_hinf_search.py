@@ -15,6 +15,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order import hinf
+from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.hinf import HinfDesign, hinf_synthesis
 
 PLANT = scalar_plant(1.0)
@@ -171,7 +172,7 @@ def test_without_a_bracket_sixteen_decades_are_tried(monkeypatch: pytest.MonkeyP
         spans.append((span[0] / problem.size, span[1] / problem.size))
 
     monkeypatch.setattr(hinf, "_tried", tried)
-    monkeypatch.setattr(hinf.GammaProblem, "bracket", lambda self: (0.0, None))
+    monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.0, None))
     with pytest.raises(SynthesisFailedError, match="were solved for no γ"):
         hinf_synthesis(PLANT, 1, 1)
     assert_allclose(spans, [(1e-8, 1e8)], rtol=1e-12)

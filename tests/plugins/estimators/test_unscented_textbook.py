@@ -40,7 +40,7 @@ class Bent:
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
         root = np.array([[0.2, 0.0, 0.1], [0.1, 0.3, -0.2]])
-        return (t1_s - t0_s)[:, None, None] * root
+        return np.asarray((t1_s - t0_s)[:, None, None] * root)
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         a, b = x

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
@@ -373,10 +375,14 @@ def test_halving_ends_at_the_smallest_step() -> None:
     assert 1.0 - 0.02 < branch.z[0, -1] < 1.0
 
 
+def wall(beyond: float, z: Array) -> Array:
+    return np.asarray(-z[0] - beyond)
+
+
 def test_a_start_within_rounding_of_a_boundary_is_on_it() -> None:
     """Beyond by up to 1e-9 is rounding, by 2e-9 is not; the branch is that single member."""
     for beyond, fine in ((5e-10, True), (1e-9, True), (2e-9, False)):
-        edge = Boundary("the wall", lambda z, beyond=beyond: -z[0] - beyond)
+        edge = Boundary("the wall", partial(wall, beyond))
         if fine:
             branch = follow(Floor(), np.zeros(2), RIGHT, boundaries=[edge])
             assert branch.size == 1
