@@ -10,6 +10,9 @@ a mapping from figure name to number. The limits stand in ``limits.toml``: ``at_
 against what a user would otherwise pick, ``at_most`` for a time. Ratios are taken within one run,
 so they hold on a noisy or slower machine; the limits on absolute times are generous. A limit with
 ``long = true`` is one on what only ``--long`` measures.
+
+How many faults the tests of a module notice is measured by another script, ``mutation.py``, with
+its table ``mutation.toml``.
 """
 
 from __future__ import annotations

@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import block_diag
+from scipy.special import ndtr
 from tests.core.uncertainty.toy_mission import Ball, BallSpec, toy_mission, toy_repeated
 
 from hillsphere.assembly import Assembly
 from hillsphere.campaign.repeated import Repeated
 from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Parameter
 from hillsphere.mission import MissionError
-from hillsphere.uncertainty.dispersed import Dispersed, resolve
+from hillsphere.uncertainty.dispersed import Dispersed, Quantity, quantities_of, resolve
 from hillsphere.uncertainty.uncertain import uncertain
 
 FIELD = """
@@ -227,3 +230,134 @@ def test_uncertain_parameters_of_a_model(tmp_path: Path) -> None:
 class Nameless:
     def parameters(self) -> tuple[()]:
         return ()
+
+
+SEVERAL = """
+[dispersions.start]
+type = "normal"
+of = "stage.hover"
+parameters = ["state.x", "state.y"]
+sigma = [100, 40]
+correlation = [[1, 0.6], [0.6, 1]]
+offset = [3, -2]
+
+[dispersions.field]
+type = "normal"
+of = "gravity.phobos"
+parameters = ["C2,0", "C2,2", "C3,1"]
+sigma = [0.01, 0.002, 0.0004]
+correlation = [[1, -0.5, 0.3], [-0.5, 1, 0.2], [0.3, 0.2, 1]]
+
+[dispersions.believed]
+type = "normal"
+of = "compensator.own"
+parameters = ["model.gm", "model.S2,2"]
+sigma = [5e3, 0.001]
+correlation = [[1, 0.9], [0.9, 1]]
+"""
+
+
+def covariance_of_several() -> Array:
+    """Return σ_i σ_j ρ_ij by groups: quantities of different dispersions are independent."""
+    blocks = (
+        ([100.0, 40.0], [[1, 0.6], [0.6, 1]]),
+        ([0.01, 0.002, 0.0004], [[1, -0.5, 0.3], [-0.5, 1, 0.2], [0.3, 0.2, 1]]),
+        ([5e3, 0.001], [[1, 0.9], [0.9, 1]]),
+    )
+    return np.asarray(block_diag(*(np.outer(s, s) * np.array(rho) for s, rho in blocks)))
+
+
+def test_several_correlated_dispersions_keep_their_rows(tmp_path: Path) -> None:
+    """The draw is linear in normal numbers z, x = m + A z, and A Aᵀ is the covariance.
+
+    Whichever root A of it is taken. A row of numbers given to two dispersions, or to the wrong
+    one, makes quantities of different dispersions dependent.
+    """
+    dispersed = resolved(toy_repeated(tmp_path, SEVERAL))
+    mean = np.array([20003.0, -2.0, -0.1, 0.02, 0.004, 8e5, 0.0])
+    names = ["stage.hover.state.x", "stage.hover.state.y"]
+    names += [f"gravity.phobos.{name}" for name in ("C2,0", "C2,2", "C3,1")]
+    names += [f"compensator.own.model.{name}" for name in ("gm", "S2,2")]
+    # the stage's own quantities are named without it, see `Quantity`
+    assert [q.name for q in dispersed.quantities] == [n.removeprefix("stage.hover.") for n in names]
+    assert [group.table for group in dispersed.groups] == ["start", "field", "believed"]
+    assert_array_equal([q.nominal for q in dispersed.groups[2].quantities], [8e5, 0.0])
+    middle = dispersed.values(np.full((7, 1), 0.5))
+    assert_allclose(middle[:, 0], mean, rtol=1e-13)
+    size = np.array([100.0, 40.0, 0.01, 0.002, 0.0004, 5e3, 0.001])
+    slopes = (dispersed.values(ndtr(np.eye(7))) - middle) / size[:, None]
+    expected = covariance_of_several()
+    scaled = expected / np.outer(size, size)
+    assert_allclose(slopes @ slopes.T, scaled, rtol=0, atol=1e-10)
+    # a quantity depends on the numbers of its own dispersion only
+    assert_array_equal(slopes != 0.0, np.tril(scaled != 0.0))
+    found_mean, covariance = dispersed.moments()
+    assert_allclose(found_mean, mean, rtol=1e-13)
+    assert_allclose(covariance, expected, rtol=1e-12)
+
+
+def test_a_swept_value_takes_the_place_of_its_own_nominal_one(tmp_path: Path) -> None:
+    dispersed = resolved(toy_repeated(tmp_path, SEVERAL))
+    half = np.full((7, 2), 0.5)
+    moved = dispersed.values(half, {"gravity.phobos.C2,2": 0.5, "state.y": 7.0})
+    assert_allclose(
+        moved[:, 1] - dispersed.values(half)[:, 1], [0, 7, 0, 0.48, 0, 0, 0], atol=1e-15
+    )
+    # the dispersion itself is not changed by it
+    assert_array_equal(dispersed.groups[1].nominal, [-0.1, 0.02, 0.004])
+
+
+def test_a_relative_width_follows_the_swept_value(tmp_path: Path) -> None:
+    dispersed = resolved(toy_repeated(tmp_path, FIELD))
+    u = ndtr(np.diag([1.0, 1.0, 1.0, 1.0]))
+    moved = dispersed.values(u, {"gravity.phobos.C2,0": -0.4})
+    # σ is 10 % of |nominal|: one σ above it for the quantity whose number is one σ out
+    assert_allclose(np.diag(moved), [-0.36, 0.022, 0.0044, 0.0], rtol=1e-12)
+
+
+def test_nothing_dispersed() -> None:
+    nothing = Dispersed(())
+    assert nothing.values(np.empty((0, 5))).shape == (0, 5)
+    mean, covariance = nothing.moments()
+    assert mean.shape == (0,)
+    assert covariance.shape == (0, 0)
+
+
+@pytest.mark.parametrize("of", ["stage", "stage.hover"])
+def test_the_own_stage_by_both_its_names(tmp_path: Path, of: str) -> None:
+    repeated = toy_repeated(tmp_path)
+    found = quantities_of(of, repeated, repeated.case_inputs())
+    assert found["state.x"] == Quantity("state.x", ("state.x",), 20e3, "m")
+    assert found["gravity.gm"] == Quantity("gravity.gm", ("gravity.gm",), 7e5, "m3/s2")
+    assert len(found) == 5 + 5 + 3
+
+
+def test_quantities_of_a_table_reached_twice(tmp_path: Path) -> None:
+    repeated = toy_repeated(tmp_path, sets=("compensator.own.model=phobos",))
+    inputs = (
+        *repeated.case_inputs(),
+        Parameter("gravity.", 1.0, "-"),  # the table itself is no quantity of it
+        Parameter("gravitygm", 1.0, "-"),
+    )
+    found = quantities_of("gravity.phobos", repeated, inputs)
+    both = ("gravity.C2,0", "law.model.C2,0")
+    assert list(found) == ["gm", "C2,0", "C2,2", "S2,2", "C3,1"]
+    assert found["C2,0"] == Quantity("gravity.phobos.C2,0", both, -0.1, "-")
+
+
+def test_a_dispersion_in_a_unit_of_the_quantity_is_fine(tmp_path: Path) -> None:
+    keys = {"of": "'stage.hover'", "parameters": "['state.x']", "sigma": 2, "unit": "'km'"}
+    (group,) = resolved(toy_repeated(tmp_path, table(**keys))).groups
+    assert group.table == "one"
+    assert_allclose(group.dispersion.covariance(group.nominal), [[4e6]], rtol=1e-12)
+
+
+def test_only_tables_that_offer_something_are_named(tmp_path: Path) -> None:
+    """Of a stage that takes its state case by case, but nothing of a gravity model."""
+    repeated = toy_repeated(tmp_path, table(of="'gravity.unused'", sigma=1))
+    one = Assembly(repeated.mission).get("dispersions", "one")
+    state = (Parameter("state.x", 0.0, "m"),)
+    with pytest.raises(InputError, match=r"does not use gravity\.unused; it uses stage\.hover$"):
+        resolve({"one": one}, repeated, state)
+    with pytest.raises(InputError, match=r"gravity\.unused; it takes nothing case by case$"):
+        resolve({"one": one}, repeated, ())

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.linalg import lu
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import largest_gains
-from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.analysis.hinf_norm import _with_rounding, hinf_norm
 from hillsphere_controllers.systems.bilinear import discrete
 
 
@@ -197,3 +198,70 @@ def test_against_slicot() -> None:
         d = random.normal(size=(p, m)) * random.integers(0, 2)
         oracle = slycot.ab13dd("C", "I", "S", "D", n, m, p, a, np.eye(n), b, c, d, tol=1e-11)[0]
         assert_allclose(hinf_norm(LtiSystem(a, b, c, d)).value, oracle, rtol=1e-8)
+
+
+def rounding_by_lu(system: LtiSystem, omega: float) -> tuple[float, float]:
+    """Return gain and bound of rounding: |C R| E (I − |R| E)⁻¹ |R B|, E = n ε |P| |L| |U|.
+
+    R is the inverse of s I − A = P L U, by SciPy's factors; in discrete time s is rounded too.
+    """
+    s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
+    n, eps = system.order, np.finfo(float).eps
+    p, lower, upper = lu(s * np.eye(n) - system.a)
+    change = n * eps * p @ np.abs(lower) @ np.abs(upper)
+    if system.dt_s is not None:
+        change = change + eps * np.eye(n)
+    r = np.linalg.inv(s * np.eye(n) - system.a)
+    inner = np.linalg.solve(np.eye(n) - np.abs(r) @ change, np.abs(r @ system.b))
+    error = np.linalg.norm(np.abs(system.c @ r) @ change @ inner)
+    gain = np.linalg.norm(system.c @ r @ system.b + system.d, 2)
+    return float(gain), float(error)
+
+
+@pytest.mark.parametrize("dt_s", [None, 0.1])
+@pytest.mark.parametrize("seed", range(3))
+def test_rounding_is_bounded_by_the_factors_of_the_resolvent(seed: int, dt_s: float | None) -> None:
+    random = np.random.default_rng(seed)
+    a = random.normal(size=(5, 5)) * np.geomspace(1.0, 1e3, 5)[:, None]
+    a = 0.1 * a / np.abs(np.linalg.eigvals(a)).max() if dt_s else a
+    system = LtiSystem(
+        a, random.normal(size=(5, 2)), random.normal(size=(2, 5)), random.normal(size=(2, 2)), dt_s
+    )
+    for omega in (0.0, 0.7, 11.0):
+        gain, error = rounding_by_lu(system, omega)
+        high, relative = _with_rounding(system, omega)
+        np.testing.assert_allclose(high, gain + error, rtol=1e-10)
+        np.testing.assert_allclose(relative, error / gain, rtol=1e-5)
+
+
+def test_a_pole_at_the_frequency_is_beyond_any_bound() -> None:
+    system = LtiSystem(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
+    assert _with_rounding(system, 0.0) == (np.inf, np.inf)
+    # 1e-16 beside a pole of size one the resolvent is rounding
+    near = LtiSystem(
+        np.array([[-1.0, 1.0], [1.0, -1.0 - 1e-16]]), np.ones((2, 1)), np.ones((1, 2)),
+        np.zeros((1, 1)),
+    )  # fmt: skip
+    assert _with_rounding(near, 0.0) == (np.inf, np.inf)
+
+
+def test_a_lower_gain_that_is_less_sure_raises_the_upper_bound() -> None:
+    """A resonance of height 1.2 at ω = 50 beside 1 − 10¹¹ + 10¹¹ over s + 1, largest at ω = 0."""
+    damping = 0.1
+    height = 2.0 * damping * np.sqrt(1.0 - damping**2)
+    resonance = np.array([[0.0, 50.0], [-50.0, -100.0 * damping]])
+    a = np.block([[-np.eye(2), np.zeros((2, 2))], [np.zeros((2, 2)), resonance]])
+    b = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 0.0], [0.0, 50.0]])
+    c = np.array([[1e11 + 1.0, -1e11, 0.0, 0.0], [0.0, 0.0, 1.2 * height, 0.0]])
+    found = hinf_norm(LtiSystem(a, b, c, np.zeros((2, 2))))
+    np.testing.assert_allclose(found.value, 1.2, rtol=1e-3)
+    gain, error = rounding_by_lu(LtiSystem(a, b, c, np.zeros((2, 2))), 0.0)
+    assert found.upper >= gain + 0.99 * error
+
+
+def test_what_is_exact_bears_no_error() -> None:
+    constant = LtiSystem(
+        np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[3.0]])
+    )  # fmt: skip
+    found = hinf_norm(constant)
+    assert (found.value, found.upper, found.error, found.doubt) == (3.0, 3.0, 0.0, "")

@@ -316,3 +316,21 @@ def test_a_bound_far_below_the_norm_is_found() -> None:
     """µ of a strictly triangular matrix is zero: Δ feeds nothing back."""
     structure = BlockStructure([repeated_complex(1)] * 3)
     assert upper_bound(np.triu(np.ones((3, 3)), 1), structure).value < 1e-8
+
+
+def test_skewed_bound_where_only_g_shows_that_the_others_are_harmless() -> None:
+    """With δ real in [−1, 1] and M22 = 2j I, the gain c δ (1 − 2j δ)⁻¹ b is |c b|/√5 at most.
+
+    No D alone proves that I − M22 δ is invertible: its norm is two. For one repeated real scalar
+    beside one full block the bound is exact (Meinsma, Shrivastava, Iwasaki 1997).
+    """
+    c, b = np.array([1.0, -2.0]), np.array([[0.5], [3.0]])
+    m = np.block([[2j * np.eye(2), b], [c, np.zeros((1, 1))]])
+    structure = BlockStructure([repeated_real(2), full(1)])
+    found = upper_bound(m, structure, skewed=[1])
+    assert_allclose(found.value, abs(c @ b)[0] / np.sqrt(5.0), rtol=1e-4)
+    # two outputs and inputs: the largest singular value of the same, for a row and a column more
+    rows = np.array([c, np.zeros(2)])
+    wide = np.block([[2j * np.eye(2), np.hstack([b, 2.0 * b])], [rows, np.zeros((2, 2))]])
+    found = upper_bound(wide, BlockStructure([repeated_real(2), full(2)]), skewed=[1])
+    assert_allclose(found.value, abs(c @ b)[0], rtol=1e-4)  # |(b, 2 b)| = √5 |b|

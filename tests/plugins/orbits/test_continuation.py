@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
@@ -11,10 +14,11 @@ from hillsphere_orbits.continuation import (
     Boundary,
     Branch,
     StepControl,
+    _advance,
     continue_both,
     follow,
 )
-from hillsphere_orbits.correction import correct, fixed, tangents
+from hillsphere_orbits.correction import Problem, correct, fixed, tangents
 from hillsphere_orbits.members import coordinate, members_at, members_where
 from hillsphere_orbits.roots import brackets, extrema
 
@@ -257,3 +261,218 @@ def test_extrema_inside_and_next_to_the_ends(at: float, sign: float) -> None:
 def test_no_extrema() -> None:
     u, _ = extrema(lambda u: np.asarray(2.0 * u), 2.0 * np.arange(5.0))
     assert u.size == 0
+
+
+class Floor:
+    """y = 0: a straight family, on which every prediction is a member."""
+
+    unknowns = ("x", "y")
+
+    def residual(self, z: Array) -> tuple[Array, Array]:
+        slopes = np.zeros((1, *z.shape))
+        slopes[0, 1] = 1.0
+        return z[1][None], slopes
+
+
+class Step:
+    """f(k (y − h H(x − 1))) = 0 with f(0) = 0 and H a smooth step: level before and behind it.
+
+    From the level part a long prediction misses the other one by h, and the tangents agree.
+    """
+
+    unknowns = ("x", "y")
+
+    def __init__(self, height: float, stiffness: float = 0.0) -> None:
+        self.height, self.stiffness = height, stiffness
+
+    def residual(self, z: Array) -> tuple[Array, Array]:
+        tanh = np.tanh(60.0 * (z[0] - 1.0))
+        away = z[1] - 0.5 * self.height * (1.0 + tanh)
+        by_x = -30.0 * self.height * (1.0 - tanh**2)
+        slopes = np.array([[by_x, np.ones_like(away)]])
+        if not self.stiffness:
+            return away[None], slopes
+        grown = np.exp(self.stiffness * away)
+        return (grown - 1.0)[None], self.stiffness * grown * slopes
+
+
+def advance(problem: Problem, z: Array, tangent: Array, step: float) -> tuple[bool, bool]:
+    """Take one step of turn 0.25 rad; return whether it succeeds and whether it was easy."""
+    new, line, easy = _advance(
+        problem, z[:, None], tangent[:, None], step, StepControl(turn=0.25)
+    )  # fmt: skip
+    assert (new is None) == (line is None)
+    return new is not None, easy
+
+
+RIGHT = np.array([1.0, 0.0])
+
+
+def test_a_member_too_far_from_its_prediction_is_on_another_family() -> None:
+    """A tangent that turns by ≤ 0.25 rad over a step of 2 leads astray by ≤ 0.25 · 2."""
+    origin = np.zeros(2)
+    assert advance(Step(0.49), origin, RIGHT, 2.0) == (True, True)
+    assert advance(Step(-0.49), origin, RIGHT, 2.0) == (True, True)
+    assert advance(Step(0.5), origin, RIGHT, 2.0) == (True, True)  # exactly as far
+    assert advance(Step(0.51), origin, RIGHT, 2.0) == (False, False)
+    assert advance(Step(-0.51), origin, RIGHT, 2.0) == (False, False)
+    assert advance(Step(0.31), origin, RIGHT, 1.2) == (False, False)  # 0.25 · 1.2 = 0.3
+    assert advance(Step(0.29), origin, RIGHT, 1.2) == (True, True)
+
+
+def test_a_step_may_turn_by_a_quarter_radian() -> None:
+    """On the unit circle a step s leads on by an angle arcsin s; easy is below 0.4 · 0.25."""
+    for angle, expected in ((0.09, (True, True)), (0.11, (True, False)), (0.24, (True, False)),
+                            (0.26, (False, False))):  # fmt: skip
+        assert advance(Circle(), START, UP, float(np.sin(angle))) == expected
+
+
+def test_a_step_of_many_newton_steps_is_not_easy() -> None:
+    """exp(k (y − h)) − 1 from y = 0 by hand: k h = 0.98 takes six steps, 2.45 more than eight."""
+
+    def newton_steps(k: float, h: float) -> int:
+        y, count = 0.0, 0
+        while abs(np.exp(k * (y - h)) - 1.0) > StepControl().tolerance:
+            y -= (1.0 - np.exp(-k * (y - h))) / k
+            count += 1
+        return count
+
+    assert newton_steps(2.0, 0.49) == 6
+    assert newton_steps(1.7 / 0.49, 0.49) == 8  # as many as are allowed
+    assert newton_steps(1.9 / 0.49, 0.49) == 9
+    assert newton_steps(5.0, 0.49) > 8
+    assert advance(Step(0.49, stiffness=1.7 / 0.49), np.zeros(2), RIGHT, 2.0) == (True, False)
+    assert advance(Step(0.49, stiffness=1.9 / 0.49), np.zeros(2), RIGHT, 2.0) == (False, False)
+    assert advance(Step(0.49, stiffness=2.0), np.zeros(2), RIGHT, 2.0) == (True, False)
+    assert advance(Step(0.49, stiffness=5.0), np.zeros(2), RIGHT, 2.0) == (False, False)
+
+
+def test_steps_double_up_to_the_largest() -> None:
+    branch = follow(Floor(), np.zeros(2), RIGHT, control=StepControl(members=8))
+    steps = [0.05, 0.1, 0.2, 0.4, 0.5, 0.5, 0.5]
+    np.testing.assert_allclose(np.diff(branch.z[0]), steps, rtol=1e-12)
+    np.testing.assert_array_equal(branch.z[1], 0.0)
+    np.testing.assert_allclose(branch.tangent, np.outer(RIGHT, np.ones(8)), atol=1e-15)
+
+
+def test_a_step_that_is_not_easy_keeps_its_length() -> None:
+    """A step s on the circle leads on by arcsin s; 0.4 turns too far and is halved, 0.2 stays."""
+    for first, kept in ((0.15, 0.15), (0.4, 0.2)):
+        control = StepControl(first=first, members=6)
+        branch = follow(Circle(), START, UP, control=control)
+        angles = np.unwrap(np.arctan2(branch.z[1], branch.z[0]))
+        np.testing.assert_allclose(np.diff(angles), np.arcsin(kept), rtol=1e-9)
+
+
+def test_halving_ends_at_the_smallest_step() -> None:
+    """Before the wall at 1 the last step is the last of 2⁻ᵏ that is not below the smallest."""
+    control = StepControl(first=0.25, largest=0.25, smallest=0.01)
+    branch = follow(Line(), np.array([0.1, 0.0]), RIGHT, control=control)
+    # from 0.1: 0.25 thrice to 0.85; 0.125 fits; 0.0625 does not, nor do doubled steps; …
+    assert branch.ends[1] == "no further member: the step collapsed"
+    steps = np.diff(branch.z[0])
+    assert steps.min() >= 0.01
+    assert 1.0 - 0.02 < branch.z[0, -1] < 1.0
+
+
+def wall(beyond: float, z: Array) -> Array:
+    return np.asarray(-z[0] - beyond)
+
+
+def test_a_start_within_rounding_of_a_boundary_is_on_it() -> None:
+    """Beyond by up to 1e-9 is rounding, by 2e-9 is not; the branch is that single member."""
+    for beyond, fine in ((5e-10, True), (1e-9, True), (2e-9, False)):
+        edge = Boundary("the wall", partial(wall, beyond))
+        if fine:
+            branch = follow(Floor(), np.zeros(2), RIGHT, boundaries=[edge])
+            assert branch.size == 1
+            assert branch.ends == ("start", "the wall")
+        else:
+            with pytest.raises(InputError, match="beyond the end: the wall"):
+                follow(Floor(), np.zeros(2), RIGHT, boundaries=[edge])
+
+
+def test_a_boundary_that_is_left_is_none() -> None:
+    """A start on a boundary, going inwards, is followed to the other one."""
+    edges = [Boundary("here", lambda z: z[0]), Boundary("there", lambda z: 0.33 - z[0])]
+    branch = follow(Floor(), np.zeros(2), RIGHT, boundaries=edges)
+    assert branch.ends == ("start", "there")
+    np.testing.assert_allclose(branch.z[0], [0.0, 0.05, 0.15, 0.33], rtol=1e-9)
+
+
+def by_hand(x: list[float], y: list[float]) -> Branch:
+    """Return a chain of members on the x axis or beside it, with tangents along x."""
+    z = np.array([x, y])
+    return Branch(z, np.outer(RIGHT, np.ones(len(x))), ("left", "right"))
+
+
+def test_a_member_lies_within_a_chord_of_one_of_its_neighbours() -> None:
+    """Chords of 1 and 2; distances to the nearer end by Pythagoras."""
+    chain = by_hand([0.0, 1.0, 3.0], [0.0, 0.0, 0.0])
+    fine = np.array([[0.5, -0.9, 1.0, 4.9, 3.0], [0.8, 0.0, -2.0, 0.0, 1.9]])
+    u = np.array([0.5, 0.5, 1.5, 1.5, 2.0])
+    np.testing.assert_array_equal(chain.near(u, fine, "it", list("abcde")), fine)
+    # √(0.5² + 0.9²) > 1, 1.1 > 1, √(1² + 1.8²) > 2 from both ends, 2.1 > 2
+    poor = np.array([[0.5, 2.1, 2.0, 5.1, 3.0], [0.9, 0.0, 1.8, 0.0, 1.9]])
+    with pytest.raises(ConvergenceError, match=r"it: .* left the family for a, b, c, d; it needs"):
+        chain.near(u, poor, "it", list("abcde"))
+
+
+def test_guesses_are_hermites_cubic() -> None:
+    """By SciPy's, whose slopes are the tangents t stretched to |c|² t/(c·t), c the chord."""
+    random = np.random.default_rng(3)
+    z = np.array([[0.0, 1.0, 2.5, 3.0], [0.0, 0.4, 0.1, 0.9], [1.0, 0.8, 0.3, 0.2]])
+    tangent = np.gradient(z, axis=1) + 0.2 * random.normal(size=z.shape)
+    tangent /= np.linalg.norm(tangent, axis=0)
+    chain = Branch(z, tangent, ("", ""))
+    u = np.array([0.0, 0.3, 0.9, 1.0, 1.6, 2.25, 2.7, 3.0])
+    guess, planes = chain.guess(u)
+    other = random.normal(size=guess.shape)
+    values, slopes = planes(other)
+    for k, at in enumerate(u):
+        i = min(int(at), 2)
+        chord = z[:, i + 1] - z[:, i]
+        stretched = [tangent[:, j] * (chord @ chord) / (chord @ tangent[:, j]) for j in (i, i + 1)]
+        cubic = CubicHermiteSpline([i, i + 1], z[:, i : i + 2].T, stretched)
+        np.testing.assert_allclose(guess[:, k], cubic(at), rtol=0, atol=1e-13)
+        normal = chord / np.linalg.norm(chord)
+        foot = z[:, i] + (at - i) * chord
+        np.testing.assert_allclose(slopes[0, :, k], normal, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(values[0, k], normal @ (other[:, k] - foot), atol=1e-13)
+
+
+def test_resampling_by_length_and_by_relative_length() -> None:
+    """Chords 1, 1, 2, 4 at distances 0, 1, 2, 4, 8 from the origin: relative to them, 1 each."""
+    chain = by_hand([0.0, 1.0, 2.0, 4.0, 8.0], [0.0] * 5)
+    even = chain.resampled(Floor(), 5)
+    np.testing.assert_allclose(even.z[0], [0.0, 2.0, 4.0, 6.0, 8.0], atol=1e-12)
+    relative = chain.resampled(Floor(), 9, relative=True)
+    expected = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0]
+    np.testing.assert_allclose(relative.z[0], expected, atol=1e-12)
+    back = Branch(chain.z[:, ::-1], -chain.tangent, chain.ends).resampled(
+        Floor(), 9, relative=True
+    )  # fmt: skip
+    np.testing.assert_allclose(back.z[0], expected[::-1], atol=1e-12)
+    for branch, sense in ((even, 1.0), (relative, 1.0), (back, -1.0)):
+        assert branch.ends == ("left", "right")
+        np.testing.assert_allclose(branch.tangent[0], sense, atol=1e-15)
+
+
+def test_both_ways_hold_the_start_once() -> None:
+    edges = [Boundary("left", lambda z: z[0] + 0.2), Boundary("right", lambda z: 0.3 - z[0])]
+    branch = continue_both(Floor(), np.zeros(2), RIGHT, boundaries=edges)
+    np.testing.assert_allclose(branch.z[0], [-0.2, -0.15, -0.05, 0, 0.05, 0.15, 0.3], atol=1e-12)
+    np.testing.assert_allclose(branch.tangent[0], 1.0, atol=1e-15)
+    assert branch.ends == ("left", "right")
+    # on a boundary at one side
+    half = continue_both(Floor(), np.array([0.3, 0.0]), RIGHT, boundaries=edges)
+    assert half.ends == ("left", "right")
+    np.testing.assert_allclose(half.z[0, [0, -1]], [-0.2, 0.3], atol=1e-12)
+    assert bool(np.all(np.diff(half.z[0]) > 0.0))
+
+
+def test_a_closed_family_ends_after_the_most_members() -> None:
+    """400 of them if nothing else is said, as `StepControl` documents."""
+    branch = follow(Circle(), START, UP)
+    assert branch.size == 400
+    assert branch.ends[1] == "stopped after 400 members"

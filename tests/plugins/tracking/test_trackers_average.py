@@ -260,3 +260,173 @@ def test_measurements_that_meet_no_orbit_are_left_out() -> None:
     assert_allclose(state.count, [1.0, 0.0, 0.0], atol=0)
     assert_allclose(state.elements[:, 1:], start.elements[:, 1:], rtol=0, atol=1e-9)
     assert_allclose(state.elements[:, 0], start.elements[:, 0], rtol=1e-12)
+
+
+def start_of(tracker: Average, elements: Array, station: Station, cases: int = 1) -> AverageState:
+    return tracker.initial(
+        np.repeat(elements[:, None], cases, axis=1), np.zeros(1), (station,), EPOCH
+    )
+
+
+@pytest.mark.parametrize(("e", "i"), [(0.0, 0.3), (0.25, 0.9), (0.3, 1.3)])
+def test_mean_anomaly_drifts_at_the_rate_of_kozai(e: float, i: float) -> None:
+    """N (1 + 3/2 J2 (R/a)² (1 − 3/2 sin² i)/(1 − e²)^1.5), Kuga and Carrara (1990), eq. 20.
+
+    A measurement that is no number leaves the prediction as it is. The node rests: between the
+    measurements of a pass it is a mean.
+    """
+    j2, radius, gm = 1e-3, 6.4e6, 4e14
+    tracker = Average(AverageSpec(j2=j2, j4=0.0, equatorial_radius_m=radius, gm_m3_s2=gm))
+    a = 7.6e6 / (1.0 - e)
+    nominal = np.array([a, e, i, 1.0, 0.4, 0.3])
+    station = overhead(nominal, 0.05)
+    azimuth, elevation = two_body(nominal, station, np.zeros(1))
+    first = tracker.update(
+        start_of(tracker, nominal, station), np.zeros(1), azimuth, elevation, np.ones(1)
+    )
+    n = np.sqrt(gm / a**3)
+    flat = 1.5 * j2 * (radius / a) ** 2 * (1.0 - 1.5 * np.sin(i) ** 2)
+    rate = n * (1.0 + flat / (1.0 - e**2) ** 1.5)
+    for dt in (100.0, 40_000.0):
+        later = tracker.update(first, np.array([dt]), azimuth * np.nan, elevation, np.ones(1))
+        assert_allclose(later.elements[5] - first.elements[5], rate * dt, rtol=1e-12)
+        assert_allclose(np.delete(later.elements - first.elements, 5, 0), 0.0, atol=0)
+        assert later.count[0] == 1.0
+        assert later.t_s[0] == dt
+
+
+def solved_alone(
+    tracker: Average, nominal: Array, station: Station, t: Array, az: Array, el: Array
+) -> Array:
+    """Return Ω and M (2, K) of each measurement by itself, M at its own time."""
+    found = []
+    for k in range(t.size):
+        state = tracker.update(
+            start_of(tracker, nominal, station), t[k : k + 1], az[k : k + 1], el[k : k + 1],
+            np.ones(1),
+        )  # fmt: skip
+        found.append(state.elements[[3, 5], 0])
+    return np.array(found).T
+
+
+def test_means_weigh_every_measurement_alike() -> None:
+    """Ω, M carried to one time: arithmetic means, and the sums of squares about them.
+
+    The first of them replaces the nominal values: a nominal orbit far off leaves no trace.
+    """
+    truth = np.array([7.4e6, 0.02, 0.9, 1.0, 0.3, 0.6])
+    nominal = truth + np.array([0.0, 0.0, 0.0, 0.04, 0.0, -0.03])
+    station, count = overhead(truth, 0.05), 7
+    t = np.array([0.0, 1.0, 4.0, 5.0, 11.0, 12.0, 20.0])
+    azimuth, elevation = two_body(truth, station, t)
+    noise = 2e-3 * np.random.default_rng(8).standard_normal((2, count))
+    azimuth, elevation = azimuth + noise[0], elevation + noise[1]
+    tracker = Average(SPEC)
+    alone = solved_alone(tracker, nominal, station, t, azimuth, elevation)
+    n = np.sqrt(SPEC.gm_m3_s2 / truth[0] ** 3)
+    at_zero = alone - np.outer([0.0, 1.0], n * t)
+    state = start_of(tracker, nominal, station)
+    for k in range(count):
+        state = tracker.update(
+            state, t[k : k + 1], azimuth[k : k + 1], elevation[k : k + 1], np.ones(1)
+        )
+        done = at_zero[:, : k + 1]
+        mean = done.mean(axis=1)
+        found = state.elements[[3, 5], 0] - np.array([0.0, n * t[k]])
+        # each measurement's anomaly is told from the radius that the iteration ends at, 1e-9 of it
+        assert_allclose(found, mean, rtol=0, atol=1e-8)
+        off = done - mean[:, None]
+        sums = off @ off.T
+        scatter = state.scatter[:, 0]
+        assert_allclose(scatter, [sums[0, 0], sums[0, 1], sums[1, 1]], rtol=1e-3, atol=1e-11)
+        assert state.count[0] == k + 1.0
+
+
+def test_covariance_of_the_sky_is_that_of_the_means() -> None:
+    """J C Jᵀ by differences of the angles; C = scatter/(n (n − 1)), of one measurement as given."""
+    truth = np.array([7.4e6, 0.02, 0.9, 1.0, 0.3, 0.6])
+    station = overhead(truth, 0.05)
+    spec = AverageSpec(j2=0.0, j4=0.0, node_sigma_rad=3e-3, mean_anomaly_sigma_rad=1e-3)
+    tracker = Average(spec)
+    state = start_of(tracker, truth, station, 3)
+    scatter = 1e-6 * np.array([[5.0, 5.0, 40.0], [-2.0, -2.0, 9.0], [3.0, 3.0, 7.0]])
+    state = AverageState(**(vars(state) | {"scatter": scatter, "count": np.array([1.0, 2.0, 5.0])}))
+    times = np.array([30.0, 90.0])
+    _, elevation, covariance = tracker.predict(state, times)
+    columns = []
+    for k in (3, 5):
+        step = 1e-6 * np.eye(6)[k]
+        ahead, behind = (np.array(two_body(truth + s, station, times)) for s in (step, -step))
+        columns.append(wrapped(ahead - behind) / 2e-6)
+    slopes = np.array(columns)  # Ω, M by azimuth, elevation by time
+    slopes[:, 0] *= np.cos(elevation[:, 0])
+    expected = [
+        np.diag([9e-6, 1e-6]),
+        1e-6 * np.array([[5.0, -2.0], [-2.0, 3.0]]) / 2.0,
+        1e-6 * np.array([[40.0, 9.0], [9.0, 7.0]]) / 20.0,
+    ]
+    for case, means in enumerate(expected):
+        for k in range(2):
+            wanted = slopes[:, :, k].T @ means @ slopes[:, :, k]
+            assert_allclose(covariance[:, :, k, case], wanted, rtol=1e-6, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("sine", "trust"),
+    [(1e-3, 0.0), (3.4e-3, 0.0), (0.01925, 0.5), (0.027125, 0.75), (0.0351, 1.0)],
+)
+def test_near_the_equator_the_argument_is_predicted(sine: float, trust: float) -> None:
+    """Of a circular orbit u is told by the latitude as far as it is trusted, evenly with sin i.
+
+    From none at 0.2° to all at 2°; the node makes up for the rest, so that the longitude fits.
+    """
+    i = float(np.arcsin(sine))
+    truth = np.array([7.4e6, 0.0, i, 1.0, 0.0, 0.5])
+    station = overhead(truth)
+    azimuth, elevation = two_body(truth, station, np.zeros(1))
+    nominal = truth + np.array([0.0, 0.0, 0.0, 0.01, 0.0, -0.02])
+    tracker = Average(SPEC)
+    state = tracker.update(
+        start_of(tracker, nominal, station), np.zeros(1), azimuth, elevation, np.ones(1)
+    )
+    u = 0.48 + trust * 0.02
+
+    def longitude(u: float) -> float:
+        return float(np.arctan2(np.cos(i) * np.sin(u), np.cos(u)))
+
+    assert_allclose(state.elements[5], u, rtol=0, atol=1e-7)
+    assert_allclose(state.elements[3], 1.0 + longitude(0.5) - longitude(u), rtol=0, atol=1e-7)
+
+
+def test_circular_start_is_at_the_same_argument_of_latitude() -> None:
+    """Kepler's equation by fixed-point iteration and f = 2 atan(√((1+e)/(1−e)) tan(E/2))."""
+    e, mean, perigee = 0.05, 0.8, 0.7
+    anomaly = mean
+    for _ in range(60):
+        anomaly = mean + e * np.sin(anomaly)
+    f = 2.0 * np.arctan(np.sqrt((1.0 + e) / (1.0 - e)) * np.tan(anomaly / 2.0))
+    nominal = np.array([7.4e6, e, 0.9, 1.0, perigee, mean])
+    state = start_of(Circular(SPEC), nominal, overhead(nominal))
+    assert_allclose(state.elements[:, 0], [7.4e6, 0.0, 0.9, 1.0, 0.0, perigee + f], rtol=1e-12)
+
+
+def test_up_to_the_first_measurement_everything_moves() -> None:
+    """The node and the perigee drift by J2; from the first measurement on they rest."""
+    nominal = np.array([7.4e6, 0.02, 0.9, 1.0, 0.3, 0.6])
+    spec = AverageSpec()
+    tracker = Average(spec)
+    dt = 2000.0
+    field = ZonalField(
+        j2=spec.j2, j4=spec.j4, radius_m=spec.equatorial_radius_m, gm_m3_s2=spec.gm_m3_s2
+    )
+    there = propagated(nominal[:, None], np.array([dt]), field)[:, 0]
+    station = overhead(there, 0.05)
+    nan, t = np.full(2, np.nan), np.array([dt])
+    state = start_of(tracker, nominal, station, 2)
+    # one case has a measurement already
+    begun = AverageState(**(vars(state) | {"count": np.array([0.0, 1.0])}))
+    later = tracker.update(begun, t, nan, nan, np.ones(1))
+    assert_allclose(later.elements[:, 0], there, rtol=1e-12)
+    assert_allclose(later.elements[:5, 1], nominal[:5], rtol=0, atol=0)
+    # the drift of the mean anomaly to the first order in J2, n (1 + 3/2 J2 (R/a)² …)
+    assert_allclose(later.elements[5, 1], there[5], rtol=0, atol=1e-4)

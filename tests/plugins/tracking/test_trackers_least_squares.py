@@ -553,3 +553,43 @@ def test_states_are_not_changed() -> None:
     tracker.predict(state, np.array([RISE]))
     assert_allclose(state.elements, kept.elements, atol=0, rtol=0)
     assert_allclose(state.covariance, kept.covariance, atol=0, rtol=0)
+
+
+@pytest.mark.parametrize("dt", [900.0, -900.0])
+def test_a_drifting_orbit_grows_unsure_between_measurements(dt: float) -> None:
+    """A displacement of 200 m in an hour: the variance of a grows by 200² |dt|/3600 s, m².
+
+    That of the node grows by the same over a², but for what the size changes in its rate. Biases
+    do not drift.
+    """
+    found = []
+    for drift in (0.0, 200.0):
+        tracker = LeastSquares(
+            LeastSquaresSpec(parameters="size_node_anomaly", angle_biases=True, drift_m=drift)
+        )
+        state = tracker.initial(at_rise(1), np.array([RISE]), (ALCANTARA,), EPOCH)
+        later = tracker.update(
+            state, np.array([RISE + dt]), np.array([np.nan]), np.array([0.1]), np.array(SIGMA)
+        )
+        found.append(later.covariance[:, :, 0])
+    grown = found[1] - found[0]
+    assert_allclose(grown[0, 0], 200.0**2 * 0.25, rtol=1e-9)
+    assert_allclose(grown[1, 1], 200.0**2 * 0.25 / PAPER[0] ** 2, rtol=1e-2)
+    assert_allclose(grown[3:, 3:], 0.0, atol=1e-18)
+
+
+def test_each_angle_has_its_own_sigma() -> None:
+    """An angle known to 100 rad says nothing, however far off; the other one does."""
+    tracker = LeastSquares(LeastSquaresSpec())
+    state = tracker.initial(at_rise(1), np.array([RISE]), (ALCANTARA,), EPOCH)
+    azimuth, elevation = true_angles(at_rise(1), 0.0, RISE, state.site)
+    t, sharp, blunt = np.array([RISE]), SIGMA, 100.0
+    for sigma, dull in ((np.array([[blunt], [sharp]]), 0), (np.array([[sharp], [blunt]]), 1)):
+        moved = []
+        for k in range(2):
+            shift = 2e-3 * np.eye(2)[k]
+            after = tracker.update(state, t, azimuth + shift[0], elevation + shift[1], sigma)
+            here = tracker.update(state, t, azimuth, elevation, sigma)
+            moved.append(float(np.abs(after.elements - here.elements)[3:].max()))
+        assert moved[dull] < 1e-6
+        assert moved[1 - dull] > 1e-4

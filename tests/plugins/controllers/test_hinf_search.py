@@ -1,0 +1,245 @@
+"""How the H∞ synthesis searches γ: by toy problems whose solvable γ and loops' norms are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tests.plugins.controllers.test_hinf_synthesis import scalar_plant
+
+from hillsphere.errors import InputError
+from hillsphere.lti import LtiSystem
+from hillsphere_controllers.analysis.hinf_norm import HinfNorm
+from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.full_order import hinf
+from hillsphere_controllers.full_order.gamma_problem import GammaProblem
+from hillsphere_controllers.full_order.hinf import HinfDesign, hinf_synthesis
+
+PLANT = scalar_plant(1.0)
+
+
+def design(gamma: float, upper: float | None = None) -> HinfDesign:
+    norm = HinfNorm(gamma, 1.0, gamma if upper is None else upper)
+    return HinfDesign(PLANT, gamma, PLANT, norm, 0.0, gamma)
+
+
+@dataclass
+class Toy:
+    """Solvable from a level of γ on."""
+
+    solvable: float
+    by_pencil: bool = False
+    asked: list[float] = field(default_factory=list)
+
+    def solve(self, gamma: float, *, checked: bool = True) -> Any:
+        self.asked.append(gamma)
+        return None if gamma < self.solvable else ("X", "Y")
+
+
+@pytest.mark.parametrize(
+    ("solvable", "guess", "expected", "asked"),
+    [
+        (1.0, 1.0, (0.96, 1.04), 2),  # a good guess: on both sides of it
+        (2.0, 1.0, (1.04, 9.0), 1),  # too low: nothing below is asked
+        (0.5, 1.0, (0.1, 0.96), 2),  # too high: lower twice
+        (1.0, np.nan, (0.1, 9.0), 0),
+        (1.0, 20.0, (0.1, 9.0), 0),  # outside of what is known already
+    ],
+)
+def test_beside_a_guess(
+    solvable: float, guess: float, expected: tuple[float, float], asked: int
+) -> None:
+    """0.4 tolerances above and below it."""
+    toy: Any = Toy(solvable)
+    found = hinf._beside(toy, guess, 0.1, 9.0, 0.1)
+    assert_allclose(found, expected, rtol=1e-12)
+    assert len(toy.asked) == asked
+
+
+def test_the_better_design_has_the_lower_upper_bound() -> None:
+    one, other = design(2.0, 2.5), design(2.1, 2.2)
+    assert hinf._better(one, other) is other
+    assert hinf._better(other, one) is other
+    assert hinf._better(one, None) is one
+    assert hinf._better(None, one) is one
+    assert hinf._better(None, None) is None
+    assert hinf._better(one, design(1.0, 2.5)) is one  # of two alike the first
+
+
+@pytest.mark.parametrize(
+    ("least", "expected"),
+    [(1.5, 1.5), (2.0, 2.0), (2.0 * (1.0 + 5e-10), 2.0), (2.0 * (1.0 + 2e-9), 0.0), (3.0, 0.0)],
+)
+def test_a_proof_that_the_design_refutes_is_none(least: float, expected: float) -> None:
+    """Of γ = 2; rounding in the ninth digit refutes nothing."""
+    assert hinf._proved(design(2.0), least).least == expected
+
+
+def made_by(monkeypatch: pytest.MonkeyPatch, norms: Any) -> list[tuple[float, bool, bool]]:
+    """Have designs of a γ bear `norms(γ)`; return what is asked: γ, checked, by the pencil."""
+    asked: list[tuple[float, bool, bool]] = []
+
+    def made(plant: Any, problem: Any, gamma: float, *, checked: bool = True) -> Any:
+        asked.append((gamma, checked, problem.by_pencil))
+        norm = norms(gamma)
+        return None if norm is None else design(norm)
+
+    monkeypatch.setattr(hinf, "_made", made)
+    return asked
+
+
+def test_backing_off_ends_at_the_first_loop_that_keeps_its_gamma(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Levels 2 (1 + 0.01 f): f = 1 gives nothing, 1.5 a loop above its γ, 3 one below."""
+    loops = {2.02: None, 2.03: 2.5, 2.06: 2.05, 2.2: 2.1}
+    toy: Any = Toy(2.0)
+    asked = made_by(monkeypatch, lambda gamma: loops[round(gamma, 6)])
+    found = hinf._backed_off(PLANT, toy, 2.0, 0.01)
+    assert found is not None
+    assert (found.gamma, found.solvable) == (2.05, 2.0)
+    assert_allclose([gamma for gamma, *_ in asked], [2.02, 2.03, 2.06], rtol=1e-12)
+    assert all(checked for _, checked, _ in asked)
+    # none keeps it: the best of all
+    asked = made_by(monkeypatch, lambda gamma: 3.0 + gamma)
+    found = hinf._backed_off(PLANT, toy, 2.0, 0.01)
+    assert found is not None
+    assert found.gamma == pytest.approx(5.02)
+    assert len(asked) == 5
+    made_by(monkeypatch, lambda gamma: None)
+    assert hinf._backed_off(PLANT, toy, 2.0, 0.01) is None
+
+
+@pytest.mark.parametrize(
+    ("norms", "lower"),
+    [
+        (lambda gamma: 0.985, True),  # below 0.99 of the best
+        (lambda gamma: 0.995, False),
+        (lambda gamma: 0.5 if gamma == 0.5 else None, True),  # one is enough
+        (lambda gamma: None, False),
+    ],
+)
+def test_what_the_bisection_refused_may_do_better(
+    monkeypatch: pytest.MonkeyPatch, norms: Any, lower: bool
+) -> None:
+    toy: Any = Toy(1.0, by_pencil=True)
+    asked = made_by(monkeypatch, norms)
+    assert hinf._goes_lower(PLANT, toy, design(1.0), 0.2) is lower
+    expected = [(g, False, pencil) for pencil in (False, True) for g in (0.98, 0.9, 0.5)]
+    assert asked == expected
+    assert toy.by_pencil is True  # as it was
+    asked.clear()
+    assert hinf._goes_lower(PLANT, toy, design(1.0), 0.6) is (lower and norms(0.9) is not None)
+    assert [gamma for gamma, *_ in asked] == [0.98, 0.9] * 2
+    toy.by_pencil = False
+    hinf._goes_lower(PLANT, toy, design(1.0), 0.6)
+    assert toy.by_pencil is False
+
+
+def test_many_gammas_close_in_on_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loops exist from γ = 3 on, and have the norm γ: 12 values in four ever narrower spans.
+
+    By the pencil they exist from 2.5 on, so that this search has the better one.
+    """
+    toy: Any = Toy(0.0)
+    asked = made_by(
+        monkeypatch, lambda gamma: gamma if gamma >= (2.5 if toy.by_pencil else 3.0) else None
+    )
+    found = hinf._tried(PLANT, toy, (1e-8, 1e8))
+    assert found is not None
+    assert 2.5 <= found.gamma < 2.5 * 1.02
+    assert found.solvable == found.gamma
+    assert len(asked) == 2 * 4 * 12
+    assert_allclose([asked[0][0], asked[11][0]], [1e-8, 1e8], rtol=1e-9)
+    assert not any(checked for _, checked, _ in asked)
+    # where the second span lies: about the best of the first, as wide as between its neighbours
+    first = np.geomspace(1e-8, 1e8, 12)
+    at, ratio = first[first >= 3.0][0], first[1] / first[0]
+    second = [gamma for gamma, *_ in asked[12:24]]
+    assert_allclose(second, np.geomspace(at / ratio, at * ratio, 12), rtol=1e-9)
+    asked = made_by(monkeypatch, lambda gamma: None)
+    assert hinf._tried(PLANT, toy, (1e-8, 1e8)) is None
+    assert len(asked) == 2 * 12  # a span of nothing is not narrowed
+
+
+def test_without_a_bracket_sixteen_decades_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    spans: list[tuple[float, float]] = []
+
+    def tried(plant: Any, problem: Any, span: tuple[float, float]) -> None:
+        spans.append((span[0] / problem.size, span[1] / problem.size))
+
+    monkeypatch.setattr(hinf, "_tried", tried)
+    monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.0, None))
+    with pytest.raises(SynthesisFailedError, match="were solved for no γ"):
+        hinf_synthesis(PLANT, 1, 1)
+    assert_allclose(spans, [(1e-8, 1e8)], rtol=1e-12)
+
+
+def test_where_backing_off_fails_all_above_the_proof_is_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The scalar problem a = 1 has the least γ 1 + √3; the search goes to ten times that."""
+    spans: list[tuple[float, float]] = []
+    result: list[HinfDesign | None] = [None]
+
+    def tried(plant: Any, problem: Any, span: tuple[float, float]) -> HinfDesign | None:
+        spans.append(span)
+        return result[0]
+
+    monkeypatch.setattr(hinf, "_tried", tried)
+    monkeypatch.setattr(hinf, "_backed_off", lambda *args: None)
+    with pytest.raises(SynthesisFailedError, match="no controller near it makes a stable"):
+        hinf_synthesis(PLANT, 1, 1)
+    result[0] = design(50.0)
+    assert hinf_synthesis(PLANT, 1, 1).gamma == 50.0
+    least = 1.0 + np.sqrt(3.0)
+    for low, high in spans:
+        assert least * (1.0 - 2e-4) < low < least  # what is proved, by the bisection's tolerance
+        assert_allclose(high, 10.0 * least, rtol=2e-4)
+
+
+def test_a_loop_whose_norm_is_not_told_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Static gains k about ẋ = x + u: the pole is 1 + k."""
+
+    def closed(gain: float) -> HinfDesign:
+        none = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
+        return hinf._checked(PLANT, LtiSystem(*none, np.array([[gain]])), 7.0)
+
+    with pytest.raises(SynthesisFailedError, match="not stable"):
+        closed(-0.5)
+    fine = closed(-3.0)
+    assert fine.solvable == 7.0
+    assert fine.gamma == fine.norm.value
+    assert fine.least == 0.0
+    monkeypatch.setattr(hinf, "hinf_norm", lambda loop: HinfNorm(1.0, 0.0, np.inf))
+    with pytest.raises(SynthesisFailedError, match="do not determine its norm"):
+        closed(-3.0)
+
+
+@pytest.mark.parametrize(("controls", "measurements"), [(0, 1), (4, 1), (1, 0), (1, 4), (-1, 1)])
+def test_numbers_that_do_not_fit(controls: int, measurements: int) -> None:
+    with pytest.raises(InputError, match=r"do not fit a plant of 3 × 3"):
+        hinf_synthesis(PLANT, controls, measurements)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tolerance": 9e-13}, "tolerance must be"),
+        ({"tolerance": 1.0}, "tolerance must be"),
+        ({"back_off": -0.1}, "back-off must be"),
+        ({"back_off": np.inf}, "back-off must be"),
+        ({"regularisation": np.nan}, "regularisation must be"),
+    ],
+)
+def test_options_out_of_range(options: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        hinf_synthesis(PLANT, 1, 1, **options)  # type: ignore[arg-type]
+
+
+def test_a_regularised_problem_proves_nothing_of_the_plant() -> None:
+    assert hinf_synthesis(PLANT, 1, 1, back_off=0.0).least > 0.0
+    assert hinf_synthesis(PLANT, 1, 1, regularisation=0.01).least == 0.0
