@@ -214,13 +214,18 @@ def test_largest_y_on_the_track(computed: QsoFamily) -> None:
 
 
 def test_all_that_is_missing_is_named(point_mass: Any) -> None:
-    wanted = stage(point_mass, x_amplitudes_km=[5, 40, 12], periods_h=[9.5], curve_members=41)
-    with pytest.raises(InputError) as caught:
-        wanted.run(RecordingContext())
-    text = str(caught.value)
+    """The members that exist are returned; an error names all others only if there is none."""
+    made = stage(point_mass, x_amplitudes_km=[5, 40, 12], periods_h=[9.5], curve_members=41)
+    product = made.run(RecordingContext())
+    assert product.members.labels == ("x = 40 km",)
+    (text,) = product.missing
     assert "x = 5, 12 km (it has 13.03 to 95.4" in text
     assert "T = 9.5 h (it has 2.4" in text
     assert "grazes the surface (13.03 km)" in text
+    assert f"Not all orbits exist: {text}." in made.present(product).verdict
+    none = stage(point_mass, x_amplitudes_km=[5], periods_h=[9.5], curve_members=41)
+    with pytest.raises(InputError, match=r"x = 5 km \(it has 13.03.*T = 9.5 h"):
+        none.run(RecordingContext())
 
 
 @pytest.mark.parametrize(("keys", "message"), [
