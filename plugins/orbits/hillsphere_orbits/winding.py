@@ -23,7 +23,15 @@ from hillsphere_orbits.continuation import Boundary
 from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.survey import LockedMoon, TruePrimary
 
-__all__ = ["Winding", "primary_distance", "require_motion", "require_smooth", "resolution", "turns"]
+__all__ = [
+    "Winding",
+    "primary_distance",
+    "require_motion",
+    "require_smooth",
+    "resolution",
+    "sensitivity",
+    "turns",
+]
 
 _MOST_STEPS = 1 << 11
 """Sub-steps of half a period with which orbits are still followed. One residual of so many costs a
@@ -31,6 +39,9 @@ tenth of a second, and a family needs some thousand of them."""
 _PER_STEP = 0.25
 """Longest sub-step, in units of √(d³/GM) at a distance d from a body. A circle at that distance
 has 25 such steps, for which the error of the eighth-order map is about 1e-12."""
+_SENSITIVE = 1e-12 / float(np.finfo(float).eps)
+"""Largest element of the matrix of the flight that is solved: rounding grows to what Newton's
+iteration is to meet, so that members beyond could not be told from their neighbours."""
 _SAME_MOTION = 1e-8
 """Farthest way from its start, relative to its size, of what is an equilibrium or has no period:
 Newton's iteration meets these to 1e-12, and the smallest orbits that are followed are 1e-4."""
@@ -209,6 +220,16 @@ def resolution(problem: Shooting, plant: Plant) -> Boundary:
         "longer resolve them",
         room,
     )
+
+
+def sensitivity(problem: Shooting) -> Boundary:
+    """Return where rounding errors grow, over the flight solved, to Newton's tolerance."""
+
+    def calm(z: Array) -> Array:
+        matrix = problem.flow.with_matrix(problem.state(z), z[-1], problem.steps)[1]
+        return np.asarray(1.0 - np.max(np.abs(matrix), axis=(0, 1)) / _SENSITIVE)
+
+    return Boundary("the orbit is too sensitive to be computed", calm)
 
 
 def _slowness(way: Array, x: float, gm: float) -> Array:

@@ -85,13 +85,9 @@ def test_the_distant_retrograde_orbit_of_the_moon() -> None:
     gravity = create("gravity", "point_mass", gm_m3_s2=4902.79799e9)
     plant = create("plant", "three_body", body=body, gravity=gravity)
     made = create(
-        "stage", "qso_family", plant=plant, x_amplitudes_km=[70000, 900000], x_min_km=20000,
-        x_max_km=1000000, curve_members=41, drift_revolutions=2,
+        "stage", "qso_family", plant=plant, x_amplitudes_km=[70000], periods_h=[900],
+        x_min_km=20000, x_max_km=150000, curve_members=41, drift_revolutions=2,
     )  # fmt: skip
-    with pytest.raises(ConvergenceError, match="ask for smaller amplitudes"):
-        create("stage", "qso_family", plant=plant, x_amplitudes_km=[900000], x_min_km=800000).run(
-            RecordingContext()
-        )
     product = made.run(RecordingContext())
     assert product.members.labels == ("x = 70000 km",)
     assert -product.members.x0[4, 0] == pytest.approx(496.3272715, rel=1e-9)
@@ -99,11 +95,10 @@ def test_the_distant_retrograde_orbit_of_the_moon() -> None:
     # SciPy's is the largest of 20 000 samples of a dense output
     assert product.y_max_m[0] == pytest.approx(88504.5261e3, rel=1e-8)
     assert product.member_indices[:, 0] == pytest.approx([-1.3603576, 0.1760139], abs=1e-7)
-    # the largest amplitudes do not exist: orbits meet the Earth before
+    # no orbit takes longer than the Moon's own, 2π · 382 981 s = 668 h
     (fault,) = product.missing
-    assert "no member with x = 900000 km (it has 20000 to" in fault
+    assert "no member with T = 900 h (it has " in fault
     assert any(fault in sentence for sentence in made.present(product).verdict)
-    assert product.curve.x0[0, 0] < 389703e3
 
 
 @pytest.mark.parametrize(
@@ -174,11 +169,11 @@ def libration(kind: str, mu: float, high: float | None) -> Family:
     return found
 
 
-def test_halos_go_on_to_the_last_one_that_is_resolved() -> None:
+def test_halos_go_on_to_the_last_one_that_is_accurate() -> None:
     """Of the Earth and Moon, through all near-rectilinear ones to inside the Moon's surface.
 
-    The Moon's radius is 1737.1 km, the distance 389 703 km. The 9:2 orbit of the Gateway, whose
-    period is 2/9 of a synodic month, is one of them.
+    The Moon's radius is 1737.1 km, the distance 389 703 km. There errors grow over half a period
+    to what Newton's iteration is to meet.
     """
     family = libration("south", EARTH_MOON, None)
     z = family.branch.z[:, -1:]
@@ -187,7 +182,7 @@ def test_halos_go_on_to_the_last_one_that_is_resolved() -> None:
     )
     nearest = np.sqrt(np.min(np.sum(way[:3, :, 0] ** 2, axis=0)))
     assert nearest * family.plant.scales.length_m < 1737.1 / 389703 * DISTANCE_M
-    assert "resolve" in family.branch.ends[1]
+    assert family.branch.ends[1] == "the orbit is too sensitive to be computed"
 
 
 def test_other_orbits_are_refused() -> None:

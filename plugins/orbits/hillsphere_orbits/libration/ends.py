@@ -8,14 +8,11 @@ from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary
 from hillsphere_orbits.members import Quantity
 from hillsphere_orbits.shooting import SymmetricShooting
-from hillsphere_orbits.winding import resolution
+from hillsphere_orbits.winding import resolution, sensitivity
 
 __all__ = ["BRANCHING", "branching", "ends_of", "up_to"]
 
 BRANCHING = "halo orbits branch off"
-_SENSITIVE = 1e-12 / float(np.finfo(float).eps)
-"""Largest element of the half-period's matrix: rounding grows to what Newton's iteration is to
-meet, so that members beyond could not be told from their neighbours."""
 
 
 def up_to(reason: str, amplitude: Quantity, most: float) -> Boundary:
@@ -55,10 +52,7 @@ def ends_of(problem: SymmetricShooting, plant: Plant) -> list[Boundary]:
         # both halves of an orbit are each other's mirror image
         return flow.trajectory(problem.state(z), z[-1], 2 * problem.steps)
 
-    def calm(z: Array) -> Array:
-        return np.asarray(1.0 - np.max(np.abs(_half(problem, z)), axis=(0, 1)) / _SENSITIVE)
-
-    sensitive = Boundary("the orbit is too sensitive to be computed", calm)
+    sensitive = sensitivity(problem)
     if "impact" not in flow.system.events:
         return [resolution(problem, plant), sensitive]
     level = flow.system.function(flow.system.events["impact"])

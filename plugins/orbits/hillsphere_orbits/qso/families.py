@@ -17,7 +17,7 @@ from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.survey import ArrayConserved, LockedMoon, Surveyor
-from hillsphere_orbits.winding import Winding, primary_distance, resolution
+from hillsphere_orbits.winding import Winding, primary_distance, resolution, sensitivity
 
 __all__ = ["Family", "Qso"]
 
@@ -360,6 +360,12 @@ class Qso:
             )
         if ends or self.winding.distance is not None:
             ends.append(resolution(problem, self.plant))
+        if self.winding.distance is not None:
+            # of the Kepler circles close in, matrices are large by the unit of time alone
+            x, calm = problem.unknowns.index("x"), sensitivity(problem)
+            ends.append(
+                Boundary(calm.reason, lambda z: np.where(z[x] < _CLOSE, 1.0, calm.function(z)))
+            )
         return ends
 
     def _before_turn(self, branch: Branch, x: int) -> Branch:
@@ -375,7 +381,13 @@ class Qso:
         return Branch(branch.z[:, :kept], branch.tangent[:, :kept], (branch.ends[0], reason))
 
     def _steps(self, problem: Shooting, z: Array) -> int:
-        return self.flow.steps_for(problem.state(z), z[-1], 0.1 * self.accuracy)
+        x = problem.state(z)
+        try:
+            return self.flow.steps_for(x, z[-1], 0.1 * self.accuracy)
+        except PropagationError:
+            # Near the primary rounding exceeds a tenth of the accuracy; the orbits are judged by
+            # the whole of it when they are propagated anew.
+            return self.flow.steps_for(x, z[-1], self.accuracy)
 
     def _grazing(self, problem: Shooting) -> list[Boundary]:
         """Return the boundary at the surface, if there is one: clearance along the orbit."""
