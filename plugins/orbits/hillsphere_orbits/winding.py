@@ -222,12 +222,20 @@ def resolution(problem: Shooting, plant: Plant) -> Boundary:
     )
 
 
-def sensitivity(problem: Shooting) -> Boundary:
-    """Return where rounding errors grow, over the flight solved, to Newton's tolerance."""
+def sensitivity(problem: Shooting, size: float = 1.0) -> Boundary:
+    """Return where rounding errors grow, over the flight solved, to Newton's tolerance.
+
+    Parameters
+    ----------
+    problem : Shooting
+        The equations.
+    size : float
+        Of the states at the end of the flight, by which their rounding is larger.
+    """
 
     def calm(z: Array) -> Array:
         matrix = problem.flow.with_matrix(problem.state(z), z[-1], problem.steps)[1]
-        return np.asarray(1.0 - np.max(np.abs(matrix), axis=(0, 1)) / _SENSITIVE)
+        return np.asarray(1.0 - np.max(np.abs(matrix), axis=(0, 1)) * size / _SENSITIVE)
 
     return Boundary("the orbit is too sensitive to be computed", calm)
 

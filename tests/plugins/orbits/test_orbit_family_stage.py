@@ -185,7 +185,7 @@ def test_orbits_that_the_family_lacks(keys: Mapping[str, Any], words: str) -> No
 def test_an_orbit_that_the_family_lacks_is_named_beside_the_others() -> None:
     keys: dict[str, Any] = {
         "family": family("halo", hill(), point="L2"), "amplitudes_km": [3], "periods_h": [9],
-        "amplitude_max_km": 4, "curve_members": 21,
+        "amplitude_max_km": 4,
     }  # fmt: skip
     found = run(**keys)
     assert found.members.labels == ("amplitude = 3 km",)

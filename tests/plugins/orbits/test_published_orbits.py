@@ -26,7 +26,7 @@ from hillsphere.testing import RecordingContext
 from hillsphere_orbits.correction import correct, fixed
 from hillsphere_orbits.members import members_at
 from hillsphere_orbits.qso.families import Family, Qso
-from hillsphere_orbits.winding import Winding, require_motion, require_smooth, turns
+from hillsphere_orbits.winding import require_motion, require_smooth, turns
 
 DISTANCE_M, RATE = 1e8, 1e-5
 EARTH_MOON = 1.215058560962404e-2
@@ -191,7 +191,9 @@ def test_other_orbits_are_refused() -> None:
     family = retrograde(EARTH_MOON)
     problem, unit = family.problem, family.plant.scales.length_m
     distance = DISTANCE_M / unit
-    assert made.winding == Winding(-1, 0, pytest.approx(distance))
+    assert made.winding.body == -1
+    assert made.winding.primary == 0
+    assert made.winding.distance == pytest.approx(distance)
     made.winding.require(problem, family.branch.z, unit, "orbit", "")
     # retrograde about the Earth, far inside the Moon's orbit: n' = r^(−3/2) + 1 of Earth's GM
     radius = 0.1

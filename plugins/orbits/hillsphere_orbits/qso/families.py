@@ -30,6 +30,9 @@ may be nearer (of the Moon at 4 units of length, orbits about the Earth)."""
 _CLOSE = 0.1
 """Units of length: there the tide is 1e-3 of the attraction, and a retrograde Kepler circle the
 limit of the family."""
+_AT_PRIMARY = 10.0
+"""Units of velocity: of an orbit that passes the Earth at a tenth of the Moon's distance, where the
+conditions of half a period are met with the rounding of so large a state."""
 _OFF_SURFACE = 1.05  # of the largest x: the first amplitude tried outside a surface
 _GROWTH = 1.2  # from one amplitude that is tried for the first orbit to the next
 _ALMOST_NONE = 2.0 * np.pi * 1e-3**1.5
@@ -362,7 +365,7 @@ class Qso:
             ends.append(resolution(problem, self.plant))
         if self.winding.distance is not None:
             # of the Kepler circles close in, matrices are large by the unit of time alone
-            x, calm = problem.unknowns.index("x"), sensitivity(problem)
+            x, calm = problem.unknowns.index("x"), sensitivity(problem, _AT_PRIMARY)
             ends.append(
                 Boundary(calm.reason, lambda z: np.where(z[x] < _CLOSE, 1.0, calm.function(z)))
             )
