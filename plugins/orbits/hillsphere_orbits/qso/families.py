@@ -31,8 +31,8 @@ _CLOSE = 0.1
 """Units of length: there the tide is 1e-3 of the attraction, and a retrograde Kepler circle the
 limit of the family."""
 _AT_PRIMARY = 10.0
-"""Size of the states at the primary, in units of velocity, by which rounding is larger there. Chosen:
-without it the last members of the Earth and Moon are met to 8.5e-12 only, not to Newton's 1e-12."""
+"""Size of the states at the primary, in units of velocity, by which rounding is larger there.
+Chosen: without it the last members of the Earth and Moon are met to 8.5e-12 only, not to 1e-12."""
 _OFF_SURFACE = 1.05  # of the largest x: the first amplitude tried outside a surface
 _GROWTH = 1.2  # from one amplitude that is tried for the first orbit to the next
 _ALMOST_NONE = 2.0 * np.pi * 1e-3**1.5
