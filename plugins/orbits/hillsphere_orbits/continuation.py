@@ -217,12 +217,20 @@ def follow(
                 reason = "no further member: the step collapsed"
                 break
             continue
-        hit = _first_crossed(problem, Branch(np.hstack([z, new]), np.hstack([tangent, line]),
-                                             ("", "")), boundaries)  # fmt: skip
+        pair = Branch(np.hstack([z, new]), np.hstack([tangent, line]), ("", ""))
+        try:
+            hit = _first_crossed(problem, pair, boundaries)
+        except ConvergenceError as error:
+            # where orbits can hardly be computed, the one on the boundary need not be among those
+            # that can: the family ends at the last member inside
+            beyond = [b.reason for b in boundaries if b.function(new)[0] < 0.0]
+            if len(members) < 2 or not beyond:
+                raise
+            reason = f"{beyond[0]} (within one member: {error})"
+            break
         if hit is not None:
             position, reason = hit
             if position > 1e-9:
-                pair = Branch(np.hstack([z, new]), np.hstack([tangent, line]), ("", ""))
                 last = pair.at(problem, np.array([position]))
                 members.append(last)
                 lines.append(tangents(problem, last, line))

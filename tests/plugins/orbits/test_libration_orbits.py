@@ -230,7 +230,7 @@ def test_orbits_too_sensitive_end_the_family() -> None:
     problem = family.problem[0].with_steps(490)
     start = correct(problem, first.z[:, :1], fixed(0, first.z[0, 0])).checked("start")
     branch = follow(
-        problem, start[:, 0], np.array([-1.0, 0.0, 0.0]), boundaries=ends_of(problem, family.point),
+        problem, start[:, 0], np.array([-1.0, 0.0, 0.0]), boundaries=ends_of(problem, family.plant),
         control=StepControl(first=0.05, largest=0.1),
     )  # fmt: skip
     assert branch.ends[1] == "the orbit is too sensitive to be computed"

@@ -172,14 +172,30 @@ def test_orbits_that_do_not_arrive(method: str, words: str) -> None:
     "keys, words",
     [
         ({"amplitudes_km": [500], "amplitude_max_km": 600}, "amplitude = 500 km .it has"),
-        ({"amplitudes_km": [30], "periods_h": [9]}, "no member with T = 9 h .it has .* its ends"),
+        ({"amplitude_max_km": 40, "periods_h": [9]}, "T = 9 h: the family has no such member"),
     ],
 )
 def test_orbits_that_the_family_lacks(keys: Mapping[str, Any], words: str) -> None:
-    kind = "lyapunov" if "amplitude_max_km" in keys else "qso"
+    kind = "lyapunov" if "amplitudes_km" in keys else "qso"
     given = {"point": "L1"} if kind == "lyapunov" else {}
     with pytest.raises(InputError, match=words):
         run(family=family(kind, hill(*AXES_M), **given), **keys)
+
+
+def test_an_orbit_that_the_family_lacks_is_named_beside_the_others() -> None:
+    keys: dict[str, Any] = {
+        "family": family("halo", hill(), point="L2"), "amplitudes_km": [3], "periods_h": [9],
+        "amplitude_max_km": 4,
+    }  # fmt: skip
+    found = run(**keys)
+    assert found.members.labels == ("amplitude = 3 km",)
+    assert found.asked == ("amplitude = 3 km", "T = 9 h")
+    assert found.status[0] == "reached"
+    assert found.status[1].startswith("the family has no such member; it has ")
+    check_product(found)
+    shown = stage(**keys).present(found)
+    check_presentation(shown)
+    assert any(line.startswith("T = 9 h: the family has no") for line in shown.verdict)
 
 
 class NoStart:

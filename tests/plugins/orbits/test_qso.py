@@ -134,17 +134,20 @@ def test_no_orbit_inside_the_body(qso: Qso) -> None:
         qso.family(None, 12e3)
 
 
-def test_body_without_surface_has_a_lower_end() -> None:
+def test_body_without_surface_goes_on_to_almost_no_period() -> None:
+    """Deep inside, members are retrograde Kepler circles seen from the turning frame.
+
+    The rate is r^(−3/2) + 1, but for the tide, which is r³ of the attraction. The last member is
+    the one whose period is that of a Kepler circle at 1e-3 units of length at rest.
+    """
     gravity = create("gravity", "point_mass", gm_m3_s2=GM)
     bare: Qso = create("orbit_family", "qso", plant=plant(gravity))
     family = bare.family(None, 100e3, members=41)
-    low = amplitudes_km(bare, family)[-1]
-    assert low == pytest.approx(0.1 * bare.plant.scales.length_m / 1e3, rel=1e-9)
-    # deep inside it is a retrograde Kepler circle seen from the turning frame, but for the tide,
-    # which is r³ = 1e-3 of the attraction there
-    rate = 0.1**-1.5 + 1.0
-    period = family.problem.period(family.branch.z[:, -1:])
-    assert period[0] == pytest.approx(2 * np.pi / rate, rel=3e-3)
+    z = family.branch.z[:, -1:]
+    last = float(family.amplitude(z)[0][0])
+    assert family.problem.period(z)[0] == pytest.approx(2 * np.pi * 1e-3**1.5, rel=1e-6)
+    assert family.problem.period(z)[0] == pytest.approx(2 * np.pi / (last**-1.5 + 1), rel=1e-8)
+    assert family.branch.ends[1] == "the period of the next orbits is almost zero"
 
 
 @pytest.mark.parametrize(("x0_km", "vy0", "period"), [
@@ -211,13 +214,18 @@ def test_largest_y_on_the_track(computed: QsoFamily) -> None:
 
 
 def test_all_that_is_missing_is_named(point_mass: Any) -> None:
-    wanted = stage(point_mass, x_amplitudes_km=[5, 40, 12], periods_h=[9.5], curve_members=41)
-    with pytest.raises(InputError) as caught:
-        wanted.run(RecordingContext())
-    text = str(caught.value)
+    """The members that exist are returned; an error names all others only if there is none."""
+    made = stage(point_mass, x_amplitudes_km=[5, 40, 12], periods_h=[9.5], curve_members=41)
+    product = made.run(RecordingContext())
+    assert product.members.labels == ("x = 40 km",)
+    (text,) = product.missing
     assert "x = 5, 12 km (it has 13.03 to 95.4" in text
     assert "T = 9.5 h (it has 2.4" in text
     assert "grazes the surface (13.03 km)" in text
+    assert f"Not all orbits exist: {text}." in made.present(product).verdict
+    none = stage(point_mass, x_amplitudes_km=[5], periods_h=[9.5], curve_members=41)
+    with pytest.raises(InputError, match=r"x = 5 km \(it has 13.03.*T = 9.5 h"):
+        none.run(RecordingContext())
 
 
 @pytest.mark.parametrize(("keys", "message"), [

@@ -57,8 +57,15 @@ def run(plant: Any, bifurcations: Bifurcations, **keys: Any) -> SwingFamilies:
 
 @pytest.fixture(scope="module")
 def families(plant: Any, bifurcations: Bifurcations) -> SwingFamilies:
-    keys = {"jacobi_constants": [-2.0], "symmetries": ["x", "y"], "x_max_km": 72}
+    keys = {"jacobi_constants": [-2.0, -400.0], "symmetries": ["x", "y"], "x_max_km": 72}
     return run(plant, bifurcations, **keys)
+
+
+def test_a_value_that_no_family_has_is_named_beside_the_others(families: SwingFamilies) -> None:
+    assert all("C = -2" in label for label in families.members.labels)
+    assert len(families.members.labels) > 0
+    (note,) = (note for note in families.notes if "-400" in note)
+    assert note.startswith("no family has an orbit with C = -400; they have: 1:4")
 
 
 @pytest.fixture(scope="module")

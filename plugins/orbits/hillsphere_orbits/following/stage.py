@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from hillsphere_orbits.parameter_continuation import ParameterPath
 from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.stability import is_decoupled, stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor, require_accuracy
+from hillsphere_orbits.winding import require_motion
 
 __all__ = ["Followed", "OrbitFamilyStage"]
 
@@ -40,6 +41,14 @@ class Followed(Contract, Protocol):
     def family(self, low_m: float | None, high_m: float, members: int, /) -> Family:
         """Compute it between two amplitudes; without the smallest, from where it begins."""
         ...
+
+
+class _Absent(NamedTuple):
+    """An orbit asked for that the family does not have: its name, what it keeps, and why."""
+
+    name: str
+    kind: str
+    fault: str
 
 
 class OrbitFamilyStage:
@@ -87,7 +96,8 @@ class OrbitFamilyStage:
         Raises
         ------
         InputError
-            If orbits are asked for that the family does not have; all are named.
+            If the family has none of the orbits asked for; all are named. If it has some, the
+            status of the others says so.
         ConvergenceError
             If the family cannot be followed, or an orbit does not keep the accuracy.
         """
@@ -97,10 +107,13 @@ class OrbitFamilyStage:
         ctx.info(f"family over {family.method}; {family.problem.steps} sub-steps")
         ctx.info(f"its ends: {family.branch.ends[0]}; {family.branch.ends[1]}")
         advance(1)
-        z, labels, kinds = self._asked(family)
+        z, labels, kinds, absent = self._asked(family)
+        for orbit in absent:
+            ctx.info(f"{orbit.name}: {orbit.fault}")
         surveyor = Surveyor(plant, family.problem)
         curve = surveyor.orbits(family.branch.z, ("",) * family.branch.size)
         require_accuracy(curve, spec.accuracy)
+        require_motion(family.problem, family.branch.z, plant.scales.length_m)
         advance(1)
         found = self._arrival(ctx, family, z, kinds)
         kept = tuple(name for name, s in zip(labels, found.status, strict=True) if s == "reached")
@@ -121,10 +134,10 @@ class OrbitFamilyStage:
             member_amplitude_m=family.amplitude(found.z[: len(z)])[0] * unit,
             curve_amplitude_m=family.amplitude(family.branch.z)[0] * unit,
             member_clearance=found.clearance,
-            asked=labels,
-            status=found.status,
-            held=tuple(kinds) if path else (),
-            held_value=found.held_value,
+            asked=(*labels, *(orbit.name for orbit in absent)),
+            status=(*found.status, *(orbit.fault for orbit in absent)),
+            held=(*kinds, *(orbit.kind for orbit in absent)) if path else (),
+            held_value=np.append(found.held_value, [np.nan] * (len(absent) if path else 0)),
             parameters=path.names if path else (),
             parameter_start=path.start if path else np.empty(0),
             parameter_end=path.end if path else np.empty(0),
@@ -185,10 +198,11 @@ class OrbitFamilyStage:
                 high = max(high, _FAR * unit)
         return low, high
 
-    def _asked(self, family: Family) -> tuple[Array, tuple[str, ...], list[str]]:
+    def _asked(self, family: Family) -> tuple[Array, tuple[str, ...], list[str], list[_Absent]]:
         """Find every orbit asked for: unknowns, names, and what each is asked for by.
 
-        All that are missing are named in one error, with what there is instead.
+        Those that are missing come last, by name with what there is instead; if all are, they are
+        named in one error.
         """
         spec, scales = self.spec, self.source.plant.scales
         asked: list[tuple[str, str, str, float, Quantity, tuple[float, ...]]] = []
@@ -207,24 +221,24 @@ class OrbitFamilyStage:
         columns: list[Array] = []
         labels: list[str] = []
         kinds: list[str] = []
-        missing: list[str] = []
+        missing: list[_Absent] = []
         for kind, symbol, unit, size, quantity, values in asked:
             found = members_at(family.problem, family.branch, quantity, np.array(values) / size)
             columns.append(found.z)
             labels += [f"{symbol} = {values[k]:.9g}{unit}" for k in found.target]
             kinds += [spec.hold or kind] * found.target.size
-            if lost := found.missing(len(values)):
-                span = quantity(family.branch.z)[0] * size
-                missing.append(
-                    f"{symbol} = {', '.join(f'{values[k]:.9g}' for k in lost)}{unit} (it has "
-                    f"{span.min():.9g} to {span.max():.9g}{unit})"
+            span = quantity(family.branch.z)[0] * size
+            for k in found.missing(len(values)):
+                fault = (
+                    f"the family has no such member; it has {span.min():.9g} to "
+                    f"{span.max():.9g}{unit} and ends: {'; '.join(family.branch.ends)}"
                 )
-        if missing:
-            ends = "; ".join(family.branch.ends)
-            raise InputError(
-                f"the family has no member with {'; '.join(missing)}; its ends: {ends}"
-            )
-        return np.concatenate(columns, axis=1), _distinct(labels), kinds
+                missing.append(
+                    _Absent(f"{symbol} = {values[k]:.9g}{unit}", spec.hold or kind, fault)
+                )
+        if not labels:
+            raise InputError("; ".join(f"{orbit.name}: {orbit.fault}" for orbit in missing))
+        return np.concatenate(columns, axis=1), _distinct(labels), kinds, missing
 
 
 def _indices(monodromy: Array) -> Array:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary
-from hillsphere_orbits.libration.points import CollinearPoint
 from hillsphere_orbits.members import Quantity
 from hillsphere_orbits.shooting import SymmetricShooting
+from hillsphere_orbits.winding import resolution, sensitivity
 
 __all__ = ["BRANCHING", "branching", "ends_of", "up_to"]
 
 BRANCHING = "halo orbits branch off"
-_NEAR = 0.1  # how near to the centre of a body without surface, in distances of the point from it
-_SENSITIVE = 1e-12 / float(np.finfo(float).eps)
-"""Largest element of the half-period's matrix: rounding grows to what Newton's iteration is to
-meet, so that members beyond could not be told from their neighbours."""
 
 
 def up_to(reason: str, amplitude: Quantity, most: float) -> Boundary:
@@ -34,21 +30,21 @@ def branching(problem: SymmetricShooting, start: Array) -> Boundary:
     return Boundary(BRANCHING, lambda z: sign * kernel(z))
 
 
-def ends_of(problem: SymmetricShooting, point: CollinearPoint) -> list[Boundary]:
+def ends_of(problem: SymmetricShooting, plant: Plant) -> list[Boundary]:
     """Return what ends a family: the body, or that its orbits become too sensitive.
 
     Parameters
     ----------
     problem : SymmetricShooting
         Half a period of the orbits.
-    point : CollinearPoint
-        About which they are.
+    plant : Plant
+        Whose orbits they are: where its primary is.
 
     Returns
     -------
     list of Boundary
-        The surface, or a tenth of the point's distance from the centre of a body without one; and
-        where rounding errors grow, over half a period, to the tolerance of Newton's iteration.
+        The surface, or the last orbit that is resolved about a body without one; and where
+        rounding errors grow, over half a period, to the tolerance of Newton's iteration.
     """
     flow = problem.flow
 
@@ -56,17 +52,9 @@ def ends_of(problem: SymmetricShooting, point: CollinearPoint) -> list[Boundary]
         # both halves of an orbit are each other's mirror image
         return flow.trajectory(problem.state(z), z[-1], 2 * problem.steps)
 
-    def calm(z: Array) -> Array:
-        return np.asarray(1.0 - np.max(np.abs(_half(problem, z)), axis=(0, 1)) / _SENSITIVE)
-
-    sensitive = Boundary("the orbit is too sensitive to be computed", calm)
+    sensitive = sensitivity(problem)
     if "impact" not in flow.system.events:
-        least = _NEAR * abs(point.x)
-
-        def distance(z: Array) -> Array:
-            return np.asarray(np.sqrt(np.min(np.sum(way(z)[:3] ** 2, axis=0), axis=0)) - least)
-
-        return [Boundary("the orbit comes near the body's centre", distance), sensitive]
+        return [resolution(problem, plant), sensitive]
     level = flow.system.function(flow.system.events["impact"])
 
     def clearance(z: Array) -> Array:

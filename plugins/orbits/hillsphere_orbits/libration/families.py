@@ -59,9 +59,8 @@ class Lyapunov:
     """Planar orbits about L1 or L2, from the linear oscillation outwards.
 
     They start on the x axis where they cross it far from the body; the amplitude is the distance
-    of that crossing from the libration point. The family ends where orbits graze the body, come to
-    within a tenth of the point's distance of the centre of one without surface, or are too
-    sensitive to be computed.
+    of that crossing from the libration point. The family ends where orbits graze the body, pass the
+    centre of one without surface too closely to be resolved, or are too sensitive to be computed.
 
     Parameters
     ----------
@@ -175,7 +174,7 @@ class Lyapunov:
                 problem,
                 start[:, 0],
                 self.point.side * np.eye(3)[0],
-                boundaries=[branching(problem, start), *ends_of(problem, self.point)],
+                boundaries=[branching(problem, start), *ends_of(problem, self.plant)],
                 control=_control(self.point),
             )
             if branch.ends[1] != BRANCHING:
@@ -319,7 +318,7 @@ def _computed(
     control = _control(family.point)
     problem = problem.with_steps(_steps(problem, start, _FOLLOWED))
     for _ in range(_PASSES):
-        ends = ends_of(problem, family.point)
+        ends = ends_of(problem, family.plant)
         begin = start[:, 0]
         if low is not None:
             there = up_to("the range begins", amplitude, low)

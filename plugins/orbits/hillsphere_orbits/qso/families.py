@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hillsphere.errors import ConvergenceError, InputError
+from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import gradient
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
@@ -17,12 +17,28 @@ from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.survey import ArrayConserved, LockedMoon, Surveyor
+from hillsphere_orbits.winding import Winding, primary_distance, resolution, sensitivity
 
 __all__ = ["Family", "Qso"]
 
 _FAR = 4.0  # units of length: the 2:1 ellipse is good to a few per cent there
 _CLEARANCE = 1e-9  # of an event: on the surface itself the gravity gradient is ambiguous
-_NEAR = 0.1  # units of length: where the family of a body without surface ends by default
+_FAR_SHARE = 0.05
+"""Of the primary's distance: to this share the 2:1 ellipse of Hill's limit, which neglects terms of
+the relative order amplitude/distance, is a guess for Newton's iteration. Beyond it another family
+may be nearer (of the Moon at 4 units of length, orbits about the Earth)."""
+_CLOSE = 0.1
+"""Units of length: there the tide is 1e-3 of the attraction, and a retrograde Kepler circle the
+limit of the family."""
+_AT_PRIMARY = 10.0
+"""Size of the states at the primary, in units of velocity, by which rounding is larger there.
+Chosen: without it the last members of the Earth and Moon are met to 8.5e-12 only, not to 1e-12."""
+_OFF_SURFACE = 1.05  # of the largest x: the first amplitude tried outside a surface
+_GROWTH = 1.2  # from one amplitude that is tried for the first orbit to the next
+_ALMOST_NONE = 2.0 * np.pi * 1e-3**1.5
+"""Least period, natural units: that of a circle at 1e-3 units of length, inside the surface of any
+body in hydrostatic equilibrium. Its speed is 32 units, and smaller orbits differ by little but
+speed, so that members 0.5 apart would not reach farther in within the 400 of a direction."""
 _FARTHEST = 1e3  # units of length
 _PASSES = 4  # of continuation, each with the sub-steps that the last one's orbits need
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
@@ -101,12 +117,15 @@ class Family:
 
 
 class Qso:
-    """Quasi-satellite orbits: retrograde, from the far 2:1 ellipse inwards.
+    """Quasi-satellite orbits: retrograde, from where one of the family's two limits holds.
 
-    Far from the moon its attraction vanishes and the Hill equations have the solutions
-    x = A cos nt, y = −2A sin nt: ellipses of axis ratio 2:1 about the moon with its orbital
-    period. The family is followed from one of them, inwards to the orbit that grazes the moon's
-    surface and outwards to the largest amplitude.
+    Far from the moon, but still near it beside the primary's distance, its attraction vanishes and
+    the Hill equations have the solutions x = A cos nt, y = −2A sin nt: ellipses of axis ratio 2:1
+    about the moon with its orbital period. Where the primary is too near for that, the family
+    starts at its other limit, the retrograde Kepler circle close to the moon. From there it is
+    followed inwards to the orbit that grazes the moon's surface, or without a surface to the last
+    one that is resolved, and outwards to the largest amplitude. Every member winds once about the
+    moon against its orbital motion, and not about the primary.
 
     If the equations keep the mirror plane xz, half a period between perpendicular crossings is
     solved, in the plane if they keep the plane z = 0 as well; otherwise (harmonics with S terms,
@@ -164,8 +183,9 @@ class Qso:
         ----------
         x_min_m : float or None
             Smallest amplitude; None goes on until an orbit grazes the body (or, for a body
-            without surface, to the radius outside which its gravity converges, or a tenth of the
-            unit of length). A family whose amplitude turns back before ends there.
+            without surface, to the radius outside which its gravity converges, or without such a
+            radius to the last orbit that is resolved). A family whose amplitude turns back before
+            ends there.
         x_max_m : float
             Largest amplitude.
         members : int
@@ -179,7 +199,8 @@ class Qso:
         Raises
         ------
         ConvergenceError
-            If no orbit is found near the far ellipse, or the family breaks off there.
+            If no orbit is found where the family starts, the family breaks off there, or what was
+            found winds otherwise about the bodies.
         """
         unit = self.plant.scales.length_m
         problem, method = self.problem
@@ -194,20 +215,34 @@ class Qso:
                 break
             problem = problem.with_steps(needed)
         problem = problem.with_steps(self._steps(problem, branch.z))
-        return Family(
-            self.plant, problem, branch.resampled(problem, members, relative=True), method
+        shown = branch.resampled(problem, members, relative=True)
+        self.winding.require(
+            problem, shown.z, unit, "quasi-satellite orbit", "ask for smaller amplitudes (x_max)"
         )
+        return Family(self.plant, problem, shown, method)
+
+    @cached_property
+    def winding(self) -> Winding:
+        """Once about the moon, retrograde, and not about the primary."""
+        return Winding(-1, 0, primary_distance(self.plant))
 
     def _lowest(self) -> float:
         """Return the amplitude, normalised, below which nothing is asked for by default."""
         if "impact" in self.flow.system.events:
             return 0.0
         series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
-        return max(_NEAR, (series or 0.0) / self.plant.scales.length_m)
+        return (series or 0.0) / self.plant.scales.length_m
 
     def _start(self, problem: Shooting, low: float) -> Array:
-        """Return a member near the far ellipse, clear of the body and not below `low`."""
-        amplitude, surface = max(_FAR, low), self._grazing(problem)
+        """Return a member clear of the body, from the limit of the family that holds."""
+        distance = self.winding.distance
+        if distance is None or max(_FAR, low) <= _FAR_SHARE * distance:
+            return self._far_start(problem, max(_FAR, low))
+        return self._close_start(problem)
+
+    def _far_start(self, problem: Shooting, amplitude: float) -> Array:
+        """Return a member near the 2:1 ellipse of Hill's limit, of an amplitude at least."""
+        surface, distance = self._grazing(problem), self.winding.distance
         while True:
             ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
             guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
@@ -216,40 +251,125 @@ class Qso:
             found = correct(problem, guess, held, iterations=20)
             z = found.checked("far 2:1 ellipse", [name])
             if all(boundary.function(z)[0] > 0.0 for boundary in surface):
+                self._require_kind(problem, z)
                 return z
-            if amplitude > _FARTHEST:
-                raise ConvergenceError(
-                    f"no orbit clears the body up to {name}: it is too large for its gravity"
-                )
             amplitude *= 1.5
+            if amplitude > (_FARTHEST if distance is None else _FAR_SHARE * distance):
+                raise ConvergenceError(
+                    f"no orbit clears the body up to {name}: it is too large for its gravity; "
+                    "give it a smaller surface or a larger GM"
+                )
+
+    def _close_start(self, problem: Shooting) -> Array:
+        """Return a member near the retrograde Kepler circle, as close in as the surface lets."""
+        unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
+        surface, distance = self._grazing(problem), self.winding.distance
+        series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
+        axes = (self.plant.semi_axes_m if isinstance(self.plant, LockedMoon) else None) or (0.0,)
+        first = max(_CLOSE, _OFF_SURFACE * max(max(axes), series or 0.0) / unit)
+        radius = first
+        # farther out the primary is as near as the moon
+        while radius < 0.5 * (distance or _FARTHEST):
+            # seen from the frame that turns with the moon once per 2π
+            rate = radius**-1.5 + 1.0
+            tide = radius**4 / (1.0 + radius**3)  # takes −r·rate over into the ellipse's −2r
+            circle = np.array([[radius, 0.0, 0.0, 0.0, -(radius * rate + tide), 0.0]]).T
+            guess = problem.unknowns_at(circle, np.array([2.0 * np.pi / rate]))
+            some = problem.with_steps(self._steps(problem, guess))
+            try:
+                found = correct(some, guess, fixed(x, radius), iterations=20)
+                clear = bool(found.converged[0]) and all(
+                    boundary.function(found.z)[0] > 0.0 for boundary in surface
+                )
+            except PropagationError:  # through the body, where its gravity is not defined
+                clear = False
+            if clear and bool(self.winding.fits(some, found.z)[0]):
+                self._require_kind(some, found.z)
+                return found.z
+            radius *= _GROWTH
+        raise ConvergenceError(
+            f"no retrograde orbit about the body was found between {_km(first * unit)} and "
+            f"{_km(0.5 * (distance or _FARTHEST) * unit)}, half the way to its primary: its "
+            "surface leaves no room for quasi-satellite orbits; give the body a smaller surface, "
+            "or try the stage 'orbit_family' with a guess"
+        )
+
+    def _require_kind(self, problem: Shooting, z: Array) -> None:
+        unit = self.plant.scales.length_m
+        self.winding.require(
+            problem, z, unit, "quasi-satellite orbit",
+            "use the stage 'orbit_family' with a guess for other families",
+        )  # fmt: skip
 
     def _follow(self, problem: Shooting, start: Array, low: float, high: float) -> Branch:
-        """Follow the family from `high` to `low`, or to the surface, through a member."""
+        """Follow the family from `high` to `low`, or to its ends, through a member or from it."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
-        surface = self._grazing(problem)
-        inner = [*surface, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
+        ends = [*self._grazing(problem), *self._resolved(problem)]
+        inner = [*ends, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
         outer = Boundary(f"largest amplitude {_km(high * unit)}", lambda z: high - z[x])
-        control = StepControl(first=0.1, largest=max(0.5, 0.02 * high))
+        largest = max(0.5, 0.02 * high)
+        if self.winding.distance is not None:
+            # beyond Hill's limit the family bends over a part of the primary's distance
+            largest = min(largest, max(0.1, _FAR_SHARE * self.winding.distance))
+        control = StepControl(first=min(0.1, 0.25 * float(start[x, 0])), largest=largest)
         inwards = -np.eye(len(problem.unknowns))[x]
-        if high >= start[x, 0]:
+        begin = float(start[x, 0])
+        if low <= begin <= high:
             whole = continue_both(
                 problem, start[:, 0], inwards, boundaries=[outer, *inner], control=control
             )
             return self._before_turn(whole, x)
-        there = Boundary("the range begins", lambda z: z[x] - high)
+        above = begin > high
+        wanted = high if above else low
+        sign = 1.0 if above else -1.0
+        there = Boundary("the range begins", lambda z: sign * (z[x] - wanted))
         approach = follow(
-            problem, start[:, 0], inwards, boundaries=[there, *surface], control=control
+            problem, start[:, 0], sign * inwards, boundaries=[there, *ends], control=control
         )
         if approach.ends[1] != there.reason:
+            last = approach.z[x, -1] * unit
             raise ConvergenceError(
-                f"there is no quasi-satellite orbit of amplitude {_km(high * unit)}: "
-                f"{approach.ends[1]} at {_km(approach.z[x, -1] * unit)}"
+                f"there is no quasi-satellite orbit of amplitude {_km(wanted * unit)}: "
+                f"{approach.ends[1]} at {_km(last)}; ask for "
+                f"{'larger' if above else 'smaller'} amplitudes than that"
             )
-        branch = follow(problem, approach.z[:, -1], inwards, boundaries=inner, control=control)
+        branch = follow(
+            problem,
+            approach.z[:, -1],
+            sign * inwards,
+            boundaries=inner if above else [*ends, outer],
+            control=control,
+        )
         if branch.size < 2:
-            raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
+            raise ConvergenceError(
+                f"the family has a single member: {branch.ends[1]}; widen the range of amplitudes"
+            )
+        if not above:
+            reasons = (branch.ends[1], f"smallest amplitude {_km(low * unit)}")
+            branch = Branch(branch.z[:, ::-1], -branch.tangent[:, ::-1], reasons)
+            return self._before_turn(branch, x)
         branch = Branch(branch.z, branch.tangent, (outer.reason, branch.ends[1]))
         return self._before_turn(branch, x)
+
+    def _resolved(self, problem: Shooting) -> list[Boundary]:
+        """Return the ends of what is resolved: passages of a centre, and almost no period."""
+        ends = []
+        if "impact" not in self.flow.system.events:
+            ends.append(
+                Boundary(
+                    "the period of the next orbits is almost zero",
+                    lambda z: problem.period(z) / _ALMOST_NONE - 1.0,
+                )
+            )
+        if ends or self.winding.distance is not None:
+            ends.append(resolution(problem, self.plant))
+        if self.winding.distance is not None:
+            # of the Kepler circles close in, matrices are large by the unit of time alone
+            x, calm = problem.unknowns.index("x"), sensitivity(problem, _AT_PRIMARY)
+            ends.append(
+                Boundary(calm.reason, lambda z: np.where(z[x] < _CLOSE, 1.0, calm.function(z)))
+            )
+        return ends
 
     def _before_turn(self, branch: Branch, x: int) -> Branch:
         """Cut the branch where its amplitude stops falling: what follows is another family."""
@@ -264,7 +384,13 @@ class Qso:
         return Branch(branch.z[:, :kept], branch.tangent[:, :kept], (branch.ends[0], reason))
 
     def _steps(self, problem: Shooting, z: Array) -> int:
-        return self.flow.steps_for(problem.state(z), z[-1], 0.1 * self.accuracy)
+        x = problem.state(z)
+        try:
+            return self.flow.steps_for(x, z[-1], 0.1 * self.accuracy)
+        except PropagationError:
+            # Near the primary rounding exceeds a tenth of the accuracy; the orbits are judged by
+            # the whole of it when they are propagated anew.
+            return self.flow.steps_for(x, z[-1], self.accuracy)
 
     def _grazing(self, problem: Shooting) -> list[Boundary]:
         """Return the boundary at the surface, if there is one: clearance along the orbit."""

@@ -25,10 +25,14 @@ from hillsphere_orbits.survey import (
     require_accuracy,
     tracks,
 )
+from hillsphere_orbits.winding import primary_distance, require_motion, require_smooth
 
 __all__ = ["QsoFamilyStage", "family_of"]
 
 _SAME_ORBIT_KM = 1e-6  # a published amplitude is a round number
+_FAR, _PRIMARY_SHARE = 4.0, 0.5
+"""Largest amplitude where none is given: in units of length, there the attraction is 1/64 of the
+tide; and of the primary's distance, since orbits that reach farther pass it ever more closely."""
 
 
 def family_of(plant: object | None, family: object | None, accuracy: float) -> Qso:
@@ -84,7 +88,8 @@ class QsoFamilyStage:
         Raises
         ------
         InputError
-            If orbits are asked for that the family does not have; all are named.
+            If the family has none of the orbits asked for; all are named. If it has some, the
+            others are named in `QsoFamily.missing`.
         ConvergenceError
             If the family cannot be followed, or an orbit does not keep the accuracy.
         """
@@ -96,7 +101,9 @@ class QsoFamilyStage:
         ctx.info(f"orbits found over {family.method}; {problem.steps} sub-steps")
         ctx.info(f"ends of the family: {family.branch.ends[0]}; {family.branch.ends[1]}")
         advance(1)
-        z, labels = self._members(family)
+        z, labels, missing = self._members(family)
+        for fault in missing:
+            ctx.info(fault)
         advance(1)
         surveyor = Surveyor(qso.plant, problem)
         members = surveyor.orbits(z, labels)
@@ -106,6 +113,11 @@ class QsoFamilyStage:
         drift = surveyor.drift(z, spec.drift_revolutions)
         require_accuracy(curve, qso.accuracy)
         require_accuracy(members, qso.accuracy, drift)
+        unit = qso.plant.scales.length_m
+        require_motion(problem, z, unit)
+        qso.winding.require(problem, z, unit, "quasi-satellite orbit", "ask for more curve_members")
+        indices = np.array(stability_indices(curve.monodromy))
+        require_smooth(indices, family.amplitude(family.branch.z)[0], unit)
         y_max, vx = extent(problem, z)
         advance(1)
         scales = qso.plant.scales
@@ -115,7 +127,7 @@ class QsoFamilyStage:
             members=members,
             curve=curve,
             member_indices=np.array(stability_indices(members.monodromy)),
-            curve_indices=np.array(stability_indices(curve.monodromy)),
+            curve_indices=indices,
             y_max_m=y_max * scales.length_m,
             vx_at_y_max_m_s=vx * scales.length_m / scales.time_s,
             tracks_m=tracks(problem, z) * scales.length_m,
@@ -131,6 +143,7 @@ class QsoFamilyStage:
             method=family.method,
             check=surveyor.check,
             ends=family.branch.ends,
+            missing=missing,
         )
 
     def present(self, product: QsoFamily, compare: QsoFamily | None = None) -> Presentation:
@@ -146,7 +159,9 @@ class QsoFamilyStage:
             low = float(x.min()) if low is None else low
             high = max(float(x.max()), asked) if high is None else high
         if high is None:
-            high = max(4.0 * self.qso.plant.scales.length_m, 1.05 * asked)
+            distance = primary_distance(self.qso.plant)
+            far = _FAR if distance is None else min(_FAR, _PRIMARY_SHARE * distance)
+            high = max(far * self.qso.plant.scales.length_m, 1.05 * asked)
         if low is not None and low >= high:
             raise InputError(
                 f"the range of amplitudes is empty: x_min {low / 1e3:.6g} km, "
@@ -154,8 +169,8 @@ class QsoFamilyStage:
             )
         return low, high
 
-    def _members(self, family: Family) -> tuple[Array, tuple[str, ...]]:
-        """Find every member asked for, or say of all that are missing what there is instead."""
+    def _members(self, family: Family) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
+        """Find every member asked for, and say of all that are missing what there is instead."""
         spec, scales = self.spec, self.qso.plant.scales
         asked: list[tuple[str, str, float, Quantity, tuple[float, ...]]] = [
             ("x", " km", scales.length_m / 1e3, family.amplitude,
@@ -180,14 +195,17 @@ class QsoFamilyStage:
                     f"{symbol} = {', '.join(f'{values[k]:.9g}' for k in lost)}{unit} (it has "
                     f"{span.min():.9g} to {span.max():.9g}{unit})"
                 )
+        z = np.concatenate(columns, axis=1)
+        faults: tuple[str, ...] = ()
         if missing:
             inner = family.amplitude(family.branch.z)[0][-1] * scales.length_m / 1e3
-            raise InputError(
+            faults = (
                 f"the family has no member with {'; '.join(missing)}; its ends: "
-                f"{family.branch.ends[0]}; {family.branch.ends[1]} ({inner:.6g} km)"
+                f"{family.branch.ends[0]}; {family.branch.ends[1]} ({inner:.6g} km)",
             )
-        z = np.concatenate(columns, axis=1)
-        return z, self._named(family.amplitude(z)[0] * scales.length_m / 1e3, labels)
+            if not labels:
+                raise InputError(faults[0])
+        return z, self._named(family.amplitude(z)[0] * scales.length_m / 1e3, labels), faults
 
     def _named(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
         """Return the published names where there are some, else the labels, made different."""

@@ -146,6 +146,7 @@ def _verdict(product: QsoFamily) -> list[str]:
         f"to {np.max(product.drift):.1e} over {product.drift_revolutions} revolutions "
         f"({product.check}).",
     ]
+    sentences += [f"Not all orbits exist: {fault}." for fault in product.missing]
     if not np.all(np.isfinite(product.member_indices)):
         sentences.append("Where a stability index is missing the multipliers are complex.")
     unstable = ~np.all(np.abs(product.member_indices) < 2.0, axis=0)

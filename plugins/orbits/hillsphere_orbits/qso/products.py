@@ -17,7 +17,7 @@ class QsoFamily(OrbitSet):
     Parameters
     ----------
     members : PeriodicOrbits
-        The N orbits asked for, in that order.
+        The N orbits asked for that the family has, in that order.
     curve : PeriodicOrbits
         K orbits from the largest amplitude to the smallest, equally spaced in arclength
         relative to distance.
@@ -52,6 +52,8 @@ class QsoFamily(OrbitSet):
         How closure and drift were measured.
     ends : tuple of str
         Why the curve stops at its largest and its smallest amplitude.
+    missing : tuple of str
+        Which orbits that were asked for the family does not have, and what it has instead.
     """
 
     curve: PeriodicOrbits
@@ -72,3 +74,4 @@ class QsoFamily(OrbitSet):
     method: str
     check: str
     ends: tuple[str, str]
+    missing: tuple[str, ...] = ()

@@ -38,7 +38,7 @@ class Asked:
     position : list of float
         Positions on the chains.
     lost : list of str
-        Orbits that lie on a family and could not be corrected.
+        Orbits that lie on a family and could not be corrected, and values that no family has.
     """
 
     family: list[int]
@@ -78,7 +78,7 @@ def orbits_asked(
     Raises
     ------
     InputError
-        If a value is met by no family; what the families have is named.
+        If none of the values is met by any family; what the families have is named.
     """
     wanted: list[tuple[str, str, float, Callable[[Shooting], Quantity], Array]] = []
     if jacobi_constants:
@@ -87,6 +87,7 @@ def orbits_asked(
         wanted.append(("T", " h", time_s / 3600.0, period_of, np.array(periods_s) / time_s))
     rows: list[tuple[int, float, str, Array]] = []
     lost: list[str] = []
+    absent: list[str] = []
     for symbol, unit, size, quantity_of, values in wanted:
         met: set[int] = set()
         spans = []
@@ -108,18 +109,20 @@ def orbits_asked(
                 f"{chain.start.name} {along.min() * size:.6g} to {along.max() * size:.6g}{unit}"
             )
         if none := sorted(set(range(values.size)) - met):
-            raise InputError(
+            absent.append(
                 f"no family has an orbit with {symbol} = "
                 f"{', '.join(f'{values[k] * size:.9g}' for k in none)}{unit}; they have: "
                 + "; ".join(spans)
             )
+    if absent and not rows and not lost:
+        raise InputError("; ".join(absent))
     rows.sort(key=lambda row: row[:2])
     return Asked(
         [row[0] for row in rows],
         _different([row[2] for row in rows]),
         [row[3] for row in rows],
         [row[1] for row in rows],
-        lost,
+        [*lost, *absent],
     )
 
 

@@ -19,6 +19,7 @@ from hillsphere_orbits.lockstep import follow_lanes
 from hillsphere_orbits.shooting import Shooting, SymmetricShooting
 from hillsphere_orbits.swing.curves import at_positions, swing_problem
 from hillsphere_orbits.swing.starts import Start
+from hillsphere_orbits.winding import turns
 
 __all__ = ["Chain", "Limits", "flown", "follow", "groups_of"]
 
@@ -38,7 +39,7 @@ _RETURNS = 0.3  # of the largest closure after one revolution: below it the pare
 _CLEARANCE = 1e-9  # of an event: on the surface itself the gravity gradient is ambiguous
 _ON_PARENT = 1e-6  # closure after one revolution
 _MAPS: WeakKeyDictionary[Flow, StepMap] = WeakKeyDictionary()
-SURFACE, CLOSE, FAR, LONG, UNSTABLE, LOOP, RETURN = (
+SURFACE, CLOSE, FAR, LONG, UNSTABLE, LOOP, RETURN, COLLISION = (
     "the orbits graze the surface",
     "the orbits come as near to the centre as was asked for",
     "the orbits reach as far out as was asked for",
@@ -46,6 +47,7 @@ SURFACE, CLOSE, FAR, LONG, UNSTABLE, LOOP, RETURN = (
     "the orbits become too unstable to be computed over half a period",
     "the family closes: it is a loop",
     "the family returns to orbits of one revolution",
+    "the next orbits wind otherwise about the body: there was a collision in between",
 )
 
 
@@ -210,9 +212,30 @@ class _Follower:
                 break
             self.problem = self.problem.with_steps(needed)
         return [
-            Chain(start, exact.steps, self._ended(k, exact, branch))
+            Chain(start, exact.steps, self._wound(k, exact, self._ended(k, exact, branch)))
             for k, (start, branch) in enumerate(zip(self.starts, branches, strict=True))
         ]
+
+    def _wound(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
+        """Leave out what lies beyond a member that winds otherwise about the body than the first.
+
+        In the plane that number changes only in a collision, so that a family which a step took
+        across one is no longer the same.
+        """
+        z = branch.z
+        way = self._map.trajectory(
+            problem.state(z), flown(problem, z), max(problem.steps, _LOOKS * int(self.n[lane])),
+            strict=False,
+        )  # fmt: skip
+        number = turns(way)
+        # half a symmetric orbit winds by half the whole number
+        other = np.flatnonzero(np.abs(number - number[0]) > 0.25)
+        if not other.size:
+            return branch
+        kept = int(other[0])
+        if kept < 2:
+            raise ConvergenceError(f"{COLLISION} next to the bifurcation")
+        return Branch(z[:, :kept], branch.tangent[:, :kept], (branch.ends[0], COLLISION))
 
     def _exact(self, chains: list[Array]) -> Shooting:
         """Return the equations with the sub-steps that the members returned need."""
