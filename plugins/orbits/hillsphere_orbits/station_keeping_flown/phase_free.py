@@ -148,12 +148,12 @@ def phase_free_lqr_gains(sampling: Sampling, weights: Weights) -> PhaseGains:
 def _riccati(steps: Array, q: Array, r: Array, ahead: Array) -> tuple[Array, Array]:
     """Return gains (K, 3, 6) and cost matrices (K, 6, 6) one interval before those `ahead`."""
     cost = np.swapaxes(steps, 1, 2) @ ahead @ steps  # of the state after the impulse
-    gains = np.linalg.solve(r + cost[:, 3:, 3:], cost[:, 3:])
+    gains = np.asarray(np.linalg.solve(r + cost[:, 3:, 3:], cost[:, 3:]), dtype=float)
     # Joseph's form: a sum of squares, which stays positive
     kept = np.repeat(np.eye(6)[None], len(steps), axis=0)
     kept[:, 3:] -= gains
     total = q + np.swapaxes(gains, 1, 2) @ r @ gains + np.swapaxes(kept, 1, 2) @ cost @ kept
-    return gains, 0.5 * (total + np.swapaxes(total, 1, 2))
+    return np.asarray(gains), np.asarray(0.5 * (total + np.swapaxes(total, 1, 2)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ is from. With :math:`A_k = \Phi(t_{k+1}, t_k)` a deviation goes as
 `GainSchedule` holds the reference in time, :math:`\Delta v_k = -G_k\,(\hat x(t_k) - x_{ref}(t_k))`,
 with the gains of `target_point` or `periodic_lqr`. The others hold the orbit and leave the phase
 free: their deviation is from the nearest point of the orbit, not from where the reference would be.
-`FloquetMode` nulls the unstable component only; `phase_free_target_point` and `phase_free_lqr` weigh
-what lies across the orbit, see `hillsphere_orbits.station_keeping_flown.phase_free`.
+`FloquetMode` nulls the unstable component only; `phase_free_target_point` and `phase_free_lqr`
+weigh what lies across the orbit, see `hillsphere_orbits.station_keeping_flown.phase_free`.
 """
 
 from __future__ import annotations
