@@ -141,7 +141,7 @@ class ClosedLoop:
 
         def attempt(weights: Weights) -> tuple[int, float]:
             found = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
-            return found.counts[STATUSES.index("completed")], found.cost_m_s
+            return found.counts[STATUSES.index("completed")], self._weighed(found, sampling.count)
 
         tuned = tune(strategy, self._weights, attempt)
         law = make(sampling, tuned.weights)
@@ -151,6 +151,15 @@ class ClosedLoop:
         """Return how many flights `fly` takes, those for tuning included."""
         tries = count_candidates(strategy, self._weights) if self._tunes(strategy) else 0
         return self.spec.cases + tries * self.spec.tuning_cases
+
+    def _weighed(self, found: Outcome, corrections: int) -> float:
+        """Return the deviation and the mean impulse weighed by their tolerable sizes as written.
+
+        Δv alone would be least without any correction wherever the flights just survive that.
+        """
+        deviation = found.deviation_m / self.spec.tolerable_position_m
+        impulse = found.cost_m_s / (corrections * self.spec.tolerable_impulse_m_s)
+        return float(np.nan_to_num(deviation) ** 2 + np.nan_to_num(impulse) ** 2)
 
     def _tunes(self, strategy: str) -> bool:
         return strategy in TUNABLE and self.spec.tuning_cases > 0

@@ -270,7 +270,8 @@ def _tuning_note(product: StationKeepingFlown) -> str:
     return (
         f"{paired} The weights of each strategy, orbit and interval were chosen on "
         f"{product.tuning_cases} other flights (the same seed, stream station_keeping_tuning): the "
-        "most survivors, and of these the least mean Δv."
+        "most survivors, and of these the least sum of the squares of deviation and mean impulse, "
+        "each over its tolerable size as written."
     )
 
 

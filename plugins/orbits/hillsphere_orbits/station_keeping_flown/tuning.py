@@ -45,7 +45,7 @@ def count_candidates(strategy: str, weights: Weights) -> int:
 
 
 def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, float]]) -> Tuned:
-    """Choose the weights with the most survivors, of these the cheapest.
+    """Choose the weights with the most survivors, of these those with the least cost.
 
     First over the tolerable impulse; then, with the best of these, over the tolerable velocity of a
     regulator or over fewer targets of target points.
@@ -57,7 +57,7 @@ def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, fl
     weights : Weights
         As written.
     fly : callable
-        Weights → number of survivors and their mean Δv.
+        Weights → number of survivors and a cost, always by the same measure.
 
     Returns
     -------
