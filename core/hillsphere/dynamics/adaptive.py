@@ -104,7 +104,6 @@ class AdaptiveStages:
     ) -> Array:
         """Return the lengths (N,) of the first inner steps, by the rule of [1]_, section II.4."""
         size, way = self._size(y), np.sign(h)
-        # positions and velocities count from the size of their changes, not of the states
         d1 = _rms(f / size)
         with np.errstate(divide="ignore", invalid="ignore"):
             small = np.where(d1 > 0, 0.01 * _rms(y / size) / d1, np.abs(h))
@@ -128,7 +127,7 @@ class AdaptiveStages:
         trial: Array,
     ) -> tuple[Array, Array]:
         """Return the states (n, N) after h and the lengths (N,) that the next step may have."""
-        tableau, order = self._tableau, self._tableau.error_order
+        order = self._tableau.error_order
         way, whole = np.sign(h), np.abs(h)
         done, y = np.zeros_like(whole), y.copy()
         trial = np.minimum(trial, np.where(whole > 0, whole, trial))
