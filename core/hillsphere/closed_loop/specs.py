@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
-from hillsphere.start_states import StartFormsSpec
+from hillsphere.start_specs import StartFormsSpec
 
 __all__ = [
     "ActuatorSpec",

@@ -17,7 +17,7 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere.start_states import StartFormsSpec
+from hillsphere.start_specs import StartFormsSpec
 from hillsphere_guidance.site_specs import SiteSpec
 
 __all__ = ["DepartureSpec", "DescentSpec", "ReferenceTrajectoriesSpec"]
