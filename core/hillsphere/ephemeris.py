@@ -32,6 +32,7 @@ __all__ = [
     "from_equator",
     "hill_axes",
     "kepler_step",
+    "mean_from_true",
     "states_of_elements",
 ]
 
@@ -151,6 +152,16 @@ def anomaly_from_mean(mean_rad: Array, eccentricity: float | Array) -> Array:
     beta = e / (1.0 + np.sqrt(1.0 - e * e))
     sine, cosine = np.sin(eccentric), np.cos(eccentric)
     return np.asarray(eccentric + 2.0 * np.arctan2(beta * sine, 1.0 - beta * cosine))
+
+
+def mean_from_true(true_rad: Array, eccentricity: float | Array) -> Array:
+    """Return the mean anomaly M (N,), rad, in the same revolution as the true anomaly f (N,)."""
+    true, e = np.broadcast_arrays(np.asarray(true_rad, float), np.asarray(eccentricity, float))
+    # tan((f - E)/2) = β sin f / (1 + β cos f), which is never near a pole
+    beta = e / (1.0 + np.sqrt(1.0 - e * e))
+    sine, cosine = np.sin(true), np.cos(true)
+    eccentric = true - 2.0 * np.arctan2(beta * sine, 1.0 + beta * cosine)
+    return np.asarray(eccentric - e * np.sin(eccentric))
 
 
 def states_of_elements(elements: Array, gm_m3_s2: Array | float) -> Array:

@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere.start_specs import StartFormsSpec
 
 __all__ = [
     "ActuatorSpec",
@@ -39,7 +40,7 @@ class ClosedLoopNeeds(Spec):
     )
 
 
-class StartSpec(Spec):
+class StartSpec(StartFormsSpec):
     """Where and when a flight begins."""
 
     position_m: tuple[float, ...] | None = quantity(
@@ -349,7 +350,8 @@ class ClosedLoopSpec(StageSpec):
         if self.follow and not given:
             raise rule("follow", "it names a trajectory of needs.reference, which is not given")
         place = self.target.position_m if self.target else None
-        if not given and place is None and self.start.position_m is None:
+        start = self.start.position_m or self.start.inertial or self.start.elements
+        if not given and place is None and start is None:
             raise rule("target", "where? give target.position_m, start.position_m or both")
         if self.duration_s is not None and self.samples is not None:
             raise rule("samples", "duration_s says it already; give one of the two")

@@ -46,6 +46,7 @@ from hillsphere.simulation import (
     SampledReference,
     Simulator,
 )
+from hillsphere.start_states import with_placed_start_of
 
 __all__ = ["ClosedLoopStage"]
 
@@ -106,8 +107,8 @@ class ClosedLoopStage:
     """
 
     def __init__(self, spec: ClosedLoopSpec) -> None:
-        self.spec = spec
         self.plant: Plant = spec.plant.get()
+        self.spec = spec = with_placed_start_of(spec, self.plant)
         self.law: Compensator | ContinuousLaw = spec.law.get()
         self.rows = Rows(self.plant)
         self._seen = seen_rows(self.rows, self.law, spec.sees)

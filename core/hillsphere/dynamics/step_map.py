@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.dynamics.adaptive import AdaptiveStages
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.crossing import Crossing, first_crossing
 from hillsphere.dynamics.lanes import refuse_non_finite
@@ -38,6 +39,10 @@ class StepMap:
     parameters : sequence of str
         With `stm`: run-time parameters (or controls, ``"u:" + name``) by which to differentiate
         too; they append k columns to the matrix.
+    tolerance : float, optional
+        Of systems with terms that are functions of arrays, without `stm`: every step divides itself
+        by its embedded error estimate so that local errors stay below this, in units of
+        ``system.scale``; see `AdaptiveStages`. One step then is a whole flight.
     compact : bool
         Compile in compact mode: for right-hand sides so large (harmonics of high degree) that the
         compiler takes minutes; the code is slower.
@@ -67,20 +72,28 @@ class StepMap:
         stm: bool = False,
         *,
         parameters: Sequence[str] = (),
+        tolerance: float | None = None,
         compact: bool = False,
     ) -> None:
         if parameters and not stm:
             raise InputError("derivatives by parameters come with the STM: give stm=True")
+        if tolerance is not None and (stm or system.external is None):
+            raise InputError(
+                "a tolerance is for systems with terms that are functions of arrays, without "
+                "derivatives; others choose their steps by choose_steps"
+            )
         self.system, self.method, self.stm = system, method, stm
         self._n = len(system.x)
         self._columns = self._n + len(parameters) if stm else 0
         formula = tableau(method)
         self.order = formula.order
-        self._stepper: Stepper = (
-            CompiledStep(system, formula, stm, parameters, compact)
-            if system.external is None
-            else ArrayStages(system, formula, stm, parameters)
-        )
+        self._stepper: Stepper
+        if system.external is None:
+            self._stepper = CompiledStep(system, formula, stm, parameters, compact)
+        elif tolerance is not None:
+            self._stepper = AdaptiveStages(system, formula, tolerance)
+        else:
+            self._stepper = ArrayStages(system, formula, stm, parameters)
         self._functions: dict[Expr, ArrayFunction] = {}
 
     @property

@@ -4,13 +4,16 @@ A tableau (a, b, c) advances ẋ = f(t, x) by h through
 
     k_i = f(t + c_i h, x + h Σ_{j<i} a_ij k_j),    x⁺ = x + h Σ_i b_i k_i.
 
+The same stages give less accurate results x̂⁺ with other weights b̂. The differences
+h Σ_i (b_i - b̂_i) k_i estimate the error of a step without any further evaluation.
+
 References
 ----------
 .. [1] H. A. Luther (1968), An explicit sixth-order Runge-Kutta formula, Mathematics of
    Computation 22(102), 434-436, the formula with nodes (7 ± √21)/14.
 .. [2] E. Hairer, S. P. Nørsett, G. Wanner (1993), Solving Ordinary Differential Equations I,
-   2nd ed., Springer, section II.5: the eighth-order formula of DOP853 (12 stages; the error
-   estimators of the code are not used here).
+   2nd ed., Springer, section II.5: the eighth-order formula of DOP853 (12 stages) with its two
+   error estimators; section II.10, equation (10.17), combines them.
 """
 
 from __future__ import annotations
@@ -41,6 +44,10 @@ class Tableau:
         Strictly lower triangular.
     b, c : ndarray, shape (s,)
         Weights and nodes.
+    errors : ndarray, shape (m, s)
+        Weights b - b̂ of the m embedded formulas, the most accurate one first.
+    error_order : int
+        Power of h with which `error_norm` of a step shrinks.
     """
 
     name: str
@@ -48,20 +55,53 @@ class Tableau:
     a: Array
     b: Array
     c: Array
+    errors: Array
+    error_order: int
 
     @property
     def stages(self) -> int:
         """Number of stages s."""
         return len(self.b)
 
+    def error_norm(self, differences: Array) -> Array:
+        """Combine the norms of the embedded differences into one estimate of the step's error.
 
-def _make(name: str, order: int, rows: list[Mapping[int, float]], weights: list[float]) -> Tableau:
+        Parameters
+        ----------
+        differences : ndarray, shape (m, …)
+            Norms of h Σ_i errors[j, i] k_i.
+
+        Returns
+        -------
+        ndarray, shape (…)
+            The only norm; of two (orders 5 and 3) |e5|²/√(|e5|² + 0.01 |e3|²) [2]_, which shrinks
+            as h⁸ and stays bounded by either of them when a step is far too long.
+        """
+        if len(differences) == 1:
+            return np.asarray(differences[0])
+        fifth, third = differences
+        # the published weight of the third-order estimator is 1/100
+        size = np.hypot(fifth, 0.1 * third)
+        return np.asarray(fifth * np.divide(fifth, size, out=np.zeros_like(size), where=size > 0))
+
+
+def _make(
+    name: str,
+    order: int,
+    rows: list[Mapping[int, float]],
+    weights: list[float],
+    errors: list[Mapping[int, float]],
+    error_order: int,
+) -> Tableau:
     a = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         a[i, list(row)] = list(row.values())
+    e = np.zeros((len(errors), len(rows)))
+    for i, row in enumerate(errors):
+        e[i, list(row)] = list(row.values())
     # With exact coefficients c_i = Σ_j a_ij; the sum is right to the last bits for both formulas.
-    found = Tableau(name, order, a, np.array(weights), a.sum(axis=1))
-    for array in (found.a, found.b, found.c):
+    found = Tableau(name, order, a, np.array(weights), a.sum(axis=1), e, error_order)
+    for array in (found.a, found.b, found.c, found.errors):
         array.flags.writeable = False
     return found
 
@@ -98,8 +138,20 @@ RK6 = _make(
         },
     ],
     [9 / 180, 0.0, 64 / 180, 0.0, 49 / 180, 49 / 180, 9 / 180],
+    # The eight conditions of order 4 leave one direction free in the weights of these stages, and
+    # those of order 5 none. Its length is arbitrary: here b̂ does without the third stage.
+    [
+        {
+            0: 15 / 225,
+            2: 80 / 225,
+            3: -81 / 225,
+            4: -7 * (1 + _Q) / 225,
+            5: -7 * (1 - _Q) / 225,
+        }
+    ],
+    5,
 )
-"""Luther's sixth-order formula with seven stages [1]_."""
+"""Luther's sixth-order formula with seven stages [1]_; the embedded one of order 4 is ours."""
 
 DOP853 = _make(
     "dop853",
@@ -163,8 +215,21 @@ DOP853 = _make(
         -5.801203960010585, 0.3111643669578199, -0.1521609496625161, 0.20136540080403034,
         0.04471061572777259,
     ],
+    [
+        {
+            0: 0.01312004499419488, 5: -1.2251564463762044, 6: -0.4957589496572502,
+            7: 1.6643771824549864, 8: -0.35032884874997366, 9: 0.3341791187130175,
+            10: 0.08192320648511571, 11: -0.022355307863886294,
+        },
+        {
+            0: -0.18980075407240762, 5: 4.450312892752409, 6: 1.8915178993145003,
+            7: -5.801203960010585, 8: -0.4226823213237919, 9: -0.1521609496625161,
+            10: 0.20136540080403034, 11: 0.02265179219836082,
+        },
+    ],
+    8,
 )  # fmt: skip
-"""Dormand and Prince's eighth-order formula with twelve stages [2]_."""
+"""Dormand and Prince's eighth-order formula with twelve stages and its two estimators [2]_."""
 
 _KNOWN = {t.name: t for t in (RK6, DOP853)}
 

@@ -63,7 +63,9 @@ class Simulator:
         as many in each as its share asks for, and at least one.
     tolerance : float, optional
         Check each leg against twice as many steps and double them, lane by lane, until the
-        difference in units of the plant's scales is below; at least three times the work.
+        difference in units of the plant's scales is below; at least three times the work. With
+        terms that are functions of arrays each step divides itself by its error estimate instead,
+        see `hillsphere.dynamics.adaptive`.
     most_substeps : int
         With `tolerance`: the most steps; a lane that needs more ends as ``step_size``.
     wall_limit_s : float, optional
@@ -120,6 +122,10 @@ class Simulator:
         if tolerance is None:
             _check_poles(law, method, substeps)
         self.map = self._compile()
+        if tolerance is not None and self.map.system.external is not None:
+            # array terms are dear: steps by their embedded error instead of flying twice as many
+            self.map = StepMap(self.map.system, method, tolerance=tolerance)
+            self._tolerance = None
         events = self.map.system.events
         self._events = self.map.system.function(*events.values()) if events else None
 

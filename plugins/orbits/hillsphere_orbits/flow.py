@@ -16,6 +16,9 @@ from hillsphere.interfaces import Array, Plant
 
 __all__ = ["Compiled", "Flow", "flow_of"]
 
+_LOCAL_ERROR = 1e-13
+"""Of a step that chooses its length, natural units: a few hundred of them err by 1e-12 or so, which
+is what `Flow.steps_for` asks of equal steps."""
 _FLOWS: WeakKeyDictionary[Plant, Flow] = WeakKeyDictionary()
 
 
@@ -87,6 +90,11 @@ class Flow:
     def plain(self) -> StepMap:
         """The same map without the matrix: seven times as fast, for flights of many lanes."""
         return StepMap(self.system, method="dop853")
+
+    @cached_property
+    def adaptive(self) -> StepMap:
+        """Steps chosen by their error, for terms that are functions of arrays: one is a flight."""
+        return StepMap(self.system, method="dop853", tolerance=_LOCAL_ERROR)
 
     @cached_property
     def taylor(self) -> Taylor:

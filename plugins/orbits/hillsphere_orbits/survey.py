@@ -80,7 +80,7 @@ class Surveyor:
     """Describes the orbits that solve a shooting problem.
 
     Closure and drift are measured by another propagator than the one that found the orbits: the
-    Taylor integrator, or for terms that are functions of arrays the step map with half the step.
+    Taylor integrator, or for terms that are functions of arrays by steps chosen by their error.
 
     Parameters
     ----------
@@ -103,16 +103,15 @@ class Surveyor:
         """How closure and drift are measured, in words."""
         if self._taylor is not None:
             return "re-propagated by Taylor series, independent of the step map that found them"
-        return "re-propagated with half the step"
+        return "re-propagated with steps chosen by their error"
 
     def propagate(self, x: Array, duration: Array, revolutions: int = 1) -> Array:
         """Return the states (n, N) after the durations (N,), normalised."""
         if self._taylor is not None:
             end: Array = self._taylor.propagate(x, duration)
             return end
-        # Sub-steps belong to half a period or a whole one; either way this is at least twice.
-        steps = 4 * self.problem.steps * revolutions
-        return self.problem.flow.with_matrix(x, duration, steps)[0]
+        end = self.problem.flow.adaptive.propagate(x, duration, revolutions)
+        return np.asarray(end)
 
     def integral(self, x: Array) -> Array:
         """Return the integral (N,) at normalised states; NaN if the plant has none."""

@@ -34,6 +34,7 @@ from hillsphere.interfaces import (
     Scales,
     SeriesGravity,
 )
+from hillsphere.start_states import Centre
 from hillsphere.symbolic import (
     Expr,
     Params,
@@ -128,6 +129,26 @@ class EarthOrbit:
         """Matrix (3, 3) from the frame to one whose z is the Earth's axis; None for none."""
         if spec.frame == "gcrs":
             self.to_equator = celestial_to_intermediate(self.epoch, now + 0.5 * spec.arc_s)[..., 0]
+
+    def frame_rate(self, others: Mapping[str, float]) -> Array:
+        """Return zero (3,): the frame does not turn."""
+        return np.zeros(3)
+
+    def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
+        """Return the planet."""
+        return {"earth": Centre(self.gravity.gm_m3_s2, np.zeros(3), np.zeros(3))}
+
+    def icrf_axes(self, epoch: Epoch) -> Array:
+        """Return the axes of the frame ``gcrs``: those of the ICRF.
+
+        Raises
+        ------
+        InputError
+            In another frame.
+        """
+        if self.frame != "gcrs":
+            raise InputError(f"the plant is written in {self.frame}; its axes are not the ICRF's")
+        return np.eye(3)
 
     @property
     def scales(self) -> Scales:

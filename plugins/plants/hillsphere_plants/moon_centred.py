@@ -21,6 +21,7 @@ from hillsphere.gravity import (
     potential_at,
     whole_gravity,
 )
+from hillsphere.inertial import RotatingFrame
 from hillsphere.interfaces import (
     Array,
     ArrayGravityModel,
@@ -35,7 +36,9 @@ from hillsphere.interfaces import (
     Variable,
 )
 from hillsphere.spec import Ref
+from hillsphere.start_states import Centre
 from hillsphere.symbolic import Expr, Params, Vec3, constant, dot, sum_of, variable, variables
+from hillsphere.time import Epoch
 from hillsphere_plants.rotation import AxialRotation
 
 __all__ = [
@@ -208,6 +211,44 @@ class MoonCentred(ABC):
         if not isinstance(self._shape, ArraySurface):
             return np.zeros((0, x.shape[1]))
         return self._shape.surface_array(self._axes.T @ x[:3])[None]
+
+    def frame_rate(self, others: Mapping[str, float]) -> Array:
+        """Return the angular velocity (3,) of the frame, rad/s: the mean motion about z."""
+        return np.array([0.0, 0.0, self.mean_motion_rad_s])
+
+    def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
+        """Return the moon, and its primary at rest at its distance on -x."""
+        place = np.array([-self.primary_distance_m, 0.0, 0.0])
+        speed = np.cross(self.frame_rate(others), place)
+        return {
+            self.body_name: self._own_centre(),
+            self.moon.primary_name: Centre(self.moon.primary_gm_m3_s2, place, speed),
+        }
+
+    def _own_centre(self) -> Centre:
+        return Centre(self._model.gm_m3_s2, np.zeros(3), np.zeros(3))
+
+    def icrf_axes(self, epoch: Epoch) -> Array:
+        """Return the frame's axes in the ICRF as columns (3, 3) at an epoch.
+
+        Raises
+        ------
+        InputError
+            If the body has no orientation.
+        """
+        orientation = self.moon.orientation
+        if orientation is None:
+            raise InputError(
+                f"body {self.body_name!r} has no orientation, so that nothing says how its axes "
+                "stand in the ICRF: give it pole_right_ascension_deg, pole_declination_deg and "
+                "prime_meridian_deg, or axes = 'plant'"
+            )
+        # a frame fixed in the body has longitude 0 on its x axis: the meridian is zero there
+        turning = RotatingFrame(
+            orientation, epoch, self.mean_motion_rad_s, self.prime_meridian_rad,
+            self.primary_distance_m,
+        )  # fmt: skip
+        return np.ascontiguousarray(turning.axes(np.zeros(1))[:, :, 0])
 
     def _place(self, x: Sequence[Expr]) -> Vec3:
         """Return the position in the moon's body-fixed frame."""

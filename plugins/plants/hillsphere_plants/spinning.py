@@ -7,8 +7,11 @@ from math import cos as cosine
 from math import pi
 from math import sin as sine
 
+import numpy as np
+
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Parameter, Scales, Variable
+from hillsphere.interfaces import Array, Parameter, Scales, Variable
+from hillsphere.start_states import Centre
 from hillsphere.symbolic import Expr, Params, Vec3, constant, cos, sin
 from hillsphere_plants.moon_centred import (
     POSITION_AND_VELOCITY,
@@ -64,6 +67,14 @@ class _SpinningMotion(ThreeBody):
         """Natural units of the body's rotation: (Gm/ω²)^(1/3) and 1/ω."""
         rate = self.rotation_rate_rad_s
         return Scales((self.gm_m3_s2 / rate**2) ** (1.0 / 3.0), 1.0 / rate)
+
+    def frame_rate(self, others: Mapping[str, float]) -> Array:
+        """Return the angular velocity (3,) of the body, rad/s."""
+        return np.array([0.0, 0.0, self.rotation_rate_rad_s])
+
+    def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
+        """Return the body alone: an orbit about the Sun begins nowhere near it."""
+        return {self.body_name: self._own_centre()}
 
     def _own_parameters(self) -> tuple[Parameter, ...]:
         return (

@@ -12,6 +12,7 @@ from hillsphere.dynamics import ArrayFunction, bracketed_roots
 from hillsphere.errors import InputError
 from hillsphere.gravity import whole_gravity
 from hillsphere.interfaces import Array, Parameter, Variable
+from hillsphere.start_states import Centre
 from hillsphere.symbolic import (
     Expr,
     Params,
@@ -234,6 +235,26 @@ class _EllipticMotion(ThreeBody):
         """
         angle, rate, anomaly_rate = self._orientation(true_anomaly_rad[None])
         return np.concatenate([_turned(x, angle, anomaly_rate - rate), true_anomaly_rad[None]])
+
+    def frame_rate(self, others: Mapping[str, float]) -> Array:
+        """Return the angular velocity (3,) of the body, rad/s, at its true anomaly."""
+        anomaly = np.array([[others.get(_ANOMALY.name, 0.0)]])
+        return np.array([0.0, 0.0, float(self._orientation(anomaly)[1][0])])
+
+    def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
+        """Return the moon, and its primary where it is at the true anomaly."""
+        anomaly = others.get(_ANOMALY.name, 0.0)
+        e, n = self.eccentricity, self.mean_motion_rad_s
+        root = np.sqrt(1.0 - e * e)
+        distance = self.primary_distance_m * root**2 / (1.0 + e * np.cos(anomaly))
+        away = self.primary_distance_m * n * e * np.sin(anomaly) / root
+        hill = np.array([[-distance], [0.0], [0.0], [-away], [0.0], [0.0]])
+        x = self.from_hill_frame(hill, np.array([anomaly]))[:, 0]
+        speed = x[3:6] + np.cross(self.frame_rate(others), x[:3])
+        return {
+            self.body_name: self._own_centre(),
+            self.moon.primary_name: Centre(self.moon.primary_gm_m3_s2, x[:3], speed),
+        }
 
     def true_anomaly_after(self, start_rad: float, t_s: Array) -> Array:
         """Return the true anomaly (N,), rad, at times after it was `start_rad`; not wrapped.

@@ -495,7 +495,7 @@ def test_array_gravity_gives_the_same_family(family: Family, qso: Qso) -> None:
     np.testing.assert_allclose(first.x0[:, :1], survey.x0, rtol=0, atol=1e-6)
     np.testing.assert_allclose(first.integral[:1], survey.integral, rtol=1e-12)
     np.testing.assert_allclose(first.monodromy[..., :1], survey.monodromy, rtol=0, atol=1e-9)
-    assert product.check == "re-propagated with half the step"
+    assert product.check == "re-propagated with steps chosen by their error"
     assert float(product.members.residual[0]) < 1e-11
 
 

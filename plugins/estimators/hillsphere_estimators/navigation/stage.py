@@ -27,6 +27,7 @@ from hillsphere.products import FlightSet
 from hillsphere.seeds import draws
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
+from hillsphere.start_states import with_placed_start_of
 from hillsphere_estimators.bias_states import Biased
 from hillsphere_estimators.navigation.bounds import planned_bound
 from hillsphere_estimators.navigation.divergence import ending, endings
@@ -76,8 +77,8 @@ class NavigationStage:
     """
 
     def __init__(self, spec: NavigationSpec) -> None:
-        self.spec = spec
         self.plant: Plant = spec.plant.get()
+        self.spec = spec = with_placed_start_of(spec, self.plant)
         self.true_plant: Plant = self.plant if spec.truth.plant is None else spec.truth.plant.get()
         names = [tuple(v.name for v in plant.states) for plant in (self.plant, self.true_plant)]
         if names[0] != names[1]:

@@ -17,18 +17,19 @@ from hillsphere.spec import (
     reference,
     rule,
 )
+from hillsphere.start_specs import StartFormsSpec
 from hillsphere_guidance.site_specs import SiteSpec
 
 __all__ = ["DepartureSpec", "DescentSpec", "ReferenceTrajectoriesSpec"]
 
 
-class DepartureSpec(Spec):
+class DepartureSpec(StartFormsSpec):
     """Where and when a descent begins."""
 
     examples = ({"position_km": [16.56, 0, 0], "others": {"true_anomaly": 0.0}},)
 
     position_m: tuple[float, ...] = quantity(
-        "length", "positions in the plant's frame, in the order of its states", min_length=1
+        "length", "positions in the plant's frame, in the order of its states", default=()
     )
     velocity_m_s: tuple[float, ...] = quantity(
         "speed", "velocities, likewise; left out: zero", default=()
@@ -37,6 +38,12 @@ class DepartureSpec(Spec):
         "values of states that are neither, by name, SI (true_anomaly = 0)", default={}
     )
     time_s: float = quantity("time", "time at the start", default=0.0)
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if not self.position_m and self.inertial is None and self.elements is None:
+            raise rule("position_m", "where? give position_m (or _km), inertial or elements")
+        return self
 
 
 class DescentSpec(Spec):

@@ -13,6 +13,7 @@ from hillsphere.interfaces import Array, Context, Guidance, GuidanceTask, Guided
 from hillsphere.presentation import Presentation
 from hillsphere.products import Trajectories
 from hillsphere.reference import ReferenceTable
+from hillsphere.start_states import with_placed_start
 from hillsphere_guidance.held_commands import held_command
 from hillsphere_guidance.held_steps import held_times
 from hillsphere_guidance.motion import Motion, motion_of
@@ -141,7 +142,8 @@ class ReferenceTrajectoriesStage:
 
     def _start(self, descent: DescentSpec) -> Array:
         """Return the state (n,) at the start of a descent."""
-        motion, start, name = self.motion, descent.start, descent.name
+        motion, name = self.motion, descent.name
+        start = with_placed_start(descent.start, self.plant, f"descent {name!r}: start")
         d = motion.axes
         for key, values in (
             ("start.position", start.position_m),

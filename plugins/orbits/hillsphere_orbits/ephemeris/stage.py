@@ -244,12 +244,13 @@ class EphemerisStage:
         if system.external is None:
             x = Taylor(system).sample(x0, t / system.time_unit_s)[:, :, 0]
         else:
-            flow = flow_of(self.plant)
-            steps = flow.steps_for(x0, duration / system.time_unit_s)
-            each = max(1, ceil(steps / count))
-            ahead = flow.trajectory(x0, t[-2] / system.time_unit_s, each * (count - 1))
-            last = flow.at_once(ahead[:, -1], np.array([(t[-1] - t[-2]) / system.time_unit_s]))
-            x = np.concatenate([ahead[:, ::each, 0], last], axis=1)
+            # steps choose their length by their error: one from each time to the next
+            fly = flow_of(self.plant).adaptive
+            ahead = x0[:, None]
+            if count > 1:
+                ahead = fly.trajectory(x0, t[-2] / system.time_unit_s, count - 1)
+            last = fly.step(ahead[:, -1], (t[-1] - t[-2]) / system.time_unit_s)
+            x = np.concatenate([ahead[:, :, 0], last], axis=1)
         return t, x[:6] * system.unit[:6, None]
 
     def _same_frame(self, frame: str) -> None:

@@ -154,7 +154,7 @@ def _correct(
     if flow.system.external is None:
         end = Taylor(flow.system).fly(start, span, strict=False).x
     else:
-        end = flow.map.propagate(start, span, 4 * problem.steps, strict=False)[0]
+        end = flow.adaptive.propagate(start, span, 1, strict=False)
     found.x0[:, lanes] = start * flow.system.unit[:, None]
     found.period_s[lanes] = span * flow.system.time_unit_s
     found.closure[lanes] = np.linalg.norm(end - start, axis=0)

@@ -35,7 +35,7 @@ def survival(rung: Rung, x0: Array, limits_m: Array) -> tuple[Array, tuple[str, 
     """
     flow = flow_of(rung.plant)
     unit, time_unit = flow.system.unit[:, None], flow.system.time_unit_s
-    flight = _Series(flow) if flow.system.external is None else _Steps(flow, x0 / unit, rung)
+    flight = _Series(flow) if flow.system.external is None else _Steps(flow)
     parts = np.arange(_PIECES) / _PIECES
     t = rung.t_s / time_unit
     grid = np.append((t[:-1, None] + np.diff(t)[:, None] * parts).ravel(), t[-1])
@@ -72,17 +72,16 @@ class _Series:
 
 
 class _Steps:
-    """Flights by the step map, for gravity from arrays, which has no Taylor series."""
+    """Flights by steps of the error's choice, for gravity from arrays without Taylor series."""
 
-    def __init__(self, flow: Flow, x0: Array, rung: Rung) -> None:
-        longest = float(np.max(np.diff(rung.t_s))) / flow.system.time_unit_s
-        self._map, self._steps = flow.plain, flow.steps_for(x0, longest)
+    def __init__(self, flow: Flow) -> None:
+        self._map = flow.adaptive
         impact = flow.system.events.get("impact")
         self._impact = None if impact is None else flow.system.function(impact)
 
     def __call__(self, x: Array, length: float) -> tuple[Array, Array]:
         """Return states (n, N) at the end and times of impact (N,), the end's or NaN."""
-        end = self._map.propagate(x, length, self._steps, strict=False)
+        end = self._map.propagate(x, length, 1, strict=False)
         if self._impact is None:
             return end, np.full(x.shape[1], np.nan)
         return end, np.where(self._impact(end)[0] < 0.0, length, np.nan)

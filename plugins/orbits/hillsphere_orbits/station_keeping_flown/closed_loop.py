@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, nan
 
@@ -27,9 +27,16 @@ from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
 from hillsphere_orbits.station_keeping_flown.specs import StationKeepingFlownSpec
 from hillsphere_orbits.station_keeping_flown.strategies import (
     STRATEGIES,
+    NearestPointLaw,
     Sampling,
     Uncorrected,
     Weights,
+)
+from hillsphere_orbits.station_keeping_flown.tuning import (
+    TUNABLE,
+    Tuned,
+    count_candidates,
+    tune,
 )
 from hillsphere_orbits.survey import NEARLY_PLANAR
 
@@ -43,6 +50,8 @@ _MOST_BYTES = 100_000_000
 _COAST_S = 86400.0
 """Between the samples of a flight without corrections."""
 _STREAM = "station_keeping_flown"
+_TUNING = "station_keeping_tuning"
+"""Names of the streams of random numbers: weights are tuned on other errors than judged by."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +65,17 @@ class Outcome:
     cost_m_s, cost_95_m_s : float
         Mean and 95th percentile of Δv of those that survived; NaN if none did.
     deviation_m : float
-        Root mean square of the distance from the reference at their corrections after the first.
+        Root mean square of the distance from the reference at their corrections after the first:
+        from its nearest point for laws on that point, else from where it is at the time.
+    tuned : Tuned or None
+        The weights that were chosen; None for a strategy that has none, or if they are as written.
     """
 
     counts: list[int]
     cost_m_s: float = nan
     cost_95_m_s: float = nan
     deviation_m: float = nan
+    tuned: Tuned | None = None
 
 
 class ClosedLoop:
@@ -121,8 +134,35 @@ class ClosedLoop:
         Outcome
             How they ended, and at what cost.
         """
-        sampling = self._sampling(path, interval_s)
-        return self._fly(sampling, STRATEGIES[strategy](sampling, self._weights), seed, advance)
+        sampling, make = self._sampling(path, interval_s), STRATEGIES[strategy]
+        if not self._tunes(strategy):
+            return self._fly(sampling, make(sampling, self._weights), seed, advance)
+        cases = self.spec.tuning_cases
+
+        def attempt(weights: Weights) -> tuple[int, float]:
+            found = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
+            return found.counts[STATUSES.index("completed")], self._weighed(found, sampling.count)
+
+        tuned = tune(strategy, self._weights, attempt)
+        law = make(sampling, tuned.weights)
+        return replace(self._fly(sampling, law, seed, advance), tuned=tuned)
+
+    def count_flights(self, strategy: str) -> int:
+        """Return how many flights `fly` takes, those for tuning included."""
+        tries = count_candidates(strategy, self._weights) if self._tunes(strategy) else 0
+        return self.spec.cases + tries * self.spec.tuning_cases
+
+    def _weighed(self, found: Outcome, corrections: int) -> float:
+        """Return the deviation and the mean impulse weighed by their tolerable sizes as written.
+
+        Δv alone would be least without any correction wherever the flights just survive that.
+        """
+        deviation = found.deviation_m / self.spec.tolerable_position_m
+        impulse = found.cost_m_s / (corrections * self.spec.tolerable_impulse_m_s)
+        return float(np.nan_to_num(deviation) ** 2 + np.nan_to_num(impulse) ** 2)
+
+    def _tunes(self, strategy: str) -> bool:
+        return strategy in TUNABLE and self.spec.tuning_cases > 0
 
     def drift(self, path: ReferencePath, seed: int, advance: Callable[[int], None]) -> Outcome:
         """Fly the same cases without any correction.
@@ -149,9 +189,15 @@ class ClosedLoop:
         return Sampling(path, interval_s / self.flow.system.time_unit_s, corrections)
 
     def _fly(
-        self, sampling: Sampling, law: Compensator, seed: int, advance: Callable[[int], None]
+        self,
+        sampling: Sampling,
+        law: Compensator,
+        seed: int,
+        advance: Callable[[int], None],
+        cases: int | None = None,
+        stream: str = _STREAM,
     ) -> Outcome:
-        """Fly the cases with a law."""
+        """Fly the cases with a law, those asked for or some of another stream of errors."""
         spec, system, path = self.spec, self.flow.system, sampling.path
         corrections, interval_s = sampling.count, law.period_s
         reference = path.states(sampling.times) * system.unit[:, None]
@@ -171,20 +217,21 @@ class ClosedLoop:
             substeps=ceil(interval_s / self._substep_s),
         )
         sigma = self._sigma(spec.injection_position_m, spec.injection_velocity_m_s)
-        found = _Survivors()
+        total = spec.cases if cases is None else cases
+        found = _Survivors(law)
         # in parts, for the histories of many cases are large
         per_block = 8 * BLOCK * corrections * 4 * len(sigma)
         at_once = BLOCK * max(1, _MOST_BYTES // per_block)
-        for first in range(0, spec.cases, at_once):
-            numbers = np.arange(first, min(first + at_once, spec.cases))
-            error = draws(seed, _STREAM, numbers, "injection", (sigma.size,))
+        for first in range(0, total, at_once):
+            numbers = np.arange(first, min(first + at_once, total))
+            error = draws(seed, stream, numbers, "injection", (sigma.size,))
             start = reference[:, :1] + sigma[:, None] * error
             found.add(
                 simulator.fly(
                     Cases(start, numbers=numbers),
                     corrections,
                     seed=seed,
-                    stage=_STREAM,
+                    stage=stream,
                     history=True,
                     advance=advance,
                 )
@@ -228,7 +275,8 @@ def _within(box: Array, t_s: Array, x: Array, cases: Integers) -> Array:
 class _Survivors:
     """Ends of flights, and cost and deviation of those that survived."""
 
-    def __init__(self) -> None:
+    def __init__(self, law: Compensator) -> None:
+        self._law = law if isinstance(law, NearestPointLaw) else None
         self._counts = dict.fromkeys(STATUSES, 0)
         self._dv: list[Array] = []
         self._square, self._places = 0.0, 0
@@ -241,8 +289,11 @@ class _Survivors:
         self._dv.append(found.dv_m_s[survived])
         # flights that all ended before the first correction have no history of it
         if found.history is not None and survived.size:
-            x, ref = found.history.x[:3, 1:-1], found.history.ref[:3, 1:]
-            gap = (x - ref)[:, :, survived]
+            x = found.history.x[:, 1:-1, survived]
+            if self._law is None:
+                gap = x[:3] - found.history.ref[:3, 1:, survived]
+            else:
+                gap = _across(self._law, x)
             self._square += float(np.sum(gap**2))
             self._places += gap[0].size
 
@@ -253,3 +304,18 @@ class _Survivors:
             return Outcome(counts)
         deviation = float(np.sqrt(self._square / self._places)) if self._places else nan
         return Outcome(counts, float(dv.mean()), float(np.quantile(dv, 0.95)), deviation)
+
+
+def _across(law: NearestPointLaw, x: Array) -> Array:
+    """Return positions (3, K, N) from the nearest points, for states (n, K, N), SI.
+
+    At corrections 1 to K, with the nearest point looked for from that of the correction before.
+    """
+    unit, time = law.path.flow.system.unit[:3], law.path.flow.system.time_unit_s
+    gap, slip_s = np.empty((3, *x.shape[1:])), np.zeros(x.shape[2])
+    for k in range(x.shape[1]):
+        t_s = np.full(x.shape[2], (k + 1) * law.period_s)
+        phase, delta = law.deviation(t_s, x[:, k], slip_s)
+        gap[:, k] = delta[:3] * unit[:, None]
+        slip_s = phase * time - t_s
+    return gap

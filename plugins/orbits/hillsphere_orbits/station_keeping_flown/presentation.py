@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
@@ -17,6 +18,7 @@ from hillsphere_orbits.station_keeping_flown.figures import (
 )
 from hillsphere_orbits.station_keeping_flown.held import FLOWN
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
+from hillsphere_orbits.station_keeping_flown.tuning import REGULATORS
 
 __all__ = ["present_flown"]
 
@@ -31,10 +33,17 @@ _GRID = (
     Column("cost_m_s", "m/s", "mean Δv", 4),
     Column("cost_95_m_s", "m/s", "95 % of Δv", 4),
     Column("deviation_km", "km", "rms deviation", 4),
+    Column("tuned_impulse_m_s", "m/s", "tuned: tolerable impulse", 3),
+    Column("tuned_velocity_m_s", "m/s", "tuned: tolerable velocity", 3),
+    Column("tuned_targets", "-", "tuned: targets"),
+    Column("tuning_survival", "-", "survival in tuning", 4),
     Column("impact", "-", "impact"),
     Column("escape", "-", "escape"),
     Column("other_loss", "-", "other loss"),
 )
+_SEVERAL = 3
+"""Tuned laws that must fail on the same flights before an orbit counts as not to be held: one of
+each kind there is (unstable component, target points, regulator)."""
 _LONGEST = (
     Column("orbit", "", "orbit"),
     Column("strategy", "", "strategy"),
@@ -135,6 +144,7 @@ def _grid(product: StationKeepingFlown) -> list[dict[str, Cell]]:
                 "cost_m_s": _number(product.cost_m_s[i, s, j]),
                 "cost_95_m_s": _number(product.cost_95_m_s[i, s, j]),
                 "deviation_km": _number(product.deviation_m[i, s, j] / 1e3),
+                **_weights(product, i, s, j),
                 "impact": int(ends["impact"][i, s, j]),
                 "escape": int(ends["escape"][i, s, j]),
                 "other_loss": int(other[i, s, j]),
@@ -143,6 +153,22 @@ def _grid(product: StationKeepingFlown) -> list[dict[str, Cell]]:
             row["outcome"] = _why_not(product, i, j)
         rows.append(row)
     return rows
+
+
+def _weights(product: StationKeepingFlown, i: int, s: int, j: int) -> dict[str, Cell]:
+    """Return what tuning chose; nothing where nothing was tuned."""
+    survivors = int(product.tuning_survivors[i, s, j])
+    if survivors < 0:
+        return {}
+    row: dict[str, Cell] = {
+        "tuned_impulse_m_s": float(product.tuned_impulse_m_s[i, s, j]),
+        "tuning_survival": survivors / product.tuning_cases,
+    }
+    if product.strategies[s] in REGULATORS:
+        row["tuned_velocity_m_s"] = float(product.tuned_velocity_m_s[i, s, j])
+    else:
+        row["tuned_targets"] = int(product.tuned_targets[i, s, j])
+    return row
 
 
 def _ends(counts: Integers, product: StationKeepingFlown) -> tuple[dict[str, Integers], Integers]:
@@ -228,10 +254,25 @@ def _notes(product: StationKeepingFlown) -> list[str]:
         f"Strategy {UNCORRECTED}: the same cases without any correction. Where they survive and "
         "corrected ones do not, the errors of navigation and execution do the harm.",
         "Δv and deviation are those of the flights that survived; where none did, there are none. "
-        "The deviation is the distance, at the corrections, from where the reference is then.",
+        "The deviation is the distance at the corrections: for the Floquet mode and the phase-free "
+        "strategies from the nearest point of the reference, else from where that is then.",
+        _tuning_note(product),
         f"The range of the probability holds it with {100 * product.confidence:g} % confidence "
         f"(Clopper and Pearson): if all {product.cases} survive it is at least {sure:.3f}.",
     ]
+
+
+def _tuning_note(product: StationKeepingFlown) -> str:
+    paired = f"All strategies meet the same errors, case by case (seed {product.seed}, stream "
+    paired += "station_keeping_flown)."
+    if not product.tuning_cases:
+        return f"{paired} The weights are as written, not tuned."
+    return (
+        f"{paired} The weights of each strategy, orbit and interval were chosen on "
+        f"{product.tuning_cases} other flights (the same seed, stream station_keeping_tuning): the "
+        "most survivors, and of these the least sum of the squares of deviation and mean impulse, "
+        "each over its tolerable size as written."
+    )
 
 
 def _longest_notes(product: StationKeepingFlown) -> list[str]:
@@ -253,7 +294,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
     days = f"{product.duration_s / 86400.0:g} days"
     said = []
     free = product.uncorrected_survival
-    survive = free >= product.survival_required
+    survive = np.asarray(free >= product.survival_required)
     if np.isfinite(free).any():
         surviving = int(np.count_nonzero(survive))
         said.append(
@@ -262,10 +303,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
             f"{'survives' if surviving == 1 else 'survive'} {days} with "
             f"{100 * product.survival_required:g} % probability."
         )
-    worse = survive & product.flown.any(axis=(1, 2)) & ~np.isfinite(longest).any(axis=1)
-    if worse.any():
-        names = "; ".join(product.labels[i] for i in np.flatnonzero(worse))
-        said.append(f"No correction tried holds what survives without any: {names}.")
+    said += _not_held(product, survive)
     for s, name in enumerate(product.strategies):
         tried = product.flown[:, s].any(axis=1)
         if not tried.any():
@@ -297,9 +335,39 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         if lost:
             said.append(
                 f"One correction per period, which the analytic index supposes, does not hold "
-                f"{lost} of {np.count_nonzero(flown)} unstable orbits with any strategy."
+                f"{lost} of {np.count_nonzero(flown)} unstable orbits with any strategy tried "
+                f"({', '.join(product.strategies)}; "
+                f"{'weights tuned' if product.tuning_cases else 'weights not tuned'})."
             )
     return said
+
+
+def _not_held(product: StationKeepingFlown, survive: NDArray[np.bool_]) -> list[str]:
+    """Return sentences about orbits that no strategy holds at any interval.
+
+    That an orbit cannot be held is said only where several tuned laws failed on the same flights.
+    """
+    found: dict[str, list[str]] = {}
+    lost = product.flown.any(axis=(1, 2)) & ~np.isfinite(product.longest()).any(axis=1)
+    tuned = np.asarray(product.tuned.any(axis=2))
+    flown = np.asarray(product.flown.any(axis=2))
+    for i in np.flatnonzero(lost).tolist():
+        names = [n for s, n in enumerate(product.strategies) if tuned[i, s]]
+        text = "without any correction the flights survive, and " if survive[i] else ""
+        if len(names) >= _SEVERAL:
+            text += (
+                f"none of {len(names)} laws holds the orbit at any interval tried; all were tuned "
+                f"on {product.tuning_cases} flights and judged on the same {product.cases} others "
+                f"({', '.join(names)})."
+            )
+        else:
+            tried = ", ".join(n for s, n in enumerate(product.strategies) if flown[i, s])
+            text += (
+                f"not held by what was tried ({tried}); fewer than {_SEVERAL} tuned laws were, "
+                "which says nothing about others."
+            )
+        found.setdefault(text, []).append(product.labels[i])
+    return [f"{'; '.join(labels)}: {text}" for text, labels in found.items()]
 
 
 def _number(value: Any) -> float | None:

@@ -54,11 +54,22 @@ class StationKeepingFlown:
         Mean and 95th percentile of Δv of the flights that survived; NaN if none did.
     deviation_m : ndarray, shape (M, S, I)
         Root mean square of the distance from the reference at the corrections after the first, of
-        the flights that survived; NaN if there are none.
+        the flights that survived; NaN if there are none. From its nearest point for strategies on
+        that point, else from where it is at the time.
+    tuned_impulse_m_s, tuned_velocity_m_s : ndarray, shape (M, S, I)
+        Tolerable impulse and velocity that tuning chose; NaN where nothing was tuned.
+    tuned_targets : ndarray of int, shape (M, S, I)
+        How many of the targets it kept; zero where nothing was tuned.
+    tuning_survivors : ndarray of int, shape (M, S, I)
+        Of the flights of tuning, with the chosen weights; -1 where nothing was tuned.
     index_m_s : ndarray, shape (M,)
         Analytic index of the same name; NaN where none is known.
     cases : int
         Flights of each combination.
+    tuning_cases : int
+        Flights on which each weight was tried, with other errors; zero without tuning.
+    seed : int
+        Root seed of both.
     duration_s, survival_required, confidence : float
         As asked for.
     injection_m, injection_m_s, navigation_m, navigation_m_s : float
@@ -90,8 +101,14 @@ class StationKeepingFlown:
     cost_m_s: Array
     cost_95_m_s: Array
     deviation_m: Array
+    tuned_impulse_m_s: Array
+    tuned_velocity_m_s: Array
+    tuned_targets: NDArray[np.int64]
+    tuning_survivors: NDArray[np.int64]
     index_m_s: Array
     cases: int
+    tuning_cases: int
+    seed: int
     duration_s: float
     survival_required: float
     confidence: float
@@ -116,6 +133,12 @@ class StationKeepingFlown:
         """Part of the flights that survive without any correction, (M,); NaN where not flown."""
         part = self.uncorrected_counts[self.statuses.index("completed")] / self.cases
         return np.where(self.uncorrected_counts.any(axis=0), part, np.nan)
+
+    @property
+    def tuned(self) -> NDArray[np.bool_]:
+        """Where the weights were tuned, or there are none to tune, shape (M, S, I)."""
+        free = np.array([name == "floquet_mode" for name in self.strategies])[:, None]
+        return np.asarray(self.flown & (free | (self.tuning_survivors >= 0)))
 
     @property
     def lost(self) -> NDArray[np.bool_]:

@@ -52,6 +52,7 @@ class StationKeepingFlownSpec(StageSpec):
             "once_per_period": False,
             "strategies": ["periodic_lqr"],
             "cases": 4,
+            "tuning_cases": 0,
             "duration_d": 1,
         },
         {
@@ -80,11 +81,28 @@ class StationKeepingFlownSpec(StageSpec):
     duration_s: float = quantity(
         "time", "for how long every orbit is held", default=30 * 86400.0, gt=0
     )
-    strategies: tuple[Literal["floquet_mode", "target_point", "periodic_lqr"], ...] = option(
+    strategies: tuple[
+        Literal[
+            "floquet_mode",
+            "target_point",
+            "periodic_lqr",
+            "phase_free_target_point",
+            "phase_free_lqr",
+        ],
+        ...,
+    ] = option(
         "what is flown: 'floquet_mode' nulls the unstable component with the smallest impulse; "
         "'target_point' weighs the impulse against the deviations at later times; 'periodic_lqr' "
-        "is the linear-quadratic regulator along the orbit",
-        default=("floquet_mode", "target_point", "periodic_lqr"),
+        "is the linear-quadratic regulator along the orbit; 'phase_free_target_point' and "
+        "'phase_free_lqr' do the same with the deviation from the nearest point of the orbit, "
+        "and ignore what lies along it",
+        default=(
+            "floquet_mode",
+            "target_point",
+            "periodic_lqr",
+            "phase_free_target_point",
+            "phase_free_lqr",
+        ),
         min_length=1,
     )
     intervals_s: tuple[float, ...] = quantity(
@@ -142,24 +160,31 @@ class StationKeepingFlownSpec(StageSpec):
     )
     tolerable_position_m: float = quantity(
         "length",
-        "for 'target_point' and 'periodic_lqr': a deviation in position that weighs as much as "
+        "for all strategies but 'floquet_mode': a deviation in position that weighs as much as "
         "the tolerable impulse",
         default=3000.0,
         gt=0,
     )
     tolerable_velocity_m_s: float = quantity(
-        "speed", "for 'periodic_lqr': a deviation in velocity that weighs as much", default=1.0,
+        "speed", "for the regulators: a deviation in velocity that weighs as much", default=1.0,
         gt=0,
     )  # fmt: skip
     tolerable_impulse_m_s: float = quantity(
-        "speed", "for 'target_point' and 'periodic_lqr': that impulse", default=0.1, gt=0
+        "speed", "for all strategies but 'floquet_mode': that impulse", default=0.1, gt=0
     )
     targets: tuple[int, ...] = option(
-        "for 'target_point': how many intervals after the correction the deviations count",
+        "for target points: how many intervals after the correction the deviations count",
         default=(1, 2, 3, 4),
         ge=1,
         le=1000,
         min_length=1,
+    )
+    tuning_cases: int = option(
+        "flights, with errors of their own, by which the weights of each strategy are chosen for "
+        "each orbit and interval, starting from the tolerable sizes above; 0: these are taken",
+        default=32,
+        ge=0,
+        le=100_000,
     )
     survival_required: float = option(
         "survival probability from which an interval counts as flyable", default=0.99, gt=0, le=1

@@ -75,7 +75,8 @@ class StationKeepingFlownStage:
         -------
         StationKeepingFlown
             A case meets the same errors in every combination: those of injection at the start,
-            those of navigation and execution by the number of the correction.
+            those of navigation and execution by the number of the correction. Weights are tuned on
+            other errors, the same ones for all strategies.
 
         Raises
         ------
@@ -98,7 +99,9 @@ class StationKeepingFlownStage:
         shape = (len(held), len(spec.strategies), len(names))
         flown = np.zeros(shape, dtype=bool)
         counts = np.zeros((len(STATUSES), *shape), dtype=np.int64)
-        cost, cost_95, deviation = np.full((3, *shape), np.nan)
+        cost, cost_95, deviation, impulse, velocity = np.full((5, *shape), np.nan)
+        targets = np.zeros(shape, dtype=np.int64)
+        survivors_tuning = np.full(shape, -1, dtype=np.int64)
         wanted = [
             (i, s, j)
             for i, s, j in np.ndindex(*shape)
@@ -108,7 +111,8 @@ class StationKeepingFlownStage:
         ]
         free = np.zeros((len(STATUSES), len(held)), dtype=np.int64)
         there = np.array([h.path is not None for h in held], dtype=bool)
-        total = (len(wanted) + np.count_nonzero(there)) * spec.cases
+        total = np.count_nonzero(there) * spec.cases
+        total += sum(loop.count_flights(spec.strategies[s]) for _, s, _ in wanted)
         advance = ctx.track("flights with and without corrections", int(total))
         for i, one in enumerate(held):
             if one.path is not None:
@@ -121,6 +125,12 @@ class StationKeepingFlownStage:
             counts[:, i, s, j] = found.counts
             cost[i, s, j], cost_95[i, s, j] = found.cost_m_s, found.cost_95_m_s
             deviation[i, s, j] = found.deviation_m
+            if found.tuned is not None:
+                weights, unit = found.tuned.weights, path.flow.system.unit[3]
+                impulse[i, s, j] = weights.impulse * unit
+                velocity[i, s, j] = weights.velocity * unit
+                targets[i, s, j] = len(weights.targets)
+                survivors_tuning[i, s, j] = found.tuned.survivors
         survivors = counts[STATUSES.index("completed")]
         low, high = clopper_pearson(survivors, spec.cases, spec.confidence)
         free_low, free_high = clopper_pearson(
@@ -148,8 +158,14 @@ class StationKeepingFlownStage:
             cost_m_s=cost,
             cost_95_m_s=cost_95,
             deviation_m=deviation,
+            tuned_impulse_m_s=impulse,
+            tuned_velocity_m_s=velocity,
+            tuned_targets=targets,
+            tuning_survivors=survivors_tuning,
             index_m_s=_index_of(labels, index),
             cases=spec.cases,
+            tuning_cases=spec.tuning_cases,
+            seed=ctx.seed,
             duration_s=spec.duration_s,
             survival_required=spec.survival_required,
             confidence=spec.confidence,

@@ -5,9 +5,10 @@ is from. With :math:`A_k = \Phi(t_{k+1}, t_k)` a deviation goes as
 :math:`\delta_{k+1} = A_k(\delta_k + B\,\Delta v_k)`, where B puts velocities into the state.
 
 `GainSchedule` holds the reference in time, :math:`\Delta v_k = -G_k\,(\hat x(t_k) - x_{ref}(t_k))`,
-with the gains of `target_point` or `periodic_lqr`. `FloquetMode` holds the orbit: it nulls the
-unstable component only, so the phase is free to drift, and the deviation is taken from the nearest
-point of the orbit, not from where the reference would be.
+with the gains of `target_point` or `periodic_lqr`. The others hold the orbit and leave the phase
+free: their deviation is from the nearest point of the orbit, not from where the reference would be.
+`FloquetMode` nulls the unstable component only; `phase_free_target_point` and `phase_free_lqr`
+weigh what lies across the orbit, see `hillsphere_orbits.station_keeping_flown.phase_free`.
 """
 
 from __future__ import annotations
@@ -20,18 +21,25 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Compensator
+from hillsphere_orbits.station_keeping_flown.phase_free import (
+    phase_free_lqr_gains,
+    phase_free_target_point_gains,
+)
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
 
 __all__ = [
     "STRATEGIES",
     "FloquetMode",
     "GainSchedule",
+    "NearestPointLaw",
     "Sampling",
     "Uncorrected",
     "Weights",
     "floquet_mode",
     "periodic_lqr",
     "periodic_lqr_gains",
+    "phase_free_lqr",
+    "phase_free_target_point",
     "target_point",
     "target_point_gains",
 ]
@@ -78,12 +86,65 @@ class GainSchedule:
         return self.gains[k] @ (ref - y), xc
 
 
-class FloquetMode:
+class NearestPointLaw:
+    r"""Impulses −G(τ) δ from the deviation δ from the nearest point of an orbit, of phase τ.
+
+    Its own state is the slip: the phase of that point less the time, s.
+
+    Parameters
+    ----------
+    period_s : float
+        Time between corrections.
+    path : ReferencePath
+        The orbit.
+    gains : callable
+        Phases (K,) → gains (3, 6, K) or, of all states, (3, n, K); normalised.
+    """
+
+    actuation: Literal["hold", "impulse"] = "impulse"
+
+    def __init__(
+        self, period_s: float, path: ReferencePath, gains: Callable[[Array], Array]
+    ) -> None:
+        self.period_s, self.path, self.gains = period_s, path, gains
+
+    def initial(self, n_cases: int) -> Array:
+        """Return no slip, (1, N)."""
+        return np.zeros((1, n_cases))
+
+    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
+        """Return Δv (3, N), m/s, and the slip; what the loop gives as reference is not used."""
+        system = self.path.flow.system
+        phase, delta = self.deviation(t_s, y, xc[0])
+        gains = self.gains(phase)
+        # further states are the clock of a plant, which nothing corrects
+        dv = -np.einsum("ijk,jk->ik", gains[:, :6], delta[:6])
+        slip = phase - t_s / system.time_unit_s
+        return dv * system.unit[3:6, None], slip[None] * system.time_unit_s
+
+    def deviation(self, t_s: Array, y: Array, slip_s: Array) -> tuple[Array, Array]:
+        """Return the phase (N,) of the nearest point and the deviation (n, N) from it, normalised.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (N,)
+            Time, s.
+        y : ndarray, shape (n, N)
+            States, SI.
+        slip_s : ndarray, shape (N,)
+            Slip from which the nearest point is looked for, s.
+        """
+        system = self.path.flow.system
+        seen = y / system.unit[:, None]
+        phase = self.path.nearest(seen, (t_s + slip_s) / system.time_unit_s)
+        return phase, seen - self.path.interpolated(phase)[0]
+
+
+class FloquetMode(NearestPointLaw):
     r"""The smallest impulse that nulls the unstable component of the deviation from an orbit.
 
     With the left unstable directions as rows of :math:`W = (W_r, W_v)` at the phase of the nearest
-    point, :math:`\Delta v = -W_v^{+} W\,\delta` [1]_, [2]_. Its own state is the slip: the phase of
-    that point less the time, s.
+    point, :math:`\Delta v = -W_v^{+} W\,\delta` [1]_, [2]_.
 
     Parameters
     ----------
@@ -100,24 +161,8 @@ class FloquetMode:
        quasi-satellite orbits around Phobos for MMX), section 4.1.1.
     """
 
-    actuation: Literal["hold", "impulse"] = "impulse"
-
     def __init__(self, period_s: float, path: ReferencePath) -> None:
-        self.period_s, self.path = period_s, path
-
-    def initial(self, n_cases: int) -> Array:
-        """Return no slip, (1, N)."""
-        return np.zeros((1, n_cases))
-
-    def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
-        """Return Δv (3, N), m/s, and the slip; what the loop gives as reference is not used."""
-        path, system = self.path, self.path.flow.system
-        seen, time = y / system.unit[:, None], t_s / system.time_unit_s
-        slip = path.nearest(seen, time + xc[0] / system.time_unit_s) - time
-        delta = seen - path.interpolated(time + slip)[0]
-        delta[6:] = 0.0  # of the clock of a plant, which nothing corrects
-        dv = -np.einsum("ijk,jk->ik", path.floquet_gains(time + slip), delta)
-        return dv * system.unit[3:6, None], slip[None] * system.time_unit_s
+        super().__init__(period_s, path, path.floquet_gains)
 
 
 class Uncorrected:
@@ -281,10 +326,24 @@ def periodic_lqr(sampling: Sampling, weights: Weights) -> Compensator:
     return _scheduled(sampling, periodic_lqr_gains(sampling, weights))
 
 
+def phase_free_target_point(sampling: Sampling, weights: Weights) -> Compensator:
+    """Return the law of `phase_free_target_point_gains` on the nearest point."""
+    gains = phase_free_target_point_gains(sampling, weights)
+    return NearestPointLaw(sampling.interval_s, sampling.path, gains)
+
+
+def phase_free_lqr(sampling: Sampling, weights: Weights) -> Compensator:
+    """Return the law of `phase_free_lqr_gains` on the nearest point."""
+    gains = phase_free_lqr_gains(sampling, weights)
+    return NearestPointLaw(sampling.interval_s, sampling.path, gains)
+
+
 STRATEGIES: Mapping[str, Callable[[Sampling, Weights], Compensator]] = {
     "floquet_mode": floquet_mode,
     "target_point": target_point,
     "periodic_lqr": periodic_lqr,
+    "phase_free_target_point": phase_free_target_point,
+    "phase_free_lqr": phase_free_lqr,
 }
 """By the name that a mission writes."""
 
