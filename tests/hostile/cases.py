@@ -304,9 +304,9 @@ def _data(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str, 
     from hillsphere.product_codec import load_product
     from hillsphere.reference import ReferenceTable
     from hillsphere.uncertainty.samples import read_columns
-    from hillsphere_controllers.stages.linear_models.systems import _from_file
+    from hillsphere_controllers.stages.linear_models.systems import system_from_file
     from hillsphere_tracking.memory import read_memory
-    from hillsphere_tracking.pass_sources import _of_file
+    from hillsphere_tracking.pass_sources import orbits_of_file
     from hillsphere_tracking.pointing.pass_log import read_pass_log
 
     readers: dict[str, list[Callable[[Path], object]]] = {
@@ -317,9 +317,9 @@ def _data(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str, 
         "table.csv": [ReferenceTable.read],
         "memory.json": [read_memory],
         "passes.csv": [read_pass_log],
-        "orbits.tle": [lambda path: _of_file(path, "", "")],
-        "system.npz": [lambda path: _from_file(path, "")],
-        "system.mat": [lambda path: _from_file(path, "")],
+        "orbits.tle": [orbits_of_file],
+        "system.npz": [system_from_file],
+        "system.mat": [system_from_file],
         "finished/many.npz": [load_product],
         "body.bsp": [_kernel],
     }
