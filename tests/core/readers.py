@@ -355,6 +355,10 @@ RUN_DIRECTORY = "a run directory, not a single file: test_resume.py, test_store.
 NO_READERS = {
     "hillsphere.atomic": "writes",
     "hillsphere.cached_files": "takes digests, parses nothing",
+    "hillsphere.cli.endings": "writes the log of an internal error",
+    "hillsphere.json_files": RUN_DIRECTORY,
+    "hillsphere.npz": "read through product_codec, which stands in the table",
+    "hillsphere.regular_files": "opens files for the readers, parses nothing",
     "hillsphere.campaign.executors.pool": "pipes to its own processes",
     "hillsphere.campaign.executors.worker": "pipes from its own process",
     "hillsphere.campaign.export": "writes",
@@ -367,6 +371,7 @@ NO_READERS = {
     "hillsphere.pipeline": RUN_DIRECTORY,
     "hillsphere.report": "the package's own style sheet",
     "hillsphere.rerun": RUN_DIRECTORY,
+    "hillsphere.spice_kernel": "judges the head and the records of a kernel; test_spice.py",
     "hillsphere.spice": "CSPICE, which ends the process at some damaged kernels; test_spice.py",
     "hillsphere.store": "appends to the log",
     "hillsphere_controllers.systems.exchange": "scipy's loadmat",

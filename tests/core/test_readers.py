@@ -21,8 +21,8 @@ SAMPLE = 40
 MANY = 4000
 
 OPENERS = {
-    "read_text", "read_bytes", "open", "fdopen", "loadtxt", "genfromtxt", "fromfile", "loadmat",
-    "reader", "DictReader", "ZipFile", "furnsh",
+    "read_text", "read_bytes", "open", "open_regular", "fdopen", "loadtxt", "genfromtxt",
+    "fromfile", "loadmat", "reader", "DictReader", "ZipFile", "furnsh",
 }  # fmt: skip
 """Names of calls that open a file or parse what stood in one."""
 PARSERS = {"np", "json", "json_text", "ET", "tomllib", "pickle", "marshal", "yaml"}
