@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.ephemeris import mean_from_true, states_of_elements
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -47,7 +48,7 @@ class Centre:
 
 
 @runtime_checkable
-class TurningFrame(Protocol):
+class TurningFrame(Contract, Protocol):
     """A plant that says how its frame turns and what bodies are where."""
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:

@@ -177,7 +177,7 @@ def test_a_stopped_run_ends_in_the_same_bytes(
     with pytest.raises(Interrupted):
         run_mission(mission, out=tmp_path / "stopped", use_cache=False)
     assert sorted(_digests(tmp_path / "stopped")) == ["one.npz"]
-    assert resume_run(tmp_path / "stopped", registry=registry).state == "success"
+    assert resume_run(tmp_path / "stopped", mission=path, registry=registry).state == "success"
     assert _digests(tmp_path / "stopped") == _digests(tmp_path / "whole")
     assert len(_digests(tmp_path / "whole")) == 3
     # ... and with every stage from the cache, as in a third run

@@ -15,15 +15,9 @@ HOVER = Path(__file__).parent / "missions/hover.toml"
     ("setting", "code", "message"),
     [
         # 10¹⁵⁰ km cubed is more than a floating-point number holds.
-        (
-            "body.moon.semi_major_axis_km=1e150", 2,
-            "hover.toml:17: plant.hill: it cannot be computed from these numbers (OverflowError: ",
-        ),
+        ("body.moon.semi_major_axis_km=1e150", 2, "semi_major_axis_km: must be ≤ 1e+12 km, got"),
         # The mean motion, which is divided by, is less than the least floating-point number.
-        (
-            "body.moon.primary_gm_km3_s2=1e-320", 2,
-            "hover.toml:17: plant.hill: the mean motion of 'moon' is 0 rad/s, with which nothing",
-        ),
+        ("body.moon.primary_gm_km3_s2=1e-320", 2, "primary_gm_km3_s2: must be ≥ 1e-29 km³/s², got"),
         (
             "compensator.direct.period_s=1e-30", 1,
             "stage 'hover' failed: a flight of 7980 s has 7.98e+33 periods of 1e-30 s of its law; ",

@@ -83,7 +83,9 @@ def run(commands: CommandLines, made: Mutant) -> tuple[Ended, list[str]]:
     wrong = faults_of(done)
     place = commands.directory / out
     if done.code == 130 and (place / "manifest.json").is_file():
-        again = commands("resume", out, "--quiet", seconds=2.0, memory=MEMORY, draws=False)
+        again = commands(
+            "resume", out, "--mission", "m.toml", "--quiet", seconds=2.0, memory=MEMORY, draws=False
+        )
         wrong += [f"resumed: {fault}" for fault in faults_of(again)]
         if again.code == 2:
             wrong.append(f"it is not resumed: {again.text}")
@@ -112,7 +114,7 @@ def faults_of(done: Ended) -> list[str]:
 def test_mutants_are_refused_in_plain_words_and_run_within_limits(
     scratch: Path, registry: Registry
 ) -> None:
-    sound = validated(range(500), scratch, registry)
+    sound = validated(range(900), scratch, registry)
     shares = zip(CHEAP, (15, 10, 5), strict=True)
     some = [made for base, n in shares for made in [m for m in sound if m.base == base][:n]]
     assert len(some) == 30

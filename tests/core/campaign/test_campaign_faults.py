@@ -270,7 +270,7 @@ def kill_anywhere(runs: Runs, undisturbed: Undisturbed, kills: int) -> Counter[s
                 break
             check_files(place)
             what, resumes = "resume", resumes + 1
-            found = runs("resume", place, fault={"after_s": chance.uniform(0.02, longest_s)})
+            found = runs.resume(place, fault={"after_s": chance.uniform(0.02, longest_s)})
         assert found["code"] in (0, KILLED), runs.said
         if found["code"] == KILLED:
             finish(runs, place, undisturbed)

@@ -48,5 +48,7 @@ def test_a_memory_that_is_a_fifo_is_not_waited_for(tmp_path: Path) -> None:
 def test_a_pass_log_with_an_endless_cell_is_told(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(f"utc,{'x' * 200_000}\n")
-    with pytest.raises(InputError, match="not a CSV table: field larger than field limit"):
+    with pytest.raises(
+        InputError, match="is no table of a pass log: field larger than field limit"
+    ):
         read_pass_log(path)
