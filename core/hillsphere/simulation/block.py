@@ -98,6 +98,7 @@ class Result:
     dv: Array
     firings: Integers
     samples: Integers
+    error: Array
 
 
 COMPLETED, COMMAND, STEP_SIZE, TIME_LIMIT = -1, -2, -3, -4
@@ -198,6 +199,7 @@ class _Block:
         self._memory = s.navigation.initial(self.t, part.x0, part.seen[0])
         self._command = np.zeros((s.p, width))
         self._dv = np.zeros(width)
+        self._error = np.zeros(width)
         self._firings, self._acted = np.zeros((2, width), dtype=np.int64)
         self._cause = np.full(width, COMPLETED)
         self._end_t = part.t0 + part.samples * part.period
@@ -292,7 +294,9 @@ class _Block:
     def result(self) -> Result:
         """Return how it ended."""
         x = self._y[: self._s.n]
-        return Result(self._cause, self._end_t, x, self._spent(), self._firings, self._acted)
+        return Result(
+            self._cause, self._end_t, x, self._spent(), self._firings, self._acted, self._error
+        )
 
     def _spent(self) -> Array:
         return self._y[-1] if self._act.counts else self._dv
