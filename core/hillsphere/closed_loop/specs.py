@@ -304,6 +304,15 @@ class ClosedLoopSpec(StageSpec):
         "limits and errors of what is done of a command; left out: none", default=None
     )
     limits: LimitsSpec = option("what ends a flight early", default=LimitsSpec())
+    largest_step_error: float = option(
+        "estimated step error, in the plant's natural units, beyond which a flight is undecided, "
+        "neither success nor failure; a smaller one leaves a flight undecided only where it could "
+        "turn what is required",
+        # With a thousandth of the plant's natural size no metric has three digits left, which are
+        # the fewest that tables show; what is required is guarded by its own margin.
+        default=1e-3,
+        gt=0,
+    )
     success: tuple[Literal["completed", "impact", "escape", "constraint", "propellant"], ...] = (
         option(
             "how a flight may end that has not failed: after its last sample, or for a landing "

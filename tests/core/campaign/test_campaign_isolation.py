@@ -16,8 +16,8 @@ from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 from hillsphere.campaign.block_outcome import (
     BlockOutcome,
     divided,
-    failed_rows,
     joined,
+    lost_rows,
     named_alike,
 )
 from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
@@ -257,7 +257,7 @@ def test_joined_outcomes_are_divided_again() -> None:
 
 
 def test_cases_without_metrics_get_those_of_the_others() -> None:
-    lost = failed_rows(np.arange(64, 66), "killed", "", "its worker ended: signal 9")
+    lost = lost_rows(np.arange(64, 66), "killed", "", "its worker ended: signal 9")
     alike = named_alike([lost, SOUND])
     assert [o.metrics for o in alike] == [("x", "y")] * 2
     assert np.isnan(alike[0].values).all()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from hillsphere.campaign.case_classes import ratio_interval
 from hillsphere.campaign.presentation import present_campaign
-from hillsphere.campaign.statistics import ratio_interval
 from hillsphere.campaign.sweep_figures import points_of
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
