@@ -63,6 +63,8 @@ class Overloaded:
     (`hillsphere.dynamics.bounds`). What only the engine knows raises a TypeError.
     """
 
+    __array_ufunc__ = None  # a number of numpy times this is the business of this
+
     @classmethod
     def of(cls, item: object) -> Any:
         """Return a number, or an expression that is one, as this type."""
@@ -306,12 +308,14 @@ def product(factors: Iterable[Scalar]) -> Expr:
 
 def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Expr:
     """Scalar product."""
+    if _overloaded(*a, *b):
+        return sum_of([cast(Any, x) * y for x, y in zip(a, b, strict=True)])
     return sum_of(_as_expr(x) * y for x, y in zip(a, b, strict=True))
 
 
 def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
     """Vector product of two 3-vectors."""
-    ax, ay, az = (_as_expr(x) for x in a)
+    ax, ay, az = (cast(Any, x) for x in a) if _overloaded(*b) else (_as_expr(x) for x in a)
     bx, by, bz = (_as_expr(x) for x in b)
     return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 

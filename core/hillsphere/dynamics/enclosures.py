@@ -33,7 +33,7 @@ from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.interfaces import Array
 
-__all__ = ["Bounded", "Enclosure", "LinearRows", "derivatives_within", "enclose", "growth"]
+__all__ = ["Bounded", "Enclosure", "LinearRows", "derivatives_within", "enclose", "growth", "region_slopes"]
 
 _ROUNDS = 8
 """Boxes tried for a step; a step that none of them holds is halved by whoever asked."""
@@ -99,6 +99,11 @@ class Enclosure:
     holds: NDArray[np.bool_]
 
 
+_QUIET = {"over": "ignore", "invalid": "ignore", "divide": "ignore", "under": "ignore"}
+"""A box may hold a singularity: then its bounds are infinite, which is an answer."""
+
+
+@np.errstate(**_QUIET)
 def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Array) -> Enclosure:
     """Enclose the solutions from given states over a step.
 
@@ -159,6 +164,45 @@ def picard(y: Array, h: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return iv.outward(y + np.nextafter(down, -np.inf), y + np.nextafter(up, np.inf))
 
 
+@np.errstate(**_QUIET)
+def region_slopes(
+    system: Bounded, t: Array, h: Array, y: Array, p: Array
+) -> tuple[NDArray[np.bool_], tuple[Array, Array, Array, Array]]:
+    """Bound the events' slopes over several equal steps of each lane at once.
+
+    Parameters
+    ----------
+    system : Bounded
+        Equations and events.
+    t, h : ndarray, shape (N,)
+        Start of the first step, and their length.
+    y : ndarray, shape (rows, m + 1, N)
+        States at the ends of m steps.
+    p : ndarray, shape (k, N)
+        Run-time parameters.
+
+    Returns
+    -------
+    holds : ndarray of bool, shape (N,)
+        Where the solutions of all steps are proved to stay in one box of twice their extent.
+    slopes : tuple of ndarray, shape (E, N)
+        As of `derivatives_within`, valid there.
+    """
+    low, high = y.min(axis=1), y.max(axis=1)
+    spread = 0.5 * (high - low) + 1e-9 * np.maximum(np.abs(low), np.abs(high)) + 1e-300
+    lo, hi = low - spread, high + spread
+    last = t + (y.shape[1] - 1) * h
+    when = np.minimum(t, last), np.maximum(t, last)
+    held = [iv.point(row) for row in p]
+    rate_lo, rate_hi = arrays(system.rates(Bound(when), boxed(lo, hi), held), lo)
+    first, _ = picard(low, h, rate_lo, rate_hi)
+    _, second = picard(high, h, rate_lo, rate_hi)
+    holds: NDArray[np.bool_] = ((first >= lo) & (second <= hi)).all(axis=0)
+    box = Enclosure(lo, hi, rate_lo, rate_hi, holds)
+    return holds, derivatives_within(system, when, box, held)
+
+
+@np.errstate(**_QUIET)
 def derivatives_within(
     system: Bounded, t: Interval, box: Enclosure, p: Sequence[Interval]
 ) -> tuple[Array, Array, Array, Array]:

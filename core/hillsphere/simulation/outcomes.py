@@ -93,8 +93,10 @@ class Flights:
     samples : ndarray of int, shape (N,)
         Samples at which the law acted.
     step_error : ndarray, shape (N,)
-        Estimate of the accumulated step error at the end: the largest over the states, in units of
-        the plant's scales, as `tolerance` of the simulator is.
+        Sum over the flight of the estimated errors of its steps, without dimension: of the states
+        in units of the plant's scales, as `tolerance` of the simulator is. From the formula's
+        embedded pair (`hillsphere.dynamics.tableaux.Tableau.step_error`), on smooth motion 2 to 30
+        times the true error of a step. It does not tell how later motion amplifies an error.
     history : History or None
         The way there.
     """

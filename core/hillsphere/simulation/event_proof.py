@@ -1,0 +1,248 @@
+"""Bounds of the derivatives of all that may end a flight, over its sub-steps.
+
+The bounds of one sub-step cost as much as some tens of sub-steps. Most of the time they need not
+be sharp: they are computed for a region, a box about the state of each lane that is several times
+as large as a leg, and hold for as long as the sub-steps are proved to stay inside. Only what they
+cannot decide is enclosed sub-step by sub-step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.enclosures import (
+    Bounded,
+    Enclosure,
+    arrays,
+    boxed,
+    derivatives_within,
+    enclose,
+    growth,
+)
+from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
+from hillsphere.interfaces import Array
+
+if TYPE_CHECKING:
+    from hillsphere.simulation.ends import Leg, Limit
+
+__all__ = ["EventProof"]
+
+_FIRST, _LEAST, _MOST = 8.0, 0.5, 64.0
+"""Half width of a region in legs' movements: at first, and within which it is adapted. The first
+serves eight legs of a steady flight; more than 64 would hardly save anything more."""
+
+
+@dataclass(eq=False)
+class _Region:
+    """A box of states (rows, B), parameters (k, B) and times, with what is bounded in it."""
+
+    lo: Array
+    hi: Array
+    p_lo: Array
+    p_hi: Array
+    t_lo: Array
+    t_hi: Array
+    rate_lo: Array
+    rate_hi: Array
+    slopes: Slopes
+    steep: Array
+    bend: Array
+    used: int = 0
+
+
+class EventProof:
+    """Bounds for one watch.
+
+    Parameters
+    ----------
+    bounded : Bounded or None
+        The equations that fly, in interval arithmetic.
+    events : int
+        Number of the plant's events.
+    limits : sequence of Limit
+        Of the user; their rows follow those of the events.
+    monotone : bool
+        Whether a last row, the Δv at hand, follows. It never rises, so that its values at the ends
+        of a sub-step decide it.
+    """
+
+    def __init__(
+        self, bounded: Bounded | None, events: int, limits: Sequence[Limit], monotone: bool
+    ) -> None:
+        self._bounded, self._events, self._limits = bounded, events, tuple(limits)
+        rows = events + len(limits)
+        self.bounded_rows = np.zeros(rows + monotone, dtype=bool)
+        self.margins = np.array([*[MARGIN] * events, *(q.margin for q in limits), 0.0])[
+            : rows + monotone
+        ]
+        self._monotone = monotone
+        self.budget_row = rows if monotone else None
+        self.budget_rows = np.arange(rows + monotone)[:, None] == (rows if monotone else -1)
+        self._factor, self._tried = _FIRST, False
+        self._region: _Region | None = None
+        self._last: Array | None = None
+        self._tube: tuple[float, Array] | None = None
+
+    def ready(self, leg: Leg) -> None:
+        """Find out, at a first leg, which rows have bounds at all."""
+        if self._tried:
+            return
+        self._tried = True
+        if self._monotone:
+            self.bounded_rows[-1] = True
+        if self._bounded is None:
+            return
+        y, p, t = leg.y[:, :1], leg.p[:, :1], leg.t[:1]
+        y = np.where(np.isfinite(y), y, 0.0)
+        try:
+            box = enclose(self._bounded, t, 0.0 * t, y, p, y)
+            when = (t, t)
+            held = [(row, row) for row in p]
+            low, high, _, _ = derivatives_within(self._bounded, when, box, held)
+        except TypeError:  # an operation of which no bound is known
+            self._bounded = None
+            return
+        # Of a surface without a slope nothing is known.
+        self.bounded_rows[: self._events] = ~(np.isinf(low) & np.isinf(high)).any(axis=1)
+        for i, limit in enumerate(self._limits, start=self._events):
+            self.bounded_rows[i] = limit.lipschitz is not None
+
+    def of_pieces(self, leg: Leg, pieces: Pieces, t: Array) -> Slopes:
+        """Bound the slopes over pieces that begin at times `t` (B,) of their lanes, sharply."""
+        assert self._bounded is not None
+        begin, length = t[pieces.lane] + pieces.begin, pieces.end - pieces.begin
+        p = leg.p[:, pieces.lane]
+        box = enclose(self._bounded, begin, length, pieces.y0, p, pieces.y1)
+        when = (np.minimum(begin, begin + length), np.maximum(begin, begin + length))
+        held = [(row, row) for row in p]
+        return self._slopes(when, box, held, ~box.holds)
+
+    def _slopes(
+        self,
+        when: tuple[Array, Array],
+        box: Enclosure,
+        p: Sequence[tuple[Array, Array]],
+        unknown: NDArray[np.bool_],
+    ) -> Slopes:
+        assert self._bounded is not None
+        parts = derivatives_within(self._bounded, when, box, p)
+        rows, lanes = len(self.bounded_rows), box.lo.shape[1]
+        found = np.empty((4, rows, lanes))
+        found[0::2], found[1::2] = -np.inf, np.inf
+        found[:, : self._events] = parts
+        speed = np.maximum(np.abs(box.rate_lo), np.abs(box.rate_hi))
+        for i, limit in enumerate(self._limits, start=self._events):
+            if limit.lipschitz is not None:
+                by = np.asarray(limit.lipschitz, dtype=float)
+                most = by @ speed[: len(by)] * (1.0 + ROUNDING) + limit.drift
+                found[0, i], found[1, i] = -most, most
+        found[0::2][np.isnan(found[0::2])] = -np.inf
+        found[1::2][np.isnan(found[1::2])] = np.inf
+        if unknown.any():
+            found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
+        return found[0], found[1], found[2], found[3]
+
+    def of_leg(self, leg: Leg, y: Array, h: Array) -> tuple[NDArray[np.bool_], Slopes | None]:
+        """Bound the slopes over all sub-steps of a leg.
+
+        Parameters
+        ----------
+        leg : Leg
+            The leg.
+        y : ndarray, shape (rows, steps + 1, B)
+            States at the ends of its sub-steps.
+        h : ndarray, shape (B,)
+            Length of a sub-step.
+
+        Returns
+        -------
+        holds : ndarray of bool, shape (B,)
+            Lanes whose bounds are proved for the whole leg.
+        slopes : Slopes or None
+            Of the leg's lanes, (E, B); None if there are none.
+        """
+        if self._bounded is None:
+            return np.zeros(len(h), dtype=bool), None
+        low, high = y.min(axis=1), y.max(axis=1)
+        region = self._region
+        if region is not None and region.lo.shape == low.shape:
+            holds = self._inside(region, leg, low, high, h)
+            if (holds | ~leg.flying).all():
+                region.used += 1
+                return holds, region.slopes
+            # It was left: too small, or no longer fit; the next one is larger if it served well.
+            if region.used > 1:
+                self._factor = min(2.0 * self._factor, _MOST)
+        region = self._region = self._made(leg, y, low, high)
+        holds = self._inside(region, leg, low, high, h)
+        while not (holds | ~leg.flying).all() and self._factor > _LEAST:
+            # Too large to hold flights at the speeds that occur in it.
+            self._factor *= 0.25
+            region = self._region = self._made(leg, y, low, high)
+            holds = self._inside(region, leg, low, high, h)
+        return holds, region.slopes
+
+    def _made(self, leg: Leg, y: Array, low: Array, high: Array) -> _Region:
+        assert self._bounded is not None
+        factor, t = self._factor, leg.t
+        spread = factor * np.max(np.abs(y - y[:, :1]), axis=1)
+        lo, hi = low - spread, high + spread
+        lo -= 1e-9 * np.abs(low) + 1e-300
+        hi += 1e-9 * np.abs(high) + 1e-300
+        p, moved = leg.p, np.zeros_like(leg.p)
+        if self._last is not None and self._last.shape == p.shape:
+            moved = factor * np.abs(p - self._last)
+        self._last = p.copy()
+        ahead = (1.0 + factor) * leg.period
+        when = (np.minimum(t, t + ahead), np.maximum(t, t + ahead))
+        held = [(a, b) for a, b in zip(p - moved, p + moved, strict=True)]
+        low_rate, high_rate = arrays(self._bounded.rates(Bound(when), boxed(lo, hi), held), lo)
+        box = Enclosure(lo, hi, low_rate, high_rate, np.ones(lo.shape[1], dtype=bool))
+        slopes = self._slopes(when, box, held, np.zeros(lo.shape[1], dtype=bool))
+        a, b, c, d = slopes
+        return _Region(
+            lo, hi, p - moved, p + moved, *when, low_rate, high_rate, slopes,
+            0.5 * np.maximum(np.abs(a), np.abs(b)), np.maximum(d, 0.0) * 0.125,
+        )  # fmt: skip
+
+    def _inside(
+        self, region: _Region, leg: Leg, low: Array, high: Array, h: Array
+    ) -> NDArray[np.bool_]:
+        """Say of which lanes all solutions of the leg's sub-steps stay in the region."""
+        down = np.minimum(np.minimum(h * region.rate_lo, h * region.rate_hi), 0.0)
+        up = np.maximum(np.maximum(h * region.rate_lo, h * region.rate_hi), 0.0)
+        linear = self._bounded.linear if self._bounded is not None else None
+        if linear is not None:
+            rows = slice(linear.first, linear.first + len(linear.matrix))
+            fastest = np.maximum(np.abs(region.rate_lo[rows]), np.abs(region.rate_hi[rows]))
+            up[rows] = self._growth(linear.matrix, float(np.max(np.abs(h)))) @ fastest
+            down[rows] = -up[rows]
+        # Rounding of these sums is far below the region's own margin of 1e-9.
+        inside: NDArray[np.bool_] = (
+            ((low + down >= region.lo) & (high + up <= region.hi)).all(axis=0)
+            & ((leg.p >= region.p_lo) & (leg.p <= region.p_hi)).all(axis=0)
+            & (leg.t >= region.t_lo)
+            & (leg.t + leg.period <= region.t_hi)
+        )
+        return inside
+
+    def _growth(self, matrix: Array, h: float) -> Array:
+        known = self._tube
+        if known is None or known[0] != h:
+            self._tube = known = (h, growth(matrix, h))
+        return known[1]
+
+    def is_far(self, least: Array, h: Array, flying: NDArray[np.bool_]) -> bool:
+        """Say whether values of at least `least` (E, B) stay positive over steps h (B,)."""
+        region = self._region
+        assert region is not None
+        w = np.abs(h)
+        need = np.fmin(region.steep * w, region.bend * (w * w)) + ROUNDING * (1.0 + np.abs(least))
+        far: NDArray[np.bool_] = least > need
+        return bool((far | ~self.bounded_rows[:, None] | ~flying).all())
