@@ -374,7 +374,10 @@ class ClosedLoopStage:
                 loop.course, loop.planned_s, loop.beyond, final, period,
                 impulses=impulses, total=width,
             )  # fmt: skip
-        seen = Largest(self.rows, loop.goal, width, first, final, len(self.commands), between)
+        seen = Largest(
+            self.rows, loop.goal, width, first, final, len(self.commands), between,
+            loop.course, loop.planned_s, begun,
+        )  # fmt: skip
         flights = self._simulator(loop, names, spec.substeps * (1 + finer)).fly(
             cases,
             loop.samples,

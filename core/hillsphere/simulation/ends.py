@@ -125,6 +125,9 @@ class End:
         flight goes on; unless it ends by that very row it is unresolved.
     error : ndarray, shape (B,), or None
         Sum of the estimated errors of the steps, in units of the system's scale.
+    nodes : ndarray, shape (rows, S + 1, B), or None
+        States at the ends of the S sub-steps, the start first; of a flight that ended in between
+        they go on beyond its end.
     """
 
     y: Array
@@ -132,6 +135,7 @@ class End:
     cause: Integers | None
     doubtful: Integers | None = None
     error: Array | None = None
+    nodes: Array | None = None
 
 
 class Watch:
@@ -232,7 +236,7 @@ class Watch:
         far = proved and self._proof.is_far(least, h, leg.flying)
         doubtful = self._doubtful(least, leg.flying)
         if sound and (far or not self._proof.bounded_rows.any()):
-            return End(here, t, None, doubtful, errors.sum(axis=0))
+            return End(here, t, None, doubtful, errors.sum(axis=0), y)
         blank = End(here.copy(), t.copy(), np.full(len(t), -1), doubtful)
         end, error = _Ending(blank, leg.flying.copy()), np.zeros(len(t))
         for j in range(steps):
@@ -245,7 +249,7 @@ class Watch:
             self._end_step(end, leg, step, np.ascontiguousarray(y[:, j + 1]), slopes, holds)
         assert end.end.cause is not None
         none = (end.end.cause < 0).all()
-        return End(end.end.y, end.end.t, None if none else end.end.cause, doubtful, error)
+        return End(end.end.y, end.end.t, None if none else end.end.cause, doubtful, error, y)
 
     def _doubtful(self, least: Array, flying: NDArray[np.bool_]) -> Integers | None:
         """Return, by lane, the row without a bound that came closer to zero than its margin."""
