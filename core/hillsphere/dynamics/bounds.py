@@ -13,14 +13,12 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.interfaces import Array
-from hillsphere.symbolic import Expr, Overloaded, number_in
+from hillsphere.symbolic import Overloaded, number_in
 
 __all__ = ["Bound"]
 
@@ -138,9 +136,7 @@ class Bound(Overloaded):
 
     def symbolic_log(self) -> Bound:
         slope = iv.reciprocal(self.value)
-        return self._chained(
-            iv.monotone(np.log, self.value), slope, iv.negate(iv.square(slope))
-        )
+        return self._chained(iv.monotone(np.log, self.value), slope, iv.negate(iv.square(slope)))
 
     def symbolic_asin(self) -> Bound:
         x = self.value
@@ -195,9 +191,7 @@ class Bound(Overloaded):
         """
         if eccentricity.rate is not None or eccentricity.second is not None:
             raise TypeError("no bound of the eccentric anomaly for an eccentricity that changes")
-        ends = [
-            [_eccentric_anomaly(e, m) for e in eccentricity.value] for m in self.value
-        ]
+        ends = [[_eccentric_anomaly(e, m) for e in eccentricity.value] for m in self.value]
         value = (
             iv.widen(np.minimum(*ends[0]))[0],
             iv.widen(np.maximum(*ends[1]))[1],

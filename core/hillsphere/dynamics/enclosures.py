@@ -33,7 +33,15 @@ from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.interfaces import Array
 
-__all__ = ["Bounded", "Enclosure", "LinearRows", "derivatives_within", "enclose", "growth", "region_slopes"]
+__all__ = [
+    "Bounded",
+    "Enclosure",
+    "LinearRows",
+    "derivatives_within",
+    "enclose",
+    "growth",
+    "region_slopes",
+]
 
 _ROUNDS = 8
 """Boxes tried for a step; a step that none of them holds is halved by whoever asked."""
@@ -261,9 +269,7 @@ def boxed(
     """Return the rows of a box as bounds, with their rates if given."""
     if rate_lo is None or rate_hi is None:
         return [Bound((a, b)) for a, b in zip(lo, hi, strict=True)]
-    return [
-        Bound((a, b), (c, d)) for a, b, c, d in zip(lo, hi, rate_lo, rate_hi, strict=True)
-    ]
+    return [Bound((a, b), (c, d)) for a, b, c, d in zip(lo, hi, rate_lo, rate_hi, strict=True)]
 
 
 def arrays(bounds: Sequence[Bound], like: Array) -> tuple[Array, Array]:

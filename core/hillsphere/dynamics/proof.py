@@ -97,9 +97,7 @@ class Found:
     open_at: Array
 
 
-def count_crossings(
-    before: Array, after: Array, direction: int, from_zero: bool = True
-) -> Flags:
+def count_crossings(before: Array, after: Array, direction: int, from_zero: bool = True) -> Flags:
     """Say where a change of sign counts: falling (−1), rising (1), or both (0).
 
     With `from_zero` what begins at zero and goes on to the other side has crossed.

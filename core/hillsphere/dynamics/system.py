@@ -338,9 +338,7 @@ class PlantBounds:
     ) -> tuple[tuple[Bound, ...], Bound, dict[str, Bound]]:
         """Return states, time and all parameters, SI."""
         rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
-        values = {
-            q.name: Bound(rows.get(q.name, point(q.value))) for q in self.plant.parameters()
-        }
+        values = {q.name: Bound(rows.get(q.name, point(q.value))) for q in self.plant.parameters()}
         if self.time_unit_s == 1.0 and (self.unit == 1.0).all():
             return tuple(y[: len(self.unit)]), t, values
         size = self.unit.tolist()

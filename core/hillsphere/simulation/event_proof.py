@@ -33,9 +33,15 @@ if TYPE_CHECKING:
 
 __all__ = ["EventProof"]
 
-_FIRST, _LEAST, _MOST = 8.0, 0.5, 64.0
+_FIRST, _LEAST, _MOST = 6.0, 0.5, 12.0
 """Half width of a region in legs' movements: at first, and within which it is adapted. The first
-serves eight legs of a steady flight; more than 64 would hardly save anything more."""
+serves six legs of a steady flight; under feedback a region much larger than that allows commands so
+large that it decides nothing."""
+
+_FADING = 0.7
+"""Part of an earlier change of a held value that is still reckoned with at the next region."""
+_ROUNDS = 8
+"""Enlargements of a region; a region that none makes large enough serves no lane that leaves it."""
 
 
 @dataclass(eq=False)
@@ -87,6 +93,8 @@ class EventProof:
         self._factor, self._tried = _FIRST, False
         self._region: _Region | None = None
         self._last: Array | None = None
+        self._reach: Array | None = None
+        self._moved = np.zeros((0, 0))
         self._tube: tuple[float, Array] | None = None
 
     def ready(self, leg: Leg) -> None:
@@ -176,53 +184,71 @@ class EventProof:
             if (holds | ~leg.flying).all():
                 region.used += 1
                 return holds, region.slopes
-            # It was left: too small, or no longer fit; the next one is larger if it served well.
-            if region.used > 1:
+            # It was left: the next one is larger, unless this one served long.
+            if region.used < _MOST:
                 self._factor = min(2.0 * self._factor, _MOST)
         region = self._region = self._made(leg, y, low, high)
         holds = self._inside(region, leg, low, high, h)
-        while not (holds | ~leg.flying).all() and self._factor > _LEAST:
-            # Too large to hold flights at the speeds that occur in it.
-            self._factor *= 0.25
-            region = self._region = self._made(leg, y, low, high)
-            holds = self._inside(region, leg, low, high, h)
+        if not (holds | ~leg.flying).all():
+            self._factor = max(0.25 * self._factor, _LEAST)
+            self._reach = None
         return holds, region.slopes
 
     def _made(self, leg: Leg, y: Array, low: Array, high: Array) -> _Region:
+        """Return a region about a leg, enlarged until the leg's sub-steps stay in it."""
         assert self._bounded is not None
-        factor, t = self._factor, leg.t
+        factor, t, h = self._factor, leg.t, leg.period / (y.shape[1] - 1)
         spread = factor * np.max(np.abs(y - y[:, :1]), axis=1)
-        lo, hi = low - spread, high + spread
-        lo -= 1e-9 * np.abs(low) + 1e-300
-        hi += 1e-9 * np.abs(high) + 1e-300
+        spread += 1e-9 * np.maximum(np.abs(low), np.abs(high)) + 1e-300
+        if self._reach is not None and self._reach.shape == spread.shape:
+            spread = np.fmax(spread, 0.5 * self._reach)
         p, moved = leg.p, np.zeros_like(leg.p)
         if self._last is not None and self._last.shape == p.shape:
-            moved = factor * np.abs(p - self._last)
+            # What is held changes at samples only: remember how much, and forget it slowly.
+            now = np.maximum(np.abs(p - self._last), _FADING * self._moved)
+            self._moved, moved = now, 2.0 * now
+        else:
+            self._moved = moved
         self._last = p.copy()
         ahead = (1.0 + factor) * leg.period
         when = (np.minimum(t, t + ahead), np.maximum(t, t + ahead))
         held = [(a, b) for a, b in zip(p - moved, p + moved, strict=True)]
-        low_rate, high_rate = arrays(self._bounded.rates(Bound(when), boxed(lo, hi), held), lo)
+        for _ in range(_ROUNDS):
+            lo, hi = low - spread, high + spread
+            low_rate, high_rate = arrays(self._bounded.rates(Bound(when), boxed(lo, hi), held), lo)
+            down, up = self._reached(low_rate, high_rate, h)
+            out = (low + down < lo) | (high + up > hi)
+            # Half of the room is left for where the flight goes in later legs.
+            self._reach = 2.0 * np.maximum(up, -down)
+            if not (out.any(axis=0) & leg.flying).any():
+                break
+            spread = np.where(out, np.fmax(spread, self._reach), spread)
+        self._reach[~np.isfinite(self._reach)] = 0.0
         box = Enclosure(lo, hi, low_rate, high_rate, np.ones(lo.shape[1], dtype=bool))
         slopes = self._slopes(when, box, held, np.zeros(lo.shape[1], dtype=bool))
-        a, b, c, d = slopes
+        a, b, _c, d = slopes
         return _Region(
             lo, hi, p - moved, p + moved, *when, low_rate, high_rate, slopes,
             0.5 * np.maximum(np.abs(a), np.abs(b)), np.maximum(d, 0.0) * 0.125,
         )  # fmt: skip
 
+    def _reached(self, low: Array, high: Array, h: Array) -> tuple[Array, Array]:
+        """Return how far states may move in a sub-step, down and up (rows, B)."""
+        a, b = h * low, h * high
+        down, up = np.minimum(np.minimum(a, b), 0.0), np.maximum(np.maximum(a, b), 0.0)
+        linear = self._bounded.linear if self._bounded is not None else None
+        if linear is not None:
+            rows = slice(linear.first, linear.first + len(linear.matrix))
+            fastest = np.maximum(np.abs(low[rows]), np.abs(high[rows]))
+            up[rows] = self._growth(linear.matrix, float(np.max(np.abs(h)))) @ fastest
+            down[rows] = -up[rows]
+        return down, up
+
     def _inside(
         self, region: _Region, leg: Leg, low: Array, high: Array, h: Array
     ) -> NDArray[np.bool_]:
         """Say of which lanes all solutions of the leg's sub-steps stay in the region."""
-        down = np.minimum(np.minimum(h * region.rate_lo, h * region.rate_hi), 0.0)
-        up = np.maximum(np.maximum(h * region.rate_lo, h * region.rate_hi), 0.0)
-        linear = self._bounded.linear if self._bounded is not None else None
-        if linear is not None:
-            rows = slice(linear.first, linear.first + len(linear.matrix))
-            fastest = np.maximum(np.abs(region.rate_lo[rows]), np.abs(region.rate_hi[rows]))
-            up[rows] = self._growth(linear.matrix, float(np.max(np.abs(h)))) @ fastest
-            down[rows] = -up[rows]
+        down, up = self._reached(region.rate_lo, region.rate_hi, h)
         # Rounding of these sums is far below the region's own margin of 1e-9.
         inside: NDArray[np.bool_] = (
             ((low + down >= region.lo) & (high + up <= region.hi)).all(axis=0)
@@ -245,4 +271,8 @@ class EventProof:
         w = np.abs(h)
         need = np.fmin(region.steep * w, region.bend * (w * w)) + ROUNDING * (1.0 + np.abs(least))
         far: NDArray[np.bool_] = least > need
-        return bool((far | ~self.bounded_rows[:, None] | ~flying).all())
+        done = bool((far | ~self.bounded_rows[:, None] | ~flying).all())
+        if not done and region.used:
+            # Perhaps it is only too large: the next leg gets a smaller one.
+            self._factor, self._region, self._reach = max(0.5 * self._factor, _LEAST), None, None
+        return done

@@ -86,7 +86,10 @@ def law_matrix(law: ContinuousLaw, inputs: int) -> Array | None:
         rates = [
             Bound.of(rate)
             for rate in law.derivative(
-                tuple(states), tuple(anything), tuple(anything), Bound(iv.EVERYTHING)  # type: ignore[arg-type]
+                tuple(states),
+                tuple(anything),
+                tuple(anything),
+                Bound(iv.EVERYTHING),  # type: ignore[arg-type]
             )
         ]
     except TypeError:
