@@ -117,28 +117,35 @@ class Bound(Overloaded):
         return Bound(value, iv.multiply(first, self.rate), _add(bend, _times(first, self.second)))
 
     def symbolic_sqrt(self) -> Bound:
+        """Return the square root."""
         return self**0.5
 
     def symbolic_sin(self) -> Bound:
+        """Return the sine."""
         s, c = iv.sin(self.value), iv.cos(self.value)
         return self._chained(s, c, iv.negate(s))
 
     def symbolic_cos(self) -> Bound:
+        """Return the cosine."""
         s, c = iv.sin(self.value), iv.cos(self.value)
         return self._chained(c, iv.negate(s), iv.negate(c))
 
     def symbolic_tan(self) -> Bound:
+        """Return the tangent."""
         return self.symbolic_sin() / self.symbolic_cos()
 
     def symbolic_exp(self) -> Bound:
+        """Return the exponential."""
         e = iv.monotone(np.exp, self.value)
         return self._chained(e, e, e)
 
     def symbolic_log(self) -> Bound:
+        """Return the natural logarithm."""
         slope = iv.reciprocal(self.value)
         return self._chained(iv.monotone(np.log, self.value), slope, iv.negate(iv.square(slope)))
 
     def symbolic_asin(self) -> Bound:
+        """Return the inverse sine."""
         x = self.value
         root = iv.power(iv.add(iv.point(1.0), iv.negate(iv.square(x))), -0.5)
         inside = np.maximum(x[0], -1.0), np.minimum(x[1], 1.0)
@@ -147,6 +154,7 @@ class Bound(Overloaded):
         )
 
     def symbolic_acos(self) -> Bound:
+        """Return the inverse cosine."""
         return 0.5 * np.pi - self.symbolic_asin()
 
     def symbolic_atan2(self, y: Bound) -> Bound:

@@ -228,7 +228,7 @@ def search(
             break
         # Nothing after a lane's first sure crossing of the same event matters.
         waiting &= ~(np.abs(pieces.begin) >= np.abs(begin[:, pieces.lane]))
-        rest = waiting.any(axis=0)
+        rest: Flags = np.asarray(waiting.any(axis=0))
         pieces, waiting = pieces.taken(rest), waiting[:, rest]
         if not len(pieces.lane):
             break

@@ -13,6 +13,7 @@ from hillsphere.dynamics.enclosures import LinearRows
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import PlantBounds
 from hillsphere.interfaces import Array
+from hillsphere.simulation.command_bounds import AffineLaw
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import norm
 
@@ -35,6 +36,8 @@ class LawBounds:
         Of how many vectors the command consists.
     linear : LinearRows or None
         The law's states, if its equations are linear in them.
+    affine : AffineLaw or None
+        What bounds its commands more cheaply, if it is affine and on held measurements.
     """
 
     plant: PlantBounds
@@ -42,6 +45,7 @@ class LawBounds:
     run_time: int
     vectors: int
     linear: LinearRows | None
+    affine: AffineLaw | None = None
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the rates of the plant's states, the law's and the effort."""
