@@ -130,8 +130,13 @@ def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineL
                 for s in (slopes, zeros)
                 for i, j in ((0, m), (m, m + q), (m + q, total))
             ]
-            found = function(*told[:3], Bound(iv.EVERYTHING, iv.EVERYTHING))  # type: ignore[arg-type]
-            at_zero = function(*told[3:], Bound(iv.EVERYTHING))  # type: ignore[arg-type]
+            found = function(
+                told[0],
+                told[1],
+                told[2],
+                Bound(iv.EVERYTHING, iv.EVERYTHING),  # type: ignore[arg-type]
+            )
+            at_zero = function(told[3], told[4], told[5], Bound(iv.EVERYTHING))  # type: ignore[arg-type]
             matrix, constant = np.zeros((len(found), total)), np.zeros((len(found), 1))
             for i, (e, z) in enumerate(zip(found, at_zero, strict=True)):
                 low, high = Bound.of(e).rate or iv.point(0.0)
