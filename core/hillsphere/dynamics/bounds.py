@@ -14,6 +14,7 @@ References
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.intervals import Interval
@@ -178,7 +179,7 @@ class Bound(Overloaded):
             _chosen(first, last, self.second, other.second, False),
         )
 
-    def symbolic_select(self, other: Bound, yes: Array, no: Array) -> Bound:
+    def symbolic_select(self, other: Bound, yes: NDArray[np.bool_], no: NDArray[np.bool_]) -> Bound:
         """Return self where a condition surely holds and other where it surely does not.
 
         Where it may, the value is one of both, and jumps perhaps: nothing is known of its rate.
@@ -243,7 +244,9 @@ def _known(a: _Part, b: _Part) -> tuple[Interval, _Part]:
     return (iv.point(0.0) if a is None else a), b
 
 
-def _chosen(first: Array, last: Array, a: _Part, b: _Part, either: bool) -> _Part:
+def _chosen(
+    first: NDArray[np.bool_], last: NDArray[np.bool_], a: _Part, b: _Part, either: bool
+) -> _Part:
     """Return a where `first`, b where `last`; elsewhere the hull of both, or everything."""
     if a is None and b is None and either:
         return None

@@ -107,11 +107,8 @@ class Enclosure:
     holds: NDArray[np.bool_]
 
 
-_QUIET = {"over": "ignore", "invalid": "ignore", "divide": "ignore", "under": "ignore"}
-"""A box may hold a singularity: then its bounds are infinite, which is an answer."""
-
-
-@np.errstate(**_QUIET)
+# A box may hold a singularity: then its bounds are infinite, which is an answer.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Array) -> Enclosure:
     """Enclose the solutions from given states over a step.
 
@@ -172,7 +169,7 @@ def picard(y: Array, h: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return iv.outward(y + np.nextafter(down, -np.inf), y + np.nextafter(up, np.inf))
 
 
-@np.errstate(**_QUIET)
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def region_slopes(
     system: Bounded, t: Array, h: Array, y: Array, p: Array
 ) -> tuple[NDArray[np.bool_], tuple[Array, Array, Array, Array]]:
@@ -210,7 +207,7 @@ def region_slopes(
     return holds, derivatives_within(system, when, box, held)
 
 
-@np.errstate(**_QUIET)
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def derivatives_within(
     system: Bounded, t: Interval, box: Enclosure, p: Sequence[Interval]
 ) -> tuple[Array, Array, Array, Array]:

@@ -228,8 +228,8 @@ def search(
             break
         # Nothing after a lane's first sure crossing of the same event matters.
         waiting &= ~(np.abs(pieces.begin) >= np.abs(begin[:, pieces.lane]))
-        rest: Flags = np.asarray(waiting.any(axis=0))
-        pieces, waiting = pieces.taken(rest), waiting[:, rest]
+        left: Flags = np.asarray(waiting.any(axis=0))
+        pieces, waiting = pieces.taken(left), waiting[:, left]
         if not len(pieces.lane):
             break
         pieces = _halved(pieces, halve)

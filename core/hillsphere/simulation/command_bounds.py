@@ -134,9 +134,9 @@ def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineL
                 told[0],
                 told[1],
                 told[2],
-                Bound(iv.EVERYTHING, iv.EVERYTHING),  # type: ignore[arg-type]
+                Bound(iv.EVERYTHING, iv.EVERYTHING),
             )
-            at_zero = function(told[3], told[4], told[5], Bound(iv.EVERYTHING))  # type: ignore[arg-type]
+            at_zero = function(told[3], told[4], told[5], Bound(iv.EVERYTHING))
             matrix, constant = np.zeros((len(found), total)), np.zeros((len(found), 1))
             for i, (e, z) in enumerate(zip(found, at_zero, strict=True)):
                 low, high = Bound.of(e).rate or iv.point(0.0)

@@ -254,7 +254,8 @@ class EventProof:
             if not (out.any(axis=0) & leg.flying).any():
                 break
             spread = np.where(out, np.fmax(spread, self._reach), spread)
-        self._reach[~np.isfinite(self._reach)] = 0.0
+        if self._reach is not None:
+            self._reach[~np.isfinite(self._reach)] = 0.0
         box = Enclosure(lo, hi, low_rate, high_rate, np.ones(lo.shape[1], dtype=bool))
         slopes = self._slopes(when, box, held, np.zeros(lo.shape[1], dtype=bool), bounded)
         a, b, _c, d = slopes

@@ -59,15 +59,15 @@ class LawBounds:
         ref, seen = rows[begin : begin + q], rows[begin + q : begin + 2 * q]
         sees = tuple(seen if law.measurement == "held" else y[:n])
         told = (tuple(own), sees, tuple(ref), t)
-        command = [Bound.of(c) + f for c, f in zip(law.control(*told), feed, strict=True)]  # type: ignore[arg-type]
+        command = [Bound.of(c) + f for c, f in zip(law.control(*told), feed, strict=True)]
         done = [
             _sum([g * c for g, c in zip(gain[i * count : (i + 1) * count], command, strict=True)])
             for i in range(count)
         ]
-        inner = [Bound.of(rate) for rate in law.derivative(*told)]  # type: ignore[arg-type]
+        inner = [Bound.of(rate) for rate in law.derivative(*told)]
         size = count // self.vectors if count else 0
-        effort = [norm(done[i : i + size]) for i in range(0, count, size or 1)]  # type: ignore[arg-type]
-        return [*self.plant.rates(t, y, p, done), *inner, _sum(effort)]
+        effort = [norm(done[i : i + size]) for i in range(0, count, size or 1)]
+        return [*self.plant.rates(t, y, p, done), *inner, _sum([Bound.of(part) for part in effort])]
 
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the plant's events."""
@@ -93,7 +93,7 @@ def law_matrix(law: ContinuousLaw, inputs: int) -> Array | None:
                 tuple(states),
                 tuple(anything),
                 tuple(anything),
-                Bound(iv.EVERYTHING),  # type: ignore[arg-type]
+                Bound(iv.EVERYTHING),
             )
         ]
     except TypeError:
