@@ -113,6 +113,7 @@ class AffineLaw:
         return middle - reach, middle + reach
 
 
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineLaw | None:
     """Return what bounds the commands of a law; None if it is not affine, or not on held values."""
     m, q = len(law.states), law.inputs

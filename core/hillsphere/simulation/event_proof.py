@@ -169,6 +169,7 @@ class EventProof:
             found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
         return found[0], found[1], found[2], found[3]
 
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
     def of_leg(self, leg: Leg, y: Array, h: Array) -> tuple[NDArray[np.bool_], Slopes | None]:
         """Bound the slopes over all sub-steps of a leg.
 
@@ -298,6 +299,7 @@ class EventProof:
             self._tube = known = (h, growth(matrix, h))
         return known[1]
 
+    @np.errstate(invalid="ignore", over="ignore")
     def is_far(self, least: Array, h: Array, flying: NDArray[np.bool_]) -> bool:
         """Say whether values of at least `least` (E, B) stay positive over steps h (B,)."""
         region = self._region

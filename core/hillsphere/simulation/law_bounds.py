@@ -74,6 +74,7 @@ class LawBounds:
         return self.plant.events(t, y, p)
 
 
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def law_matrix(law: ContinuousLaw, inputs: int) -> Array | None:
     """Return A (m, m) of a law ẋ_c = A x_c + b(y, r, t); None if it is not of this form.
 
