@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import EVERYTHING
+from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import (
     Array,
     ArrayGravityModel,

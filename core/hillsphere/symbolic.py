@@ -24,11 +24,12 @@ from hillsphere._heyoka import heyoka as _hy
 from hillsphere.errors import InputError
 
 __all__ = [
-    "Expr", "Overloaded", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2", "constant", "cos",
-    "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater", "is_zero", "jacobian",
-    "kepler", "less", "log", "matvec", "maximum", "minimum", "norm", "number_in", "parameter",
-    "parameter_names", "pi", "power", "product", "select", "sin", "spherical_harmonics_potential", "sqrt",
-    "substitute", "sum_of", "tan", "time", "variable", "variable_names", "variables",
+    "Expr", "Overloaded", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2",
+    "constant", "cos", "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater",
+    "is_zero", "jacobian", "kepler", "less", "log", "matvec", "maximum", "minimum", "norm",
+    "number_in", "parameter", "parameter_names", "pi", "power", "product", "select", "sin",
+    "spherical_harmonics_potential", "sqrt", "substitute", "sum_of", "tan", "time", "variable",
+    "variable_names", "variables",
 ]  # fmt: skip
 
 

@@ -13,14 +13,13 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.interfaces import Array
-from hillsphere.symbolic import Expr, Overloaded, number_in
+from hillsphere.symbolic import Overloaded, number_in
 
 __all__ = ["Bound"]
 
@@ -119,30 +118,35 @@ class Bound(Overloaded):
         return Bound(value, iv.multiply(first, self.rate), _add(bend, _times(first, self.second)))
 
     def symbolic_sqrt(self) -> Bound:
+        """Return the square root."""
         return self**0.5
 
     def symbolic_sin(self) -> Bound:
+        """Return the sine."""
         s, c = iv.sin(self.value), iv.cos(self.value)
         return self._chained(s, c, iv.negate(s))
 
     def symbolic_cos(self) -> Bound:
+        """Return the cosine."""
         s, c = iv.sin(self.value), iv.cos(self.value)
         return self._chained(c, iv.negate(s), iv.negate(c))
 
     def symbolic_tan(self) -> Bound:
+        """Return the tangent."""
         return self.symbolic_sin() / self.symbolic_cos()
 
     def symbolic_exp(self) -> Bound:
+        """Return the exponential."""
         e = iv.monotone(np.exp, self.value)
         return self._chained(e, e, e)
 
     def symbolic_log(self) -> Bound:
+        """Return the natural logarithm."""
         slope = iv.reciprocal(self.value)
-        return self._chained(
-            iv.monotone(np.log, self.value), slope, iv.negate(iv.square(slope))
-        )
+        return self._chained(iv.monotone(np.log, self.value), slope, iv.negate(iv.square(slope)))
 
     def symbolic_asin(self) -> Bound:
+        """Return the inverse sine."""
         x = self.value
         root = iv.power(iv.add(iv.point(1.0), iv.negate(iv.square(x))), -0.5)
         inside = np.maximum(x[0], -1.0), np.minimum(x[1], 1.0)
@@ -151,6 +155,7 @@ class Bound(Overloaded):
         )
 
     def symbolic_acos(self) -> Bound:
+        """Return the inverse cosine."""
         return 0.5 * np.pi - self.symbolic_asin()
 
     def symbolic_atan2(self, y: Bound) -> Bound:
@@ -174,7 +179,7 @@ class Bound(Overloaded):
             _chosen(first, last, self.second, other.second, False),
         )
 
-    def symbolic_select(self, other: Bound, yes: Array, no: Array) -> Bound:
+    def symbolic_select(self, other: Bound, yes: NDArray[np.bool_], no: NDArray[np.bool_]) -> Bound:
         """Return self where a condition surely holds and other where it surely does not.
 
         Where it may, the value is one of both, and jumps perhaps: nothing is known of its rate.
@@ -195,9 +200,7 @@ class Bound(Overloaded):
         """
         if eccentricity.rate is not None or eccentricity.second is not None:
             raise TypeError("no bound of the eccentric anomaly for an eccentricity that changes")
-        ends = [
-            [_eccentric_anomaly(e, m) for e in eccentricity.value] for m in self.value
-        ]
+        ends = [[_eccentric_anomaly(e, m) for e in eccentricity.value] for m in self.value]
         value = (
             iv.widen(np.minimum(*ends[0]))[0],
             iv.widen(np.maximum(*ends[1]))[1],
@@ -241,7 +244,9 @@ def _known(a: _Part, b: _Part) -> tuple[Interval, _Part]:
     return (iv.point(0.0) if a is None else a), b
 
 
-def _chosen(first: Array, last: Array, a: _Part, b: _Part, either: bool) -> _Part:
+def _chosen(
+    first: NDArray[np.bool_], last: NDArray[np.bool_], a: _Part, b: _Part, either: bool
+) -> _Part:
     """Return a where `first`, b where `last`; elsewhere the hull of both, or everything."""
     if a is None and b is None and either:
         return None

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hillsphere.dynamics.lanes import per_lane, refuse_non_finite
 from hillsphere.dynamics.enclosures import (
     Bounded,
     Enclosure,
@@ -16,6 +15,7 @@ from hillsphere.dynamics.enclosures import (
     enclose,
     region_slopes,
 )
+from hillsphere.dynamics.lanes import per_lane, refuse_non_finite
 from hillsphere.dynamics.march import March
 from hillsphere.dynamics.proof import (
     MARGIN,
@@ -257,9 +257,7 @@ class _Proof:
             p = march.p[:, now.lane % cases]
             box: Enclosure = enclose(bounded, begin, length, now.y0, p, now.y1)
             when = np.minimum(begin, begin + length), np.maximum(begin, begin + length)
-            found = np.array(
-                derivatives_within(bounded, when, box, [(row, row) for row in p])
-            )
+            found = np.array(derivatives_within(bounded, when, box, [(row, row) for row in p]))
             unknown = ~box.holds
             found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
             return found[0], found[1], found[2], found[3]

@@ -33,7 +33,15 @@ from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.interfaces import Array
 
-__all__ = ["Bounded", "Enclosure", "LinearRows", "derivatives_within", "enclose", "growth", "region_slopes"]
+__all__ = [
+    "Bounded",
+    "Enclosure",
+    "LinearRows",
+    "derivatives_within",
+    "enclose",
+    "growth",
+    "region_slopes",
+]
 
 _ROUNDS = 8
 """Boxes tried for a step; a step that none of them holds is halved by whoever asked."""
@@ -99,11 +107,8 @@ class Enclosure:
     holds: NDArray[np.bool_]
 
 
-_QUIET = {"over": "ignore", "invalid": "ignore", "divide": "ignore", "under": "ignore"}
-"""A box may hold a singularity: then its bounds are infinite, which is an answer."""
-
-
-@np.errstate(**_QUIET)
+# A box may hold a singularity: then its bounds are infinite, which is an answer.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Array) -> Enclosure:
     """Enclose the solutions from given states over a step.
 
@@ -164,7 +169,7 @@ def picard(y: Array, h: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return iv.outward(y + np.nextafter(down, -np.inf), y + np.nextafter(up, np.inf))
 
 
-@np.errstate(**_QUIET)
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def region_slopes(
     system: Bounded, t: Array, h: Array, y: Array, p: Array
 ) -> tuple[NDArray[np.bool_], tuple[Array, Array, Array, Array]]:
@@ -202,7 +207,7 @@ def region_slopes(
     return holds, derivatives_within(system, when, box, held)
 
 
-@np.errstate(**_QUIET)
+@np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore")
 def derivatives_within(
     system: Bounded, t: Interval, box: Enclosure, p: Sequence[Interval]
 ) -> tuple[Array, Array, Array, Array]:
@@ -261,9 +266,7 @@ def boxed(
     """Return the rows of a box as bounds, with their rates if given."""
     if rate_lo is None or rate_hi is None:
         return [Bound((a, b)) for a, b in zip(lo, hi, strict=True)]
-    return [
-        Bound((a, b), (c, d)) for a, b, c, d in zip(lo, hi, rate_lo, rate_hi, strict=True)
-    ]
+    return [Bound((a, b), (c, d)) for a, b, c, d in zip(lo, hi, rate_lo, rate_hi, strict=True)]
 
 
 def arrays(bounds: Sequence[Bound], like: Array) -> tuple[Array, Array]:

@@ -12,7 +12,15 @@ from hillsphere.dynamics.enclosures import Bounded, LinearRows
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import System
 from hillsphere.interfaces import Array
-from hillsphere.symbolic import Expr, jacobian, number_in, substitute, time, variable, variable_names
+from hillsphere.symbolic import (
+    Expr,
+    jacobian,
+    number_in,
+    substitute,
+    time,
+    variable,
+    variable_names,
+)
 
 __all__ = ["bounds_of_event"]
 
@@ -86,7 +94,7 @@ def bounds_of_event(system: System, event: str | Expr) -> Bounded | None:
     try:
         slopes = jacobian([event], system.x)[0]
         form = np.array([[number_in(e) for e in row] for row in jacobian(slopes, system.x)])
-        origin = {state: 0.0 for state in system.x}
+        origin = dict.fromkeys(system.x, 0.0)
         slope = np.array([number_in(e) for e in substitute(slopes, origin)])
     except TypeError:
         return None

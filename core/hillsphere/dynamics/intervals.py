@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 
@@ -137,10 +138,12 @@ def cos(a: Interval) -> Interval:
     return low, high
 
 
-def _holds(a: Interval, place: float) -> Array:
+def _holds(a: Interval, place: float) -> NDArray[np.bool_]:
     """Say where an interval holds an angle of (place + k) turns."""
     slack = _SLACK * (1.0 + magnitude(a) / 6000.0)
-    found: Array = np.floor(a[1] / _TURN - place + slack) >= np.ceil(a[0] / _TURN - place - slack)
+    found: NDArray[np.bool_] = np.floor(a[1] / _TURN - place + slack) >= np.ceil(
+        a[0] / _TURN - place - slack
+    )
     return found
 
 

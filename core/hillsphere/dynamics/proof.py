@@ -97,9 +97,7 @@ class Found:
     open_at: Array
 
 
-def count_crossings(
-    before: Array, after: Array, direction: int, from_zero: bool = True
-) -> Flags:
+def count_crossings(before: Array, after: Array, direction: int, from_zero: bool = True) -> Flags:
     """Say where a change of sign counts: falling (−1), rising (1), or both (0).
 
     With `from_zero` what begins at zero and goes on to the other side has crossed.
@@ -230,8 +228,8 @@ def search(
             break
         # Nothing after a lane's first sure crossing of the same event matters.
         waiting &= ~(np.abs(pieces.begin) >= np.abs(begin[:, pieces.lane]))
-        rest = waiting.any(axis=0)
-        pieces, waiting = pieces.taken(rest), waiting[:, rest]
+        left: Flags = np.asarray(waiting.any(axis=0))
+        pieces, waiting = pieces.taken(left), waiting[:, left]
         if not len(pieces.lane):
             break
         pieces = _halved(pieces, halve)

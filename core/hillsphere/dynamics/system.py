@@ -320,7 +320,7 @@ class PlantBounds:
         rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
         if u is None:
             u = [Bound(rows[name]) if self.controls else Bound.of(0.0) for name in names]
-        found = self.plant.derivative(x, tuple(u), when, values)  # type: ignore[arg-type]
+        found = self.plant.derivative(x, tuple(u), when, values)
         sizes = self.unit.tolist()
         if self.time_unit_s == 1.0 and (self.unit == 1.0).all():
             return [Bound.of(f) for f in found]
@@ -330,7 +330,7 @@ class PlantBounds:
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the events."""
         x, when, values = self._si(t, y, p)
-        found = self.plant.events(x, when, values)  # type: ignore[arg-type]
+        found = self.plant.events(x, when, values)
         return [self._inner(Bound.of(e)) for e in found.values()]
 
     def _si(
@@ -338,9 +338,7 @@ class PlantBounds:
     ) -> tuple[tuple[Bound, ...], Bound, dict[str, Bound]]:
         """Return states, time and all parameters, SI."""
         rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
-        values = {
-            q.name: Bound(rows.get(q.name, point(q.value))) for q in self.plant.parameters()
-        }
+        values = {q.name: Bound(rows.get(q.name, point(q.value))) for q in self.plant.parameters()}
         if self.time_unit_s == 1.0 and (self.unit == 1.0).all():
             return tuple(y[: len(self.unit)]), t, values
         size = self.unit.tolist()

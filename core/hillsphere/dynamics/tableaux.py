@@ -62,8 +62,9 @@ class Tableau:
         r"""Combine both embedded estimates of a step to one of its error.
 
         With the sizes :math:`e` and :math:`\bar e` of the first and the second, of dop853
-        :math:`e^2/\sqrt{e^2 + 0.01\,\bar e^2}`, of order h⁸ [2]_. Of rk6, whose first is of order h⁵
-        and second of order h⁴, :math:`e^3/(e^2 + \bar e^2)`, of order h⁷ as the error. On Kepler
+        :math:`e^2/\sqrt{e^2 + 0.01\,\bar e^2}`, of order h⁸ [2]_. Of rk6, whose first is of
+        order h⁵ and second of order h⁴,
+        :math:`e^3/(e^2 + \bar e^2)`, of order h⁷ as the error. On Kepler
         orbits both are 2 to 30 times the error of the step.
 
         Parameters

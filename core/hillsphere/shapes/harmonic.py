@@ -80,8 +80,9 @@ class HarmonicShape:
         for (n, _), (c, s) in self._pairs.items():
             if n <= self.degree:
                 squares[n] += c * c + s * s
-        n = np.arange(self.degree + 1)
-        slope = float(np.sum(np.sqrt(n * (n + 1) * (2 * n + 1) * squares)))
+        degrees = np.arange(self.degree + 1)
+        each = np.sqrt(degrees * (degrees + 1) * (2 * degrees + 1) * squares)
+        slope = float(np.sum(each))
         least = self._least - np.radians(0.5 * np.sqrt(2.0)) * slope
         return float(np.hypot(1.0 / least, slope / least**2)) if least > 0.0 else np.inf
 

@@ -10,8 +10,8 @@ from hillsphere.errors import InputError
 from hillsphere.formats.obj import read_obj
 from hillsphere.interfaces import Array, Integers
 from hillsphere.shapes.mesh import Mesh
-from hillsphere.shapes.rays import RayTable
 from hillsphere.shapes.mesh_distance import surface_distances
+from hillsphere.shapes.rays import RayTable
 from hillsphere.shapes.solid_angles import solid_angles, vertex_distances
 from hillsphere.shapes.specs import METRES, PolyhedronShapeSpec
 

@@ -13,6 +13,7 @@ from hillsphere.dynamics.enclosures import LinearRows
 from hillsphere.dynamics.system import PlantBounds
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Plant, Variable
+from hillsphere.simulation.command_bounds import affine_law
 from hillsphere.simulation.law_bounds import LawBounds, law_matrix
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import (
@@ -155,12 +156,14 @@ def closed_system(
     )
     kept = base.run_time[: len(base.run_time) - p]
     matrix = law_matrix(law, law.inputs)
+    inner = PlantBounds(plant, kept, False, base.unit, base.time_unit_s)
     bounded = LawBounds(
-        PlantBounds(plant, kept, False, base.unit, base.time_unit_s),
+        inner,
         law,
         len(kept),
         thrust_vectors(p),
         None if matrix is None else LinearRows(len(names), matrix),
+        affine_law(law, inner, len(kept)),
     )
     closed = replace(
         base,

@@ -13,6 +13,7 @@ from hillsphere.dynamics.enclosures import LinearRows
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import PlantBounds
 from hillsphere.interfaces import Array
+from hillsphere.simulation.command_bounds import AffineLaw
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import norm
 
@@ -35,6 +36,8 @@ class LawBounds:
         Of how many vectors the command consists.
     linear : LinearRows or None
         The law's states, if its equations are linear in them.
+    affine : AffineLaw or None
+        What bounds its commands more cheaply, if it is affine and on held measurements.
     """
 
     plant: PlantBounds
@@ -42,6 +45,7 @@ class LawBounds:
     run_time: int
     vectors: int
     linear: LinearRows | None
+    affine: AffineLaw | None = None
 
     def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the rates of the plant's states, the law's and the effort."""
@@ -55,21 +59,22 @@ class LawBounds:
         ref, seen = rows[begin : begin + q], rows[begin + q : begin + 2 * q]
         sees = tuple(seen if law.measurement == "held" else y[:n])
         told = (tuple(own), sees, tuple(ref), t)
-        command = [Bound.of(c) + f for c, f in zip(law.control(*told), feed, strict=True)]  # type: ignore[arg-type]
+        command = [Bound.of(c) + f for c, f in zip(law.control(*told), feed, strict=True)]
         done = [
             _sum([g * c for g, c in zip(gain[i * count : (i + 1) * count], command, strict=True)])
             for i in range(count)
         ]
-        inner = [Bound.of(rate) for rate in law.derivative(*told)]  # type: ignore[arg-type]
+        inner = [Bound.of(rate) for rate in law.derivative(*told)]
         size = count // self.vectors if count else 0
-        effort = [norm(done[i : i + size]) for i in range(0, count, size or 1)]  # type: ignore[arg-type]
-        return [*self.plant.rates(t, y, p, done), *inner, _sum(effort)]
+        effort = [norm(done[i : i + size]) for i in range(0, count, size or 1)]
+        return [*self.plant.rates(t, y, p, done), *inner, _sum([Bound.of(part) for part in effort])]
 
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the plant's events."""
         return self.plant.events(t, y, p)
 
 
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def law_matrix(law: ContinuousLaw, inputs: int) -> Array | None:
     """Return A (m, m) of a law ẋ_c = A x_c + b(y, r, t); None if it is not of this form.
 
@@ -86,7 +91,10 @@ def law_matrix(law: ContinuousLaw, inputs: int) -> Array | None:
         rates = [
             Bound.of(rate)
             for rate in law.derivative(
-                tuple(states), tuple(anything), tuple(anything), Bound(iv.EVERYTHING)  # type: ignore[arg-type]
+                tuple(states),
+                tuple(anything),
+                tuple(anything),
+                Bound(iv.EVERYTHING),
             )
         ]
     except TypeError:
