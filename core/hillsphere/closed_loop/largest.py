@@ -17,6 +17,9 @@ __all__ = ["Largest", "PlannedEnd"]
 _SAME_TIME = 1e-9
 """Part of a duration by which two times may differ by rounding alone."""
 
+_SHORT = 1e-3
+"""Part of a sub-step below which velocities run in a line: what is neglected is this squared."""
+
 Flags = NDArray[np.bool_]
 
 
@@ -221,16 +224,25 @@ class Largest:
             x = y[: len(self._rows.names)]
             goal = course.at(after.ravel()).reshape(len(self._rows.names), *t.shape)
             counts = (after[1:] <= self._planned_s * (1.0 + _SAME_TIME)) & passage.flying
-            self._follow_deviations(x - goal, np.diff(t, axis=0), counts, place)
+            full = passage.period / (len(t) - 1)
+            self._follow_deviations(x - goal, np.diff(t, axis=0), full, counts, place)
 
         return follow
 
-    def _follow_deviations(self, gap: Array, h: Array, counts: Flags, place: slice) -> None:
-        """Take up the largest deviations of gaps (n, S + 1, B) over sub-steps of h (S, B)."""
+    def _follow_deviations(
+        self, gap: Array, h: Array, full: Array, counts: Flags, place: slice
+    ) -> None:
+        """Take up the largest deviations of gaps (n, S + 1, B) over sub-steps.
+
+        They last h (S, B), and full (B,) where no event cut them short.
+        """
         width = place.stop - place.start
         r, v = gap[self._rows.positions], gap[self._rows.velocities]
         points = hermite_points(r[:, :-1], v[:, :-1], r[:, 1:], v[:, 1:], h)
-        slopes = slope_points(points, v[:, :-1], v[:, 1:], np.broadcast_to(h, r[:, 1:].shape))
+        # A sub-step that an event cut short after a thousandth bends no slope, but the difference
+        # of positions over it, which is divided by its length, is rounding.
+        bends = np.where(h > _SHORT * full, h, 0.0)
+        slopes = slope_points(points, v[:, :-1], v[:, 1:], np.broadcast_to(bends, r[:, 1:].shape))
         axes = len(self._rows.positions) // self._vectors
         for row, control in enumerate((points, slopes)):
             least = self.deviations[row, place] ** 2

@@ -42,7 +42,8 @@ METRICS = (
 The speed at the end is that in the plant's frame: of a flight that ends on the surface the one with
 which it touches. Early is how long before its planned end a flight ended: that of the reference, or
 of the last sample if this comes first; negative of one that ended later. The largest command is
-that of the law alone, without what the reference brings, at the samples. Nothing beyond the planned
+that of the law alone, without what the reference brings. What is largest is so over the whole
+flight, between samples too (`hillsphere.closed_loop.largest`). Nothing beyond the planned
 end counts among the largest of a flight that has overtime.
 """
 
@@ -104,7 +105,7 @@ def measure(
     planned_s : float
         How long they were to last.
     largest : Largest
-        At the samples; the deviation at the end counts too, of a later flight at the planned end.
+        Over the flight; the deviation at the end counts too, of a later flight at the planned end.
     site : ndarray, shape (n,), or None
         Reference at its end, where flights land.
 

@@ -114,8 +114,8 @@ def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     seen = ", ".join(product.seen_states)
     return [
         f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
-        "case 0 of a campaign. The largest errors are those at the samples that count and at the "
-        "end." + _overtime(spec) + _inputs(spec)
+        "case 0 of a campaign. The largest errors and commands are those over the flight, between "
+        "samples too." + _overtime(spec) + _inputs(spec)
     ]
 
 

@@ -153,14 +153,14 @@ class RequirementsSpec(Spec):
         "speed", "difference in velocity from the reference at the end", default=None, gt=0
     )
     largest_position_error_m: float | None = quantity(
-        "length", "largest distance from the reference at samples", default=None, gt=0
+        "length", "largest distance from the reference over the flight", default=None, gt=0
     )
     largest_velocity_error_m_s: float | None = quantity(
-        "speed", "largest difference in velocity at samples", default=None, gt=0
+        "speed", "largest difference in velocity over the flight", default=None, gt=0
     )
     largest_acceleration_m_s2: float | None = quantity(
         "acceleration",
-        "held and continuous laws: largest command of the law alone at samples",
+        "held and continuous laws: largest command of the law alone over the flight",
         default=None,
         gt=0,
     )

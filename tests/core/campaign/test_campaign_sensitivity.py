@@ -17,8 +17,8 @@ from hillsphere.campaign.sensitivity import (
     holm,
     independent_cases,
     rank_correlations,
-    too_few_failures,
     sobol_of,
+    too_few_failures,
 )
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
