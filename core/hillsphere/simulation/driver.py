@@ -331,6 +331,7 @@ class Simulator:
             dv_m_s=joined([r.dv for r in found], none),
             firings=joined([r.firings for r in found], zero),
             samples=joined([r.samples for r in found], zero),
+            step_error=joined([r.error for r in found], none),
             history=table.history() if table else None,
         )
 
