@@ -98,6 +98,7 @@ class Result:
     dv: Array
     firings: Integers
     samples: Integers
+    error: Array
 
 
 COMPLETED, COMMAND, STEP_SIZE, TIME_LIMIT = -1, -2, -3, -4
@@ -198,6 +199,8 @@ class _Block:
         self._memory = s.navigation.initial(self.t, part.x0, part.seen[0])
         self._command = np.zeros((s.p, width))
         self._dv = np.zeros(width)
+        self._error = np.zeros(width)
+        self._doubtful = np.full(width, -1)
         self._firings, self._acted = np.zeros((2, width), dtype=np.int64)
         self._cause = np.full(width, COMPLETED)
         self._end_t = part.t0 + part.samples * part.period
@@ -285,14 +288,22 @@ class _Block:
             spent = None if spent is None else np.where(self.flying, spent, 0.0)
         if spent is not None:
             self._dv = self._dv + spent
+        if end.error is not None:
+            self._error = self._error + np.where(self.flying, end.error, 0.0)
+        if end.doubtful is not None:
+            self._doubtful = np.where(self._doubtful < 0, end.doubtful, self._doubtful)
         if end.cause is not None:
             for row in np.unique(end.cause[end.cause >= 0]).tolist():
                 self.stop(self.flying & (end.cause == row), row, end.t)
 
     def result(self) -> Result:
         """Return how it ended."""
+        doubt = (self._doubtful >= 0) & (self._cause != self._doubtful)
+        self._cause[doubt] = self._s.watch.unresolved(self._doubtful[doubt])
         x = self._y[: self._s.n]
-        return Result(self._cause, self._end_t, x, self._spent(), self._firings, self._acted)
+        return Result(
+            self._cause, self._end_t, x, self._spent(), self._firings, self._acted, self._error
+        )
 
     def _spent(self) -> Array:
         return self._y[-1] if self._act.counts else self._dv
@@ -343,6 +354,10 @@ def _fly(s: Settings, leg: Leg, steps: int) -> tuple[End, Flags | None]:
             np.where(coarse, finer.y, end.y),
             np.where(coarse, finer.t, end.t),
             np.where(coarse, after, before),
+            finer.doubtful if end.doubtful is None else end.doubtful,
+            None
+            if end.error is None or finer.error is None
+            else np.where(coarse, finer.error, end.error),
         )
         coarse = coarse & ~alike
     return end, coarse

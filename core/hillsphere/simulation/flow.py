@@ -9,8 +9,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from hillsphere.dynamics import ArrayFunction, External, StepMap, System, system
+from hillsphere.dynamics.enclosures import LinearRows
+from hillsphere.dynamics.system import PlantBounds
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Plant, Variable
+from hillsphere.simulation.command_bounds import affine_law
+from hillsphere.simulation.law_bounds import LawBounds, law_matrix
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import (
     Expr,
@@ -53,7 +57,9 @@ def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bo
     known = _MAPS.setdefault(plant, {})
     key = (tuple(run_time), method, controls)
     if key not in known:
-        known[key] = StepMap(system(plant, run_time=run_time, controls=controls), method)
+        known[key] = StepMap(
+            system(plant, run_time=run_time, controls=controls), method, errors=True
+        )
     return known[key]
 
 
@@ -69,7 +75,7 @@ def compiled_loop(
     key = (tuple(run_time), method)
     if key not in known:
         closed, command = closed_system(plant, law, run_time)
-        known[key] = StepMap(closed, method), closed.function(*command)
+        known[key] = StepMap(closed, method, errors=True), closed.function(*command)
     return known[key]
 
 
@@ -149,6 +155,16 @@ def closed_system(
         {parameter("u:" + v.name): e for v, e in zip(plant.controls, done, strict=True)},
     )
     kept = base.run_time[: len(base.run_time) - p]
+    matrix = law_matrix(law, law.inputs)
+    inner = PlantBounds(plant, kept, False, base.unit, base.time_unit_s)
+    bounded = LawBounds(
+        inner,
+        law,
+        len(kept),
+        thrust_vectors(p),
+        None if matrix is None else LinearRows(len(names), matrix),
+        affine_law(law, inner, len(kept)),
+    )
     closed = replace(
         base,
         states=(*base.states, *law.states, Variable(EFFORT, 1, -1)),
@@ -160,6 +176,7 @@ def closed_system(
         scale=np.concatenate([base.scale, plant.scales.of(law.states), [1.0]]),
         mirrors={},
         external=_widened(base, len(own) + 1),
+        bounded=bounded,
     )
     return closed, tuple(total)
 

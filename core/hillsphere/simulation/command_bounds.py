@@ -1,0 +1,153 @@
+"""Bounds of what an affine law commands over a sub-step, without intervals for its states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.dynamics import intervals as iv
+from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.enclosures import LinearRows, growth
+from hillsphere.dynamics.intervals import Interval
+from hillsphere.dynamics.system import PlantBounds
+from hillsphere.interfaces import Array
+from hillsphere.simulation.protocols import ContinuousLaw
+
+__all__ = ["AffineLaw", "PlantUnderCommand", "affine_law"]
+
+_SAME_STEP = 1.0 + 1e-6
+"""Steps of one length differ by the rounding of the times between them; the bound grows with the
+length, and is computed once for one a little longer."""
+_MARGIN = 1e-9
+"""Relative margin for the rounding of matrix products of some tens of terms."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantUnderCommand:
+    """A plant whose command is only known to lie in a box, the last rows of p."""
+
+    plant: PlantBounds
+    parameters: int
+    linear: LinearRows | None = None
+
+    def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
+        """Return bounds of the rates; the command may change in any way."""
+        moving = any(part.rate is not None for part in y)
+        change = iv.EVERYTHING if moving else None
+        u = [Bound(row, change, change) for row in p[self.parameters :]]
+        return self.plant.rates(t, y, p[: self.parameters], u)
+
+    def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
+        """Return bounds of the plant's events."""
+        return self.plant.events(t, y, p[: self.parameters])
+
+
+@dataclass(eq=False)
+class AffineLaw:
+    """A law on held measurements, ẋ_c = A z + a and u = C z + c with z = (x_c, y, r).
+
+    Parameters
+    ----------
+    plant : PlantUnderCommand
+        What it commands.
+    a, c : ndarray, shape (m, m + 2q) and (p, m + 2q)
+        Matrices.
+    a0, c0 : ndarray, shape (m, 1) and (p, 1)
+        Constants.
+    inputs : int
+        q.
+    """
+
+    plant: PlantUnderCommand
+    a: Array
+    c: Array
+    a0: Array
+    c0: Array
+    inputs: int
+    tube: tuple[float, Array] | None = None
+
+    def command(self, y: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """Bound what the actuator does in the sub-steps of a leg.
+
+        Measurement and reference are held, so that ẋ_c(τ) = exp(Aτ) ẋ_c(0), and the command departs
+        from that at the start by at most |C| G |ẋ_c(0)|, see `hillsphere.dynamics.enclosures`.
+
+        Parameters
+        ----------
+        y : ndarray, shape (rows, steps + 1, B)
+            States of plant, law and effort at the ends of the sub-steps.
+        p : ndarray, shape (k, B)
+            Run-time parameters of the closed system.
+        h : float
+            Length of the longest sub-step.
+
+        Returns
+        -------
+        lo, hi : ndarray, shape (p, B)
+            Bounds.
+        """
+        m, count, q = len(self.a), len(self.c), self.inputs
+        first, n = self.plant.parameters, len(y) - 1 - len(self.a)
+        begin = first + count + count**2
+        ref, seen = p[begin : begin + q], p[begin + q : begin + 2 * q]
+        x = y[n : n + m, :-1]
+        held = np.concatenate([seen, ref])[:, None]
+        z = np.concatenate([x, np.broadcast_to(held, (2 * q, *x.shape[1:]))]).reshape(m + 2 * q, -1)
+        rate, start = self.a @ z + self.a0, self.c @ z + self.c0
+        size = np.abs(self.c) @ np.abs(z) * _MARGIN
+        if m:
+            if self.tube is None or not h <= self.tube[0] <= _SAME_STEP**2 * h:
+                h = _SAME_STEP * h
+                self.tube = (h, np.abs(self.c[:, :m]) @ growth(self.a[:, :m], h))
+            fast = np.abs(rate) + _MARGIN * (np.abs(self.a) @ np.abs(z))
+            size = size + self.tube[1] @ fast * (1.0 + _MARGIN)
+        shape = (count, *x.shape[1:])
+        lo = (start - size).reshape(shape).min(axis=1) + p[first : first + count]
+        hi = (start + size).reshape(shape).max(axis=1) + p[first : first + count]
+        gain = p[first + count : begin].reshape(count, count, -1)
+        middle = np.einsum("ijB,jB->iB", gain, 0.5 * (lo + hi))
+        reach = np.einsum("ijB,jB->iB", np.abs(gain), (0.5 + _MARGIN) * (hi - lo))
+        reach += _MARGIN * np.abs(middle)
+        return middle - reach, middle + reach
+
+
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
+def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineLaw | None:
+    """Return what bounds the commands of a law; None if it is not affine, or not on held values."""
+    m, q = len(law.states), law.inputs
+    if law.measurement != "held":
+        return None
+    total = m + 2 * q
+    columns = np.eye(total)
+    slopes = [Bound(iv.EVERYTHING, iv.point(columns[i])) for i in range(total)]
+    zeros = [Bound.of(0.0)] * total
+    parts: list[tuple[Array, Array]] = []
+    try:
+        for function in (law.derivative, law.control):
+            told = [
+                tuple(s[i:j])
+                for s in (slopes, zeros)
+                for i, j in ((0, m), (m, m + q), (m + q, total))
+            ]
+            found = function(
+                told[0],
+                told[1],
+                told[2],
+                Bound(iv.EVERYTHING, iv.EVERYTHING),
+            )
+            at_zero = function(told[3], told[4], told[5], Bound(iv.EVERYTHING))
+            matrix, constant = np.zeros((len(found), total)), np.zeros((len(found), 1))
+            for i, (e, z) in enumerate(zip(found, at_zero, strict=True)):
+                low, high = Bound.of(e).rate or iv.point(0.0)
+                matrix[i], constant[i] = 0.5 * (low + high), Bound.of(z).value[0]
+                if not np.max(high - low) <= 1e-12 * np.max(np.abs(matrix[i]) + 1e-300):
+                    return None
+            parts.append((matrix, constant))
+    except TypeError:
+        return None
+    (a, a0), (c, c0) = parts
+    if not all(np.isfinite(part).all() for part in (a, a0, c, c0)):
+        return None
+    return AffineLaw(PlantUnderCommand(plant, run_time), a, c, a0, c0, q)

@@ -1,0 +1,436 @@
+"""Bounds of the derivatives of all that may end a flight, over its sub-steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.dynamics import intervals as iv
+from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.enclosures import (
+    Bounded,
+    Enclosure,
+    arrays,
+    boxed,
+    derivatives_within,
+    enclose,
+    growth,
+)
+from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
+from hillsphere.interfaces import Array, Integers
+from hillsphere.simulation.law_bounds import LawBounds
+from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
+
+if TYPE_CHECKING:
+    from hillsphere.simulation.ends import Leg, Limit
+
+__all__ = ["EventProof"]
+
+_COMMAND = 0.1
+"""Least room for a command, in units of the plant's scales: a tenth of its typical attraction."""
+_CHUNK = 16
+"""Sub-steps that are looked at together: a region must hold them all, and one that holds a whole
+orbit would say nothing."""
+_SHARP = 2.0**-10
+"""Part of a sub-step below which a piece that its region does not decide is enclosed by itself."""
+_WINDOW = 64.0
+"""Length of the window of time in which a region holds, in units of a leg, where the equations
+depend on time."""
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A leg as its region sees it: states, parameters; least room for commands."""
+
+    y: Array
+    p_lo: Array
+    p_hi: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Quick:
+    """The region of the last leg: where the ends of sub-steps may be, what values must exceed.
+
+    `speed` is the largest rate of each state in the region.
+    """
+
+    lo: Array
+    hi: Array
+    p_lo: Array
+    p_hi: Array
+    t_lo: float
+    t_hi: float
+    h: float
+    need: Array
+    speed: Array
+
+    def lasts(self, leg: Leg) -> bool:
+        """Say whether a leg lies in the region's window of time."""
+        end = leg.t + leg.period
+        return bool(self.t_lo <= min(leg.t.min(), end.min()) and end.max() <= self.t_hi)
+
+
+class EventProof:
+    """Bounds for one watch.
+
+    Parameters
+    ----------
+    bounded : Bounded or None
+        The equations that fly, in interval arithmetic.
+    events : int
+        Number of the plant's events.
+    limits : sequence of Limit
+        Of the user; their rows follow those of the events.
+    monotone : bool
+        Whether a last row, the Δv at hand, follows. It never rises, so that its values at the ends
+        of a sub-step decide it.
+    fixed : int
+        Number of the first run-time parameters, which do not change during a flight.
+    """
+
+    def __init__(
+        self,
+        bounded: Bounded | None,
+        events: int,
+        limits: Sequence[Limit],
+        monotone: bool,
+        fixed: int,
+    ) -> None:
+        self._bounded, self._events, self._limits = bounded, events, tuple(limits)
+        rows = events + len(limits)
+        self.bounded_rows = np.zeros(rows + monotone, dtype=bool)
+        self.margins = np.array([*[MARGIN] * events, *(q.margin for q in limits), 0.0])[
+            : rows + monotone
+        ]
+        self.monotone, self._tried = monotone, False
+        self._rows: Integers = np.zeros(0, dtype=int)
+        self._law = bounded.affine if isinstance(bounded, LawBounds) else None
+        self._equations = bounded if self._law is None else self._law.plant
+        self._timeless = False
+        self._store: Store | None = None
+        self._tube: tuple[float, Array] | None = None
+        self._quick: _Quick | None = None
+        # What is known of the states at the end of the leg before, while they are in the region.
+        self._end: Array | None = None
+        self._slack = -1.0
+        # The cases whose parameters were found in the region.
+        self._cases: Integers | None = None
+        self._same: _Quick | None = None
+        self._fixed = fixed
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
+    def ready(self, leg: Leg) -> None:
+        """Find out, at a first leg, which rows have bounds at all."""
+        if self._tried:
+            return
+        self._tried = True
+        if self.monotone:
+            self.bounded_rows[-1] = True
+        if self._bounded is None:
+            return
+        y, p, t = leg.y[:, :1], leg.p[:, :1], leg.t[:1]
+        y = np.where(np.isfinite(y), y, 0.0)
+        held = [(row, row) for row in p]
+        try:
+            box = enclose(self._bounded, t, 0.0 * t, y, p, y)
+            now = derivatives_within(self._bounded, (t, t), box, held)
+            ever = derivatives_within(self._bounded, iv.EVERYTHING, box, held)
+        except TypeError:  # an operation of which no bound is known
+            self._bounded = None
+            return
+        # Of a surface without a slope nothing is known.
+        low, high = now[:2]
+        self.bounded_rows[: self._events] = ~(np.isinf(low) & np.isinf(high)).any(axis=1)
+        for i, limit in enumerate(self._limits, start=self._events):
+            self.bounded_rows[i] = limit.lipschitz is not None
+        self._timeless = all(np.array_equal(a, b) for a, b in zip(now, ever, strict=True))
+        proved = self.bounded_rows[:-1] if self.monotone else self.bounded_rows
+        self._rows = np.flatnonzero(proved)
+        self._store = Store(self._regions, self._rows)
+
+    # ------------------------------------------------------------------ what a whole leg excludes
+
+    def is_far(self, leg: Leg, y: Array, h: Array, least: Array, end: Array) -> bool:
+        """Say whether no event has a zero inside any sub-step of a leg, by its last region alone.
+
+        Parameters
+        ----------
+        leg : Leg
+            The leg.
+        y : ndarray, shape (steps + 1, rows, B)
+            States at the ends of its sub-steps, finite.
+        h : ndarray, shape (B,)
+            Length of a sub-step.
+        least : ndarray, shape (E, B)
+            Least values of the events at these ends.
+        end : ndarray, shape (rows, B)
+            The last of `y`: if the next leg begins with this very array, nothing jumped.
+        """
+        if self._bounded is None or not len(self._rows):
+            return True
+        quick = self._quick
+        if quick is None:
+            return False
+        g = least if leg.whole else least[:, leg.flying]
+        if not (g.min(axis=1)[self._rows] > quick.need).all():
+            return False
+        longest = float(np.abs(h).max())
+        if longest > quick.h or not (self._timeless or quick.lasts(leg)):
+            return False
+        if not self._commanded(quick, leg, y, h):
+            return False
+        if leg.y is not self._end or self._slack < 0.0:
+            rows = y[:, : len(quick.lo)]
+            if not leg.whole:
+                rows = rows[:, :, leg.flying]
+            low, high = rows.min(axis=(0, 2)), rows.max(axis=(0, 2))
+            if not ((low >= quick.lo).all() and (high <= quick.hi).all()):
+                return False
+            # While parameters stay in the box, states cannot leave it before this time.
+            self._slack = float(
+                min(
+                    ((low - quick.lo) / quick.speed).min(initial=np.inf),
+                    ((quick.hi - high) / quick.speed).min(initial=np.inf),
+                )
+            )
+        self._slack -= longest * (len(y) - 1)
+        self._end = end
+        return True
+
+    def _commanded(self, quick: _Quick, leg: Leg, y: Array, h: Array) -> bool:
+        """Say whether parameters and commands of a leg are in a region."""
+        fixed, law, p = self._fixed, self._law, leg.p
+        if leg.cases is not self._cases or quick is not self._same:
+            low, high = p[:fixed].min(axis=1), p[:fixed].max(axis=1)
+            if not ((low >= quick.p_lo[:fixed]).all() and (high <= quick.p_hi[:fixed]).all()):
+                return False
+            self._cases, self._same = leg.cases, quick
+        if law is None:
+            lo = hi = p[fixed:]
+        else:
+            lo, hi = law.command(y.transpose(1, 0, 2), p, float(np.max(np.abs(h))))
+        if not leg.whole:
+            lo, hi = lo[:, leg.flying], hi[:, leg.flying]
+        return bool(
+            (lo.min(axis=1) >= quick.p_lo[fixed:]).all()
+            and (hi.max(axis=1) <= quick.p_hi[fixed:]).all()
+        )
+
+    # ------------------------------------------------------------- what sub-steps of a leg exclude
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
+    def of_leg(self, leg: Leg, y: Array, h: Array, values: Array) -> Integers:
+        """Return the region of each sub-step, −1 where there is none.
+
+        Parameters
+        ----------
+        leg, y, h
+            See `is_far`.
+        values : ndarray, shape (E, steps + 1, B)
+            Events at the ends of the sub-steps.
+
+        Returns
+        -------
+        ndarray of int, shape (steps, B)
+            Numbers for `slopes`.
+        """
+        steps, lanes = y.shape[1] - 1, len(h)
+        index = np.full((steps, lanes), -1)
+        if self._bounded is None or self._store is None or not len(self._rows):
+            return index
+        on = np.flatnonzero(leg.flying)
+        view = self._seen(leg, y, h)
+        begins = np.arange(0, steps, _CHUNK)
+        lo, hi, least = (
+            _over_chunks(view.y, begins, np.minimum)[:, :, on],
+            _over_chunks(view.y, begins, np.maximum)[:, :, on],
+            _over_chunks(values, begins, np.minimum)[:, :, on],
+        )
+        sound = np.isfinite(lo).all(axis=0) & np.isfinite(hi).all(axis=0)
+        chunk, which = np.nonzero(sound)
+        if not len(which):
+            return index
+        lane = on[which]
+        ends = np.minimum(begins + _CHUNK, steps)
+        t0 = leg.t[lane] + begins[chunk] * h[lane]
+        t1 = leg.t[lane] + ends[chunk] * h[lane]
+        if self._timeless:
+            t0, t1 = np.zeros_like(t0), np.zeros_like(t1)
+        columns = Columns(
+            Boxes(
+                lo[:, chunk, which], hi[:, chunk, which], view.p_lo[:, lane], view.p_hi[:, lane],
+                np.minimum(t0, t1), np.maximum(t0, t1),
+            ),
+            np.abs(h[lane]),
+            least[:, chunk, which],
+        )  # fmt: skip
+        found = self._store.indices(columns)
+        by_chunk = np.full((len(begins), lanes), -1)
+        by_chunk[chunk, lane] = found
+        index[:] = np.repeat(by_chunk, ends - begins, axis=0)
+        self._remember(found)
+        return index
+
+    def _remember(self, found: Integers) -> None:
+        """Keep the region that most columns are in for a quick look at the next leg."""
+        store = self._store
+        if store is None or store.kept is None or not (found >= 0).any():
+            return
+        best = int(np.bincount(found[found >= 0]).argmax())
+        region = store.kept.taken(np.array([best]))
+        inner, rates = region.inner, region.rates[:, 0]
+        need = region.need(region.h)[self._rows, 0]
+        self._quick = _Quick(
+            inner.lo[:, 0], inner.hi[:, 0], inner.p_lo[:, 0], inner.p_hi[:, 0],
+            float(inner.t_lo[0]), float(inner.t_hi[0]), float(region.h[0]),
+            need + ROUNDING * (1.0 + need), rates + 1e-300,
+        )  # fmt: skip
+        self._slack = -1.0
+
+    def slopes(self, index: Integers) -> Slopes:
+        """Return the slopes in regions of given numbers (K,): four arrays (E, K)."""
+        rows = len(self.bounded_rows)
+        out = np.empty((4, rows, len(index)))
+        out[0::2], out[1::2] = -np.inf, np.inf
+        if self._store is not None and self._store.kept is not None:
+            known = index >= 0
+            out[:, :, known] = self._store.kept.slopes[:, :, index[known]]
+        return out[0], out[1], out[2], out[3]
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
+    def of_pieces(self, leg: Leg, pieces: Pieces, t: Array, h: Array, index: Integers) -> Slopes:
+        """Bound the slopes over pieces of sub-steps.
+
+        Parameters
+        ----------
+        leg : Leg
+            The leg.
+        pieces : Pieces
+            Their ``lane`` counts the sub-steps (steps, B), the lanes fastest.
+        t, h : ndarray, shape (steps · B,)
+            Begin and length of the sub-steps.
+        index : ndarray of int, shape (steps · B,)
+            Their regions.
+        """
+        assert self._bounded is not None
+        region = index[pieces.lane]
+        out = np.array(self.slopes(region))
+        length = pieces.end - pieces.begin
+        sharp = np.flatnonzero((region < 0) | (np.abs(length) <= _SHARP * np.abs(h[pieces.lane])))
+        if len(sharp):
+            now = pieces.taken(sharp)
+            begin, length = t[now.lane] + now.begin, length[sharp]
+            p = leg.p[:, now.lane % len(leg.t)]
+            box = enclose(self._bounded, begin, length, now.y0, p, now.y1)
+            when = (np.minimum(begin, begin + length), np.maximum(begin, begin + length))
+            held = [(row, row) for row in p]
+            own = np.array(self._slopes(when, box, held, ~box.holds, self._bounded))
+            out[0::2][:, :, sharp] = np.fmax(out[0::2][:, :, sharp], own[0::2])
+            out[1::2][:, :, sharp] = np.fmin(out[1::2][:, :, sharp], own[1::2])
+        return out[0], out[1], out[2], out[3]
+
+    # ------------------------------------------------------------------------------------- bounds
+
+    def _slopes(
+        self,
+        when: tuple[Array, Array],
+        box: Enclosure,
+        p: Sequence[tuple[Array, Array]],
+        unknown: Flags,
+        bounded: Bounded,
+    ) -> Slopes:
+        parts = derivatives_within(bounded, when, box, p)
+        rows, lanes = len(self.bounded_rows), box.lo.shape[1]
+        found = np.empty((4, rows, lanes))
+        found[0::2], found[1::2] = -np.inf, np.inf
+        found[:, : self._events] = parts
+        speed = np.maximum(np.abs(box.rate_lo), np.abs(box.rate_hi))
+        for i, limit in enumerate(self._limits, start=self._events):
+            if limit.lipschitz is not None:
+                by = np.asarray(limit.lipschitz, dtype=float)
+                most = by @ speed[: len(by)] * (1.0 + ROUNDING) + limit.drift
+                found[0, i], found[1, i] = -most, most
+        found[0::2][np.isnan(found[0::2])] = -np.inf
+        found[1::2][np.isnan(found[1::2])] = np.inf
+        if unknown.any():
+            found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
+        return found[0], found[1], found[2], found[3]
+
+    def _seen(self, leg: Leg, y: Array, h: Array) -> _View:
+        """Return a leg as its region sees it: under an affine law the plant and its command."""
+        law = self._law
+        if law is None:
+            return _View(y, leg.p, leg.p)
+        lo, hi = law.command(y, leg.p, float(np.max(np.abs(h))))
+        kept = leg.p[: law.plant.parameters]
+        rows = y[: len(law.plant.plant.unit)]
+        return _View(rows, np.concatenate([kept, lo]), np.concatenate([kept, hi]))
+
+    def _regions(self, boxes: Boxes, h: Array) -> Regions:
+        """Compute the bounds in boxes; lengths (R,) of the sub-steps that are to stay in them."""
+        equations = self._equations
+        assert equations is not None
+        if self._timeless:
+            endless = np.full(len(h), np.inf)
+            boxes = Boxes(boxes.lo, boxes.hi, boxes.p_lo, boxes.p_hi, -endless, endless)
+        else:
+            wide = _WINDOW * (boxes.t_hi - boxes.t_lo)
+            boxes = Boxes(
+                boxes.lo, boxes.hi, boxes.p_lo, boxes.p_hi, boxes.t_lo - 0.01 * wide,
+                boxes.t_hi + wide,
+            )  # fmt: skip
+        boxes = self._with_room(boxes)
+        when = boxes.t_lo, boxes.t_hi
+        held = list(zip(boxes.p_lo, boxes.p_hi, strict=True))
+        low, high = arrays(equations.rates(Bound(when), boxed(boxes.lo, boxes.hi), held), boxes.lo)
+        length = (1.0 + 1e-6) * h  # steps of one length differ by rounding
+        a, b = length * low, length * high
+        down, up = np.minimum(np.minimum(a, b), 0.0), np.maximum(np.maximum(a, b), 0.0)
+        # A step back moves the other way.
+        down, up = np.minimum(down, -up), np.maximum(up, -down)
+        linear = equations.linear
+        if linear is not None:
+            rows = slice(linear.first, linear.first + len(linear.matrix))
+            fastest = np.maximum(np.abs(low[rows]), np.abs(high[rows]))
+            up[rows] = self._growth(linear.matrix, float(length.max())) @ fastest
+            down[rows] = -up[rows]
+        whole = np.ones(len(h), dtype=bool)
+        box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
+        slopes = np.array(self._slopes(when, box, held, ~whole, equations))
+        # Rounding of these sums is far below the region's own margin of 1e-9.
+        inner = Boxes(
+            boxes.lo - down, boxes.hi - up, boxes.p_lo, boxes.p_hi, boxes.t_lo, boxes.t_hi
+        )
+        return Regions(boxes, inner, length, slopes, np.maximum(np.abs(low), np.abs(high)))
+
+    def _with_room(self, boxes: Boxes) -> Boxes:
+        """Give the commands of a law room, at least a tenth of the plant's typical attraction."""
+        if self._law is None:
+            return boxes
+        plant = self._law.plant.plant.plant
+        least = _COMMAND * plant.scales.of(plant.controls)[:, None]
+        count = len(least)
+        p_lo, p_hi = boxes.p_lo.copy(), boxes.p_hi.copy()
+        size = np.maximum(np.maximum(np.abs(p_lo), np.abs(p_hi))[-count:], least)
+        p_lo[-count:] -= size
+        p_hi[-count:] += size
+        return Boxes(boxes.lo, boxes.hi, p_lo, p_hi, boxes.t_lo, boxes.t_hi)
+
+    def _growth(self, matrix: Array, h: float) -> Array:
+        known = self._tube
+        if known is None or known[0] != h:
+            self._tube = known = (h, growth(matrix, h))
+        return known[1]
+
+
+def _over_chunks(values: Array, begins: Integers, by: np.ufunc) -> Array:
+    """Reduce values at the ends of sub-steps (…, steps + 1, B) to chunks of sub-steps."""
+    left = by.reduceat(values[:, :-1], begins, axis=1)
+    right = by.reduceat(values[:, 1:], begins, axis=1)
+    return np.asarray(by(left, right))

@@ -1,0 +1,315 @@
+"""Regions: boxes of states, parameters and times in which bounds have been computed once.
+
+Bounds in interval arithmetic cost as much as some hundred sub-steps of a block. They need not be
+sharp: what they exclude for a box much larger than a leg they exclude for every leg inside it, of
+all lanes and of later blocks. Regions are therefore kept, and a new one is made only for what no
+region holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.interfaces import Array, Integers
+
+__all__ = ["Boxes", "Columns", "Regions", "Store"]
+
+_FACTORS = (64.0, 16.0, 4.0, 1.0)
+"""Half widths of trial regions about one column, in units of its own extent. The first serves some
+sixty legs of a steady flight; the last hardly more than the column itself."""
+_GROWTH = 0.5
+"""Part of its width by which a region that was left is enlarged on either side: what flights that
+spread leave is found again after few regions."""
+_LOOSE = 4.0
+"""How much looser than those of the smallest trial the bounds of a larger region may be where they
+decide nothing by themselves: two more halvings of a piece at a close approach."""
+_ROUNDS = 3
+"""Enlargements of a trial region that the sub-steps may leave."""
+_MOST = 256
+"""Regions kept; the oldest half goes when there are more. A column is compared with all of them."""
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes of states (rows, R), parameters (k, R) and times (R,)."""
+
+    lo: Array
+    hi: Array
+    p_lo: Array
+    p_hi: Array
+    t_lo: Array
+    t_hi: Array
+
+    def taken(self, which: Integers | Flags) -> Boxes:
+        """Return some of them."""
+        return Boxes(*(getattr(self, f.name)[..., which] for f in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Boxes; how far a sub-step of length `h` may leave its ends there, and the slopes there.
+
+    Parameters
+    ----------
+    boxes : Boxes
+        R boxes.
+    inner : Boxes
+        Those in which the ends of a sub-step must lie for all of it to stay in the box.
+    h : ndarray, shape (R,)
+        Length of the longest sub-step for which that holds.
+    slopes : ndarray, shape (4, E, R)
+        See `hillsphere.dynamics.proof.Slopes`.
+    rates : ndarray, shape (rows, R)
+        Largest rates of the states.
+    """
+
+    boxes: Boxes
+    inner: Boxes
+    h: Array
+    slopes: Array
+    rates: Array
+
+    def taken(self, which: Integers | Flags) -> Regions:
+        """Return some of them."""
+        return Regions(
+            self.boxes.taken(which),
+            self.inner.taken(which),
+            self.h[which],
+            self.slopes[..., which],
+            self.rates[:, which],
+        )
+
+    def need(self, h: Array) -> Array:
+        """Return what an event's values at both ends of a sub-step must exceed for no zero inside.
+
+        Parameters
+        ----------
+        h : ndarray, shape (R,)
+            Lengths of the sub-steps.
+
+        Returns
+        -------
+        ndarray, shape (E, R)
+            Half the largest slope times h, or the largest bend downward times h²/8.
+        """
+        a, b, _, d = self.slopes
+        steep = 0.5 * np.maximum(np.abs(a), np.abs(b)) * h
+        return np.fmin(steep, np.maximum(d, 0.0) * (0.125 * h * h))
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Parts of legs for which regions are looked for.
+
+    Parameters
+    ----------
+    boxes : Boxes
+        Extent of the ends of the sub-steps of each of K columns.
+    h : ndarray, shape (K,)
+        Longest sub-step.
+    least : ndarray, shape (E, K)
+        Least values of the events at the ends of the sub-steps.
+    """
+
+    boxes: Boxes
+    h: Array
+    least: Array
+
+
+class Store:
+    """Regions that were computed, the newest last.
+
+    Parameters
+    ----------
+    computed : callable
+        Boxes, lengths of sub-steps → regions; enlarges no box.
+    rows : ndarray of int
+        Events with bounds, by which a region is judged.
+    """
+
+    def __init__(self, computed: Callable[[Boxes, Array], Regions], rows: Integers) -> None:
+        self._computed, self._rows = computed, rows
+        self.kept: Regions | None = None
+        self._moved: Array | None = None
+        self._seen: Array | None = None
+
+    def indices(self, columns: Columns) -> Integers:
+        """Return the region of each column (K,), −1 where none could be made; make what lacks."""
+        count = len(columns.h)
+        index = np.full(count, -1)
+        missing = np.ones(count, dtype=bool)
+        if self.kept is not None:
+            index = _found(self.kept, columns, self._rows)
+            missing = index < 0
+        while missing.any():
+            seed = int(np.argmax(missing))
+            made = self._made(columns, missing, seed)
+            if made is None:
+                # Nothing holds this column: it is left to whoever asked, and so are its like.
+                missing[seed] = False
+                continue
+            self._keep(made, index)
+            assert self.kept is not None
+            last = len(self.kept.h) - 1
+            holds = missing & _held(made, 0, columns)
+            index[holds] = last
+            missing &= ~holds
+        return index
+
+    def _keep(self, made: Regions, index: Integers) -> None:
+        kept = self.kept
+        if kept is None:
+            self.kept = made
+            return
+        if len(kept.h) >= _MOST:
+            # What the columns at hand use stays.
+            used = np.zeros(len(kept.h), dtype=bool)
+            used[index[index >= 0]] = True
+            used[len(kept.h) // 2 :] = True
+            place = np.cumsum(used) - 1
+            index[index >= 0] = place[index[index >= 0]]
+            kept = kept.taken(used)
+        self.kept = Regions(
+            _joined(kept.boxes, made.boxes),
+            _joined(kept.inner, made.inner),
+            np.concatenate([kept.h, made.h]),
+            np.concatenate([kept.slopes, made.slopes], axis=-1),
+            np.concatenate([kept.rates, made.rates], axis=-1),
+        )
+
+    def _made(self, columns: Columns, missing: Flags, seed: int) -> Regions | None:
+        """Return the largest region of several trials whose bounds still serve the seed."""
+        trials, h = self._trials(columns, missing, seed)
+        one = columns.boxes.taken(np.array([seed]))
+        for _ in range(_ROUNDS):
+            found = self._computed(trials, np.full(len(trials.t_lo), h))
+            down, up = trials.lo - found.inner.lo, found.inner.hi - trials.hi
+            out = (one.lo < found.inner.lo) | (one.hi > found.inner.hi)
+            if not out.any():
+                break
+            with np.errstate(invalid="ignore"):
+                lo = np.where(out, np.fmin(trials.lo, one.lo + 2.0 * down), trials.lo)
+                hi = np.where(out, np.fmax(trials.hi, one.hi - 2.0 * up), trials.hi)
+            trials = Boxes(lo, hi, trials.p_lo, trials.p_hi, trials.t_lo, trials.t_hi)
+        need = found.need(found.h)[self._rows]
+        least = columns.least[self._rows]
+        reference: Array | None = None
+        best = None
+        for trial in range(len(found.h) - 1, -1, -1):
+            holds = missing & _held(found, trial, columns)
+            if not holds[seed]:
+                continue
+            now = need[:, trial]
+            if not np.isfinite(now).all():
+                continue
+            reference = now if reference is None else np.fmin(reference, now)
+            enough = np.maximum(0.9 * least[:, holds].min(axis=1), _LOOSE * reference)
+            if (now <= enough).all():
+                best = trial
+        return None if best is None else found.taken(np.array([best]))
+
+    def _trials(self, columns: Columns, missing: Flags, seed: int) -> tuple[Boxes, float]:
+        """Return boxes to try, the largest first, and the longest sub-step of the flock."""
+        flock, box = columns.boxes.taken(missing), columns.boxes
+        kinds: list[tuple[Array, Array, Array, Array]] = []
+        room = self._room(flock)
+        hull = (
+            flock.lo.min(axis=1), flock.hi.max(axis=1),
+            flock.p_lo.min(axis=1) - room, flock.p_hi.max(axis=1) + room,
+        )  # fmt: skip
+        if self.kept is not None:
+            last = self.kept.boxes
+            kinds.append(
+                _grown(
+                    np.minimum(hull[0], last.lo[:, -1]), np.maximum(hull[1], last.hi[:, -1]),
+                    np.minimum(hull[2], last.p_lo[:, -1]), np.maximum(hull[3], last.p_hi[:, -1]),
+                    _GROWTH,
+                )
+            )  # fmt: skip
+        kinds.append(_grown(*hull, 2.0 * _GROWTH))
+        kinds.append(_grown(*hull, 0.25 * _GROWTH))
+        lo, hi = box.lo[:, seed], box.hi[:, seed]
+        p = box.p_lo[:, seed] - room, box.p_hi[:, seed] + room
+        for factor in _FACTORS:
+            spread = factor * (hi - lo)
+            kinds.append(_grown(lo - spread, hi + spread, *p, 0.0))
+        arrays = [np.stack(part, axis=1) for part in zip(*kinds, strict=True)]
+        times = [np.full(len(kinds), t) for t in (flock.t_lo.min(), flock.t_hi.max())]
+        # Of the boxes about one column the time is its own.
+        alone = slice(len(kinds) - len(_FACTORS), None)
+        times[0][alone], times[1][alone] = box.t_lo[seed], box.t_hi[seed]
+        return Boxes(arrays[0], arrays[1], arrays[2], arrays[3], times[0], times[1]), float(
+            columns.h[missing].max()
+        )
+
+    def _room(self, flock: Boxes) -> Array:
+        """Return by how much parameters may change: as much as they did from region to region."""
+        middle = 0.5 * (flock.p_lo + flock.p_hi).mean(axis=1)
+        if self._seen is None or self._seen.shape != middle.shape or self._moved is None:
+            self._moved = np.zeros_like(middle)
+        else:
+            self._moved = np.maximum(self._moved, np.abs(middle - self._seen))
+        self._seen = middle
+        return np.asarray(self._moved)
+
+
+def _grown(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple[Array, ...]:
+    """Return a box enlarged by a part of its width, and by what rounding needs."""
+    out: list[Array] = []
+    for a, b in ((lo, hi), (p_lo, p_hi)):
+        more = part * (b - a)
+        more = more + 1e-9 * np.maximum(np.abs(a), np.abs(b)) + 1e-300
+        out += [a - more, b + more]
+    return tuple(out)
+
+
+def _joined(first: Boxes, second: Boxes) -> Boxes:
+    return Boxes(
+        *(
+            np.concatenate([getattr(first, f.name), getattr(second, f.name)], axis=-1)
+            for f in fields(first)
+        )
+    )
+
+
+def _held(regions: Regions, which: int, columns: Columns) -> Flags:
+    """Say which columns one region holds."""
+    inner, box = regions.inner, columns.boxes
+    lo, hi = inner.lo[:, which, None], inner.hi[:, which, None]
+    p_lo, p_hi = inner.p_lo[:, which, None], inner.p_hi[:, which, None]
+    holds: Flags = (
+        ((box.lo >= lo) & (box.hi <= hi)).all(axis=0)
+        & ((box.p_lo >= p_lo) & (box.p_hi <= p_hi)).all(axis=0)
+        & (box.t_lo >= inner.t_lo[which])
+        & (box.t_hi <= inner.t_hi[which])
+        & (columns.h <= regions.h[which])
+    )
+    return holds
+
+
+def _found(regions: Regions, columns: Columns, rows: Integers) -> Integers:
+    """Return the newest region that holds each column, −1 if none does.
+
+    Before it comes one that decides the column: the events' least values exceed its need.
+    """
+    count = len(columns.h)
+    index = np.full(count, -1)
+    decided = np.zeros(count, dtype=bool)
+    for which in range(len(regions.h) - 1, -1, -1):
+        if decided.all():
+            break
+        holds = ~decided & _held(regions, which, columns)
+        if not holds.any():
+            continue
+        one = regions.taken(np.array([which]))
+        far = (columns.least[rows] > one.need(one.h)[rows]).all(axis=0)
+        fresh = holds & ((index < 0) | far)
+        index[fresh] = which
+        decided |= holds & far
+    return index
