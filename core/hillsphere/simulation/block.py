@@ -245,7 +245,8 @@ class _Block:
             self._dv = self._dv + np.where(self.flying, now.spent, 0.0)
         if record is not None:
             record(Moment(k, t, before, x, self.flying, seen, ref, now.own, now.done))
-        self._y = now.y if self._whole else np.where(self.flying, now.y, y)
+        if now.y is not y:
+            self._y = now.y if self._whole else np.where(self.flying, now.y, y)
         self._acted += self.flying
         size = now.spent if now.spent is not None else now.rate
         for one in now.later:
@@ -281,10 +282,9 @@ class _Block:
             self.stop(coarse, STEP_SIZE, self.t)
             whole = False
         spent = None if rate is None else rate * (end.t - self.t)
-        if whole:
-            self._y = end.y
-        else:
-            self._y = np.where(self.flying, end.y, y)
+        # The watch leaves lanes that do not fly where they were.
+        self._y = end.y if coarse is None else np.where(self.flying, end.y, y)
+        if not whole:
             spent = None if spent is None else np.where(self.flying, spent, 0.0)
         if spent is not None:
             self._dv = self._dv + spent

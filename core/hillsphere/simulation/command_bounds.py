@@ -46,7 +46,7 @@ class PlantUnderCommand:
 
 @dataclass(eq=False)
 class AffineLaw:
-    """A law on held measurements, ẋ_c = A z + a and u = C z + c with z = (x_c, y, r).
+    """A law on held measurements, ẋ_c = A z + a and u = C z + c with z = (x_c, r, y).
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class AffineLaw:
 
         Parameters
         ----------
-        y : ndarray, shape (rows, steps + 1, B)
+        y : ndarray, shape (steps + 1, rows, B)
             States of plant, law and effort at the ends of the sub-steps.
         p : ndarray, shape (k, B)
             Run-time parameters of the closed system.
@@ -88,29 +88,54 @@ class AffineLaw:
         lo, hi : ndarray, shape (p, B)
             Bounds.
         """
+        start, size = self._about(y, p, h)
+        return (start - size).min(axis=0), (start + size).max(axis=0)
+
+    def departure(self, y: Array, p: Array, middle: Array, h: float) -> Array:
+        """Bound |u − middle| in each sub-step; `middle` (p, 1), the rest as for `command`.
+
+        Returns
+        -------
+        ndarray, shape (steps, p, B)
+            Bounds.
+        """
+        start, size = self._about(y, p, h)
+        start -= middle
+        np.abs(start, out=start)
+        start += size
+        return start
+
+    def _about(self, y: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """Return the commands at the begin of the sub-steps (steps, p, B), and how far they go."""
         m, count, q = len(self.a), len(self.c), self.inputs
-        first, n = self.plant.parameters, len(y) - 1 - len(self.a)
+        first, n = self.plant.parameters, y.shape[1] - 1 - len(self.a)
         begin = first + count + count**2
-        ref, seen = p[begin : begin + q], p[begin + q : begin + 2 * q]
-        x = y[n : n + m, :-1]
-        held = np.concatenate([seen, ref])[:, None]
-        z = np.concatenate([x, np.broadcast_to(held, (2 * q, *x.shape[1:]))]).reshape(m + 2 * q, -1)
-        rate, start = self.a @ z + self.a0, self.c @ z + self.c0
-        size = np.abs(self.c) @ np.abs(z) * _MARGIN
+        held = p[begin : begin + 2 * q]  # reference, measurement
+        x = y[:-1, n : n + m]
+        largest = max(float(np.abs(held).max(initial=0.0)), float(np.abs(x).max(initial=0.0)))
+        start = self.c[:, :m] @ x
+        start += self.c[:, m:] @ held + self.c0
+        size = (_MARGIN * largest) * np.abs(self.c).sum(axis=1, keepdims=True)
         if m:
             if self.tube is None or not h <= self.tube[0] <= _SAME_STEP**2 * h:
                 h = _SAME_STEP * h
-                self.tube = (h, np.abs(self.c[:, :m]) @ growth(self.a[:, :m], h))
-            fast = np.abs(rate) + _MARGIN * (np.abs(self.a) @ np.abs(z))
-            size = size + self.tube[1] @ fast * (1.0 + _MARGIN)
-        shape = (count, *x.shape[1:])
-        lo = (start - size).reshape(shape).min(axis=1) + p[first : first + count]
-        hi = (start + size).reshape(shape).max(axis=1) + p[first : first + count]
-        gain = p[first + count : begin].reshape(count, count, -1)
-        middle = np.einsum("ijB,jB->iB", gain, 0.5 * (lo + hi))
-        reach = np.einsum("ijB,jB->iB", np.abs(gain), (0.5 + _MARGIN) * (hi - lo))
-        reach += _MARGIN * np.abs(middle)
-        return middle - reach, middle + reach
+                tube = np.abs(self.c[:, :m]) @ growth(self.a[:, :m], h) * (1.0 + 2.0 * _MARGIN)
+                self.tube = (h, tube)
+            rate = self.a[:, :m] @ x
+            rate += self.a[:, m:] @ held + self.a0
+            np.abs(rate, out=rate)
+            rate += (_MARGIN * largest) * np.abs(self.a).sum(axis=1, keepdims=True)
+            size = self.tube[1] @ rate + size
+        start += p[first : first + count]
+        gain = p[first + count : begin]
+        if (gain == np.eye(count).reshape(-1, 1)).all():
+            return start, size
+        gain = gain.reshape(count, count, -1)
+        size = np.broadcast_to(size, start.shape)
+        done = np.einsum("ijB,sjB->siB", gain, start)
+        reach = np.einsum("ijB,sjB->siB", np.abs(gain), size) * (1.0 + _MARGIN)
+        reach += _MARGIN * np.abs(done)
+        return done, reach
 
 
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")
@@ -126,10 +151,11 @@ def affine_law(law: ContinuousLaw, plant: PlantBounds, run_time: int) -> AffineL
     parts: list[tuple[Array, Array]] = []
     try:
         for function in (law.derivative, law.control):
+            # A law is told its states, the measurement, then the reference.
             told = [
                 tuple(s[i:j])
                 for s in (slopes, zeros)
-                for i, j in ((0, m), (m, m + q), (m + q, total))
+                for i, j in ((0, m), (m + q, total), (m, m + q))
             ]
             found = function(
                 told[0],

@@ -109,6 +109,10 @@ class Leg:
     left: Array | None = None
     rate: Array | None = None
 
+    def frozen(self, y: Array) -> Array:
+        """Return states y (rows, B) with those at the start where a lane does not fly."""
+        return y if self.whole else np.where(self.flying, y, self.y)
+
     def taken(self, lanes: Integers) -> Leg:
         """Return some of the lanes, any of them as often as wanted."""
         return Leg(
@@ -227,31 +231,42 @@ class Watch:
 
     def fly(self, leg: Leg, steps: int) -> End:
         """Fly a leg in equal steps, each lane to the end of the leg or to its own."""
-        self._proof.ready(leg)
         h = leg.period / steps
+        proof = self._proof
+        proof.ready(leg)
         advance = self._stepper.bind_measured(h, leg.p)
         rows, lanes = leg.y.shape
         # Of each sub-step: the states at its end, and the two rows of its error.
         flown = np.empty((steps + 1, rows + 2, lanes))
-        flown[0, :rows], flown[0, rows:] = leg.y, 0.0
-        values = np.empty((steps + 1, self.diverged, lanes))
-        values[0], t = self._at_start(leg), leg.t
+        flown[0, :rows], flown[0, rows:], t = leg.y, 0.0, leg.t
         for j in range(1, steps + 1):
             advance(flown[j - 1, :rows], flown[j], t)
             t = leg.t + j * h
-            values[j] = self.values(leg, t, flown[j, :rows])
-        here = flown[steps, :rows]
-        self._known = (here, t, leg.cases, values[steps])
-        errors = self._stepper.error(flown[1:, rows:])
-        least = values.min(axis=0)
-        seen = least if leg.whole else np.where(leg.flying, least, 1.0)
-        doubtful = self._doubtful(least, leg.flying)
+        y, errors = flown[:, :rows], self._stepper.error(flown[1:, rows:])
+        before, end = self._at_start(leg), leg.frozen(y[-1])
+        after = self.values(leg, t, y[-1])
+        self._known = (end, t, leg.cases, after)
         # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
-        sound = seen.min(initial=1.0) > 0.0 and isfinite(np.add.reduce(flown, axis=None))
-        if sound and self._proof.is_far(leg, flown[:, :rows], h, least, here):
-            return End(here, t, None, doubtful, errors.sum(axis=0))
-        y = np.ascontiguousarray(flown[:, :rows].transpose(1, 0, 2))
+        sound = isfinite(np.add.reduce(flown, axis=None))
+        if sound and proof.is_far(leg, y, before, after) and self._has_left(leg, after):
+            return End(end, t, None, None, errors.sum(axis=0))
+        values = np.empty((steps + 1, self.diverged, lanes))
+        values[0], values[-1] = before, after
+        for j in range(1, steps):
+            values[j] = self.values(leg, leg.t + j * h, flown[j, :rows])
+        least = values.min(axis=0)
+        doubtful = self._doubtful(least, leg.flying)
+        if sound and not proof.proves and (least[:, leg.flying] > 0.0).all():
+            return End(end, t, None, doubtful, errors.sum(axis=0))
+        y = np.ascontiguousarray(y.transpose(1, 0, 2))
         return self._settle(_Flown(leg, h, y, values.transpose(1, 0, 2), errors), doubtful)
+
+    def _has_left(self, leg: Leg, after: Array) -> bool:
+        """Say whether all lanes have Δv left: it never rises, so that the end decides."""
+        if leg.left is None:
+            return True
+        left = after[self.budget_row] > 0.0
+        return bool(left.all() if leg.whole else left[leg.flying].all())
 
     def _at_start(self, leg: Leg) -> Array:
         """Return the rows at the start: those at the end of the last leg where nothing changed."""
@@ -299,10 +314,11 @@ class Watch:
             ends = ends & live
         ended = ends.any(axis=0)
         if not ended.any():
-            return End(y[:, -1].copy(), flown.time(steps), None, doubtful, flown.error(None))
+            here = leg.frozen(y[:, -1].copy())
+            return End(here, flown.time(steps), None, doubtful, flown.error(None))
         at = np.where(ended, np.argmax(ends, axis=0), steps - 1)
         end = End(
-            y[:, -1].copy(),
+            leg.frozen(y[:, -1].copy()),
             flown.time(steps),
             np.full(lanes, -1),
             doubtful,

@@ -55,20 +55,19 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Quick:
-    """The region of the last leg: where the ends of sub-steps may be, what values must exceed.
+    """The region of the last leg: boxes in which states and parameters must be at its start.
 
-    `speed` is the largest rate of each state in the region.
+    Middles and halves of the boxes, and what events must exceed, have a second axis of one.
     """
 
-    lo: Array
-    hi: Array
-    p_lo: Array
-    p_hi: Array
+    middle: Array
+    half: Array
+    p_middle: Array
+    p_half: Array
     t_lo: float
     t_hi: float
-    h: float
+    duration: float
     need: Array
-    speed: Array
 
     def lasts(self, leg: Leg) -> bool:
         """Say whether a leg lies in the region's window of time."""
@@ -116,13 +115,13 @@ class EventProof:
         self._store: Store | None = None
         self._tube: tuple[float, Array] | None = None
         self._quick: _Quick | None = None
-        # What is known of the states at the end of the leg before, while they are in the region.
-        self._end: Array | None = None
-        self._slack = -1.0
         # The cases whose parameters were found in the region.
         self._cases: Integers | None = None
-        self._same: _Quick | None = None
+        self._asked: _Quick | None = None
         self._fixed = fixed
+        self._period: Array | None = None
+        self._longest = 0.0
+        self.all_bounded = False
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
     def ready(self, leg: Leg) -> None:
@@ -153,11 +152,17 @@ class EventProof:
         proved = self.bounded_rows[:-1] if self.monotone else self.bounded_rows
         self._rows = np.flatnonzero(proved)
         self._store = Store(self._regions, self._rows)
+        self.all_bounded = bool(self.bounded_rows.all()) and len(self._rows) > 0
+
+    @property
+    def proves(self) -> bool:
+        """Whether there is any row that bounds decide."""
+        return self._bounded is not None and len(self._rows) > 0
 
     # ------------------------------------------------------------------ what a whole leg excludes
 
-    def is_far(self, leg: Leg, y: Array, h: Array, least: Array, end: Array) -> bool:
-        """Say whether no event has a zero inside any sub-step of a leg, by its last region alone.
+    def is_far(self, leg: Leg, y: Array, before: Array, after: Array) -> bool:
+        """Say whether no event has a zero during a leg, by the last region and the leg's ends.
 
         Parameters
         ----------
@@ -165,62 +170,45 @@ class EventProof:
             The leg.
         y : ndarray, shape (steps + 1, rows, B)
             States at the ends of its sub-steps, finite.
-        h : ndarray, shape (B,)
-            Length of a sub-step.
-        least : ndarray, shape (E, B)
-            Least values of the events at these ends.
-        end : ndarray, shape (rows, B)
-            The last of `y`: if the next leg begins with this very array, nothing jumped.
+        before, after : ndarray, shape (E, B)
+            Events at its ends.
         """
-        if self._bounded is None or not len(self._rows):
-            return True
         quick = self._quick
-        if quick is None:
+        if quick is None or not self.all_bounded:
             return False
-        g = least if leg.whole else least[:, leg.flying]
-        if not (g.min(axis=1)[self._rows] > quick.need).all():
+        whole, flying = leg.whole, leg.flying
+        if leg.period is not self._period:
+            self._period, self._longest = leg.period, float(np.abs(leg.period).max())
+        if self._longest > quick.duration or not (self._timeless or quick.lasts(leg)):
             return False
-        longest = float(np.abs(h).max())
-        if longest > quick.h or not (self._timeless or quick.lasts(leg)):
+        # The events at the start were those at the end of the leg before.
+        far = np.minimum(before, after)[self._rows] > quick.need
+        if not (far.all() if whole else far[:, flying].all()):
             return False
-        if not self._commanded(quick, leg, y, h):
+        away = np.abs(y[0, : len(quick.middle)] - quick.middle) <= quick.half
+        if not (away.all() if whole else away[:, flying].all()):
             return False
-        if leg.y is not self._end or self._slack < 0.0:
-            rows = y[:, : len(quick.lo)]
-            if not leg.whole:
-                rows = rows[:, :, leg.flying]
-            low, high = rows.min(axis=(0, 2)), rows.max(axis=(0, 2))
-            if not ((low >= quick.lo).all() and (high <= quick.hi).all()):
+        return self._holds_parameters(quick, leg) and self._commanded(quick, leg, y)
+
+    def _holds_parameters(self, quick: _Quick, leg: Leg) -> bool:
+        """Say whether what does not change during a flight is in a region; ask once a block."""
+        if leg.cases is not self._cases or quick is not self._asked:
+            p, fixed = leg.p, self._fixed
+            away = np.abs(p[:fixed] - quick.p_middle[:fixed])
+            if not (away <= quick.p_half[:fixed]).all():
                 return False
-            # While parameters stay in the box, states cannot leave it before this time.
-            self._slack = float(
-                min(
-                    ((low - quick.lo) / quick.speed).min(initial=np.inf),
-                    ((quick.hi - high) / quick.speed).min(initial=np.inf),
-                )
-            )
-        self._slack -= longest * (len(y) - 1)
-        self._end = end
+            self._cases, self._asked = leg.cases, quick
         return True
 
-    def _commanded(self, quick: _Quick, leg: Leg, y: Array, h: Array) -> bool:
-        """Say whether parameters and commands of a leg are in a region."""
-        fixed, law, p = self._fixed, self._law, leg.p
-        if leg.cases is not self._cases or quick is not self._same:
-            low, high = p[:fixed].min(axis=1), p[:fixed].max(axis=1)
-            if not ((low >= quick.p_lo[:fixed]).all() and (high <= quick.p_hi[:fixed]).all()):
-                return False
-            self._cases, self._same = leg.cases, quick
+    def _commanded(self, quick: _Quick, leg: Leg, y: Array) -> bool:
+        """Say whether the commands of a leg are in a region."""
+        fixed, law = self._fixed, self._law
         if law is None:
-            lo = hi = p[fixed:]
+            away = np.abs(leg.p[fixed:] - quick.p_middle[fixed:])
         else:
-            lo, hi = law.command(y.transpose(1, 0, 2), p, float(np.max(np.abs(h))))
-        if not leg.whole:
-            lo, hi = lo[:, leg.flying], hi[:, leg.flying]
-        return bool(
-            (lo.min(axis=1) >= quick.p_lo[fixed:]).all()
-            and (hi.max(axis=1) <= quick.p_hi[fixed:]).all()
-        )
+            away = law.departure(y, leg.p, quick.p_middle[fixed:], self._longest / (len(y) - 1))
+        inside = away <= quick.p_half[fixed:]
+        return bool(inside.all() if leg.whole else inside[..., leg.flying].all())
 
     # ------------------------------------------------------------- what sub-steps of a leg exclude
 
@@ -268,6 +256,7 @@ class EventProof:
                 np.minimum(t0, t1), np.maximum(t0, t1),
             ),
             np.abs(h[lane]),
+            np.abs((ends - begins)[chunk] * h[lane]),
             least[:, chunk, which],
         )  # fmt: skip
         found = self._store.indices(columns)
@@ -284,14 +273,16 @@ class EventProof:
             return
         best = int(np.bincount(found[found >= 0]).argmax())
         region = store.kept.taken(np.array([best]))
-        inner, rates = region.inner, region.rates[:, 0]
-        need = region.need(region.h)[self._rows, 0]
+        inner, duration = region.inner, float(region.duration[0])
+        need = region.need(duration)[self._rows]
         self._quick = _Quick(
-            inner.lo[:, 0], inner.hi[:, 0], inner.p_lo[:, 0], inner.p_hi[:, 0],
-            float(inner.t_lo[0]), float(inner.t_hi[0]), float(region.h[0]),
-            need + ROUNDING * (1.0 + need), rates + 1e-300,
-        )  # fmt: skip
-        self._slack = -1.0
+            *_centred(inner.lo, inner.hi),
+            *_centred(inner.p_lo, inner.p_hi),
+            float(inner.t_lo[0]),
+            float(inner.t_hi[0]),
+            duration,
+            need + ROUNDING * (1.0 + need),
+        )
 
     def slopes(self, index: Integers) -> Slopes:
         """Return the slopes in regions of given numbers (K,): four arrays (E, K)."""
@@ -367,17 +358,17 @@ class EventProof:
         law = self._law
         if law is None:
             return _View(y, leg.p, leg.p)
-        lo, hi = law.command(y, leg.p, float(np.max(np.abs(h))))
+        lo, hi = law.command(y.transpose(1, 0, 2), leg.p, float(np.max(np.abs(h))))
         kept = leg.p[: law.plant.parameters]
         rows = y[: len(law.plant.plant.unit)]
         return _View(rows, np.concatenate([kept, lo]), np.concatenate([kept, hi]))
 
-    def _regions(self, boxes: Boxes, h: Array) -> Regions:
-        """Compute the bounds in boxes; lengths (R,) of the sub-steps that are to stay in them."""
+    def _regions(self, boxes: Boxes, duration: Array) -> Regions:
+        """Compute the bounds in boxes; durations (R,) of what is to stay in them."""
         equations = self._equations
         assert equations is not None
         if self._timeless:
-            endless = np.full(len(h), np.inf)
+            endless = np.full(len(duration), np.inf)
             boxes = Boxes(boxes.lo, boxes.hi, boxes.p_lo, boxes.p_hi, -endless, endless)
         else:
             wide = _WINDOW * (boxes.t_hi - boxes.t_lo)
@@ -389,10 +380,10 @@ class EventProof:
         when = boxes.t_lo, boxes.t_hi
         held = list(zip(boxes.p_lo, boxes.p_hi, strict=True))
         low, high = arrays(equations.rates(Bound(when), boxed(boxes.lo, boxes.hi), held), boxes.lo)
-        length = (1.0 + 1e-6) * h  # steps of one length differ by rounding
+        length = (1.0 + 1e-6) * duration  # legs of one length differ by rounding
         a, b = length * low, length * high
         down, up = np.minimum(np.minimum(a, b), 0.0), np.maximum(np.maximum(a, b), 0.0)
-        # A step back moves the other way.
+        # Backwards they move the other way.
         down, up = np.minimum(down, -up), np.maximum(up, -down)
         linear = equations.linear
         if linear is not None:
@@ -400,7 +391,7 @@ class EventProof:
             fastest = np.maximum(np.abs(low[rows]), np.abs(high[rows]))
             up[rows] = self._growth(linear.matrix, float(length.max())) @ fastest
             down[rows] = -up[rows]
-        whole = np.ones(len(h), dtype=bool)
+        whole = np.ones(len(duration), dtype=bool)
         box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
         slopes = np.array(self._slopes(when, box, held, ~whole, equations))
         # Rounding of these sums is far below the region's own margin of 1e-9.
@@ -427,6 +418,11 @@ class EventProof:
         if known is None or known[0] != h:
             self._tube = known = (h, growth(matrix, h))
         return known[1]
+
+
+def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:
+    """Return middle and half width of boxes, the latter rounded down."""
+    return 0.5 * (lo + hi), (0.5 - 1e-12) * (hi - lo)
 
 
 def _over_chunks(values: Array, begins: Integers, by: np.ufunc) -> Array:

@@ -24,6 +24,9 @@ sixty legs of a steady flight; the last hardly more than the column itself."""
 _GROWTH = 0.5
 """Part of its width by which a region that was left is enlarged on either side: what flights that
 spread leave is found again after few regions."""
+_AHEAD = (8.0, 8.0, 2.0, 0.5)
+"""Room of the trials about several columns, in units of what their rates cover in the duration of
+one. The first also holds the last region."""
 _LOOSE = 4.0
 """How much looser than those of the smallest trial the bounds of a larger region may be where they
 decide nothing by themselves: two more halvings of a piece at a close approach."""
@@ -53,16 +56,16 @@ class Boxes:
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Boxes; how far a sub-step of length `h` may leave its ends there, and the slopes there.
+    """Boxes, where flights must begin to stay in them, and the slopes there.
 
     Parameters
     ----------
     boxes : Boxes
         R boxes.
     inner : Boxes
-        Those in which the ends of a sub-step must lie for all of it to stay in the box.
-    h : ndarray, shape (R,)
-        Length of the longest sub-step for which that holds.
+        What begins in these stays in the boxes.
+    duration : ndarray, shape (R,)
+        For how long.
     slopes : ndarray, shape (4, E, R)
         See `hillsphere.dynamics.proof.Slopes`.
     rates : ndarray, shape (rows, R)
@@ -71,7 +74,7 @@ class Regions:
 
     boxes: Boxes
     inner: Boxes
-    h: Array
+    duration: Array
     slopes: Array
     rates: Array
 
@@ -80,18 +83,18 @@ class Regions:
         return Regions(
             self.boxes.taken(which),
             self.inner.taken(which),
-            self.h[which],
+            self.duration[which],
             self.slopes[..., which],
             self.rates[:, which],
         )
 
-    def need(self, h: Array) -> Array:
+    def need(self, h: float) -> Array:
         """Return what an event's values at both ends of a sub-step must exceed for no zero inside.
 
         Parameters
         ----------
-        h : ndarray, shape (R,)
-            Lengths of the sub-steps.
+        h : float
+            Length of the sub-step.
 
         Returns
         -------
@@ -111,14 +114,15 @@ class Columns:
     ----------
     boxes : Boxes
         Extent of the ends of the sub-steps of each of K columns.
-    h : ndarray, shape (K,)
-        Longest sub-step.
+    h, duration : ndarray, shape (K,)
+        Longest sub-step; duration of all.
     least : ndarray, shape (E, K)
         Least values of the events at the ends of the sub-steps.
     """
 
     boxes: Boxes
     h: Array
+    duration: Array
     least: Array
 
 
@@ -156,7 +160,7 @@ class Store:
                 continue
             self._keep(made, index)
             assert self.kept is not None
-            last = len(self.kept.h) - 1
+            last = len(self.kept.duration) - 1
             holds = missing & _held(made, 0, columns)
             index[holds] = last
             missing &= ~holds
@@ -167,46 +171,46 @@ class Store:
         if kept is None:
             self.kept = made
             return
-        if len(kept.h) >= _MOST:
+        if len(kept.duration) >= _MOST:
             # What the columns at hand use stays.
-            used = np.zeros(len(kept.h), dtype=bool)
+            used = np.zeros(len(kept.duration), dtype=bool)
             used[index[index >= 0]] = True
-            used[len(kept.h) // 2 :] = True
+            used[len(kept.duration) // 2 :] = True
             place = np.cumsum(used) - 1
             index[index >= 0] = place[index[index >= 0]]
             kept = kept.taken(used)
         self.kept = Regions(
             _joined(kept.boxes, made.boxes),
             _joined(kept.inner, made.inner),
-            np.concatenate([kept.h, made.h]),
+            np.concatenate([kept.duration, made.duration]),
             np.concatenate([kept.slopes, made.slopes], axis=-1),
             np.concatenate([kept.rates, made.rates], axis=-1),
         )
 
     def _made(self, columns: Columns, missing: Flags, seed: int) -> Regions | None:
         """Return the largest region of several trials whose bounds still serve the seed."""
-        trials, h = self._trials(columns, missing, seed)
+        trials = self._trials(columns, missing, seed)
+        h, duration = float(columns.h[missing].max()), float(columns.duration[missing].max())
         one = columns.boxes.taken(np.array([seed]))
-        for _ in range(_ROUNDS):
-            found = self._computed(trials, np.full(len(trials.t_lo), h))
+        room = np.array([*_AHEAD, *[0.0] * len(_FACTORS)]) * duration
+        for turn in range(_ROUNDS):
+            found = self._computed(trials, np.full(len(trials.t_lo), duration))
             down, up = trials.lo - found.inner.lo, found.inner.hi - trials.hi
             out = (one.lo < found.inner.lo) | (one.hi > found.inner.hi)
-            if not out.any():
+            more = np.where(np.isfinite(found.rates), found.rates, 0.0) * room * (turn == 0)
+            if turn and not out.any():
                 break
             with np.errstate(invalid="ignore"):
-                lo = np.where(out, np.fmin(trials.lo, one.lo + 2.0 * down), trials.lo)
-                hi = np.where(out, np.fmax(trials.hi, one.hi - 2.0 * up), trials.hi)
+                lo = np.where(out, np.fmin(trials.lo, one.lo + 2.0 * down), trials.lo) - more
+                hi = np.where(out, np.fmax(trials.hi, one.hi - 2.0 * up), trials.hi) + more
             trials = Boxes(lo, hi, trials.p_lo, trials.p_hi, trials.t_lo, trials.t_hi)
-        need = found.need(found.h)[self._rows]
+        need = found.need(h)[self._rows]
         least = columns.least[self._rows]
-        reference: Array | None = None
-        best = None
-        for trial in range(len(found.h) - 1, -1, -1):
+        reference, best = None, None
+        for trial in range(len(found.duration) - 1, -1, -1):
             holds = missing & _held(found, trial, columns)
-            if not holds[seed]:
-                continue
             now = need[:, trial]
-            if not np.isfinite(now).all():
+            if not (holds[seed] and np.isfinite(now).all()):
                 continue
             reference = now if reference is None else np.fmin(reference, now)
             enough = np.maximum(0.9 * least[:, holds].min(axis=1), _LOOSE * reference)
@@ -214,26 +218,26 @@ class Store:
                 best = trial
         return None if best is None else found.taken(np.array([best]))
 
-    def _trials(self, columns: Columns, missing: Flags, seed: int) -> tuple[Boxes, float]:
-        """Return boxes to try, the largest first, and the longest sub-step of the flock."""
-        flock, box = columns.boxes.taken(missing), columns.boxes
-        kinds: list[tuple[Array, Array, Array, Array]] = []
+    def _trials(self, columns: Columns, missing: Flags, seed: int) -> Boxes:
+        """Return boxes to try, the largest first."""
+        flock = columns.boxes.taken(missing)
         room = self._room(flock)
         hull = (
             flock.lo.min(axis=1), flock.hi.max(axis=1),
             flock.p_lo.min(axis=1) - room, flock.p_hi.max(axis=1) + room,
         )  # fmt: skip
-        if self.kept is not None:
-            last = self.kept.boxes
-            kinds.append(
-                _grown(
-                    np.minimum(hull[0], last.lo[:, -1]), np.maximum(hull[1], last.hi[:, -1]),
-                    np.minimum(hull[2], last.p_lo[:, -1]), np.maximum(hull[3], last.p_hi[:, -1]),
-                    _GROWTH,
-                )
+        wide, last = _grown(*hull, _GROWTH), self.kept
+        union = wide
+        if last is not None:
+            box = last.boxes
+            union = _grown(
+                np.minimum(hull[0], box.lo[:, -1]), np.maximum(hull[1], box.hi[:, -1]),
+                np.minimum(hull[2], box.p_lo[:, -1]), np.maximum(hull[3], box.p_hi[:, -1]),
+                0.25 * _GROWTH,
             )  # fmt: skip
-        kinds.append(_grown(*hull, 2.0 * _GROWTH))
-        kinds.append(_grown(*hull, 0.25 * _GROWTH))
+        tight = _grown(*hull, 0.25 * _GROWTH)
+        kinds = [union, wide, tight, tight]
+        box = columns.boxes
         lo, hi = box.lo[:, seed], box.hi[:, seed]
         p = box.p_lo[:, seed] - room, box.p_hi[:, seed] + room
         for factor in _FACTORS:
@@ -244,9 +248,7 @@ class Store:
         # Of the boxes about one column the time is its own.
         alone = slice(len(kinds) - len(_FACTORS), None)
         times[0][alone], times[1][alone] = box.t_lo[seed], box.t_hi[seed]
-        return Boxes(arrays[0], arrays[1], arrays[2], arrays[3], times[0], times[1]), float(
-            columns.h[missing].max()
-        )
+        return Boxes(arrays[0], arrays[1], arrays[2], arrays[3], times[0], times[1])
 
     def _room(self, flock: Boxes) -> Array:
         """Return by how much parameters may change: as much as they did from region to region."""
@@ -288,7 +290,7 @@ def _held(regions: Regions, which: int, columns: Columns) -> Flags:
         & ((box.p_lo >= p_lo) & (box.p_hi <= p_hi)).all(axis=0)
         & (box.t_lo >= inner.t_lo[which])
         & (box.t_hi <= inner.t_hi[which])
-        & (columns.h <= regions.h[which])
+        & (columns.duration <= regions.duration[which])
     )
     return holds
 
@@ -301,14 +303,14 @@ def _found(regions: Regions, columns: Columns, rows: Integers) -> Integers:
     count = len(columns.h)
     index = np.full(count, -1)
     decided = np.zeros(count, dtype=bool)
-    for which in range(len(regions.h) - 1, -1, -1):
+    need = regions.need(float(columns.h.max()))[rows]
+    for which in range(len(regions.duration) - 1, -1, -1):
         if decided.all():
             break
         holds = ~decided & _held(regions, which, columns)
         if not holds.any():
             continue
-        one = regions.taken(np.array([which]))
-        far = (columns.least[rows] > one.need(one.h)[rows]).all(axis=0)
+        far = (columns.least[rows] > need[:, which, None]).all(axis=0)
         fresh = holds & ((index < 0) | far)
         index[fresh] = which
         decided |= holds & far
