@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +20,8 @@ __all__ = ["AffineLaw", "PlantUnderCommand", "affine_law"]
 _SAME_STEP = 1.0 + 1e-6
 """Steps of one length differ by the rounding of the times between them; the bound grows with the
 length, and is computed once for one a little longer."""
+_TUBES = 16
+"""Lengths of step kept: those of legs, of their sub-steps and of the halves of both."""
 _MARGIN = 1e-9
 """Relative margin for the rounding of matrix products of some tens of terms."""
 
@@ -66,7 +68,7 @@ class AffineLaw:
     a0: Array
     c0: Array
     inputs: int
-    tube: tuple[float, Array] | None = None
+    tubes: dict[float, Array] = field(default_factory=dict)
 
     def command(self, y: Array, p: Array, h: float) -> tuple[Array, Array]:
         """Bound what the actuator does in the sub-steps of a leg.
@@ -92,7 +94,7 @@ class AffineLaw:
         return (start - size).min(axis=0), (start + size).max(axis=0)
 
     def departure(self, y: Array, p: Array, middle: Array, h: float) -> Array:
-        """Bound |u − middle| in each sub-step; `middle` (p, 1), the rest as for `command`.
+        """Bound |u − middle| in each of some steps; `middle` (p, 1), the rest as for `command`.
 
         Returns
         -------
@@ -117,15 +119,12 @@ class AffineLaw:
         start += self.c[:, m:] @ held + self.c0
         size = (_MARGIN * largest) * np.abs(self.c).sum(axis=1, keepdims=True)
         if m:
-            if self.tube is None or not h <= self.tube[0] <= _SAME_STEP**2 * h:
-                h = _SAME_STEP * h
-                tube = np.abs(self.c[:, :m]) @ growth(self.a[:, :m], h) * (1.0 + 2.0 * _MARGIN)
-                self.tube = (h, tube)
+            tube = self._tube(h)
             rate = self.a[:, :m] @ x
             rate += self.a[:, m:] @ held + self.a0
             np.abs(rate, out=rate)
             rate += (_MARGIN * largest) * np.abs(self.a).sum(axis=1, keepdims=True)
-            size = self.tube[1] @ rate + size
+            size = tube @ rate + size
         start += p[first : first + count]
         gain = p[first + count : begin]
         if (gain == np.eye(count).reshape(-1, 1)).all():
@@ -136,6 +135,20 @@ class AffineLaw:
         reach = np.einsum("ijB,sjB->siB", np.abs(gain), size) * (1.0 + _MARGIN)
         reach += _MARGIN * np.abs(done)
         return done, reach
+
+    def _tube(self, h: float) -> Array:
+        """Return |C| G for a step of length h (p, m), see `hillsphere.dynamics.enclosures`."""
+        for known, tube in self.tubes.items():
+            if h <= known <= _SAME_STEP**2 * h:
+                return tube
+        if len(self.tubes) >= _TUBES:
+            self.tubes.clear()
+        m, h = len(self.a), _SAME_STEP * h
+        # A step may be so long beside the poles of an unstable law that nothing is known.
+        with np.errstate(over="ignore", invalid="ignore"):
+            tube = np.abs(self.c[:, :m]) @ growth(self.a[:, :m], h) * (1.0 + 2.0 * _MARGIN)
+        self.tubes[h] = tube
+        return tube
 
 
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")

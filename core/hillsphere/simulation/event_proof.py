@@ -206,7 +206,8 @@ class EventProof:
         if law is None:
             away = np.abs(leg.p[fixed:] - quick.p_middle[fixed:])
         else:
-            away = law.departure(y, leg.p, quick.p_middle[fixed:], self._longest / (len(y) - 1))
+            # Its inputs are held, so that the start of the leg tells what follows.
+            away = law.departure(y[:2], leg.p, quick.p_middle[fixed:], self._longest)
         inside = away <= quick.p_half[fixed:]
         return bool(inside.all() if leg.whole else inside[..., leg.flying].all())
 
