@@ -419,6 +419,19 @@ def test_a_new_series_begins_at_each_switch(lanes: int, normalised: bool) -> Non
         np.testing.assert_allclose(sampled[:, k] * unit, exact, rtol=0, atol=4e-10)
 
 
+@pytest.mark.parametrize(("tol", "hair"), [(1e-15, 1e-12), (1e-9, 1.6e-8), (1e-4, 1.6e-3)])
+def test_a_series_ends_a_hair_beyond_the_switch(tol: float, hair: float) -> None:
+    """The valley's force acts a hair too far at each crossing, which adds 2 hairs to the energy."""
+    s = system(Valley())
+    height = np.array([0.5, 0.9, 1.3])
+    x = np.array([height, np.zeros(3)])
+    flight = Taylor(s, tol, record={"floor": s.events["floor"]}).fly(x, 6.5)
+    crossed = np.array([len(times) for times, _ in flight.crossings["floor"]])
+    assert crossed.tolist() == [3, 2, 2]  # at odd multiples of √(2 height)
+    energy = 0.5 * flight.x[1] ** 2 + np.abs(flight.x[0])
+    np.testing.assert_allclose((energy - height) / hair, 2.0 * crossed, rtol=0, atol=0.02)
+
+
 def test_switches_leave_the_ends_of_flights_alone() -> None:
     s = system(Valley())
     taylor = Taylor(s, events=["ceiling", "late", "floor"])
