@@ -717,6 +717,8 @@ class CaseStage(Contract, Protocol):
 
     It may have a method ``prepare_cases(names, **inputs)``, called in each worker before the blocks
     with inputs of these names: what it compiles there does not count against a block's time limit.
+    It may have a method ``case_warnings(product)``, given what its own run yielded, which returns
+    sentences that warn of all its cases: they stand in every campaign that repeats it.
     """
 
     def case_inputs(self) -> tuple[Parameter, ...]:
