@@ -32,6 +32,8 @@ _LOOSE = 4.0
 decide nothing by themselves: two more halvings of a piece at a close approach."""
 _ROUNDS = 3
 """Enlargements of a trial region that the sub-steps may leave."""
+_FAILURES = 4
+"""Columns without a region after which the others of a leg are not tried: they are alike."""
 _MOST = 256
 """Regions kept; the oldest half goes when there are more. A column is compared with all of them."""
 
@@ -145,7 +147,7 @@ class Store:
 
     def indices(self, columns: Columns) -> Integers:
         """Return the region of each column (K,), −1 where none could be made; make what lacks."""
-        count = len(columns.h)
+        count, failures = len(columns.h), 0
         index = np.full(count, -1)
         missing = np.ones(count, dtype=bool)
         if self.kept is not None:
@@ -155,8 +157,11 @@ class Store:
             seed = int(np.argmax(missing))
             made = self._made(columns, missing, seed)
             if made is None:
-                # Nothing holds this column: it is left to whoever asked, and so are its like.
+                # Nothing holds this column: it is left to whoever asked.
                 missing[seed] = False
+                failures += 1
+                if failures == _FAILURES:
+                    break
                 continue
             self._keep(made, index)
             assert self.kept is not None
