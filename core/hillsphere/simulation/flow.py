@@ -33,7 +33,7 @@ __all__ = ["closed_system", "compiled", "compiled_loop", "thrust_vectors", "velo
 EFFORT = "loop:effort"
 _T = TypeVar("_T")
 _MOST = 64
-"""Compiled systems kept: more than a mission has plants and laws, fewer than a long session makes."""
+"""Compiled systems kept: more than the plants and laws of a mission."""
 _KEPT: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
 """What was compiled, the last used last, with its plant and law: while they are held here no other
 objects have their ids. Weak references would never let go, since a system refers to its plant."""
