@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +23,20 @@ _SAME_TIME = 1e-9
 _SHORT = 1e-3
 """Part of a sub-step below which velocities run in a line: what is neglected is this squared."""
 
+_TOGETHER = 64
+"""Ends of sub-steps that are looked at together: calls then cost less than arithmetic."""
+
 Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """Times (S + 1, B) and states (n, S + 1, B) of a passage, length of its sub-steps (B,)."""
+
+    t: Array
+    x: Array
+    full: Array
+    flying: Flags
 
 
 class PlannedEnd:
@@ -169,6 +185,7 @@ class Largest:
         self._starts = np.arange(0, len(order), axes)
         self._vectors = rows.vectors
         self._planned = planned
+        self._flush: dict[int, Callable[[], None]] = {}
 
     def at_planned_end(self, end: Array, lasted: Array) -> Array:
         """Return the deviations (2, N) then, zero where it is a sample: see `PlannedEnd`."""
@@ -198,6 +215,8 @@ class Largest:
                 size = np.add.reduce((now.own * now.own).reshape(self._thrusts, -1, BLOCK), axis=1)
                 np.maximum(most, np.maximum.reduce(size, axis=0), out=most, where=now.flying)
             if now.k == last:
+                if first in self._flush:
+                    self._flush.pop(first)()
                 each = squares.reshape(2, self._vectors, BLOCK).max(axis=1)
                 # What was followed between the samples may have been larger.
                 self.deviations[:, place] = np.maximum(
@@ -213,37 +232,66 @@ class Largest:
             return None
         place = slice(first, first + count)
         begun = self._begun[np.minimum(np.arange(first, first + BLOCK), len(self._begun) - 1)]
-        course = self._course
+        waiting: list[_Followed] = []
+
+        def flush() -> None:
+            if waiting:
+                self._take_up(waiting, begun, place)
+                waiting.clear()
 
         def follow(passage: Passage) -> None:
             t, y = _to_the_ends(passage)
             self._follow_command(passage, t, y, place)
-            if passage.k < self._first:
-                return
-            after = t - begun
-            x = y[: len(self._rows.names)]
-            goal = course.at(after.ravel()).reshape(len(self._rows.names), *t.shape)
-            counts = (after[1:] <= self._planned_s * (1.0 + _SAME_TIME)) & passage.flying
-            full = passage.period / (len(t) - 1)
-            self._follow_deviations(x - goal, np.diff(t, axis=0), full, counts, place)
+            if passage.k >= self._first:
+                x = y[: len(self._rows.names)].copy()
+                full = passage.period / (len(t) - 1)
+                waiting.append(_Followed(t, x, full, passage.flying))
+                if sum(len(one.t) for one in waiting) >= _TOGETHER:
+                    flush()
 
+        self._flush[first] = flush
         return follow
 
-    def _follow_deviations(
-        self, gap: Array, h: Array, full: Array, counts: Flags, place: slice
-    ) -> None:
-        """Take up the largest deviations of gaps (n, S + 1, B) over sub-steps.
+    def _take_up(self, waiting: Sequence[_Followed], begun: Array, place: slice) -> None:
+        """Take up the largest deviations of passages of one block."""
+        assert self._course is not None
+        after = np.concatenate([one.t for one in waiting]) - begun
+        x = np.concatenate([one.x for one in waiting], axis=1)
+        if (after == after[:, :1]).all():
+            goal = self._course.at(after[:, 0])[:, :, None]
+        else:
+            goal = self._course.at(after.ravel()).reshape(x.shape)
+        # All but the last of each passage begin a sub-step.
+        ends = np.cumsum([len(one.t) for one in waiting]) - 1
+        begins = np.delete(np.arange(len(after)), ends)
+        steps = [len(one.t) - 1 for one in waiting]
+        flying = np.repeat([one.flying for one in waiting], steps, axis=0)
+        full = np.repeat([one.full for one in waiting], steps, axis=0)
+        counts = (after[begins + 1] <= self._planned_s * (1.0 + _SAME_TIME)) & flying
+        gap = x - goal
+        self._follow_deviations(
+            gap[:, begins], gap[:, begins + 1], after[begins + 1] - after[begins], full, counts,
+            place,
+        )  # fmt: skip
 
-        They last h (S, B), and full (B,) where no event cut them short.
+    def _follow_deviations(
+        self, gap0: Array, gap1: Array, h: Array, full: Array, counts: Flags, place: slice
+    ) -> None:
+        """Take up the largest deviations between gaps (n, S, B) at both ends of sub-steps.
+
+        They last h (S, B), and full (S, B) where no event cut them short.
         """
         width = place.stop - place.start
-        r, v = gap[self._rows.positions], gap[self._rows.velocities]
-        points = hermite_points(r[:, :-1], v[:, :-1], r[:, 1:], v[:, 1:], h)
+        rows = self._rows
+        r0, v0, r1, v1 = (
+            gap[which] for gap in (gap0, gap1) for which in (rows.positions, rows.velocities)
+        )
+        points = hermite_points(r0, v0, r1, v1, h)
         # A sub-step that an event cut short after a thousandth bends no slope, but the difference
         # of positions over it, which is divided by its length, is rounding.
         bends = np.where(h > _SHORT * full, h, 0.0)
-        slopes = slope_points(points, v[:, :-1], v[:, 1:], np.broadcast_to(bends, r[:, 1:].shape))
-        axes = len(self._rows.positions) // self._vectors
+        slopes = slope_points(points, v0, v1, np.broadcast_to(bends, r1.shape))
+        axes = len(rows.positions) // self._vectors
         for row, control in enumerate((points, slopes)):
             least = self.deviations[row, place] ** 2
             for vector in range(self._vectors):
@@ -266,6 +314,10 @@ class Largest:
             return
         each = (own * own).reshape(self._thrusts, -1, *own.shape[1:]).sum(axis=1).max(axis=0)
         size = np.sqrt(each)
+        width = place.stop - place.start
+        # Between three points a parabola rises above the largest by half of it at most.
+        if not (1.5 * size.max(axis=0)[:width] > self.command[place]).any():
+            return
         top = np.argmax(size, axis=0)
         lanes = np.arange(size.shape[1])
         largest = size[top, lanes]
@@ -279,7 +331,6 @@ class Largest:
             whole = (passage.end_t >= t[-1]) & np.isfinite(lift)
             largest = np.where(whole, largest + lift, largest)
         seen = np.where(passage.flying & np.isfinite(largest), largest, 0.0)
-        width = place.stop - place.start
         self.command[place] = np.maximum(self.command[place], seen[:width])
 
 
