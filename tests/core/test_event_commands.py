@@ -22,7 +22,7 @@ LANES, STEPS, DENSE = 8, 3, 200
 class Wide(Shaft):
     """A shaft with two lifts, so that the gain is a matrix."""
 
-    controls = (Variable("lift", 1, -2), Variable("drag", 1, -2))
+    controls = (Variable("lift", 1, -2), Variable("drag", 1, -2))  # type: ignore[assignment]
 
     def derivative(self, x: Any, u: Any, t: Expr, p: Any) -> tuple[Expr, ...]:
         return (x[1], u[0] - 0.3 * u[1] - p["gravity"])
