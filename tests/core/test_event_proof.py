@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, Literal
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,8 @@ from hillsphere.dynamics import StepMap, Taylor, system
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.enclosures import enclose
-from hillsphere.interfaces import Array
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Cases, Limit, simulate
 from hillsphere.symbolic import atan2, cos, exp, power, sin, sqrt
 
@@ -21,13 +24,14 @@ from .test_simulation_ends import CEILING, GRAVITY, Push, Shaft, Steady
 
 
 def fly(x0: Array, period_s: float, **options: object) -> object:
-    return simulate(Shaft(), Push(0.0, period_s=period_s), Cases(x0), 1, **options)  # type: ignore[arg-type]
+    return simulate(Shaft(), Push(0.0, period_s=period_s), Cases(x0), 1, **options)
 
 
 class Coast:
     """No command."""
 
-    actuation, period_s = "hold", 60.0
+    actuation: Literal["hold", "impulse"] = "hold"
+    period_s = 60.0
 
     def initial(self, n_cases: int) -> Array:
         return np.zeros((0, n_cases))
@@ -107,7 +111,7 @@ def test_two_roots_in_one_step_are_located_in_either_direction() -> None:
 
 
 def test_a_limit_without_bound_is_not_resolved_near_zero() -> None:
-    def gap(t: Array, x: Array, cases: Array) -> Array:
+    def gap(t: Array, x: Array, cases: Integers) -> Array:
         return np.asarray(0.05 + 0.0 * t)
 
     assert fly(np.array([[500.0], [0.0]]), 5.0, limits=[Limit("gap", gap)]).status == (  # type: ignore[attr-defined]
@@ -115,6 +119,29 @@ def test_a_limit_without_bound_is_not_resolved_near_zero() -> None:
     )
     bounded = Limit("gap", gap, lipschitz=[0.0, 0.0])
     assert fly(np.array([[500.0], [0.0]]), 5.0, limits=[bounded]).status == ("completed",)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("bound", "message"),
+    [
+        ({"lipschitz": [1e-3]}, "one number for each of the 2 states"),
+        ({"lipschitz": [1e-3, 0.0, 0.0]}, "one number for each of the 2 states"),
+        ({"lipschitz": [-1e-3, 0.0]}, "a number ≥ 0 for each state"),
+        ({"lipschitz": [np.nan, 0.0]}, "a number ≥ 0 for each state"),
+        ({"lipschitz": 1e-3}, "a number ≥ 0 for each state"),
+        ({"lipschitz": [0.0, 0.0], "drift": -1.0}, "drift and margin"),
+        ({"margin": -1.0}, "drift and margin"),
+    ],
+)
+def test_a_bound_that_bounds_nothing_is_refused(bound: dict[str, Any], message: str) -> None:
+    """A negative slope once let a flight complete through a roof."""
+
+    def fly_under_roof() -> None:
+        limit = Limit("roof", lambda t, x, cases: 900.0 - x[0], **bound)
+        fly(np.array([[850.0], [20.0]]), 20.0, limits=[limit])
+
+    with pytest.raises(InputError, match=message):
+        fly_under_roof()
 
 
 @given(
@@ -131,10 +158,10 @@ def test_bounds_contain_sampled_values(ends: list[float], s: float, t: float) ->
     with np.errstate(all="ignore"):
         pairs = [
             (p + q, x + y), (p - q, x - y), (p * q, x * y), (p * p, x * x),
-            (sin(p), np.sin(x)), (cos(p), np.cos(x)), (exp(p), np.exp(x)),  # type: ignore[arg-type]
-            (sqrt(p * p + q * q), np.hypot(x, y)),  # type: ignore[arg-type]
-            (power(p * p + 1.0, -1.5), (x * x + 1.0) ** -1.5),  # type: ignore[arg-type]
-            (atan2(q, p), np.arctan2(y, x)),  # type: ignore[arg-type]
+            (sin(p), np.sin(x)), (cos(p), np.cos(x)), (exp(p), np.exp(x)),
+            (sqrt(p * p + q * q), np.hypot(x, y)),
+            (power(p * p + 1.0, -1.5), (x * x + 1.0) ** -1.5),
+            (atan2(q, p), np.arctan2(y, x)),
         ]  # fmt: skip
     for bound, value in pairs:
         low, high = bound.value  # type: ignore[attr-defined]

@@ -43,9 +43,14 @@ Slopes: TypeAlias = tuple[Array, Array, Array, Array]
 DEPTH = 20
 """Halvings of a sub-step: a piece of a step of 60 s is then 57 µs, over which a flight that
 accelerates by 1 cm/s² departs from its chord by 4e-12 m, a rounding error of its position."""
-MOST_PIECES = 4096
-"""Undecided pieces of one search, all lanes together, beyond which it is given up: 64 for each
-lane of a block, where a touch leaves two or three in each round of halvings."""
+_MOST_PIECES = 4096
+"""Undecided pieces of one lane beyond which its search is given up. A touch leaves two or three in
+each round of halvings if the second derivative is bounded. If only a slope L is, an approach to e
+with curvature κ leaves L √(8/(κ e)): 4096 resolve 1e-6 of a value of order one. The count is each
+lane's own, so that no lane depends on its neighbours."""
+_AT_ONCE = 8192
+"""Undecided pieces of all lanes beyond which half of the lanes wait for the others, which bounds
+what the arrays of a search take to some megabytes."""
 ROUNDING = 1e-13
 """What an event's value, of order one or larger, may be off by rounding, relative to its size or
 one: some hundred roundings."""
@@ -214,9 +219,11 @@ def search(
             elif not sure and at < open_at[row, lane]:
                 open_at[row, lane] = at
 
-    for depth in range(DEPTH + 1):
+    turns = [(0, pieces, wanted.copy())]
+    while turns:
+        depth, pieces, waiting = turns.pop()
         if not len(pieces.lane):
-            break
+            continue
         filled = _filled(pieces)
         slopes = bounds(filled)
         sense = np.where(filled.end >= filled.begin, 1.0, -1.0)
@@ -226,28 +233,50 @@ def search(
         )  # fmt: skip
         count = len(pieces.lane)
         clear, single = clear[:, :count], single[:, :count]
-        last = depth == DEPTH or np.count_nonzero(waiting & ~clear & ~single) > MOST_PIECES
         for row in range(events):
             keep(row, single[row] & waiting[row], pieces, True)
-            if last:
-                rest = waiting[row] & ~clear[row] & ~single[row]
+        waiting = waiting & ~clear & ~single
+        if depth == DEPTH:
+            for row in range(events):
+                rest = waiting[row]
                 crosses = rest & count_crossings(
                     pieces.g0[row], pieces.g1[row], direction, from_zero
                 )
                 keep(row, crosses, pieces, True)
                 keep(row, rest & ~crosses & ~_leading(rest, crosses, pieces), pieces, False)
-        waiting &= ~clear & ~single
-        if last:
-            break
+            continue
         # Nothing after a lane's first sure crossing of the same event matters.
         waiting &= ~(np.abs(pieces.begin) >= np.abs(begin[:, pieces.lane]))
+        undecided = np.bincount(pieces.lane, np.count_nonzero(waiting, axis=0), lanes)
+        given_up = (undecided > _MOST_PIECES)[pieces.lane]
+        if given_up.any():
+            # A change of sign across a piece this wide is perhaps not the first in it.
+            for row in range(events):
+                keep(row, waiting[row] & given_up, pieces, False)
+            waiting &= ~given_up
         left: Flags = np.asarray(waiting.any(axis=0))
-        pieces, waiting = pieces.taken(left), waiting[:, left]
-        if not len(pieces.lane):
-            break
-        pieces = _halved(pieces, halve)
-        waiting = np.repeat(waiting, 2, axis=1)
+        turns += _shared(depth + 1, pieces.taken(left), waiting[:, left], halve)
     return Found(begin, end, open_at)
+
+
+def _shared(
+    depth: int,
+    pieces: Pieces,
+    waiting: Flags,
+    halve: Callable[[Integers, Array], tuple[Array, Array]],
+) -> list[tuple[int, Pieces, Flags]]:
+    """Return the halves of undecided pieces: one turn, or several of some of the lanes each."""
+    if not len(pieces.lane):
+        return []
+    mine = np.unique(pieces.lane)
+    if len(pieces.lane) > _AT_ONCE and len(mine) > 1:
+        first = pieces.lane < mine[len(mine) // 2]
+        return [
+            turn
+            for part in (first, ~first)
+            for turn in _shared(depth, pieces.taken(part), waiting[:, part], halve)
+        ]
+    return [(depth, _halved(pieces, halve), np.repeat(waiting, 2, axis=1))]
 
 
 def _leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:

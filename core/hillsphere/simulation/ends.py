@@ -66,6 +66,19 @@ class Limit:
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
             raise InputError(f"status must be one of {', '.join(STATUSES)}, got {self.status!r}")
+        # A bound that is negative proves anything, one that is no number nothing.
+        if not (self.drift >= 0.0 and self.margin >= 0.0):
+            raise InputError(
+                f"limit {self.name!r}: drift and margin must be ≥ 0, got {self.drift} and "
+                f"{self.margin}"
+            )
+        if self.lipschitz is not None:
+            slopes = np.asarray(self.lipschitz, dtype=float)
+            if slopes.ndim != 1 or not (slopes >= 0.0).all():
+                raise InputError(
+                    f"limit {self.name!r}: lipschitz must be a number ≥ 0 for each state, "
+                    f"got {self.lipschitz!r}"
+                )
 
     @property
     def bound(self) -> tuple[object, ...]:
@@ -189,6 +202,12 @@ class Watch:
     ) -> None:
         self._stepper, self._events = stepper, events
         self._n, self._limits = n, tuple(limits)
+        for limit in limits:
+            if limit.lipschitz is not None and len(np.asarray(limit.lipschitz)) != n:
+                raise InputError(
+                    f"limit {limit.name!r}: lipschitz must have one number for each of the {n} "
+                    f"states, got {limit.lipschitz!r}"
+                )
         self.names = [*system.events, *(limit.name for limit in limits)]
         self.statuses = [*map(status_of_event, system.events), *(limit.status for limit in limits)]
         self.budget_row = len(self.names)
