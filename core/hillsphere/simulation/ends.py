@@ -280,7 +280,8 @@ class Watch:
             values[j] = self.values(leg, leg.t + j * h, flown[j, :rows])
         least = values.min(axis=0)
         doubtful = self._doubtful(least, leg.flying)
-        if sound and not proof.proves and (least[:, leg.flying] > 0.0).all():
+        passed = not proof.proves or proof.is_far_between(leg, y, values)
+        if sound and passed and (least[:, leg.flying] > 0.0).all():
             return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
         nodes = np.ascontiguousarray(nodes)
         return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
@@ -338,8 +339,8 @@ class Watch:
             ends = ends & live
         ended = ends.any(axis=0)
         if not ended.any():
-            here = leg.frozen(y[:, -1].copy())
-            return End(here, flown.time(steps), None, doubtful, flown.error(None), y)
+            last = leg.frozen(y[:, -1].copy())
+            return End(last, flown.time(steps), None, doubtful, flown.error(None), y)
         at = np.where(ended, np.argmax(ends, axis=0), steps - 1)
         end = End(
             leg.frozen(y[:, -1].copy()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,8 @@ _CHUNK = 16
 orbit would say nothing."""
 _SHARP = 2.0**-10
 """Part of a sub-step below which a piece that its region does not decide is enclosed by itself."""
+_TUBES = 16
+"""Lengths of step for which growths are kept: of legs, of sub-steps and of the halves of both."""
 _WINDOW = 64.0
 """Length of the window of time in which a region holds, in units of a leg, where the equations
 depend on time."""
@@ -55,19 +57,24 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Quick:
-    """The region of the last leg: boxes in which states and parameters must be at its start.
+    """The region of the last leg: where states and parameters must be at its start.
 
-    Middles and halves of the boxes, and what events must exceed, have a second axis of one.
+    Middles and halves of the boxes, and what events must exceed, have a second axis of one, for
+    legs of a duration. The ends of all its sub-steps, of length h, may lie in a larger box.
     """
 
     middle: Array
     half: Array
     p_middle: Array
     p_half: Array
+    lo: Array
+    hi: Array
     t_lo: float
     t_hi: float
     duration: float
     need: Array
+    h: float
+    short_need: Array
 
     def lasts(self, leg: Leg) -> bool:
         """Say whether a leg lies in the region's window of time."""
@@ -113,7 +120,7 @@ class EventProof:
         self._equations = bounded if self._law is None else self._law.plant
         self._timeless = False
         self._store: Store | None = None
-        self._tube: tuple[float, Array] | None = None
+        self._tubes: dict[float, Array] = {}
         self._quick: _Quick | None = None
         # The cases whose parameters were found in the region.
         self._cases: Integers | None = None
@@ -151,7 +158,8 @@ class EventProof:
         self._timeless = all(np.array_equal(a, b) for a, b in zip(now, ever, strict=True))
         proved = self.bounded_rows[:-1] if self.monotone else self.bounded_rows
         self._rows = np.flatnonzero(proved)
-        self._store = Store(self._regions, self._rows)
+        linear = None if self._equations is None else self._equations.linear
+        self._store = Store(self._regions, self._rows, None if linear is None else self._tube_of)
         self.all_bounded = bool(self.bounded_rows.all()) and len(self._rows) > 0
 
     @property
@@ -174,21 +182,41 @@ class EventProof:
             Events at its ends.
         """
         quick = self._quick
-        if quick is None or not self.all_bounded:
-            return False
-        whole, flying = leg.whole, leg.flying
-        if leg.period is not self._period:
-            self._period, self._longest = leg.period, float(np.abs(leg.period).max())
-        if self._longest > quick.duration or not (self._timeless or quick.lasts(leg)):
+        if quick is None or not self._fits(quick, leg, quick.duration, 1):
             return False
         # The events at the start were those at the end of the leg before.
         far = np.minimum(before, after)[self._rows] > quick.need
-        if not (far.all() if whole else far[:, flying].all()):
+        if not (far.all() if leg.whole else far[:, leg.flying].all()):
             return False
         away = np.abs(y[0, : len(quick.middle)] - quick.middle) <= quick.half
-        if not (away.all() if whole else away[:, flying].all()):
+        if not (away.all() if leg.whole else away[:, leg.flying].all()):
             return False
-        return self._holds_parameters(quick, leg) and self._commanded(quick, leg, y)
+        # What an affine law sees is held, so that the start of the leg tells what it commands.
+        return self._holds_parameters(quick, leg) and self._commanded(quick, leg, y[:2])
+
+    def is_far_between(self, leg: Leg, y: Array, values: Array) -> bool:
+        """Say the same by the ends of all sub-steps: values (steps + 1, E, B), else as `is_far`."""
+        quick, steps = self._quick, len(y) - 1
+        if quick is None or steps == 1 or not self._fits(quick, leg, quick.h, steps):
+            return False
+        g, ends = values[:, self._rows], y[:, : len(quick.middle)]
+        if not leg.whole:
+            g, ends = g[..., leg.flying], ends[..., leg.flying]
+        return bool(
+            (g.min(axis=(0, 2)) > quick.short_need).all()
+            and (ends.min(axis=(0, 2)) >= quick.lo).all()
+            and (ends.max(axis=(0, 2)) <= quick.hi).all()
+            and self._holds_parameters(quick, leg)
+            and self._commanded(quick, leg, y)
+        )
+
+    def _fits(self, quick: _Quick, leg: Leg, longest: float, steps: int) -> bool:
+        """Say whether a leg in steps fits a region in length and in time."""
+        if not self.all_bounded:
+            return False
+        if leg.period is not self._period:
+            self._period, self._longest = leg.period, float(np.abs(leg.period).max())
+        return self._longest <= longest * steps and (self._timeless or quick.lasts(leg))
 
     def _holds_parameters(self, quick: _Quick, leg: Leg) -> bool:
         """Say whether what does not change during a flight is in a region; ask once a block."""
@@ -206,8 +234,8 @@ class EventProof:
         if law is None:
             away = np.abs(leg.p[fixed:] - quick.p_middle[fixed:])
         else:
-            # Its inputs are held, so that the start of the leg tells what follows.
-            away = law.departure(y[:2], leg.p, quick.p_middle[fixed:], self._longest)
+            length = self._longest if len(y) == 2 else self._longest / (len(y) - 1)
+            away = law.departure(y, leg.p, quick.p_middle[fixed:], length)
         inside = away <= quick.p_half[fixed:]
         return bool(inside.all() if leg.whole else inside[..., leg.flying].all())
 
@@ -264,25 +292,34 @@ class EventProof:
         by_chunk = np.full((len(begins), lanes), -1)
         by_chunk[chunk, lane] = found
         index[:] = np.repeat(by_chunk, ends - begins, axis=0)
-        self._remember(found)
+        self._remember(leg, steps, found)
         return index
 
-    def _remember(self, found: Integers) -> None:
+    def _remember(self, leg: Leg, steps: int, found: Integers) -> None:
         """Keep the region that most columns are in for a quick look at the next leg."""
         store = self._store
         if store is None or store.kept is None or not (found >= 0).any():
             return
         best = int(np.bincount(found[found >= 0]).argmax())
         region = store.kept.taken(np.array([best]))
-        inner, duration = region.inner, float(region.duration[0])
-        need = region.need(duration)[self._rows]
-        self._quick = _Quick(
-            *_centred(inner.lo, inner.hi),
-            *_centred(inner.p_lo, inner.p_hi),
-            float(inner.t_lo[0]),
-            float(inner.t_hi[0]),
+        self._quick = self._looked_up(region, float(np.abs(leg.period).max()), steps)
+
+    def _looked_up(self, region: Regions, duration: float, steps: int) -> _Quick:
+        tube = None if self._equations is None or self._equations.linear is None else self._tube_of
+        h = duration / steps
+        long, short = region.inner(duration, tube), region.inner(h, tube)
+        need, short_need = (region.need(t)[self._rows] for t in (duration, h))
+        return _Quick(
+            *_centred(long.lo, long.hi),
+            *_centred(long.p_lo, long.p_hi),
+            short.lo[:, 0],
+            short.hi[:, 0],
+            float(long.t_lo[0]),
+            float(long.t_hi[0]),
             duration,
             need + ROUNDING * (1.0 + need),
+            h,
+            (short_need + ROUNDING * (1.0 + short_need))[:, 0],
         )
 
     def slopes(self, index: Integers) -> Slopes:
@@ -364,42 +401,24 @@ class EventProof:
         rows = y[: len(law.plant.plant.unit)]
         return _View(rows, np.concatenate([kept, lo]), np.concatenate([kept, hi]))
 
-    def _regions(self, boxes: Boxes, duration: Array) -> Regions:
-        """Compute the bounds in boxes; durations (R,) of what is to stay in them."""
+    def _regions(self, boxes: Boxes) -> Regions:
+        """Compute the bounds in boxes."""
         equations = self._equations
         assert equations is not None
+        count = len(boxes.t_lo)
         if self._timeless:
-            endless = np.full(len(duration), np.inf)
-            boxes = Boxes(boxes.lo, boxes.hi, boxes.p_lo, boxes.p_hi, -endless, endless)
+            t_lo, t_hi = np.full(count, -np.inf), np.full(count, np.inf)
         else:
             wide = _WINDOW * (boxes.t_hi - boxes.t_lo)
-            boxes = Boxes(
-                boxes.lo, boxes.hi, boxes.p_lo, boxes.p_hi, boxes.t_lo - 0.01 * wide,
-                boxes.t_hi + wide,
-            )  # fmt: skip
-        boxes = self._with_room(boxes)
+            t_lo, t_hi = boxes.t_lo - 0.01 * wide, boxes.t_hi + wide
+        boxes = self._with_room(replace(boxes, t_lo=t_lo, t_hi=t_hi))
         when = boxes.t_lo, boxes.t_hi
         held = list(zip(boxes.p_lo, boxes.p_hi, strict=True))
         low, high = arrays(equations.rates(Bound(when), boxed(boxes.lo, boxes.hi), held), boxes.lo)
-        length = (1.0 + 1e-6) * duration  # legs of one length differ by rounding
-        a, b = length * low, length * high
-        down, up = np.minimum(np.minimum(a, b), 0.0), np.maximum(np.maximum(a, b), 0.0)
-        # Backwards they move the other way.
-        down, up = np.minimum(down, -up), np.maximum(up, -down)
-        linear = equations.linear
-        if linear is not None:
-            rows = slice(linear.first, linear.first + len(linear.matrix))
-            fastest = np.maximum(np.abs(low[rows]), np.abs(high[rows]))
-            up[rows] = self._growth(linear.matrix, float(length.max())) @ fastest
-            down[rows] = -up[rows]
-        whole = np.ones(len(duration), dtype=bool)
+        whole = np.ones(count, dtype=bool)
         box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
         slopes = np.array(self._slopes(when, box, held, ~whole, equations))
-        # Rounding of these sums is far below the region's own margin of 1e-9.
-        inner = Boxes(
-            boxes.lo - down, boxes.hi - up, boxes.p_lo, boxes.p_hi, boxes.t_lo, boxes.t_hi
-        )
-        return Regions(boxes, inner, length, slopes, np.maximum(np.abs(low), np.abs(high)))
+        return Regions(boxes, low, high, slopes)
 
     def _with_room(self, boxes: Boxes) -> Boxes:
         """Give the commands of a law room, at least a tenth of the plant's typical attraction."""
@@ -412,13 +431,19 @@ class EventProof:
         size = np.maximum(np.maximum(np.abs(p_lo), np.abs(p_hi))[-count:], least)
         p_lo[-count:] -= size
         p_hi[-count:] += size
-        return Boxes(boxes.lo, boxes.hi, p_lo, p_hi, boxes.t_lo, boxes.t_hi)
+        return replace(boxes, p_lo=p_lo, p_hi=p_hi)
 
-    def _growth(self, matrix: Array, h: float) -> Array:
-        known = self._tube
-        if known is None or known[0] != h:
-            self._tube = known = (h, growth(matrix, h))
-        return known[1]
+    def _tube_of(self, h: float) -> tuple[slice, Array]:
+        """Return rows and growth of the states of a linear law over a step."""
+        assert self._equations is not None
+        linear = self._equations.linear
+        assert linear is not None
+        if h not in self._tubes:
+            if len(self._tubes) >= _TUBES:
+                self._tubes.clear()
+            with np.errstate(over="ignore", invalid="ignore"):
+                self._tubes[h] = growth(linear.matrix, h)
+        return slice(linear.first, linear.first + len(linear.matrix)), self._tubes[h]
 
 
 def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:

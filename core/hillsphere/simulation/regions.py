@@ -24,9 +24,10 @@ sixty legs of a steady flight; the last hardly more than the column itself."""
 _GROWTH = 0.5
 """Part of its width by which a region that was left is enlarged on either side: what flights that
 spread leave is found again after few regions."""
-_AHEAD = (8.0, 8.0, 2.0, 0.5)
+_AHEAD = (8.0, 2.0, 1.25, 0.0)
 """Room of the trials about several columns, in units of what their rates cover in the duration of
-one. The first also holds the last region."""
+one: with more than one a leg need be looked at by its ends alone. The first also holds the last
+region."""
 _LOOSE = 4.0
 """How much looser than those of the smallest trial the bounds of a larger region may be where they
 decide nothing by themselves: two more halvings of a piece at a close approach."""
@@ -38,6 +39,8 @@ _MOST = 256
 """Regions kept; the oldest half goes when there are more. A column is compared with all of them."""
 
 Flags = NDArray[np.bool_]
+Tube = Callable[[float], tuple[slice, Array]]
+"""Length of a step → rows of a linear law, and how far they go per unit of their largest rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,37 +61,51 @@ class Boxes:
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """Boxes, where flights must begin to stay in them, and the slopes there.
+    """Boxes, and the bounds in them.
 
     Parameters
     ----------
     boxes : Boxes
         R boxes.
-    inner : Boxes
-        What begins in these stays in the boxes.
-    duration : ndarray, shape (R,)
-        For how long.
+    low, high : ndarray, shape (rows, R)
+        Of the rates of the states.
     slopes : ndarray, shape (4, E, R)
         See `hillsphere.dynamics.proof.Slopes`.
-    rates : ndarray, shape (rows, R)
-        Largest rates of the states.
     """
 
     boxes: Boxes
-    inner: Boxes
-    duration: Array
+    low: Array
+    high: Array
     slopes: Array
-    rates: Array
+
+    def __len__(self) -> int:
+        return len(self.boxes.t_lo)
 
     def taken(self, which: Integers | Flags) -> Regions:
         """Return some of them."""
         return Regions(
             self.boxes.taken(which),
-            self.inner.taken(which),
-            self.duration[which],
+            self.low[:, which],
+            self.high[:, which],
             self.slopes[..., which],
-            self.rates[:, which],
         )
+
+    def inner(self, h: float, tube: Tube | None) -> Boxes:
+        """Return the boxes in which a step of length `h` must begin to stay in the region.
+
+        By variation of constants for the states of a linear law, see
+        `hillsphere.dynamics.enclosures`.
+        """
+        h *= 1.0 + 1e-6  # steps of one length differ by rounding
+        down, up = np.minimum(h * self.low, 0.0), np.maximum(h * self.high, 0.0)
+        if tube is not None:
+            rows, growth = tube(h)
+            fastest = np.maximum(np.abs(self.low[rows]), np.abs(self.high[rows]))
+            up[rows] = growth @ fastest
+            down[rows] = -up[rows]
+        box = self.boxes
+        # Rounding of these sums is far below the region's own margin of 1e-9.
+        return Boxes(box.lo - down, box.hi - up, box.p_lo, box.p_hi, box.t_lo, box.t_hi)
 
     def need(self, h: float) -> Array:
         """Return what an event's values at both ends of a sub-step must exceed for no zero inside.
@@ -105,7 +122,7 @@ class Regions:
         """
         a, b, _, d = self.slopes
         steep = 0.5 * np.maximum(np.abs(a), np.abs(b)) * h
-        return np.fmin(steep, np.maximum(d, 0.0) * (0.125 * h * h))
+        return np.asarray(np.fmin(steep, np.maximum(d, 0.0) * (0.125 * h * h)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +151,17 @@ class Store:
     Parameters
     ----------
     computed : callable
-        Boxes, lengths of sub-steps → regions; enlarges no box.
+        Boxes → regions; enlarges no box of states.
     rows : ndarray of int
         Events with bounds, by which a region is judged.
+    tube : callable or None
+        Of the states of a linear law.
     """
 
-    def __init__(self, computed: Callable[[Boxes, Array], Regions], rows: Integers) -> None:
-        self._computed, self._rows = computed, rows
+    def __init__(
+        self, computed: Callable[[Boxes], Regions], rows: Integers, tube: Tube | None
+    ) -> None:
+        self._computed, self._rows, self._tube = computed, rows, tube
         self.kept: Regions | None = None
         self._moved: Array | None = None
         self._seen: Array | None = None
@@ -151,7 +172,7 @@ class Store:
         index = np.full(count, -1)
         missing = np.ones(count, dtype=bool)
         if self.kept is not None:
-            index = _found(self.kept, columns, self._rows)
+            index = self._found(self.kept, columns)
             missing = index < 0
         while missing.any():
             seed = int(np.argmax(missing))
@@ -165,8 +186,8 @@ class Store:
                 continue
             self._keep(made, index)
             assert self.kept is not None
-            last = len(self.kept.duration) - 1
-            holds = missing & _held(made, 0, columns)
+            last = len(self.kept) - 1
+            holds = missing & _held(self._inner(made, columns), 0, columns)
             index[holds] = last
             missing &= ~holds
         return index
@@ -176,21 +197,23 @@ class Store:
         if kept is None:
             self.kept = made
             return
-        if len(kept.duration) >= _MOST:
+        if len(kept) >= _MOST:
             # What the columns at hand use stays.
-            used = np.zeros(len(kept.duration), dtype=bool)
+            used = np.zeros(len(kept), dtype=bool)
             used[index[index >= 0]] = True
-            used[len(kept.duration) // 2 :] = True
+            used[len(kept) // 2 :] = True
             place = np.cumsum(used) - 1
             index[index >= 0] = place[index[index >= 0]]
             kept = kept.taken(used)
         self.kept = Regions(
             _joined(kept.boxes, made.boxes),
-            _joined(kept.inner, made.inner),
-            np.concatenate([kept.duration, made.duration]),
+            np.concatenate([kept.low, made.low], axis=-1),
+            np.concatenate([kept.high, made.high], axis=-1),
             np.concatenate([kept.slopes, made.slopes], axis=-1),
-            np.concatenate([kept.rates, made.rates], axis=-1),
         )
+
+    def _inner(self, regions: Regions, columns: Columns) -> Boxes:
+        return regions.inner(float(columns.h.max()), self._tube)
 
     def _made(self, columns: Columns, missing: Flags, seed: int) -> Regions | None:
         """Return the largest region of several trials whose bounds still serve the seed."""
@@ -199,10 +222,12 @@ class Store:
         one = columns.boxes.taken(np.array([seed]))
         room = np.array([*_AHEAD, *[0.0] * len(_FACTORS)]) * duration
         for turn in range(_ROUNDS):
-            found = self._computed(trials, np.full(len(trials.t_lo), duration))
-            down, up = trials.lo - found.inner.lo, found.inner.hi - trials.hi
-            out = (one.lo < found.inner.lo) | (one.hi > found.inner.hi)
-            more = np.where(np.isfinite(found.rates), found.rates, 0.0) * room * (turn == 0)
+            found = self._computed(trials)
+            inner = found.inner(h, self._tube)
+            down, up = trials.lo - inner.lo, inner.hi - trials.hi
+            out = (one.lo < inner.lo) | (one.hi > inner.hi)
+            fastest = np.maximum(np.abs(found.low), np.abs(found.high))
+            more = np.where(np.isfinite(fastest), fastest, 0.0) * room * (turn == 0)
             if turn and not out.any():
                 break
             with np.errstate(invalid="ignore"):
@@ -212,8 +237,8 @@ class Store:
         need = found.need(h)[self._rows]
         least = columns.least[self._rows]
         reference, best = None, None
-        for trial in range(len(found.duration) - 1, -1, -1):
-            holds = missing & _held(found, trial, columns)
+        for trial in range(len(found) - 1, -1, -1):
+            holds = missing & _held(inner, trial, columns)
             now = need[:, trial]
             if not (holds[seed] and np.isfinite(now).all()):
                 continue
@@ -222,6 +247,27 @@ class Store:
             if (now <= enough).all():
                 best = trial
         return None if best is None else found.taken(np.array([best]))
+
+    def _found(self, regions: Regions, columns: Columns) -> Integers:
+        """Return the newest region that holds each column, −1 if none does.
+
+        Before it comes one that decides the column: the events' least values exceed its need.
+        """
+        count = len(columns.h)
+        index = np.full(count, -1)
+        decided = np.zeros(count, dtype=bool)
+        need = regions.need(float(columns.h.max()))[self._rows]
+        least, inner = columns.least[self._rows], self._inner(regions, columns)
+        for which in range(len(regions) - 1, -1, -1):
+            if decided.all():
+                break
+            holds = ~decided & _held(inner, which, columns)
+            if not holds.any():
+                continue
+            far = (least > need[:, which, None]).all(axis=0)
+            index[holds & ((index < 0) | far)] = which
+            decided |= holds & far
+        return index
 
     def _trials(self, columns: Columns, missing: Flags, seed: int) -> Boxes:
         """Return boxes to try, the largest first."""
@@ -285,9 +331,9 @@ def _joined(first: Boxes, second: Boxes) -> Boxes:
     )
 
 
-def _held(regions: Regions, which: int, columns: Columns) -> Flags:
-    """Say which columns one region holds."""
-    inner, box = regions.inner, columns.boxes
+def _held(inner: Boxes, which: int, columns: Columns) -> Flags:
+    """Say which columns one box holds."""
+    box = columns.boxes
     lo, hi = inner.lo[:, which, None], inner.hi[:, which, None]
     p_lo, p_hi = inner.p_lo[:, which, None], inner.p_hi[:, which, None]
     holds: Flags = (
@@ -295,28 +341,5 @@ def _held(regions: Regions, which: int, columns: Columns) -> Flags:
         & ((box.p_lo >= p_lo) & (box.p_hi <= p_hi)).all(axis=0)
         & (box.t_lo >= inner.t_lo[which])
         & (box.t_hi <= inner.t_hi[which])
-        & (columns.duration <= regions.duration[which])
     )
     return holds
-
-
-def _found(regions: Regions, columns: Columns, rows: Integers) -> Integers:
-    """Return the newest region that holds each column, −1 if none does.
-
-    Before it comes one that decides the column: the events' least values exceed its need.
-    """
-    count = len(columns.h)
-    index = np.full(count, -1)
-    decided = np.zeros(count, dtype=bool)
-    need = regions.need(float(columns.h.max()))[rows]
-    for which in range(len(regions.duration) - 1, -1, -1):
-        if decided.all():
-            break
-        holds = ~decided & _held(regions, which, columns)
-        if not holds.any():
-            continue
-        far = (columns.least[rows] > need[:, which, None]).all(axis=0)
-        fresh = holds & ((index < 0) | far)
-        index[fresh] = which
-        decided |= holds & far
-    return index
