@@ -48,10 +48,7 @@ def ignore_parameters(held: Callable[..., Any]) -> Callable[..., Any]:
 
     def all_alike(found: Any, which: int, columns: Any) -> Any:
         count = len(columns.h)
-        lo, hi = (
-            np.repeat(p[:, which, None], count, axis=1)
-            for p in (found.inner.p_lo, found.inner.p_hi)
-        )
+        lo, hi = (np.repeat(p[:, which, None], count, axis=1) for p in (found.p_lo, found.p_hi))
         boxes = replace(columns.boxes, p_lo=lo, p_hi=hi)
         return held(found, which, replace(columns, boxes=boxes))
 

@@ -57,9 +57,12 @@ one: some hundred roundings."""
 MARGIN = 0.1
 """Value above which an event that offers no bound is taken for far from zero, unless it says
 otherwise. Events are without dimension and of order one: a tenth is 5 % of the radius of a body."""
+_BLUR = 13
+"""Halvings after which undecided pieces that lead to a change of sign are not halved any more: the
+time of the crossing is known to 1e-4 of a sub-step for each of them, and exactly if the event falls
+throughout."""
 _LEADING = 64
-"""Undecided pieces before a crossing that count as part of it: bounds 64 times too steep, and 6e-5
-of a sub-step."""
+"""Undecided pieces before a crossing that count as part of it: bounds 64 times too steep."""
 _WIDTH = 64
 """Pieces are filled up to a multiple of this, so that no piece's last bits depend on how many
 others there are."""
@@ -236,14 +239,31 @@ def search(
         for row in range(events):
             keep(row, single[row] & waiting[row], pieces, True)
         waiting = waiting & ~clear & ~single
-        if depth == DEPTH:
-            for row in range(events):
-                rest = waiting[row]
-                crosses = rest & count_crossings(
-                    pieces.g0[row], pieces.g1[row], direction, from_zero
-                )
+        for row in range(events):
+            rest = waiting[row]
+            if not rest.any():
+                continue
+            crosses = rest & count_crossings(pieces.g0[row], pieces.g1[row], direction, from_zero)
+            # There is a crossing in such a piece: the first one is not after it.
+            until = np.full(lanes, np.inf)
+            np.minimum.at(until, pieces.lane[crosses], np.abs(pieces.begin[crosses]))
+            rest &= np.abs(pieces.begin) <= until[pieces.lane]
+            crosses &= rest
+            if depth < _BLUR and depth < DEPTH:
+                continue
+            leads = crosses | _leading(rest, crosses, pieces)
+            if depth == DEPTH:
                 keep(row, crosses, pieces, True)
-                keep(row, rest & ~crosses & ~_leading(rest, crosses, pieces), pieces, False)
+                keep(row, rest & ~leads, pieces, False)
+                rest[:] = False
+            else:
+                # Where all that is left leads to the crossing, nothing more can be learnt of it.
+                known = np.isfinite(until)
+                known[pieces.lane[rest & ~leads]] = False
+                done = rest & known[pieces.lane]
+                keep(row, crosses & done, pieces, True)
+                rest &= ~done
+        if depth == DEPTH:
             continue
         # Nothing after a lane's first sure crossing of the same event matters.
         waiting &= ~(np.abs(pieces.begin) >= np.abs(begin[:, pieces.lane]))

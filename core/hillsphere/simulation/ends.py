@@ -321,7 +321,7 @@ class Watch:
         fell = (count_crossings(g0, g1, -1) | (g1 < 0)) & flying
         bad = flying & _broken(y[:, 1:], g1)
         index = self._proof.of_leg(leg, y, flown.h, values)
-        certain = self._certain(g0, g1, fell, index, flown.h)
+        certain = self._certain(g0, g1, y, index, flown.h)
         ends = bad | (fell & certain).any(axis=0)
         # Nothing after the first end of a lane that is certain matters.
         live = flying & ~_earlier(ends)
@@ -364,7 +364,7 @@ class Watch:
         return end
 
     def _certain(
-        self, g0: Array, g1: Array, fell: NDArray[np.bool_], index: Integers, h: Array
+        self, g0: Array, g1: Array, y: Array, index: Integers, h: Array
     ) -> NDArray[np.bool_]:
         """Say of which rows the ends of a sub-step decide: (E, steps, B)."""
         shape = g0.shape
@@ -374,10 +374,9 @@ class Watch:
         flat = (len(g0), -1)
         length = np.broadcast_to(np.abs(h), shape[1:]).reshape(-1)
         with np.errstate(invalid="ignore", over="ignore"):
-            clear, single = decide(
-                g0.reshape(flat), g1.reshape(flat), length,
-                self._proof.slopes(index.reshape(-1)), -1,
-            )  # fmt: skip
+            ends = y[:, :-1].reshape(len(y), -1), y[:, 1:].reshape(len(y), -1)
+            slopes = self._proof.slopes(index.reshape(-1), *ends, length)
+            clear, single = decide(g0.reshape(flat), g1.reshape(flat), length, slopes, -1)
         certain = (clear | single).reshape(shape)
         certain[~rows] = True
         if self._proof.monotone:

@@ -32,9 +32,9 @@ __all__ = ["EventProof"]
 
 _COMMAND = 0.1
 """Least room for a command, in units of the plant's scales: a tenth of its typical attraction."""
-_CHUNK = 16
+_CHUNK = 4
 """Sub-steps that are looked at together: a region must hold them all, and one that holds a whole
-orbit would say nothing."""
+orbit, and so the body in it, would say nothing."""
 _SHARP = 2.0**-10
 """Part of a sub-step below which a piece that its region does not decide is enclosed by itself."""
 _TUBES = 16
@@ -322,14 +322,41 @@ class EventProof:
             (short_need + ROUNDING * (1.0 + short_need))[:, 0],
         )
 
-    def slopes(self, index: Integers) -> Slopes:
-        """Return the slopes in regions of given numbers (K,): four arrays (E, K)."""
+    @np.errstate(invalid="ignore", over="ignore")
+    def slopes(self, index: Integers, y0: Array, y1: Array, length: Array) -> Slopes:
+        """Return the slopes of events over steps in regions: four arrays (E, K).
+
+        The rate of a state differs from its mean over a step by at most half of the step times its
+        largest second derivative. From it follow the slopes of limits with Lipschitz constants.
+
+        Parameters
+        ----------
+        index : ndarray of int, shape (K,)
+            Numbers of the regions, −1 for none.
+        y0, y1 : ndarray, shape (rows, K)
+            States at both ends of the steps.
+        length : ndarray, shape (K,)
+            Their lengths.
+        """
         rows = len(self.bounded_rows)
         out = np.empty((4, rows, len(index)))
         out[0::2], out[1::2] = -np.inf, np.inf
-        if self._store is not None and self._store.kept is not None:
-            known = index >= 0
-            out[:, :, known] = self._store.kept.slopes[:, :, index[known]]
+        if self._store is None or self._store.kept is None:
+            return out[0], out[1], out[2], out[3]
+        kept, known = self._store.kept, index >= 0
+        which = index[known]
+        out[:, :, known] = kept.slopes[:, :, which]
+        for i, limit in enumerate(self._limits, start=self._events):
+            if limit.lipschitz is None or not len(which):
+                continue
+            by = np.asarray(limit.lipschitz, dtype=float)
+            used = np.flatnonzero(by)
+            w = np.abs(length[known])
+            mean = np.abs(y1[used][:, known] - y0[used][:, known]) / w
+            speed = mean * (1.0 + ROUNDING) + 0.5 * w * kept.bends[used][:, which]
+            size = np.maximum(np.abs(kept.low[used]), np.abs(kept.high[used]))[:, which]
+            most = by[used] @ np.fmin(speed, size) * (1.0 + ROUNDING) + limit.drift
+            out[0, i, known], out[1, i, known] = -most, most
         return out[0], out[1], out[2], out[3]
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
@@ -349,8 +376,8 @@ class EventProof:
         """
         assert self._bounded is not None
         region = index[pieces.lane]
-        out = np.array(self.slopes(region))
         length = pieces.end - pieces.begin
+        out = np.array(self.slopes(region, pieces.y0, pieces.y1, length))
         sharp = np.flatnonzero((region < 0) | (np.abs(length) <= _SHARP * np.abs(h[pieces.lane])))
         if len(sharp):
             now = pieces.taken(sharp)
@@ -418,7 +445,14 @@ class EventProof:
         whole = np.ones(count, dtype=bool)
         box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
         slopes = np.array(self._slopes(when, box, held, ~whole, equations))
-        return Regions(boxes, low, high, slopes)
+        along = boxed(boxes.lo, boxes.hi, low, high)
+        seconds = equations.rates(Bound(when, iv.point(1.0)), along, held)
+        bends = np.zeros_like(low)
+        for i, part in enumerate(seconds):
+            if part.rate is not None:
+                bends[i] = iv.magnitude(part.rate)
+        bends[np.isnan(bends)] = np.inf
+        return Regions(boxes, low, high, slopes, bends)
 
     def _with_room(self, boxes: Boxes) -> Boxes:
         """Give the commands of a law room, at least a tenth of the plant's typical attraction."""

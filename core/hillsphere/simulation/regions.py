@@ -18,7 +18,7 @@ from hillsphere.interfaces import Array, Integers
 
 __all__ = ["Boxes", "Columns", "Regions", "Store"]
 
-_FACTORS = (64.0, 16.0, 4.0, 1.0)
+_FACTORS = (64.0, 16.0, 4.0, 1.0, 0.25)
 """Half widths of trial regions about one column, in units of its own extent. The first serves some
 sixty legs of a steady flight; the last hardly more than the column itself."""
 _GROWTH = 0.5
@@ -71,12 +71,15 @@ class Regions:
         Of the rates of the states.
     slopes : ndarray, shape (4, E, R)
         See `hillsphere.dynamics.proof.Slopes`.
+    bends : ndarray, shape (rows, R)
+        Upper bounds of the sizes of the second derivatives of the states.
     """
 
     boxes: Boxes
     low: Array
     high: Array
     slopes: Array
+    bends: Array
 
     def __len__(self) -> int:
         return len(self.boxes.t_lo)
@@ -88,6 +91,7 @@ class Regions:
             self.low[:, which],
             self.high[:, which],
             self.slopes[..., which],
+            self.bends[:, which],
         )
 
     def inner(self, h: float, tube: Tube | None) -> Boxes:
@@ -210,6 +214,7 @@ class Store:
             np.concatenate([kept.low, made.low], axis=-1),
             np.concatenate([kept.high, made.high], axis=-1),
             np.concatenate([kept.slopes, made.slopes], axis=-1),
+            np.concatenate([kept.bends, made.bends], axis=-1),
         )
 
     def _inner(self, regions: Regions, columns: Columns) -> Boxes:
@@ -242,8 +247,12 @@ class Store:
             now = need[:, trial]
             if not (holds[seed] and np.isfinite(now).all()):
                 continue
-            reference = now if reference is None else np.fmin(reference, now)
-            enough = np.maximum(0.9 * least[:, holds].min(axis=1), _LOOSE * reference)
+            enough = 0.9 * least[:, holds].min(axis=1)
+            if trial == len(found) - 1:
+                reference = now
+            if reference is not None:
+                reference = np.fmin(reference, now)
+                enough = np.maximum(enough, _LOOSE * reference)
             if (now <= enough).all():
                 best = trial
         return None if best is None else found.taken(np.array([best]))
