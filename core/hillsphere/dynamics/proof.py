@@ -33,6 +33,8 @@ __all__ = [
     "Slopes",
     "count_crossings",
     "decide",
+    "halved",
+    "leading",
     "search",
 ]
 
@@ -235,7 +237,7 @@ def search(
                     pieces.g0[row], pieces.g1[row], direction, from_zero
                 )
                 keep(row, crosses, pieces, True)
-                keep(row, rest & ~crosses & ~_leading(rest, crosses, pieces), pieces, False)
+                keep(row, rest & ~crosses & ~leading(rest, crosses, pieces), pieces, False)
         waiting &= ~clear & ~single
         if last:
             break
@@ -245,12 +247,12 @@ def search(
         pieces, waiting = pieces.taken(left), waiting[:, left]
         if not len(pieces.lane):
             break
-        pieces = _halved(pieces, halve)
+        pieces = halved(pieces, halve)
         waiting = np.repeat(waiting, 2, axis=1)
     return Found(begin, end, open_at)
 
 
-def _leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
+def leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
     """Say which undecided pieces lead without a gap to one in which the event changes its sign.
 
     A bound that does not know the sign of the derivative leaves some pieces beside every crossing
@@ -272,7 +274,7 @@ def _leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
     return leads
 
 
-def _halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
+def halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
     """Return both halves of each piece, side by side."""
     filled = _filled(pieces)
     count = len(pieces.lane)
