@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +13,10 @@ from hillsphere.mission_links import Node, topological
 from hillsphere.problems import Key, MissionError, Problem
 from hillsphere.spec import Spec
 
-__all__ = ["Assembly", "build", "placed"]
+__all__ = ["Assembly", "build", "placed", "refused"]
+
+_KEYS = re.compile(r"([a-z]\w*(?:\.\w+)*): ")
+"""Keys, with dots between them, at the beginning of a component's message."""
 
 
 @dataclass
@@ -73,8 +77,7 @@ class Assembly:
             except (MissionError, PluginError):
                 raise
             except (HillsphereError, OSError) as error:
-                key = (kind, name, *_key_of_file(error, spec))
-                raise MissionError([placed(self.mission, key, str(error))]) from error
+                raise MissionError([refused(self.mission, (kind, name), error)]) from error
             except ArithmeticError as error:
                 # Every number is within its bounds, but a product or a quotient of them is not.
                 text = (
@@ -109,6 +112,32 @@ def placed(mission: Mission, key: Key, message: str) -> Problem:
     if colon and line.isdigit():
         return Problem(source, int(line), key, message)
     return Problem(place, None, key, message)
+
+
+def refused(mission: Mission, node: Node, error: HillsphereError | OSError) -> Problem:
+    """Return what a component says of its table, at the key that it is about.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    node : tuple of str
+        Kind and name of the table.
+    error : HillsphereError or OSError
+        Its message may begin with a key of the table (``structured.parts: …``) or with the name of
+        an input file.
+    """
+    kind, name = node
+    message = str(error)
+    if where := _key_of_file(error, mission.specs[kind][name]):
+        return placed(mission, (kind, name, *where), message)
+    if found := _KEYS.match(message):
+        key = (kind, name, *found[1].split("."))
+        if key in mission.places:
+            return placed(mission, key, message[found.end() :])
+        if key[:3] in mission.places:
+            return placed(mission, key[:3], message)
+    return placed(mission, node, message)
 
 
 def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi, sqrt
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 from pydantic import model_validator
 
+from hillsphere.contracts import Contract
 from hillsphere.ranges import BODY_RADIUS_M, ORBIT_RADIUS_M, ROTATION_RAD_S
 from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference, rule
 
 if TYPE_CHECKING:
     from hillsphere.interfaces import ArraySurface, Surface
 
-__all__ = ["AsteroidSpec", "Moon", "MoonSpec", "Orientation"]
+__all__ = ["AsteroidSpec", "Moon", "MoonSpec", "OrbitingBody", "Orientation", "SurfacedBody"]
 
 NOMINAL_SOLAR_GM_M3_S2 = 1.3271244e20
 """IAU 2015 Resolution B3 (Prša et al. 2016, Astron. J. 152, 41)."""
@@ -187,6 +188,43 @@ class Orientation:
     declination_rad: float
     prime_meridian_rad: float
     rate_rad_s: float
+
+
+@runtime_checkable
+class SurfacedBody(Contract, Protocol):
+    """A body that may have a surface: by semi-axes (m), or by a shape."""
+
+    semi_axes_m: tuple[float, float, float] | None
+    shape: Surface | ArraySurface | None
+
+
+@runtime_checkable
+class OrbitingBody(SurfacedBody, Protocol):
+    """A small body on a Keplerian orbit, as plants and sensors need it; `Moon` says what is what.
+
+    Elements, the epoch, the orientation and the rotation rate are ``None`` where they are unknown.
+    """
+
+    name: str
+    primary_name: str
+    primary_gm_m3_s2: float
+    semi_major_axis_m: float
+    eccentricity: float
+    libration_amplitude_rad: float
+    rotation_rate_rad_s: float | None
+    obliquity_rad: float
+    equinox_anomaly_rad: float
+    inclination_rad: float | None
+    node_rad: float | None
+    periapsis_rad: float | None
+    mean_anomaly_rad: float | None
+    epoch: str | None
+    orientation: Orientation | None
+
+    @property
+    def mean_motion_rad_s(self) -> float:
+        """Mean motion √(GM/a³) of a body of negligible mass, rad/s."""
+        ...
 
 
 class Moon:

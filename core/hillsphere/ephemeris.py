@@ -21,7 +21,7 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 if TYPE_CHECKING:
-    from hillsphere.bodies import Moon
+    from hillsphere.bodies import OrbitingBody
     from hillsphere.ephemeris_specs import KeplerOrbitSpec
 
 __all__ = [
@@ -59,6 +59,17 @@ class Ephemeris(Contract, Protocol):
         ...
 
 
+@runtime_checkable
+class FixedOrbit(Contract, Protocol):
+    """A body that has fixed elements, as `KeplerOrbit`.
+
+    ``elements``, shape (6,), are a (m), e, i, Ω, ω, M (rad), ``gm_m3_s2`` is that of the Sun.
+    """
+
+    elements: Array
+    gm_m3_s2: float
+
+
 class KeplerOrbit:
     """A body on a fixed ellipse around the Sun.
 
@@ -84,7 +95,7 @@ class KeplerOrbit:
         )
 
     @classmethod
-    def of(cls, body: Moon, mean_anomaly_rad: float | None = None) -> KeplerOrbit:
+    def of(cls, body: OrbitingBody, mean_anomaly_rad: float | None = None) -> KeplerOrbit:
         """Return the orbit of a body of type ``asteroid`` that gives all elements.
 
         Without an epoch of its own (`Moon.epoch`) its mean anomaly is that at whatever epoch times
@@ -92,7 +103,7 @@ class KeplerOrbit:
 
         Parameters
         ----------
-        body : Moon
+        body : OrbitingBody
             The body.
         mean_anomaly_rad : float, optional
             Mean anomaly instead of the body's own, at whatever epoch times count from.

@@ -689,6 +689,26 @@ class Stage(Protocol):
 
 
 @runtime_checkable
+class NeedsCheck(Contract, Protocol):
+    """A `Stage` with keys that name what the stages that it needs make: stations, trackers.
+
+    What its keys make impossible by themselves, or with what they refer to, a component refuses
+    when it is made.
+    """
+
+    @property
+    def check_needs(self) -> Callable[..., None]:
+        """Refuse keys that cannot be met: ``check_needs(**needs)``.
+
+        It is called before any stage runs, with the components of those stages where `Stage.run`
+        gets their products, and raises `hillsphere.errors.InputError`. A message that begins with a
+        key of the stage (``stations: …``) is told at that key's line. The component may be of any
+        class whose stage yields the product that is needed.
+        """
+        ...
+
+
+@runtime_checkable
 class CaseStage(Contract, Protocol):
     """A `Stage` that can be repeated over many cases, by ``monte_carlo`` and ``sweep``.
 
@@ -697,6 +717,8 @@ class CaseStage(Contract, Protocol):
 
     It may have a method ``prepare_cases(names, **inputs)``, called in each worker before the blocks
     with inputs of these names: what it compiles there does not count against a block's time limit.
+    It may have a method ``case_warnings(product)``, given what its own run yielded, which returns
+    sentences that warn of all its cases: they stand in every campaign that repeats it.
     """
 
     def case_inputs(self) -> tuple[Parameter, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ class Mission:
         Kind → name → record of the component in the registry.
     places : mapping
         (kind, name) → ``"file:line"`` of the table, for messages; (kind, name, key …) → that of
-        the key, where it names an input file.
+        each key that is written in it, or names an input file.
     """
 
     format: int
@@ -279,15 +279,24 @@ def _lay_setting(text: str, layers: Layers, problems: list[Problem]) -> None:
 
 
 def _places(tables: Tables, written: Derived) -> dict[Key, str]:
-    """Where the tables, and the keys in them that name input files, were written."""
+    """Where the tables, and the keys in them, were written."""
     keys: list[Key] = []
     for kind, name, spec in tables:
         keys += [(kind, name), *((kind, name, *where) for where, _ in spec.data_paths())]
+        keys += _keys_of(written.tables.get(kind, {}).get(name), (kind, name))
     problems = {key: written.problem(key, "") for key in keys}
     return {
         key: problem.source if problem.line is None else f"{problem.source}:{problem.line}"
         for key, problem in problems.items()
     }
+
+
+def _keys_of(table: Any, key: Key) -> Iterator[Key]:
+    """Yield the keys of a table and of the tables in it, arrays left out."""
+    if isinstance(table, Mapping):
+        for name, value in table.items():
+            yield (*key, name)
+            yield from _keys_of(value, (*key, name))
 
 
 def _listed(problems: list[Problem], source: str) -> list[Problem]:

@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hillsphere.assembly import Assembly, placed
+from hillsphere.assembly import Assembly, placed, refused
 from hillsphere.errors import InputError, PluginError
-from hillsphere.interfaces import CaseStage
+from hillsphere.interfaces import CaseStage, NeedsCheck
 from hillsphere.mission import Mission
 from hillsphere.problems import MissionError, Problem
 from hillsphere.uncertainty.unused import check_dispersion
-from hillsphere.wiring import needs_faults, product_class, repeat_faults
+from hillsphere.wiring import inputs_of, needs_faults, product_class, repeat_faults
 
 __all__ = ["CheckedMission", "check_mission"]
 
@@ -75,10 +75,25 @@ def check_mission(mission: Mission) -> CheckedMission:
         except MissionError as error:
             problems.update(dict.fromkeys(error.problems))
     problems.update(dict.fromkeys(repeat_faults(mission, stages)))
+    problems.update(dict.fromkeys(_unmet_keys(mission, stages)))
     problems.update(dict.fromkeys(_unused_dispersions(mission, assembly, stages)))
     if problems:
         raise MissionError(problems)
     return CheckedMission(order, classes, stages)
+
+
+def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
+    """Say which keys of stages the stages that they need cannot meet, by `NeedsCheck`."""
+    found: list[Problem] = []
+    for name, stage in stages.items():
+        spec = mission.specs["stage"][name]
+        there = all(ref.name in stages for _, _, ref in spec.needs_of())
+        if there and isinstance(stage, NeedsCheck):
+            try:
+                stage.check_needs(**inputs_of(spec, stages))
+            except InputError as error:
+                found.append(refused(mission, ("stage", name), error))
+    return found
 
 
 def _unused_dispersions(

@@ -45,10 +45,12 @@ def read_manifest(directory: Path) -> Mapping[str, Any]:
     for key, (test, what) in _ENTRIES.items():
         if key in found and not test(found[key]):
             raise InputError(f"{path}: is not the file that a run writes: {key} must be {what}")
-    for key in ("started_utc", *(("finished_utc",) if found.get("finished_utc") else ())):
-        parse_time(found.get(key))
-    for moment in found.get("resumed_utc", []):
-        parse_time(moment)
+    finished = [found["finished_utc"]] if found.get("finished_utc") else []
+    for moment in [found.get("started_utc"), *finished, *found.get("resumed_utc", [])]:
+        try:
+            parse_time(moment)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
     return found
 
 
@@ -75,7 +77,7 @@ def parse_time(text: object) -> datetime:
     try:
         return datetime.strptime(str(text), "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
     except ValueError as error:
-        raise InputError(f"{MANIFEST}: {text!r} is no time") from error
+        raise InputError(f"{text!r} is no time") from error
 
 
 def _is_text(value: Any) -> bool:

@@ -9,11 +9,10 @@ References
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
+import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,12 +28,22 @@ if TYPE_CHECKING:
 
 __all__ = ["SpiceOrbit"]
 
+_LIMIT_S = 60.0
+_LIMIT_PER_TIME_S = 1e-3
+"""Time that SPICE is given. It starts in 1 s and takes some 20 µs for a state; a machine under load
+may be fifty times slower."""
+
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from hillsphere.spice_process import main; main()"
+)
+
 
 class SpiceOrbit:
     """A body whose states are read from a kernel; an `hillsphere.ephemeris.Ephemeris`.
 
-    The kernel is first read when states are asked for, and is in SPICE's pool only while it is
-    read, so that two missions in one process never see each other's.
+    The kernel is read when states are asked for, by a process of its own each time: see
+    `hillsphere.spice_process`.
 
     Parameters
     ----------
@@ -65,113 +74,98 @@ class SpiceOrbit:
         ------
         InputError
             If spiceypy is not installed, or the kernel does not hold the body, cover a time, or
-            lead from the centre to the body.
+            lead from the centre to the body, or is damaged.
         """
         start = 0.0 if epoch is None else epoch.to("TDB").seconds_since(J2000)
         t = start + np.atleast_1d(np.asarray(t_s, dtype=float))
+        name = repr(Path(self.kernel).name)
+        found, states = self._asked(t)
+        if text := found.get("text"):
+            raise InputError(
+                {
+                    "kernel": f"{self.kernel!r} cannot be read as a SPICE kernel: {text}",
+                    "body": f"SPICE knows no body {self.target!r}; give its NAIF number, such as "
+                    "'20099942'",
+                    "coverage": f"{name} is no SPK kernel: {text}",
+                    "states": f"kernel {name} does not lead from {self.centre!r} to "
+                    f"{self.target!r}: {text}",
+                }[found["fault"]]
+            )
+        spans = found["spans"]
+        if not spans:
+            raise InputError(
+                f"kernel {name} does not hold the body {self.target!r}; it holds "
+                f"{', '.join(map(str, found['bodies'])) or 'none'}"
+            )
         held = np.zeros(t.shape, dtype=bool)
-        for begin, end in self._spans:
+        for begin, end in spans:
             held |= (t >= begin) & (t <= end)
         if not held.all():
             at = J2000.isot(t[~held][:1], 0)[0]
-            spans = "; ".join(" to ".join(J2000.isot(np.array(s), 0)) for s in self._spans)
+            covered = "; ".join(" to ".join(J2000.isot(np.array(s), 0)) for s in spans)
             raise InputError(
-                f"kernel {Path(self.kernel).name!r} does not cover {at} TDB for the body "
-                f"{self.target!r}; it covers {spans}"
+                f"kernel {name} does not cover {at} TDB for the body {self.target!r}; it covers "
+                f"{covered}"
             )
-        with self._loaded() as (spice, _):
+        if states.size != 6 * t.size or not np.isfinite(states).all():
+            raise InputError(f"kernel {name} is damaged: it gives states that are no numbers")
+        return np.ascontiguousarray(1e3 * states.reshape(-1, 6).T)
+
+    def _asked(self, t: Array) -> tuple[dict[str, Any], Array]:
+        """Ask a process of its own; return what it says and the states, km and km/s."""
+        environment = _with_library()
+        with checked_kernel(self.kernel) as (kernel, held):
+            asked = {"kernel": kernel, "target": self.target, "centre": self.centre}
+            limit_s = _LIMIT_S + _LIMIT_PER_TIME_S * t.size
+            damaged = f"kernel {Path(self.kernel).name!r} is damaged: "
             try:
-                found, _ = spice.spkezr(self.target, t, "ECLIPJ2000", "NONE", self.centre)
-            except spice.utils.exceptions.SpiceyError as error:
+                done = subprocess.run(
+                    [sys.executable, "-P", "-c", _START, json.dumps(sys.path)],
+                    input=json.dumps(asked).encode() + b"\n" + t.tobytes(),
+                    capture_output=True, timeout=limit_s, pass_fds=held, env=environment,
+                    check=False,
+                )  # fmt: skip
+            except subprocess.TimeoutExpired:
                 raise InputError(
-                    f"kernel {Path(self.kernel).name!r} does not lead from {self.centre!r} to "
-                    f"{self.target!r}: {_first_line(error)}"
+                    f"{damaged}SPICE did not come to an end in {limit_s:.0f} s"
                 ) from None
-        return np.ascontiguousarray(1e3 * np.asarray(found, dtype=float).T)
-
-    @cached_property
-    def _spans(self) -> list[tuple[float, float]]:
-        """Return the intervals that the kernel holds, s after J2000 TDB."""
-        with self._loaded() as (spice, kernel):
-            return self._coverage(spice, kernel, self._known(spice))
-
-    @contextmanager
-    def _loaded(self) -> Iterator[tuple[Any, str]]:
-        spice = _spiceypy()
-        with checked_kernel(self.kernel) as kernel:
-            try:
-                spice.furnsh(kernel)
-            except spice.utils.exceptions.SpiceyError as error:
+            if done.returncode < 0:
+                raise InputError(f"{damaged}SPICE ended at it with signal {-done.returncode}")
+            line, _, states = done.stdout.partition(b"\n")
+            if done.returncode or not line:
+                said = done.stderr.decode("utf-8", "replace").strip().splitlines()
                 raise InputError(
-                    f"{self.kernel!r} cannot be read as a SPICE kernel: {_first_line(error)}"
-                ) from None
-            try:
-                yield spice, kernel
-            finally:
-                spice.unload(kernel)
-
-    def _known(self, spice: Any) -> int:
-        try:
-            return int(spice.bods2c(self.target))
-        except spice.utils.exceptions.SpiceyError:
-            raise InputError(
-                f"SPICE knows no body {self.target!r}; give its NAIF number, such as '20099942'"
-            ) from None
-
-    def _coverage(self, spice: Any, kernel: str, number: int) -> list[tuple[float, float]]:
-        """Return the intervals that the kernel holds, s after J2000 TDB."""
-        try:
-            window = spice.spkcov(kernel, number)
-            intervals = [spice.wnfetd(window, i) for i in range(spice.wncard(window))]
-            bodies = sorted(int(i) for i in spice.spkobj(kernel))
-        except spice.utils.exceptions.SpiceyError as error:
-            raise InputError(
-                f"{Path(self.kernel).name!r} is no SPK kernel: {_first_line(error)}"
-            ) from None
-        if not intervals:
-            raise InputError(
-                f"kernel {Path(self.kernel).name!r} does not hold the body {self.target!r}; it "
-                f"holds {', '.join(map(str, bodies))}"
-            )
-        return [(float(a), float(b)) for a, b in intervals]
+                    f"kernel {Path(self.kernel).name!r} cannot be read with SPICE: "
+                    f"{said[-1] if said else f'exit code {done.returncode}'}"
+                )
+            return json.loads(line), np.frombuffer(states, dtype=float)
 
 
-def _spiceypy() -> Any:
-    try:
-        _choose_library()
-        import spiceypy
-    except ImportError:
+def _with_library() -> dict[str, str]:
+    """Return the environment of a process that uses spiceypy; `InputError` if it is not there."""
+    if importlib.util.find_spec("spiceypy") is None:
         raise InputError(
             "a body of type 'spice' needs spiceypy, which is not installed: "
             "pip install 'hillsphere[spice]'"
-        ) from None
-    return spiceypy
+        )
+    library = os.environ.get("CSPICE_SHARED_LIB") or _library()
+    return {**os.environ, "CSPICE_SHARED_LIB": library}
 
 
-def _choose_library() -> None:
-    """Let spiceypy load the library that came with it, or that of the Python environment.
+def _library() -> str:
+    """Return the library that came with spiceypy, or that of the Python environment.
 
-    Left alone it looks for ``libcspice.so`` in the working directory first, which may be that of a
-    mission of somebody else's, and would run what it finds there.
+    Left alone spiceypy looks for ``libcspice.so`` in the working directory first, which may be that
+    of a mission of somebody else's, and would run what it finds there.
     """
-    if os.environ.get("CSPICE_SHARED_LIB") or "spiceypy" in sys.modules:
-        return
     spec = importlib.util.find_spec("spiceypy")
-    if spec is None:
-        return  # the import says so
-    places = [Path(place) / "utils" for place in spec.submodule_search_locations or ()]
+    found = (spec.submodule_search_locations if spec else None) or ()
+    places = [Path(place) / "utils" for place in found]
     places += [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin"]  # as conda has it
     names = ("libcspice.so", "libcspice.dylib", "libcspice.dll", "cspice.dll")
     for path in (place / name for place in places for name in names):
         if path.is_file():
-            os.environ["CSPICE_SHARED_LIB"] = str(path)
-            return
+            return str(path)
     raise InputError(
         "spiceypy has no CSPICE library beside it; set CSPICE_SHARED_LIB to the path of yours"
     )
-
-
-def _first_line(error: Exception) -> str:
-    """Return what SPICE says of an error, without its banner."""
-    lines = [line.strip(" =") for line in str(error).splitlines()]
-    return next((line for line in lines if line and "Toolkit version" not in line), "no reason")

@@ -40,8 +40,8 @@ _SPK_FORMAT = (2, 6)
 
 
 @contextmanager
-def checked_kernel(path: str) -> Iterator[str]:
-    """Yield a name by which SPICE reads a kernel that was judged.
+def checked_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield a name by which another process reads a kernel that was judged.
 
     Parameters
     ----------
@@ -53,6 +53,8 @@ def checked_kernel(path: str) -> Iterator[str]:
     str
         A name of the very file that was judged, where the system has one (Linux), whatever `path`
         leads to by then; else `path`.
+    tuple of int
+        Descriptors that the process must inherit for the name to hold.
 
     Raises
     ------
@@ -73,7 +75,7 @@ def checked_kernel(path: str) -> Iterator[str]:
             if fault := _structure_fault(stream):
                 raise InputError(f"{name!r} is a damaged SPK kernel: {fault}")
             held = f"/proc/self/fd/{stream.fileno()}"
-            yield held if os.path.exists(held) else path
+            yield (held, (stream.fileno(),)) if os.path.exists(held) else (path, ())
     except OSError as error:
         raise InputError(
             f"{name!r} cannot be read as a SPICE kernel: {error.strerror or error}"

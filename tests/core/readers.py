@@ -372,9 +372,10 @@ NO_READERS = {
     "hillsphere.report": "the package's own style sheet",
     "hillsphere.rerun": RUN_DIRECTORY,
     "hillsphere.spice_kernel": "judges the head and the records of a kernel; test_spice.py",
-    "hillsphere.spice": "CSPICE, which ends the process at some damaged kernels; test_spice.py",
+    "hillsphere.spice": "starts the process that reads kernels; test_spice.py",
+    "hillsphere.spice_process": "CSPICE, which ends this process at some kernels; test_spice.py",
     "hillsphere.store": "appends to the log",
-    "hillsphere_controllers.systems.exchange": "scipy's loadmat",
+    "hillsphere_controllers.systems.exchange": "MATLAB's files; test_mat_file.py",
     "hillsphere.workers": "copies an error of its own",
 }
 """Modules that open or parse something which is no single input file, and what it is."""

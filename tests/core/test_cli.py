@@ -300,7 +300,8 @@ def test_a_plugins_command_runs(hillsphere: Runner) -> None:
     assert "Greet someone." in hillsphere("greet", "--help").stdout
     done = hillsphere("greet")
     assert done.returncode == 2
-    assert done.stderr.startswith("hillsphere greet: Missing argument 'name'")
+    # typer before 0.27 writes an argument in capitals
+    assert done.stderr.lower().startswith("hillsphere greet: missing argument 'name'")
     assert hillsphere("leave").returncode == 7
 
 

@@ -7,6 +7,7 @@ import pkgutil
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hillsphere.contracts import Contract
@@ -21,8 +22,15 @@ from hillsphere.interfaces import (
     Surface,
     SynthesisedLaw,
 )
-from hillsphere.plugins import KINDS, default_registry
-from hillsphere.testing import example
+from hillsphere.plugins import KINDS, create, default_registry
+from hillsphere.spec import Ref
+from hillsphere.testing import example, examples
+from hillsphere.time import Epoch
+from hillsphere_estimators.refinement.scenes import orbit_of, starts
+from hillsphere_estimators.refinement.specs import GeometrySpec
+from hillsphere_sensors.body_surface import BodySurface
+from hillsphere_sensors.heliocentric import heliocentric_scene
+from hillsphere_tracking.live.calibration import _estimates
 
 PACKAGES = ("hillsphere", *(f"hillsphere_{name}" for name in (
     "controllers", "estimators", "gravity", "guidance", "orbits", "plants", "sensors", "tracking",
@@ -150,3 +158,74 @@ def test_a_class_that_derives_from_a_contract_is_checked_as_a_class() -> None:
 
     assert not isinstance(_Whole(), Mine)
     assert isinstance(Mine(), Mine)
+
+
+def _with_references() -> list[tuple[str, str]]:
+    found = []
+    for record in default_registry():
+        kind, type_ = record.component.kind, record.component.type
+        if kind in ("command", "executor"):
+            continue
+        (first, *_) = record.load_spec().examples
+        spec = record.load_spec().model_validate(first)
+        if any(other != "stage" for _, other, _ in spec.references()):
+            found.append((kind, type_))
+    return found
+
+
+@pytest.mark.parametrize(("kind", "type_"), _with_references())
+def test_a_component_takes_what_delegates_to_what_it_refers_to(
+    kind: str, type_: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plugin author's wrapper was refused where a built-in class was asked for."""
+    filling = examples._filling
+    monkeypatch.setattr(examples, "_filling", lambda *of, **given: Wrapper(filling(*of, **given)))
+    example(kind, type_)
+
+
+@pytest.mark.parametrize(
+    ("kind", "type_", "number", "wrapped"),
+    [
+        ("stage", "qso_family", 0, {"plant": None, "family": ("orbit_family", "qso")}),
+        ("stage", "passes", 0, {"body": ("body", "planet")}),
+        ("stage", "assisted_tracking", 0, {"body": ("body", "planet")}),
+        ("stage", "formation_reference", 0, {"plant": ("plant", "proximity")}),
+    ],
+)
+def test_a_stage_takes_a_wrapper_where_it_needs_a_certain_component(
+    kind: str, type_: str, number: int, wrapped: dict[str, tuple[str, str] | None]
+) -> None:
+    spec = examples.bound_example(default_registry().get(kind, type_), default_registry(), number)
+    given = {
+        key: None if of is None else Ref("wrapped", Wrapper(example(*of)))
+        for key, of in wrapped.items()
+    }
+    made = default_registry().get(kind, type_).load_target()(spec.model_copy(update=given))
+    assert made.spec is not None
+
+
+def test_bodies_with_a_place_in_the_solar_system_may_be_wrapped() -> None:
+    planet = example("body", "solar_orbit")
+    asteroid = example("body", "asteroid", 0)
+    asteroid.mean_anomaly_rad = 0.3
+    epoch, t = Epoch.parse("2029-01-01", "TDB"), np.array([0.0, 1e5])
+    for body in (planet, asteroid):
+        plain = heliocentric_scene(t, epoch, planet, body)
+        there = heliocentric_scene(t, epoch, Wrapper(planet), Wrapper(body))
+        np.testing.assert_array_equal(there["origin"], plain["origin"])
+        states = orbit_of(Wrapper(body), "asteroid").states(t, epoch)
+        np.testing.assert_array_equal(states, plain["origin"])
+        geometry = GeometrySpec(name="near", epoch="2029-01-15", mean_anomaly_rad=0.1)
+        np.testing.assert_array_equal(starts(Wrapper(body), (geometry,)), starts(body, (geometry,)))
+
+
+def test_a_wrapped_ellipsoid_is_one_to_a_lidar_that_points() -> None:
+    body = example("body", "moon")
+    body.semi_axes_m, body.shape = (3.0, 2.0, 1.0), Wrapper(example("shape", "ellipsoid"))
+    assert BodySurface(Ref("body", Wrapper(body)), "lidar").is_ellipsoid
+
+
+def test_a_wrapped_tracker_that_estimates_biases_is_one() -> None:
+    tracker = create("tracker", "least_squares", angle_biases=True)
+    assert _estimates(tracker)
+    assert _estimates(Wrapper(tracker))

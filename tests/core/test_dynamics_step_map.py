@@ -254,6 +254,20 @@ def test_choose_steps_measures_in_natural_units() -> None:
     assert abs(with_stm[0] - with_stm[1]) <= 1
 
 
+def test_difference_of_states_and_stm_by_hand() -> None:
+    """Units of 2 m and 4 m/s: [[6, 1], [2, 3]] is [[6, 2], [1, 3]] in them, 6 its largest."""
+    plant = Equations(OSCILLATOR.law, OSCILLATOR.states, {"k": 4.0}, scales=Scales(2.0, 0.5))
+    step_map = StepMap(system(plant), stm=True)
+    fine = np.array([[1.0], [2.0], [6.0], [1.0], [2.0], [3.0]])
+    for row, change, expected in ((0, 0.1, 0.05), (1, 0.1, 0.025), (3, 0.3, 0.1), (4, 0.3, 0.025)):
+        coarse = fine.copy()
+        coarse[row] -= change
+        assert step_map._difference(coarse, fine) == pytest.approx(expected, rel=1e-12)
+        assert step_map._difference(fine, fine) == 0.0
+        coarse[row] = np.nan
+        assert step_map._difference(coarse, fine) == step_map._difference(fine, coarse) == np.inf
+
+
 def test_choose_steps_says_when_it_cannot() -> None:
     step_map = StepMap(system(KEPLER))
     x0 = kepler_state(0.0, 0.3)
@@ -274,6 +288,9 @@ def test_non_finite_lanes_are_named() -> None:
     x0 = np.array([[0.1, 5.0, 0.2, 7.0]])
     with pytest.raises(PropagationError, match=r"lanes 1, 3 \(of 4\) turned non-finite \(dop853"):
         step_map.propagate(x0, 3.0, 40)
+    with pytest.raises(PropagationError, match=r"lane 0 \(of 1\)"):
+        step_map.step([[1e200]], 1.0)
+    assert not np.isfinite(step_map.step([[1e200]], 1.0, strict=False)).any()
     with pytest.raises(PropagationError, match="lanes 1, 3"):
         step_map.trajectory(x0, 3.0, 40)
     with pytest.raises(PropagationError, match=r"lane 1 \(of 2\)"):

@@ -66,8 +66,8 @@ x_amplitudes_km = [60]
 
 
 BAD = [
-    ('plant.hill.gravity="lumps"', "plant.hill: gravity: the model as a whole has GM = 0 "),
-    ('plant.hill.gravity="void"', "plant.hill: gravity: the model as a whole has GM = 0 "),
+    ('plant.hill.gravity="lumps"', "plant.hill.gravity: the model as a whole has GM = 0 "),
+    ('plant.hill.gravity="void"', "plant.hill.gravity: the model as a whole has GM = 0 "),
     ("gravity.rock.density_g_cm3=1470", "must be ≤ 30 g/cm³, got 1470 g/cm³"),
     ("gravity.rock.density_kg_m3=0.9", "must be ≥ 1 kg/m³, got 0.9 kg/m³"),
     ('dispersions.spare.parameters=["Z9,9"]', "gravity.rock has no quantity 'Z9,9'"),

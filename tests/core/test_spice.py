@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import struct
 import subprocess
@@ -111,6 +112,7 @@ def test_only_what_is_needed_is_let_through(kernel: Path, tmp_path: Path, word: 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
 def test_a_fifo_or_a_device_is_not_opened(tmp_path: Path) -> None:
+    pytest.importorskip("spiceypy")
     os.mkfifo(tmp_path / "pipe.bsp")
     refused(tmp_path / "pipe.bsp", "cannot be read as a SPICE kernel: it is a FIFO")
     (tmp_path / "zero.bsp").symlink_to("/dev/zero")
@@ -142,12 +144,88 @@ def test_records_that_would_lead_spice_astray(
     refused(path, message)
 
 
+# --- damage behind the records, which CSPICE believes
+
+
+@pytest.fixture(scope="module")
+def interpolated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make an SPK kernel of type 8, whose last numbers are start, step, window - 1 and count."""
+    spice = pytest.importorskip("spiceypy")
+    path = tmp_path_factory.mktemp("interpolated") / "body.bsp"
+    times: Array = np.arange(0.0, 101.0) * DAY
+    states = np.ascontiguousarray(1e-3 * orbit().states(times, J2000).T)
+    handle = spice.spkopn(str(path), "made for a test", 0)
+    spice.spkw08(
+        handle, BODY, 10, "ECLIPJ2000", times[0], times[-1], "a planet", 7, len(times), states,
+        times[0], DAY,
+    )  # fmt: skip
+    spice.spkcls(handle)
+    return path
+
+
+def end_of_array(content: bytes | bytearray) -> int:
+    """Return the place of the last number of the first array, in bytes."""
+    (record,) = struct.unpack_from("<i", content, 76)
+    (end,) = struct.unpack_from("<i", content, (record - 1) * 1024 + 24 + 36)
+    return int(8 * (end - 1))
+
+
+@pytest.mark.parametrize("window", [100.0, 1e300])
+def test_a_kernel_that_ends_spice_ends_nothing_else(
+    interpolated: Path, tmp_path: Path, window: float
+) -> None:
+    """CSPICE read beyond its arrays, and the run ended with SIGSEGV or SIGABRT."""
+    content = bytearray(interpolated.read_bytes())
+    struct.pack_into("<d", content, end_of_array(content) - 8, window)
+    path = tmp_path / "window.bsp"
+    path.write_bytes(content)
+    refused(path, r"kernel 'window\.bsp' is damaged: SPICE ended at it with signal \d+")
+
+
+def test_a_kernel_that_keeps_spice_busy_is_refused(
+    kernel: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hillsphere.spice._LIMIT_S", 1.0)
+    monkeypatch.setattr("hillsphere.spice._START", "import time; time.sleep(60)")
+    refused(kernel, "SPICE did not come to an end in 1 s")
+
+
+def flip_and_read(sound: Path, tmp_path: Path, count: int) -> None:
+    content = sound.read_bytes()
+    path = tmp_path / "flipped.bsp"
+    times = np.array([0.0, 3.3, 77.7]) * DAY
+    for seed in range(count):
+        chance, changed = random.Random(seed), bytearray(content)
+        for _ in range(chance.choice([1, 4, 32])):
+            changed[chance.randrange(1024, len(content))] ^= 1 << chance.randrange(8)
+        path.write_bytes(changed)
+        body = create("body", "spice", kernel=str(path), target=str(BODY))
+        assert isinstance(body, Ephemeris)
+        said, states = "", np.zeros(0)
+        try:
+            states = body.states(times, J2000)
+        except InputError as error:
+            said = str(error)
+        assert "flipped.bsp" in said if said else np.isfinite(states).all(), seed
+
+
+def test_flipped_bits(interpolated: Path, tmp_path: Path) -> None:
+    flip_and_read(interpolated, tmp_path, 12)
+
+
+@pytest.mark.slow
+def test_many_flipped_bits(interpolated: Path, kernel: Path, tmp_path: Path) -> None:
+    for sound in (interpolated, kernel):
+        flip_and_read(sound, tmp_path, 300)
+
+
 PROGRAM = """
 import os, sys
 seen = []
 sys.addaudithook(lambda event, given: seen.append((event, given)))
-from hillsphere.spice import _spiceypy
-_spiceypy()
+from hillsphere.spice import _with_library
+os.environ.update(_with_library())
+import spiceypy
 here = os.getcwd()
 print([str(given[0]) for event, given in seen if event == "ctypes.dlopen" and given[0]
        and os.path.realpath(str(given[0])).startswith(here)])

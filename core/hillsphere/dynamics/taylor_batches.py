@@ -9,7 +9,7 @@ event at the same instant, and, for a while, every further zero of the one that 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -60,15 +60,14 @@ class Ends:
                 met[:] = [one for one in met if sense * (one[0] - time) <= 0]
 
 
-@dataclass(eq=False)
 class _Carried:
-    """What the callbacks of one integrator see of the lanes that it now carries."""
+    """What callbacks see of the lanes that an integrator carries; each flight sets it anew."""
 
-    lanes: _Lanes = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    alive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    start: Array = field(default_factory=lambda: np.zeros(0))
-    clock: Array = field(default_factory=lambda: np.zeros(0))
-    met: dict[tuple[str, int], list[tuple[float, Array]]] = field(default_factory=dict)
+    lanes: _Lanes
+    alive: NDArray[np.bool_]
+    start: Array
+    clock: Array
+    met: dict[tuple[str, int], list[tuple[float, Array]]]
 
 
 class TaylorBatches:
@@ -110,7 +109,7 @@ class TaylorBatches:
         # A step over a switch must end on the side it flies to, beyond doubt, for the next one to
         # take the right branch: outbound on the upper of these two levels, inbound on the lower.
         hair = max(_LEAST_HAIR, _HAIR * tol)
-        self._levels = [s + offset for s in switches for offset in (-hair, hair)]
+        self._levels = [level for s in switches for level in (s - hair, s + hair)]
         self._carried = _Carried()
         self._integrators: dict[int, Any] = {}
         self._compiled: dict[tuple[Expr, ...], Any] = {}
@@ -305,10 +304,10 @@ class TaylorBatches:
 
     def _load(self, integrator: Any, y: Array, p: Array, t: Array, sense: Array) -> None:
         integrator.state[:] = y
-        if len(integrator.pars):
-            integrator.pars[:] = np.concatenate([p, sense[None]])[: len(integrator.pars)]
+        integrator.pars[:] = np.concatenate([p, sense[None]])[: len(integrator.pars)]
         integrator.set_time(t)
-        if self._ends or self._levels:
+        if integrator.with_events:
+            # An event that ended the last flight would hide its repetition at the next one's start.
             integrator.reset_cooldowns()
 
     def _fly_group(
@@ -335,7 +334,7 @@ class TaylorBatches:
         batch.clock = np.maximum(np.abs(start[lanes]), np.abs(target[lanes]))
         # A lane that pads the last batch repeats its neighbour and reports nothing.
         batch.alive = np.concatenate([[True], np.diff(lanes) > 0])
-        while batch.alive.any():
+        while True:
             integrator.propagate_until(goal)
             for i, result in enumerate(integrator.propagate_res):
                 if not batch.alive[i]:
@@ -351,19 +350,22 @@ class TaylorBatches:
                 time[lane] = integrator.time[i]
                 ended[lane] = names[-outcome - 1] if by_event else None
                 batch.alive[i] = False
+            if not batch.alive.any():
+                return
             self._refill(integrator, goal)
 
     def _refill(self, integrator: Any, goal: Array) -> None:
+        """Let the lanes that are done follow one that is not.
+
+        Left to itself, one may run on into a singularity, which halts all lanes for good.
+        """
         batch = self._carried
-        if not batch.alive.any() or batch.alive.all():
-            return
         model = int(np.argmax(batch.alive))
         dead = np.flatnonzero(~batch.alive)
         times = np.array(integrator.time)
         times[dead] = times[model]
         integrator.state[:, dead] = integrator.state[:, [model]]
-        if len(integrator.pars):
-            integrator.pars[:, dead] = integrator.pars[:, [model]]
+        integrator.pars[:, dead] = integrator.pars[:, [model]]
         integrator.set_time(times)
         goal[dead] = goal[model]
 

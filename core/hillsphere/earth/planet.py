@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
+from hillsphere.contracts import Contract
 from hillsphere.earth.geodetic import Ellipsoid
 from hillsphere.earth.orientation import ConstantOrientation, EarthOrientation, OrientationTable
 from hillsphere.earth.specs import PlanetSpec
 
-__all__ = ["Planet"]
+__all__ = ["Planet", "StationedPlanet"]
+
+
+@runtime_checkable
+class StationedPlanet(Contract, Protocol):
+    """A planet with an ellipsoid on which stations stand, as `Planet`.
+
+    The rotation rate is in rad/s, ``None`` for that of the Earth.
+    """
+
+    ellipsoid: Ellipsoid
+    orientation: EarthOrientation
+    rotation_rate_rad_s: float | None
 
 
 class Planet:

@@ -20,6 +20,9 @@ class EllipsoidShape:
         Its axes.
     """
 
+    is_ellipsoid = True
+    """That its semi-axes are all there is to it; see `hillsphere_sensors.body_surface`."""
+
     def __init__(self, spec: EllipsoidShapeSpec) -> None:
         self._axes = spec.axes_m
 

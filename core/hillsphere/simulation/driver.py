@@ -189,8 +189,17 @@ class Simulator:
                     [one.recorder(first, count) for one in (table, observer) if one is not None]
                 )
                 part = self._part(block, count, seed, stage)
+                # An observer may follow the sub-steps too; few do.
+                follow = getattr(observer, "follower", None)
                 found.append(
-                    fly_block(self._settings(watch, budget), part, self._act(block), tell, record)
+                    fly_block(
+                        self._settings(watch, budget),
+                        part,
+                        self._act(block),
+                        tell,
+                        record,
+                        None if follow is None else follow(first, count),
+                    )
                 )
                 tell(count)
         return self._flights(found, len(batch), watch, table)

@@ -143,6 +143,9 @@ class End:
         flight goes on; unless it ends by that very row it is unresolved.
     error : ndarray, shape (B,), or None
         Sum of the estimated errors of the steps, in units of the system's scale.
+    nodes : ndarray, shape (rows, S + 1, B), or None
+        States at the ends of the S sub-steps, the start first; of a flight that ended in between
+        they go on beyond its end.
     """
 
     y: Array
@@ -150,6 +153,7 @@ class End:
     cause: Integers | None
     doubtful: Integers | None = None
     error: Array | None = None
+    nodes: Array | None = None
 
 
 class Watch:
@@ -243,13 +247,14 @@ class Watch:
             advance(flown[j - 1, :rows], flown[j], t)
             t = leg.t + j * h
         y, errors = flown[:, :rows], self._stepper.error(flown[1:, rows:])
+        nodes = y.transpose(1, 0, 2)
         before, end = self._at_start(leg), leg.frozen(y[-1])
         after = self.values(leg, t, y[-1])
         self._known = (end, t, leg.cases, after)
         # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
         sound = isfinite(np.add.reduce(flown, axis=None))
         if sound and proof.is_far(leg, y, before, after) and self._has_left(leg, after):
-            return End(end, t, None, None, errors.sum(axis=0))
+            return End(end, t, None, None, errors.sum(axis=0), nodes)
         values = np.empty((steps + 1, self.diverged, lanes))
         values[0], values[-1] = before, after
         for j in range(1, steps):
@@ -257,9 +262,9 @@ class Watch:
         least = values.min(axis=0)
         doubtful = self._doubtful(least, leg.flying)
         if sound and not proof.proves and (least[:, leg.flying] > 0.0).all():
-            return End(end, t, None, doubtful, errors.sum(axis=0))
-        y = np.ascontiguousarray(y.transpose(1, 0, 2))
-        return self._settle(_Flown(leg, h, y, values.transpose(1, 0, 2), errors), doubtful)
+            return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
+        nodes = np.ascontiguousarray(nodes)
+        return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
 
     def _has_left(self, leg: Leg, after: Array) -> bool:
         """Say whether all lanes have Δv left: it never rises, so that the end decides."""
@@ -315,7 +320,7 @@ class Watch:
         ended = ends.any(axis=0)
         if not ended.any():
             here = leg.frozen(y[:, -1].copy())
-            return End(here, flown.time(steps), None, doubtful, flown.error(None))
+            return End(here, flown.time(steps), None, doubtful, flown.error(None), y)
         at = np.where(ended, np.argmax(ends, axis=0), steps - 1)
         end = End(
             leg.frozen(y[:, -1].copy()),
@@ -323,6 +328,7 @@ class Watch:
             np.full(lanes, -1),
             doubtful,
             flown.error(np.where(ended, at, steps - 1)),
+            y,
         )
         lane = np.arange(lanes)
         step = _Step(

@@ -7,13 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hillsphere import create, load_mission
+from hillsphere.drawing import draw
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
 from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere.testing import check_gravity, check_plugin, check_sensor, check_stage, example
+from hillsphere.testing import (
+    RecordingContext,
+    check_gravity,
+    check_plugin,
+    check_sensor,
+    check_stage,
+    example,
+)
 
 import hillsphere_dumbbell
 from hillsphere_dumbbell.specs import DumbbellSpec
@@ -76,6 +84,23 @@ def test_short_dumbbell_has_the_equilibria_of_a_point_mass() -> None:
     )
     rate = n * np.sqrt(1 + 2 * np.sqrt(7))
     np.testing.assert_allclose(product.growth_rate_1_s[far], rate, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("half_width_m", "message"), [(1e-300, "nowhere on a map"), (1e-9, "")])
+def test_a_map_far_too_small_is_refused_or_drawn(half_width_m: float, message: str) -> None:
+    """Its values are infinite, or all the same: the figure raised a TypeError or a ValueError."""
+    moon = create("body", "moon", primary_gm_km3_s2=42828.37, semi_major_axis_km=9377)
+    kind = "point_mass" if message else "dumbbell"
+    keys = {} if message else {"length_km": 12, "rod_fraction": 0.0}
+    gravity = create("gravity", kind, gm_km3_s2=7e-4, **keys)
+    plant = create("plant", "hill", body=moon, gravity=gravity)
+    stage = create("stage", "zero_velocity", plant=plant, half_width_m=half_width_m, points=11)
+    if message:
+        with pytest.raises(InputError, match=message):
+            stage.run(RecordingContext())
+    else:
+        shown = stage.present(stage.run(RecordingContext()))
+        assert draw(shown.figures["zero_velocity"]).svg
 
 
 def test_a_plant_without_integral_is_refused() -> None:

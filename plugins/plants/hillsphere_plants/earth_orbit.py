@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from hillsphere.earth.atmosphere import density
-from hillsphere.earth.planet import Planet
+from hillsphere.earth.planet import StationedPlanet
 from hillsphere.earth.rotation import (
     ROTATION_RATES_RAD_S,
     InertialFrame,
@@ -105,7 +105,7 @@ class EarthOrbit:
 
     def __init__(self, spec: EarthOrbitSpec) -> None:
         planet: object = spec.body.get()
-        if not isinstance(planet, Planet):
+        if not isinstance(planet, StationedPlanet):
             raise InputError(
                 f"earth_orbit flies about a body of type 'planet', got a {type(planet).__name__}"
             )

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import OrbitingBody
 from hillsphere.errors import InputError
 from hillsphere.gravity import (
     AnyGravityModel,
@@ -125,7 +125,7 @@ class MoonCentred(ABC):
         if body.shape is None and body.semi_axes_m is None:
             self._shape = self._model if isinstance(self._model, Surface | ArraySurface) else None
         self._escape_radius_m = spec.escape_radius_m
-        self.moon: Moon = body
+        self.moon: OrbitingBody = body
         self.body_name: str = body.name
         self.primary_distance_m: float = body.semi_major_axis_m
         # Its square is divided by, and both underflow for a primary that attracts next to nothing.
@@ -365,13 +365,13 @@ class ArrayAttraction(MoonCentred):
         return GravityField(self.gravity, run_time=[q.name for q in self.gravity.parameters()])
 
 
-def moon_of(reference: Ref) -> Moon:
+def moon_of(reference: Ref) -> OrbitingBody:
     """Return the moon that is referred to; an `InputError` if the body is something else."""
     body: object = reference.get()
-    if not isinstance(body, Moon):
+    if not isinstance(body, OrbitingBody):
         raise InputError(
-            f"the plant needs a body of type 'moon', got a {type(body).__name__} "
-            f"({reference.name!r})"
+            f"the plant needs a body that orbits another, as those of type 'moon' and 'asteroid' "
+            f"do, got a {type(body).__name__} ({reference.name!r})"
         )
     return body
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import OrbitingBody
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.ephemeris import anomaly_from_mean
 from hillsphere.errors import InputError
@@ -114,7 +114,7 @@ class Proximity:
             )
         self._model: AnyGravityModel = whole_gravity(spec.gravity.get())
         self.spec = spec
-        self.body: Moon = body
+        self.body: OrbitingBody = body
         self.body_name: str = body.name
         self.spacecraft: tuple[str, ...] = tuple(
             craft.name or f"spacecraft {i + 1}" for i, craft in enumerate(spec.spacecraft)
@@ -455,7 +455,7 @@ class Proximity:
         return tuple(replace(v, name=f"{v.name}{i + 1}") for i in range(count) for v in of_one)
 
 
-def _start(spec: ProximitySpec, body: Moon) -> float:
+def _start(spec: ProximitySpec, body: OrbitingBody) -> float:
     """Return the true anomaly at time 0."""
     if spec.true_anomaly_rad is not None:
         return spec.true_anomaly_rad

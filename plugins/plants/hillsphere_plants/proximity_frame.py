@@ -6,21 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import OrbitingBody
 from hillsphere.ephemeris import hill_axes, states_of_elements
 from hillsphere.interfaces import Array
 
 __all__ = ["frame_at"]
 
 
-def frame_at(t_s: Array, body: Moon, p: Mapping[str, Array | float]) -> dict[str, Array]:
+def frame_at(t_s: Array, body: OrbitingBody, p: Mapping[str, Array | float]) -> dict[str, Array]:
     """Return the asteroid's heliocentric state, and the axes of the Hill frame there.
 
     Parameters
     ----------
     t_s : ndarray, shape (N,)
         Times, s.
-    body : Moon
+    body : OrbitingBody
         Gives inclination, node and argument of periapsis; one that is left out counts as zero.
     p : mapping of str to ndarray, shape (N,), or float
         ``primary_gm``, ``semi_major_axis``, ``eccentricity`` and ``true_anomaly`` at time 0, SI.

@@ -10,18 +10,46 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.bodies import OrbitingBody
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Context
+from hillsphere.interfaces import Array, Context, Variable
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, Trajectories
-from hillsphere_plants.proximity import Proximity
 from hillsphere_plants.proximity_presentation import present_formation
 from hillsphere_plants.proximity_specs import FormationReferenceSpec, RelativeElementsSpec
 
 __all__ = ["FormationReference", "FormationReferenceStage", "reference_states", "relative_orbit"]
+
+
+@runtime_checkable
+class FormationAboutAsteroid(Contract, Protocol):
+    """A plant of spacecraft in the Hill frame of an asteroid on its orbit.
+
+    ``spacecraft`` are their names; of the asteroid's orbit ``primary_distance_m`` is the semi-major
+    axis and ``primary_gm_m3_s2`` the gravitational parameter.
+    """
+
+    spacecraft: tuple[str, ...]
+    body: OrbitingBody
+    frame: str
+    states: tuple[Variable, ...]
+    primary_distance_m: float
+    primary_gm_m3_s2: float
+    eccentricity: float
+
+    @property
+    def semi_axes_m(self) -> tuple[float, float, float] | None:
+        """Semi-axes of the asteroid's surface, m."""
+        ...
+
+    def anomaly(self, t_s: Array) -> Array:
+        """Return the true anomaly (N,), rad, of the asteroid at times (N,) of the plant."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -106,13 +134,13 @@ def relative_orbit(
 
 
 def reference_states(
-    plant: Proximity, relative: Sequence[RelativeElementsSpec], t_s: Array
+    plant: FormationAboutAsteroid, relative: Sequence[RelativeElementsSpec], t_s: Array
 ) -> Array:
     """Return the reference states (6 S, N) of a plant's spacecraft at times (N,).
 
     Parameters
     ----------
-    plant : Proximity
+    plant : FormationAboutAsteroid
         The plant; its body gives inclination and argument of periapsis.
     relative : sequence of RelativeElementsSpec
         Differences of the elements, one a spacecraft.
@@ -124,21 +152,8 @@ def reference_states(
     InputError
         If there are not as many as spacecraft, or the body lacks an element that is needed.
     """
-    count = len(plant.spacecraft)
-    if len(relative) != count:
-        raise InputError(
-            f"relative: {len(relative)} differences of elements for {count} spacecraft of the "
-            "plant; give one table each"
-        )
+    check_relative(plant, relative)
     body = plant.body
-    tilted = any(d.node_rad or d.inclination_rad for d in relative)
-    needed = {"inclination_deg": body.inclination_rad, "periapsis_deg": body.periapsis_rad}
-    missing = [key for key, value in needed.items() if value is None]
-    if tilted and missing:
-        raise InputError(
-            f"body {body.name!r} lacks {', '.join(missing)}: differences of node or inclination "
-            "need the orientation of its orbit"
-        )
     anomaly = plant.anomaly(t_s)
     return np.concatenate(
         [
@@ -159,6 +174,25 @@ def reference_states(
     )  # fmt: skip
 
 
+def check_relative(plant: FormationAboutAsteroid, relative: Sequence[RelativeElementsSpec]) -> None:
+    """Raise `InputError` as `reference_states` does, without its work."""
+    count = len(plant.spacecraft)
+    if len(relative) != count:
+        raise InputError(
+            f"relative: {len(relative)} differences of elements for {count} spacecraft of the "
+            "plant; give one table each"
+        )
+    body = plant.body
+    tilted = any(d.node_rad or d.inclination_rad for d in relative)
+    needed = {"inclination_deg": body.inclination_rad, "periapsis_deg": body.periapsis_rad}
+    missing = [key for key, value in needed.items() if value is None]
+    if tilted and missing:
+        raise InputError(
+            f"body {body.name!r} lacks {', '.join(missing)}: differences of node or inclination "
+            "need the orientation of its orbit"
+        )
+
+
 class FormationReferenceStage:
     """Reference trajectory of a formation by differences of orbital elements.
 
@@ -170,15 +204,18 @@ class FormationReferenceStage:
     Raises
     ------
     InputError
-        If the plant is no formation near an asteroid.
+        If the plant is no formation near an asteroid, there are not as many differences as
+        spacecraft, or the body lacks an element that is needed.
     """
 
     def __init__(self, spec: FormationReferenceSpec) -> None:
         plant: object = spec.plant.get()
-        if not isinstance(plant, Proximity):
+        if not isinstance(plant, FormationAboutAsteroid):
             raise InputError(
-                f"plant: a plant of type 'proximity' is needed, got a {type(plant).__name__}"
+                "plant: spacecraft near an asteroid on its orbit are needed, as in a plant of type "
+                f"'proximity', got a {type(plant).__name__}"
             )
+        check_relative(plant, spec.relative)
         self.spec = spec
         self.plant = plant
 

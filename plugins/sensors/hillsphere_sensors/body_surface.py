@@ -7,11 +7,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import SurfacedBody
 from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.shapes.ellipsoid import EllipsoidShape
 from hillsphere.spec import Ref
 
 __all__ = ["BodySurface"]
@@ -45,7 +44,7 @@ class BodySurface:
 
     def __init__(self, reference: Ref, user: str) -> None:
         body: object = reference.get()
-        if not isinstance(body, Moon) or body.semi_axes_m is None:
+        if not isinstance(body, SurfacedBody) or body.semi_axes_m is None:
             raise InputError(
                 f"{user}: body {reference.name!r} has no surface; give it semi_axes_m or a shape"
             )
@@ -117,7 +116,7 @@ class BodySurface:
     @property
     def is_ellipsoid(self) -> bool:
         """Whether the semi-axes are all there is to the surface."""
-        return self._shape is None or isinstance(self._shape, EllipsoidShape)
+        return self._shape is None or bool(getattr(self._shape, "is_ellipsoid", False))
 
     def _normals(self, out: Array, radius: Array) -> Array:
         if self.is_ellipsoid:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import OrbitingBody
 from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.earth.rotation import earth_fixed
-from hillsphere.ephemeris import KeplerOrbit, from_equator, hill_axes
+from hillsphere.ephemeris import Ephemeris, KeplerOrbit, from_equator, hill_axes
 from hillsphere.interfaces import Array, Scene
 from hillsphere.time import Epoch
 from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
@@ -37,8 +37,8 @@ class HeliocentricSensor(SpacecraftSensor):
 def heliocentric_scene(
     t_s: Array,
     epoch: Epoch,
-    earth: KeplerOrbit,
-    asteroid: KeplerOrbit | Moon | None = None,
+    earth: Ephemeris,
+    asteroid: Ephemeris | OrbitingBody | None = None,
     orientation: EarthOrientation = UT1_IS_UTC,
 ) -> dict[str, Array]:
     """Return the frame of the states, and the Earth, at times (N,).
@@ -49,9 +49,9 @@ def heliocentric_scene(
         Seconds after the epoch.
     epoch : Epoch
         From which times count.
-    earth : KeplerOrbit
+    earth : Ephemeris
         Of the Earth.
-    asteroid : KeplerOrbit or Moon, optional
+    asteroid : Ephemeris or OrbitingBody, optional
         Orbit of the asteroid in whose Hill frame the states are; left out: they are heliocentric.
     orientation : EarthOrientation
         Gives UT1 and polar motion.
@@ -70,7 +70,7 @@ def heliocentric_scene(
         return scene | {
             "origin": np.zeros((6, 1)), "axes": np.eye(3)[:, :, None], "rate": np.zeros((3, 1))
         }  # fmt: skip
-    orbit = KeplerOrbit.of(asteroid) if isinstance(asteroid, Moon) else asteroid
+    orbit = asteroid if isinstance(asteroid, Ephemeris) else KeplerOrbit.of(asteroid)
     origin = orbit.states(t, epoch)
     axes, rate = hill_axes(origin)
     return scene | {"origin": origin, "axes": axes, "rate": rate}

@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.earth.geodetic import Ellipsoid, Station
 from hillsphere.earth.orientation import EarthOrientationWarning, doubts
-from hillsphere.earth.planet import Planet
+from hillsphere.earth.planet import Planet, StationedPlanet
 from hillsphere.earth.specs import PlanetSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
@@ -72,7 +72,7 @@ class PassesStage:
     def __init__(self, spec: PassesSpec) -> None:
         self.spec = spec
         body = Planet(PlanetSpec()) if spec.body is None else spec.body.get()
-        if not isinstance(body, Planet):
+        if not isinstance(body, StationedPlanet):
             raise InputError(
                 f"body: passes need a body of type 'planet', got {type(body).__name__}; leave it "
                 "out for the Earth"

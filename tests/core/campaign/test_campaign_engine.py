@@ -120,7 +120,7 @@ def test_how_often_what_is_tried() -> None:
     executor = Scripted(killers=[100], how="time_limit")
     found = run(executor, group_blocks=4, limit_s=2.5)
     assert {task.ready_limit_s for task in executor.tasks} == {300.0}
-    assert (found[1].status[36], found[1].failed[36]) == ("time_limit", True)
+    assert (found[1].status[36], found[1].failed[36]) == ("time_limit", False)
     assert found[1].messages == ("its worker was signal 9 (SIGKILL)",)
     tried = [
         (len(task.blocks), int((~task.blocks[0].filler).sum()), task.limit_s)
@@ -165,7 +165,7 @@ def test_every_case_raises_in_one_block_or_in_all() -> None:
     assert same(some[1:], REFERENCE[1:])
     every = run(work=StageWork([Toy(dict.fromkeys(range(1000), "raise"))]))
     assert {o.metrics for o in every} == {()}
-    assert sum(int(o.failed.sum()) for o in every) == 1000
+    assert all((o.status == "error").all() and not o.failed.any() for o in every)
 
 
 def test_a_task_never_mixes_variants() -> None:
@@ -285,7 +285,13 @@ def test_groups_grow_to_about_a_second_and_shrink_towards_the_end() -> None:
     assert sum(sizes) == 100
     assert sizes[:2] == [1, 1]
     assert max(sizes) == 10
-    assert sizes[4] == 10
+    # From the first outcome on a second's work, ten, but at most half of each of two workers' share
+    # of what is left.
+    left, expected = 98, [1, 1]
+    while left:
+        expected.append(max(1, min(10, left // 4)))
+        left -= expected[-1]
+    assert sizes == expected
     assert sizes[-4:] == [1, 1, 1, 1]
 
 

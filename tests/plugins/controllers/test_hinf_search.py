@@ -13,7 +13,7 @@ from tests.plugins.controllers.test_hinf_synthesis import scalar_plant
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import HinfNorm
-from hillsphere_controllers.errors import SynthesisFailedError
+from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedError
 from hillsphere_controllers.full_order import hinf
 from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.hinf import HinfDesign, hinf_synthesis
@@ -199,6 +199,67 @@ def test_where_backing_off_fails_all_above_the_proof_is_tried(
     for low, high in spans:
         assert least * (1.0 - 2e-4) < low < least  # what is proved, by the bisection's tolerance
         assert_allclose(high, 10.0 * least, rtol=2e-4)
+
+
+def proved_up_to(bound: float) -> type[GammaProblem]:
+    """Return the class of problems in which rounding hides every proof of a γ above a bound."""
+
+    class Bounded(GammaProblem):
+        def solve(self, gamma: float, *, checked: bool = True) -> Any:
+            before = self.proved
+            found = super().solve(gamma, checked=checked)
+            if gamma > bound:
+                self.proved = before
+            return found
+
+    return Bounded
+
+
+@pytest.mark.parametrize("lost", [1.5e-4, 2e-3, 5e-2, 0.15, 0.35])
+def test_a_proof_is_sought_a_little_below_what_the_bisection_refuses(
+    monkeypatch: pytest.MonkeyPatch, lost: float
+) -> None:
+    """Of γ above (1 − `lost`) times the least one, 1 + √3, there is no proof; nearly there is."""
+    least = 1.0 + np.sqrt(3.0)
+    monkeypatch.setattr(hinf, "GammaProblem", proved_up_to(least * (1.0 - lost)))
+    # narrow from the beginning: what the bisection refuses is not proved by chance
+    monkeypatch.setattr(GammaProblem, "bracket", lambda self: (0.999999 * least, least))
+    found = hinf_synthesis(PLANT, 1, 1, tolerance=1e-5)
+    assert 1.0 - 3.4 * lost < found.least / least <= 1.0 - lost  # steps grow by 10/3 at most
+    assert_allclose(found.solvable, least, rtol=1e-12)
+
+
+def test_without_a_proof_eight_decades_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    spans: list[tuple[float, float]] = []
+
+    def tried(plant: Any, problem: Any, span: tuple[float, float]) -> HinfDesign:
+        spans.append(span)
+        return design(50.0)
+
+    monkeypatch.setattr(hinf, "GammaProblem", proved_up_to(0.0))
+    monkeypatch.setattr(hinf, "_tried", tried)
+    monkeypatch.setattr(hinf, "_backed_off", lambda *args: None)
+    found = hinf_synthesis(PLANT, 1, 1)
+    assert (found.gamma, found.least) == (50.0, 0.0)
+    least = 1.0 + np.sqrt(3.0)
+    assert_allclose(spans, [(1e-8 * least, 10.0 * least)], rtol=2e-4)
+
+
+@pytest.mark.parametrize("a", [1.0, 3.0])
+def test_a_plant_of_measurements_and_controls_alone(a: float) -> None:
+    r"""1/(s − a) with control weight and noise of size δ: the least gain is that of δ² K/(1 − G K).
+
+    min ‖K/(1 − G K)‖∞ is the reciprocal of the least Hankel singular value of the unstable part,
+    1/(2a) for 1/(s − a) (K. Glover 1986, Robust stabilization of linear multivariable
+    systems: relations to approximation, Int. J. Control 43, 741-766).
+    """
+    one = np.ones((1, 1))
+    plant = LtiSystem(a * one, one, one, 0.0 * one)
+    for size in (1.0, 0.1):
+        found = hinf_synthesis(plant, 1, 1, regularisation=size)
+        assert_allclose(found.solvable, 2.0 * a * size**2, rtol=1e-4)
+    with pytest.raises(SingularProblemError, match=r"outputs \(there are 0\)"):
+        hinf_synthesis(plant, 1, 1)
 
 
 def test_a_loop_whose_norm_is_not_told_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

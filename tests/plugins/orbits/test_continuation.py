@@ -400,6 +400,34 @@ def test_a_boundary_that_is_left_is_none() -> None:
     np.testing.assert_allclose(branch.z[0], [0.0, 0.05, 0.15, 0.33], rtol=1e-9)
 
 
+class Gap(Floor):
+    """The floor, with no member between two values of x."""
+
+    def __init__(self, left: float, right: float) -> None:
+        self.left, self.right = left, right
+
+    def residual(self, z: Array) -> tuple[Array, Array]:
+        values, slopes = super().residual(z)
+        return np.where((z[0] > self.left) & (z[0] < self.right), 1.0, values), slopes
+
+
+def test_where_a_boundary_lies_in_a_gap_the_last_member_inside_ends_the_branch() -> None:
+    """Steps of 0.05, 0.1 and 0.2 lead from 0 to 0.35, over a boundary at 0.3 in the gap."""
+    edges = [Boundary("far", lambda z: 9.0 - z[0]), Boundary("edge", lambda z: 0.3 - z[0])]
+    branch = follow(Gap(0.2, 0.34), np.zeros(2), RIGHT, boundaries=edges)
+    np.testing.assert_allclose(branch.z[0], [0.0, 0.05, 0.15], rtol=1e-12)
+    assert branch.ends[1].startswith("edge (within one member: ")
+    # two members are enough, one is none: then the failure is said
+    branch = follow(Gap(0.06, 0.14), np.zeros(2), RIGHT, boundaries=[
+        Boundary("edge", lambda z: 0.1 - z[0])
+    ])  # fmt: skip
+    np.testing.assert_allclose(branch.z[0], [0.0, 0.05], rtol=1e-12)
+    with pytest.raises(ConvergenceError):
+        follow(Gap(0.01, 0.04), np.zeros(2), RIGHT, boundaries=[
+            Boundary("edge", lambda z: 0.03 - z[0])
+        ])  # fmt: skip
+
+
 def by_hand(x: list[float], y: list[float]) -> Branch:
     """Return a chain of members on the x axis or beside it, with tangents along x."""
     z = np.array([x, y])

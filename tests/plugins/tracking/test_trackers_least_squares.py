@@ -230,6 +230,8 @@ def test_an_orbit_that_only_an_outlier_speaks_for_is_given_up() -> None:
     clean = run(tracker, nominal, truth, ALCANTARA, times, without)
     assert_allclose(state.elements, clean.elements, rtol=1e-12)
     assert_allclose(state.covariance, clean.covariance, rtol=1e-9)
+    # 29 measurements, of which the first agrees with none before it
+    assert (state.agreed[0], clean.agreed[0]) == (28.0, 28.0)
     # an orbit that many measurements agree on is not given up for a few that do not
     spoilt = noise.copy()
     spoilt[:, 15:19] += 4.0 * DEGREE
@@ -498,8 +500,10 @@ def test_cases_do_not_touch_each_other() -> None:
         )
 
 
-def test_a_missing_measurement_moves_only_the_time() -> None:
-    tracker = LeastSquares(LeastSquaresSpec(drift_m=0.0))
+@pytest.mark.parametrize("gate", [LeastSquaresSpec().gate, 1e6])
+def test_a_missing_measurement_moves_only_the_time(gate: float) -> None:
+    # however far a measurement that stands for the missing one would move the state
+    tracker = LeastSquares(LeastSquaresSpec(drift_m=0.0, gate=gate))
     state = tracker.initial(at_rise(1), np.array([RISE]), (ALCANTARA,), EPOCH)
     later = tracker.update(
         state, np.array([RISE + 50.0]), np.array([np.nan]), np.array([0.1]), np.array(SIGMA)

@@ -80,7 +80,13 @@ class ZeroVelocityStage:
             raise InputError(f"plant {spec.plant.name!r}: states must be x, y, z, vx, vy, vz")
 
     def run(self, ctx: Context) -> ZeroVelocity:
-        """Return the map and the equilibrium points."""
+        """Return the map and the equilibrium points.
+
+        Raises
+        ------
+        InputError
+            If the integral of motion is a finite number nowhere on the map.
+        """
         flow = system(self.plant, normalised=True)
         assert flow.integral is not None
         unit = float(flow.unit[0])
@@ -90,6 +96,12 @@ class ZeroVelocityStage:
         axis = np.linspace(-self.spec.half_width_m, self.spec.half_width_m, self.spec.points)
         grid = np.stack(np.meshgrid(axis, axis)).reshape(2, -1) / unit
         values = size * integral(_at_rest(grid))[0].reshape(axis.size, axis.size)
+        if not np.isfinite(values).any():
+            raise InputError(
+                "half_width: the integral of motion is a finite number nowhere on a map of half "
+                f"the width {self.spec.half_width_m:.3g} m; give a map as large as the body's "
+                "surroundings"
+            )
 
         found, growth = equilibria(flow, self.spec.half_width_m / unit)
         kept = np.hypot(*found) * unit >= self.spec.inner_radius_m
@@ -201,6 +213,9 @@ def _draw(figure: MatplotlibFigure, *, product: ZeroVelocity, names: list[str]) 
     values = product.integral_m2_s2
     low, high = np.nanpercentile(values[np.isfinite(values)], (2.0, 97.0))
     values = np.where(np.isfinite(values), values, 2.0 * high)  # the grid may meet a singularity
+    # One value all over the map, but for rounding: contours need levels that rise.
+    if high - low <= 1e-12 * abs(high):
+        high = low + max(abs(low), 1.0)
     levels = np.linspace(low, high, 14)
     filled = axes.contourf(x, y, values, levels=levels, cmap="Greys", extend="both", alpha=0.7)
     opening = np.unique(np.round(product.equilibrium_integral_m2_s2, 9))

@@ -15,23 +15,20 @@ passed over.
 from __future__ import annotations
 
 import re
-import struct
-import zlib
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from hillsphere.atomic import replacing
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere.npz import MAX_UNPACKED_BYTES
 from hillsphere.regular_files import read_bytes
 from hillsphere_controllers.mu.blocks import Block, BlockStructure, full
+from hillsphere_controllers.systems.mat_file import MatFileError, parse_mat
 
 __all__ = ["Content", "load_mat", "save_mat"]
 
@@ -42,7 +39,6 @@ Content = LtiSystem | tuple[LtiSystem, BlockStructure] | Numbers | dict[str, Num
 _NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 _SYSTEM = {"a", "b", "c", "d"}
 _REGULAR = 1e-12
-_COMPRESSED = 15
 _MOST_BYTES = 256 << 20
 """Most bytes of a file: thirty systems of 1000 states."""
 _NAMES = (("InputName", "inputs"), ("OutputName", "outputs"), ("StateName", "states"))
@@ -95,50 +91,16 @@ def load_mat(path: Path) -> dict[str, Content]:
         raise InputError(f"{path} cannot be read: there is no such file") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    _check_unpacked(path, data)
     try:
-        found = loadmat(BytesIO(data), appendmat=False, chars_as_strings=True)
-    except NotImplementedError:
-        raise InputError(
-            f"{path} is a file of MATLAB's version 7.3; save it with save(…, '-v7')"
-        ) from None
-    except Exception as error:  # scipy raises many kinds for a file that is damaged
-        raise InputError(f"{path} is no .mat file, or damaged: {error}") from error
-    if "__function_workspace__" in found:
-        raise InputError(
-            f"{path} holds objects of MATLAB's, such as ss or uss; save a struct of their matrices "
-            "a, b, c, d, Ts instead"
-        )
-    return {
-        name: _read(value, name)
-        for name, value in found.items()
-        if not name.startswith("__") and np.asarray(value).dtype.kind != "U"
-    }
-
-
-def _check_unpacked(path: Path, data: bytes) -> None:
-    """Refuse a file of version 5 whose compressed variables unpack to too much.
-
-    Behind a head of 128 bytes each variable has a tag of two integers, its kind and its length; of
-    kind 15 it is compressed by zlib (MATLAB, "MAT-File Format", 1-6). A thousand bytes of zeros are
-    one byte there.
-    """
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    at, total = 128, 0
-    while order and at + 8 <= len(data):
-        kind, length = struct.unpack(f"{order}2I", data[at : at + 8])
-        if kind == _COMPRESSED:
-            unpacking = zlib.decompressobj()
-            try:
-                rest: bytes = data[at + 8 : at + 8 + length]
-                while rest:
-                    total += len(unpacking.decompress(rest, 1 << 20))
-                    if total > MAX_UNPACKED_BYTES:
-                        raise InputError(f"{path} unpacks to more than {MAX_UNPACKED_BYTES} bytes")
-                    rest = unpacking.unconsumed_tail
-            except zlib.error as error:
-                raise InputError(f"{path} is no .mat file, or damaged: {error}") from error
-        at += 8 + length
+        found = parse_mat(data)
+    except MatFileError as error:
+        raise InputError(f"{path} is no .mat file that can be read: {error}") from error
+    try:
+        return {
+            name: _read(value, name) for name, value in found.items() if value.dtype.kind != "U"
+        }
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _name(name: str) -> str:
@@ -193,8 +155,6 @@ def _row(block: Block) -> tuple[int, int]:
 
 def _read(value: Any, where: str) -> Content:
     if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
-        if type(value) is not np.ndarray:  # scipy's class for an object of MATLAB's
-            raise InputError(f"{where} is an object of MATLAB's; save a struct of its matrices")
         fields = {name: value[name].ravel()[0] for name in value.dtype.names}
         if {name.lower() for name in fields} >= _SYSTEM:
             return _system_read(fields, where)
@@ -336,8 +296,6 @@ def _names_read(value: Any, where: str) -> tuple[str, ...]:
 
 
 def _matrix(value: Any, where: str) -> Numbers:
-    if hasattr(value, "toarray"):  # a sparse matrix
-        value = value.toarray()
     made = np.asarray(value)
     if made.dtype.kind not in "biufc":
         raise InputError(

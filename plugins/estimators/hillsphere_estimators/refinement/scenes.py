@@ -6,10 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import OrbitingBody
 from hillsphere.earth.orientation import UT1_IS_UTC
 from hillsphere.earth.rotation import earth_fixed
-from hillsphere.ephemeris import Ephemeris, KeplerOrbit, from_equator, states_of_elements
+from hillsphere.ephemeris import (
+    Ephemeris,
+    FixedOrbit,
+    KeplerOrbit,
+    from_equator,
+    states_of_elements,
+)
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Scene
 from hillsphere.time import Epoch
@@ -26,7 +32,7 @@ def orbit_of(body: Any, key: str) -> Ephemeris:
     InputError
         If it is a body that no ephemeris is known of.
     """
-    if isinstance(body, Moon):
+    if isinstance(body, OrbitingBody):
         return KeplerOrbit.of(body)
     if not isinstance(body, Ephemeris):
         raise InputError(
@@ -49,9 +55,9 @@ def starts(body: Any, geometries: tuple[GeometrySpec, ...]) -> Array:
         epoch, mean = Epoch.parse(geometry.epoch, "TDB"), geometry.mean_anomaly_rad
         if mean is None:
             found.append(orbit_of(body, "asteroid").states(np.zeros(1), epoch))
-        elif isinstance(body, Moon):
+        elif isinstance(body, OrbitingBody):
             found.append(KeplerOrbit.of(body, mean).states(np.zeros(1), epoch))
-        elif isinstance(body, KeplerOrbit):
+        elif isinstance(body, FixedOrbit):
             elements = body.elements.copy()
             elements[5] = mean
             found.append(states_of_elements(elements[:, None], body.gm_m3_s2))

@@ -52,12 +52,14 @@ class CoverageStage:
     def __init__(self, spec: CoverageSpec) -> None:
         self.spec = spec
         self.plant: Plant = spec.plant.get()
+        states = self.plant.states
         if not isinstance(self.plant, LockedMoon):
             raise InputError(
                 "coverage needs a plant about a moon that is locked to its primary, such as "
                 f"'hill'; got a {type(self.plant).__name__}"
             )
         self.moon: LockedMoon = self.plant
+        require_states(states, "coverage")
 
     def run(
         self,
@@ -89,7 +91,6 @@ class CoverageStage:
         spec, moon = self.spec, self.moon
         given = members_of(*orbits)
         equations = system(self.plant, normalised=True)
-        require_states(equations, "coverage")
         around = retrace(StepMap(equations), given, _OF_CELL * spec.cell_rad)
         # the last state is the first one again
         way = around.way[:, :-1] * equations.unit[:, None, None]

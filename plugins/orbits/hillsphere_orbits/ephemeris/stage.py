@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.bodies import Moon
+from hillsphere.bodies import OrbitingBody
 from hillsphere.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
@@ -67,7 +67,7 @@ class AboutMoon(Contract, Protocol):
     """A plant in the rotating frame of a moon."""
 
     @property
-    def moon(self) -> Moon:
+    def moon(self) -> OrbitingBody:
         """The moon."""
         ...
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Context
+from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.reference import ReferenceTable
 from hillsphere_orbits.members import Quantity, members_at
@@ -25,7 +27,7 @@ from hillsphere_orbits.survey import (
     require_accuracy,
     tracks,
 )
-from hillsphere_orbits.winding import primary_distance, require_motion, require_smooth
+from hillsphere_orbits.winding import Winding, primary_distance, require_motion, require_smooth
 
 __all__ = ["QsoFamilyStage", "family_of"]
 
@@ -35,13 +37,39 @@ _FAR, _PRIMARY_SHARE = 4.0, 0.5
 tide; and of the primary's distance, since orbits that reach farther pass it ever more closely."""
 
 
+@runtime_checkable
+class QuasiSatelliteFamily(Contract, Protocol):
+    """What stages need of a family of quasi-satellite orbits; `Qso` says what is what.
+
+    The shooting problem (`hillsphere.interfaces.OrbitFamily.problem`) is needed too, but not looked
+    for, which would compile its equations.
+    """
+
+    plant: Plant
+    accuracy: float
+
+    @property
+    def winding(self) -> Winding:
+        """How often members wind about the moon, and about the primary."""
+        ...
+
+    def family(self, x_min_m: float | None, x_max_m: float, members: int = 161) -> Family:
+        """Compute the family between two amplitudes."""
+        ...
+
+
+def _is_of_quasi_satellites(family: object) -> TypeGuard[Qso]:
+    return isinstance(family, QuasiSatelliteFamily)
+
+
 def family_of(plant: object | None, family: object | None, accuracy: float) -> Qso:
     """Return the family that a stage's Spec names, directly or by its plant."""
     if family is None:
         return Qso(QsoSpec.model_validate({"plant": plant, "accuracy": accuracy}))
-    if not isinstance(family, Qso):
+    if not _is_of_quasi_satellites(family):
         raise InputError(
-            f"this stage needs an orbit family of type 'qso', got a {type(family).__name__}"
+            "this stage needs a family of quasi-satellite orbits, as of type 'qso', got a "
+            f"{type(family).__name__}"
         )
     return family
 
@@ -69,6 +97,8 @@ class QsoFamilyStage:
             spec.accuracy,
         )
         self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
+        if spec.needs.compare is None:
+            self._range(None)  # refuses an empty range
 
     def run(self, ctx: Context, compare: QsoFamily | None = None) -> QsoFamily:
         """Compute the family.

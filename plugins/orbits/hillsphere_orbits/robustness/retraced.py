@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.dynamics import StepMap, System
+from hillsphere.dynamics import StepMap
 from hillsphere.errors import InputError, StageError
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Variable
 from hillsphere.products import PeriodicOrbits
 from hillsphere_orbits.stability import multipliers
 
@@ -56,9 +57,9 @@ class Retraced:
         return np.asarray(here + np.where(bend > 0.0, rise, 0.0))
 
 
-def require_states(system: System, what: str) -> None:
+def require_states(states: Sequence[Variable], what: str) -> None:
     """Raise `InputError` unless the states are position and velocity in space."""
-    names = tuple(v.name for v in system.states)
+    names = tuple(v.name for v in states)
     if names != _STATES:
         raise InputError(
             f"{what} needs a plant with states {', '.join(_STATES)}; this one has "

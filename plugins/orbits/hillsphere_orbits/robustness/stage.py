@@ -17,7 +17,7 @@ from hillsphere_orbits.robustness.edges import Edges, first_losses
 from hillsphere_orbits.robustness.nearby import Nearby, nearby_resonances
 from hillsphere_orbits.robustness.presentation import present_stability
 from hillsphere_orbits.robustness.products import NonlinearStability
-from hillsphere_orbits.robustness.retraced import Retraced, retrace
+from hillsphere_orbits.robustness.retraced import Retraced, require_states, retrace
 from hillsphere_orbits.robustness.specs import NonlinearStabilitySpec
 from hillsphere_orbits.robustness.survival import Fate, Fates, Survival
 from hillsphere_orbits.sources import members_of
@@ -73,6 +73,7 @@ class NonlinearStabilityStage:
     def __init__(self, spec: NonlinearStabilitySpec) -> None:
         self.spec = spec
         self.plant: Plant = spec.plant.get()
+        require_states(self.plant.states, "survival")
 
     def run(
         self,

@@ -106,7 +106,7 @@ class Survival:
 
     def __init__(self, plant: Plant, accuracy: float = 1e-5) -> None:
         self.system = system(plant, normalised=True)
-        require_states(self.system, "survival")
+        require_states(plant.states, "survival")
         self.accuracy = accuracy
         self.map = StepMap(self.system)
         self._derivatives = Derivatives(self.system)

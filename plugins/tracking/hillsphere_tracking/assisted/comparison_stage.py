@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hillsphere.errors import InputError
@@ -56,6 +58,11 @@ class TrackingComparisonStage:
                     f"reference {spec.reference}: no column {missing[0]!r}; it has "
                     f"{', '.join(self.reference.columns)}"
                 )
+
+    def check_needs(self, tracking: object, **others: object) -> None:
+        """Refuse a baseline that is none of the trackers."""
+        if trackers := getattr(tracking, "trackers", None):  # as `AssistedTrackingStage` has them
+            self._check_baseline(tuple(trackers))
 
     def run(
         self,
@@ -199,7 +206,10 @@ class TrackingComparisonStage:
                 f"campaign {name!r} has other outages or trackers than stage "
                 f"{needs.tracking.name!r}; run both anew"
             )
-        if self.spec.baseline not in found.trackers:
-            hint = did_you_mean(self.spec.baseline, found.trackers, otherwise="there are")
-            raise InputError(f"baseline: no tracker {self.spec.baseline!r} is compared{hint}")
+        self._check_baseline(found.trackers)
         return found
+
+    def _check_baseline(self, trackers: Sequence[str]) -> None:
+        if self.spec.baseline not in trackers:
+            hint = did_you_mean(self.spec.baseline, trackers, otherwise="there are")
+            raise InputError(f"baseline: no tracker {self.spec.baseline!r} is compared{hint}")

@@ -16,7 +16,7 @@ from hillsphere.campaign.cases import (
     kept_histories,
 )
 from hillsphere.earth.orientation import doubts
-from hillsphere.earth.planet import Planet
+from hillsphere.earth.planet import Planet, StationedPlanet
 from hillsphere.earth.specs import PlanetSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Parameter, Plant, Tracker
@@ -28,11 +28,10 @@ from hillsphere_tracking.assisted.nominal_orbits import error_inputs, nominal_or
 from hillsphere_tracking.assisted.presentation import presented
 from hillsphere_tracking.assisted.products import AssistedTracking
 from hillsphere_tracking.assisted.specs import AssistedTrackingSpec
-from hillsphere_tracking.assisted.truth import PassTruth, truths
+from hillsphere_tracking.assisted.truth import PassTruth, check_passes, truths
 from hillsphere_tracking.mean_elements import EARTH_FIELD
 from hillsphere_tracking.orbits import Orbit
 from hillsphere_tracking.pass_sources import orbits_from
-from hillsphere_tracking.satellites import MeanElementsOrbit
 
 __all__ = ["AssistedTrackingStage"]
 
@@ -68,7 +67,7 @@ class AssistedTrackingStage:
     def __init__(self, spec: AssistedTrackingSpec) -> None:
         self.spec = spec
         body = Planet(PlanetSpec()) if spec.body is None else spec.body.get()
-        if not isinstance(body, Planet):
+        if not isinstance(body, StationedPlanet):
             raise InputError(
                 f"body: tracking needs a body of type 'planet', got {type(body).__name__}; leave "
                 "it out for the Earth"
@@ -81,8 +80,9 @@ class AssistedTrackingStage:
             )
         self.orbit: Orbit = orbits[0]
         orbit = self.orbit
-        self.field = orbit.field if isinstance(orbit, MeanElementsOrbit) else EARTH_FIELD
+        self.field = getattr(orbit, "field", EARTH_FIELD)
         self.plant: Plant | None = None if spec.plant is None else spec.plant.get()
+        check_passes(spec.passes, self.plant)
         self.trackers: dict[str, Tracker[Any]] = {}
         for number, ref in enumerate(spec.trackers, start=1):
             name = ref.name if ref.name != _GIVEN else f"tracker{number}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +82,7 @@ class _Flights:
     def __init__(self, orbit: Orbit, plant: Plant | None) -> None:
         self._orbit = orbit
         self._by = None if plant is None else PlantFlights(plant)
-        self._angles = [q.value for q in plant.parameters() if q.name == _ANGLE] if plant else []
+        self._angles = _angles(plant) if plant is not None else []
 
     @property
     def feels_turn(self) -> bool:
@@ -95,13 +95,38 @@ class _Flights:
             return self._orbit
         angle = None
         if shift_rad != 0.0:
-            if not self._angles:
-                raise InputError(
-                    f"the plant has no parameter {_ANGLE!r}: the Earth cannot be turned to reach "
-                    "an elevation; leave elevation_max out, or name an earth_orbit"
-                )
             angle = self._angles[0] + shift_rad
         return self._by.fly(self._orbit, self._orbit.epoch, duration_s, rotation_angle_rad=angle)
+
+
+def check_passes(passes: Sequence[TrackedPassSpec], plant: Plant | None) -> None:
+    """Refuse passes that no satellite could have: what their sensors and the plant say.
+
+    Raises
+    ------
+    InputError
+        If a sensor is none of a ground station, or an elevation is asked for and the plant cannot
+        turn the Earth.
+    """
+    for p in passes:
+        of = f"passes: {p.name}: "
+        sensor = p.sensor.get()
+        channels = isinstance(sensor, StationSensor) and tuple(c.name for c in sensor.channels)
+        if channels != _ANGLES:
+            raise InputError(
+                f"{of}its sensor must be one at a ground station that measures azimuth and "
+                f"elevation (type 'antenna'), got a {type(sensor).__name__}"
+            )
+        if p.elevation_max_rad is not None and plant is not None and not _angles(plant):
+            raise InputError(
+                f"{of}the plant has no parameter {_ANGLE!r}: the Earth cannot be turned to reach "
+                "an elevation; leave elevation_max out, or name an earth_orbit"
+            )
+
+
+def _angles(plant: Plant) -> list[float]:
+    """Return the angle of the Earth by which a plant flies, if it has one."""
+    return [q.value for q in plant.parameters() if q.name == _ANGLE]
 
 
 def truths(
@@ -173,12 +198,7 @@ def _truth(
     edges: Array,
     revolution_s: float,
 ) -> PassTruth:
-    sensor = p.sensor.get()
-    if not isinstance(sensor, StationSensor) or tuple(c.name for c in sensor.channels) != _ANGLES:
-        raise InputError(
-            "its sensor must be one at a ground station that measures azimuth and elevation (type "
-            f"'antenna'), got a {type(sensor).__name__}"
-        )
+    sensor: StationSensor = p.sensor.get()
     begin, end = float(edges[p.revolution - 1]), float(edges[p.revolution])
     ends = (max(begin - revolution_s, 0.0), min(end + revolution_s, track.end_s))
 

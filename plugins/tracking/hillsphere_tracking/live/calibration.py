@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, Protocol, TypeGuard, cast, runtime_checkable
 
 import numpy as np
 
+from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch
@@ -184,8 +185,16 @@ class StationMemory:
         )
 
 
+@runtime_checkable
+class _BiasEstimator(Contract, Protocol):
+    """A tracker that estimates biases of its station, as `LeastSquares`."""
+
+    spec: Any
+    with_biases: Any
+
+
 def _estimates(tracker: Tracker[Any]) -> TypeGuard[LeastSquares]:
-    return isinstance(tracker, LeastSquares) and bool(_estimated(tracker))
+    return isinstance(tracker, _BiasEstimator) and bool(_estimated(cast(LeastSquares, tracker)))
 
 
 def _estimated(tracker: LeastSquares) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 
@@ -61,6 +62,11 @@ class PointingStage:
     def __init__(self, spec: PointingSpec) -> None:
         self.spec = spec
         self.mounts: tuple[Mount, ...] = tuple(mount_of(mount) for mount in spec.mounts)
+
+    def check_needs(self, passes: object) -> None:
+        """Refuse stations that the stage of the passes does not have."""
+        if sites := getattr(passes, "sites", None):  # as `PassesStage` has them
+            self._check_stations([site.station.name for site in sites])
 
     def run(self, ctx: Context, passes: PassList) -> Pointing:
         """Plan each pass for each mount and follow it, with the plan and without.
@@ -131,15 +137,16 @@ class PointingStage:
         """Show errors, axis angles and rates, and the paths near the keyholes."""
         return presented(product, Epoch.parse(passes.start, "UTC"))
 
+    def _check_stations(self, known: Sequence[str]) -> None:
+        for name in self.spec.stations:
+            if name not in known:
+                hint = did_you_mean(name, known, otherwise="there are")
+                raise InputError(f"stations: no passes over {name!r}{hint}")
+
     def _chosen(self, passes: PassList) -> tuple[Integers, int]:
         """Return the passes to be followed, and how many are too short for that."""
         spec = self.spec
-        for name in spec.stations:
-            if name not in passes.stations:
-                raise InputError(
-                    f"stations: no passes over {name!r}"
-                    f"{did_you_mean(name, passes.stations, otherwise='there are')}"
-                )
+        self._check_stations(passes.stations)
         names = np.array(passes.stations, dtype=np.str_)[passes.station]
         asked = passes.elevation_max_rad >= spec.culmination_min_rad
         if spec.stations:

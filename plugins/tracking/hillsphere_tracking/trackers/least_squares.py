@@ -126,9 +126,8 @@ class LeastSquares:
         self.size = self.kept.stop + spec.horizon_bias
         # rows of the derivatives of what is measured that are not by elements
         self._others = [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
-        # where angle biases, time bias and horizon bias stand in the covariance; −1: nowhere
-        self._shown = [*range(n), *([n, n + 1] if spec.angle_biases else [-1, -1])]
-        self._shown += [-1 if row is None else row for row in (self._clock, self._horizon)]
+        # rows of what is estimated among the elements and all four biases, as `predict` wants them
+        self._shown = np.array([*range(n), *(row - 6 + n for row in self._others)])
 
     def initial(
         self,
@@ -286,9 +285,9 @@ class LeastSquares:
 
         Of times of the station's clock; not `biased`, of true times.
         """
-        shown = np.array(self._shown)
-        covariance = state.covariance.transpose(2, 0, 1)[:, shown[:, None], shown]
-        covariance *= (shown[:, None] >= 0) & (shown >= 0)
+        n = self._chart.count
+        covariance = np.zeros((state.t_s.size, n + 4, n + 4))
+        covariance[:, self._shown[:, None], self._shown] = state.covariance.transpose(2, 0, 1)
         return seen_covariance(
             state,
             times_s,
