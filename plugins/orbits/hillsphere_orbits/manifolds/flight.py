@@ -19,7 +19,10 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
 
-__all__ = ["Flown", "Watch", "Zeros", "fly"]
+__all__ = ["UNPROVED", "Flown", "Watch", "Zeros", "fly"]
+
+UNPROVED = "that no crossing of theirs was missed is not proved"
+"""What is said of flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
 _NEWTON = 4
