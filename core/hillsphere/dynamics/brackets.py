@@ -1,9 +1,9 @@
 """Brackets of every zero of several functions along a trajectory, proved to be all.
 
-Flights are known at the ends of equal steps. One box for several steps of a lane bounds the
-derivatives of the functions there; it decides nearly all steps. The others are enclosed one by
-one, and halved by partial steps of the formula until each piece holds one zero or none, see
-`hillsphere.dynamics.proof`.
+Flights are known at the ends of equal steps. Each step is enclosed, and halved by partial steps of
+the formula until each piece holds one zero or none, see `hillsphere.dynamics.proof`. Boxes of
+several steps, as in `hillsphere.dynamics.crossing`, decide nothing where a step is a twentieth of
+a revolution, which is what a formula of order eight needs.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from hillsphere.dynamics.enclosures import (
     LinearRows,
     derivatives_within,
     enclose,
-    region_slopes,
 )
 from hillsphere.dynamics.expression_bounds import bounds_of_event
 from hillsphere.dynamics.intervals import Interval
@@ -35,15 +34,13 @@ from hillsphere.dynamics.proof import (
     decide,
     halved,
     leading,
+    padded,
 )
 from hillsphere.dynamics.system import System
 from hillsphere.interfaces import Array, Integers
 from hillsphere.symbolic import Expr
 
 __all__ = ["Brackets", "ProvedBrackets"]
-
-_GROUP = 8
-"""Steps in one box: of sixteen its bounds are too wide for a third of the steps near a body."""
 
 Halve = Callable[[Array, Array], tuple[Array, Array]]
 """States (n, K) at the start of a step and times (K,) since → states (n, K), values (m, K)."""
@@ -137,78 +134,42 @@ class ProvedBrackets:
         Returns
         -------
         Brackets
-            By function, step and lane, as far as one box decides them; then the others. A zero at
-            the start of a step is none of that step.
+            In no order. A zero at the start of a step is none of that step.
         """
-        g0, g1 = values[:, :-1], values[:, 1:]
-        changes = count_crossings(g0, g1, 0, from_zero=False) & inside
-        sure = self._grouped(way, values, h)
-        if self._bounded is None:
-            near = (np.minimum(np.abs(g0), np.abs(g1)) < MARGIN) & inside
-            sure, resolved = np.ones_like(changes), np.asarray(~near.any(axis=(0, 1)))
-        else:
-            resolved = np.ones(way.shape[2], dtype=bool)
-        function, step, lane = np.nonzero(changes & sure)
-        ends = np.zeros(len(step)), np.full(len(step), h)
-        found = Brackets(
-            function, step, lane, *ends, way[:, step, lane], way[:, step + 1, lane],
-            g0[function, step, lane], g1[function, step, lane], resolved,
-        )  # fmt: skip
-        unsure = ~sure & inside
-        return self._halved(found, way, values, h, halve, unsure) if unsure.any() else found
-
-    def _grouped(self, way: Array, values: Array, h: float) -> NDArray[np.bool_]:
-        """Say of functions and steps (m, K, N) which are decided by boxes of several steps."""
-        functions, steps, lanes = len(values), way.shape[1] - 1, way.shape[2]
-        sure = np.zeros((functions, steps, lanes), dtype=bool)
-        for size in (_GROUP, steps % _GROUP):
-            begin = 0 if size == _GROUP else steps - size
-            count = (steps // _GROUP) if size == _GROUP else int(size > 0)
-            if not count or self._bounded is None:
-                continue
-            at = begin + np.arange(size + 1)[:, None] + size * np.arange(count)
-            y = way[:, at].reshape(len(way), size + 1, count * lanes)
-            g = values[:, at]
-            zero, length = np.zeros(count * lanes), np.full(count * lanes, h)
-            # A state that turned non-finite has no box; the caller leaves its steps out.
+        if self._bounded is not None:
             try:
-                holds, slopes = region_slopes(
-                    self._bounded, zero, length, y, np.zeros((0, count * lanes))
-                )
+                return self._halved(self._bounded, way, values, h, halve, inside)
             except TypeError:  # an operation of which no bound is known
                 self._bounded = None
-                continue
-            shape = (functions, 1, count, lanes)
-            a, b, c, d = (one.reshape(shape) for one in _along(slopes, h))
-            w = np.array(abs(h))
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                clear, single = decide(g[:, :-1], g[:, 1:], w, (a, b, c, d), 0, from_zero=False)
-            decided = (clear | single) & holds.reshape(1, 1, count, lanes)
-            sure[:, at[:-1]] = decided
-        return sure
+        g0, g1 = values[:, :-1], values[:, 1:]
+        near = (np.minimum(np.abs(g0), np.abs(g1)) < MARGIN) & inside
+        at = np.nonzero(count_crossings(g0, g1, 0, from_zero=False) & inside)
+        function, step, lane = at
+        return Brackets(
+            function, step, lane, np.zeros(len(step)), np.full(len(step), h), way[:, step, lane],
+            way[:, step + 1, lane], g0[at], g1[at], np.asarray(~near.any(axis=(0, 1))),
+        )  # fmt: skip
 
-    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def _halved(
         self,
-        found: Brackets,
+        bounded: Bounded,
         way: Array,
         values: Array,
         h: float,
         halve: Halve,
-        unsure: NDArray[np.bool_],
+        inside: NDArray[np.bool_],
     ) -> Brackets:
-        """Add the brackets in steps that are not sure (m, K, N), each a lane of its own."""
+        """Bracket all zeros, each step that counts a lane of its own."""
         lanes = way.shape[2]
         flat, level = way.reshape(len(way), -1), values.reshape(len(values), -1)
-        waiting = unsure.reshape(len(unsure), -1)
-        which = np.flatnonzero(waiting.any(axis=0))
-        waiting = waiting[:, which]
+        which = np.flatnonzero(inside)
+        waiting = np.ones((len(values), len(which)), dtype=bool)
         pieces = Pieces(
             which, np.zeros(len(which)), np.full(len(which), h), flat[:, which],
             flat[:, which + lanes], level[:, which], level[:, which + lanes],
         )  # fmt: skip
-        rows = [found]
-        resolved = found.resolved
+        rows: list[Brackets] = []
+        resolved = np.ones(lanes, dtype=bool)
         # A crossing leaves two or three pieces open in each round, whoever else is looked at.
         most = MOST_PIECES + 4 * len(which)
 
@@ -222,11 +183,21 @@ class ProvedBrackets:
                 )
             )  # fmt: skip
 
+        # Of a state that turns within a step the neighbouring steps tell how far it may move.
+        moved = np.abs(np.diff(way, axis=1))
+        moved[:, 1:] = np.maximum(moved[:, 1:], moved[:, :-1])
+        moved[:, :-1] = np.maximum(moved[:, :-1], moved[:, 1:])
+        reach = moved.reshape(len(way), -1)[:, which]
         for depth in range(DEPTH + 1):
-            clear, single = decide(
-                pieces.g0, pieces.g1, np.abs(pieces.end - pieces.begin),
-                self._slopes(pieces, h), 0, from_zero=False,
-            )  # fmt: skip
+            count = len(pieces.lane)
+            many = padded(pieces)
+            some = np.minimum(np.arange(len(many.lane)), count - 1)
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                found = decide(
+                    many.g0, many.g1, np.abs(many.end - many.begin),
+                    _slopes(bounded, many, h, reach[:, some]), 0, from_zero=False,
+                )  # fmt: skip
+            clear, single = (one[:, :count] for one in found)
             keep(single & waiting, pieces)
             waiting = waiting & ~clear & ~single
             left: NDArray[np.bool_] = np.asarray(waiting.any(axis=0))
@@ -234,6 +205,7 @@ class ProvedBrackets:
                 break
             pieces = halved(pieces.taken(left), lambda at, tau: halve(flat[:, at], tau))
             waiting = np.repeat(waiting[:, left], 2, axis=1)
+            reach = 0.5 * np.repeat(reach[:, left], 2, axis=1)
         crosses = waiting & count_crossings(pieces.g0, pieces.g1, 0, from_zero=False)
         keep(crosses, pieces)
         for row, across in zip(waiting, crosses, strict=True):
@@ -251,15 +223,18 @@ class ProvedBrackets:
             joined("y0"), joined("y1"), joined("g0"), joined("g1"), resolved,
         )  # fmt: skip
 
-    def _slopes(self, now: Pieces, h: float) -> Slopes:
-        """Bound the functions' derivatives over pieces, along the flight."""
-        assert self._bounded is not None
-        length, none = now.end - now.begin, np.zeros((0, len(now.lane)))
-        box = enclose(self._bounded, now.begin, length, now.y0, none, now.y1)
-        when = np.minimum(now.begin, now.end), np.maximum(now.begin, now.end)
-        slopes = np.array(derivatives_within(self._bounded, when, box, []))
-        slopes[0::2, :, ~box.holds], slopes[1::2, :, ~box.holds] = -np.inf, np.inf
-        return _along((slopes[0], slopes[1], slopes[2], slopes[3]), h)
+
+def _slopes(bounded: Bounded, now: Pieces, h: float, reach: Array) -> Slopes:
+    """Bound the functions' derivatives over pieces, along the flight.
+
+    `reach` (n, K) is how far the states may move, for the first trial box.
+    """
+    length, none = now.end - now.begin, np.zeros((0, len(now.lane)))
+    box = enclose(bounded, now.begin, length, now.y0, none, now.y0 + reach)
+    when = np.minimum(now.begin, now.end), np.maximum(now.begin, now.end)
+    slopes = np.array(derivatives_within(bounded, when, box, []))
+    slopes[0::2, :, ~box.holds], slopes[1::2, :, ~box.holds] = -np.inf, np.inf
+    return _along((slopes[0], slopes[1], slopes[2], slopes[3]), h)
 
 
 def _along(slopes: Slopes, h: float) -> Slopes:

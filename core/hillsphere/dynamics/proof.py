@@ -35,6 +35,7 @@ __all__ = [
     "decide",
     "halved",
     "leading",
+    "padded",
     "search",
 ]
 
@@ -219,7 +220,7 @@ def search(
     for depth in range(DEPTH + 1):
         if not len(pieces.lane):
             break
-        filled = _filled(pieces)
+        filled = padded(pieces)
         slopes = bounds(filled)
         sense = np.where(filled.end >= filled.begin, 1.0, -1.0)
         clear, single = decide(
@@ -276,7 +277,7 @@ def leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
 
 def halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
     """Return both halves of each piece, side by side."""
-    filled = _filled(pieces)
+    filled = padded(pieces)
     count = len(pieces.lane)
     middle = 0.5 * (filled.begin + filled.end)
     y, g = halve(filled.lane, middle)
@@ -296,7 +297,7 @@ def halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array
     )
 
 
-def _filled(pieces: Pieces) -> Pieces:
+def padded(pieces: Pieces) -> Pieces:
     """Return the pieces, the last one repeated up to a whole number of widths."""
     count = len(pieces.lane)
     total = -(-count // _WIDTH) * _WIDTH
