@@ -27,7 +27,6 @@ from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.proof import (
     DEPTH,
     MARGIN,
-    MOST_PIECES,
     Pieces,
     Slopes,
     count_crossings,
@@ -41,6 +40,10 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.symbolic import Expr
 
 __all__ = ["Brackets", "ProvedBrackets"]
+
+_PIECES, _EACH = 4096, 4
+"""Undecided pieces, and for each step looked at, beyond which a search is given up. A crossing
+leaves two or three of its step in each round of halvings."""
 
 Halve = Callable[[Array, Array], tuple[Array, Array]]
 """States (n, K) at the start of a step and times (K,) since → states (n, K), values (m, K)."""
@@ -170,8 +173,7 @@ class ProvedBrackets:
         )  # fmt: skip
         rows: list[Brackets] = []
         resolved = np.ones(lanes, dtype=bool)
-        # A crossing leaves two or three pieces open in each round, whoever else is looked at.
-        most = MOST_PIECES + 4 * len(which)
+        most = _PIECES + _EACH * len(which)
 
         def keep(one: NDArray[np.bool_], now: Pieces) -> None:
             function, k = np.nonzero(one)
