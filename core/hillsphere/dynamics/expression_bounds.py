@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.enclosures import Bounded, LinearRows
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import System
@@ -15,7 +16,7 @@ from hillsphere.interfaces import Array
 from hillsphere.symbolic import (
     Expr,
     jacobian,
-    number_in,
+    parameter_names,
     substitute,
     time,
     variable,
@@ -91,11 +92,10 @@ def bounds_of_event(system: System, event: str | Expr) -> Bounded | None:
     if "proof:when" in variable_names(substitute([event], {time: when})):
         return None
     n = len(system.x)
-    try:
-        slopes = jacobian([event], system.x)[0]
-        form = np.array([[number_in(e) for e in row] for row in jacobian(slopes, system.x)])
-        origin = dict.fromkeys(system.x, 0.0)
-        slope = np.array([number_in(e) for e in substitute(slopes, origin)])
-    except TypeError:
+    slopes = jacobian([event], system.x)[0]
+    bends = [e for row in jacobian(slopes, system.x) for e in row]
+    if variable_names(bends) or parameter_names([*slopes, *bends]):
         return None
-    return _Quadratic(system.bounded, form.reshape(n, n), slope)
+    # The engine does not fold every constant, so that the numbers are evaluated.
+    found = ArrayFunction([*slopes, *bends], system.x)(np.zeros(n))
+    return _Quadratic(system.bounded, found[n:].reshape(n, n), found[:n])

@@ -33,6 +33,9 @@ __all__ = [
     "Slopes",
     "count_crossings",
     "decide",
+    "halved",
+    "leading",
+    "padded",
     "search",
 ]
 
@@ -227,7 +230,7 @@ def search(
         depth, pieces, waiting = turns.pop()
         if not len(pieces.lane):
             continue
-        filled = _filled(pieces)
+        filled = padded(pieces)
         slopes = bounds(filled)
         sense = np.where(filled.end >= filled.begin, 1.0, -1.0)
         clear, single = decide(
@@ -251,7 +254,7 @@ def search(
             crosses &= rest
             if depth < _BLUR and depth < DEPTH:
                 continue
-            leads = crosses | _leading(rest, crosses, pieces)
+            leads = crosses | leading(rest, crosses, pieces)
             if depth == DEPTH:
                 keep(row, crosses, pieces, True)
                 keep(row, rest & ~leads, pieces, False)
@@ -296,10 +299,10 @@ def _shared(
             for part in (first, ~first)
             for turn in _shared(depth, pieces.taken(part), waiting[:, part], halve)
         ]
-    return [(depth, _halved(pieces, halve), np.repeat(waiting, 2, axis=1))]
+    return [(depth, halved(pieces, halve), np.repeat(waiting, 2, axis=1))]
 
 
-def _leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
+def leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
     """Say which undecided pieces lead without a gap to one in which the event changes its sign.
 
     A bound that does not know the sign of the derivative leaves some pieces beside every crossing
@@ -321,9 +324,9 @@ def _leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
     return leads
 
 
-def _halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
+def halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Array]]) -> Pieces:
     """Return both halves of each piece, side by side."""
-    filled = _filled(pieces)
+    filled = padded(pieces)
     count = len(pieces.lane)
     middle = 0.5 * (filled.begin + filled.end)
     y, g = halve(filled.lane, middle)
@@ -343,7 +346,7 @@ def _halved(pieces: Pieces, halve: Callable[[Integers, Array], tuple[Array, Arra
     )
 
 
-def _filled(pieces: Pieces) -> Pieces:
+def padded(pieces: Pieces) -> Pieces:
     """Return the pieces, the last one repeated up to a whole number of widths."""
     count = len(pieces.lane)
     total = -(-count // _WIDTH) * _WIDTH
