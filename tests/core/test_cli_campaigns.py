@@ -382,7 +382,7 @@ def test_a_campaign_needs_the_nominal_case(hillsphere: Runner) -> None:
     [
         (
             'repeat = "wave"', 'repeat = "echo"',
-            "waves.toml:15: stage.many.repeat: stage 'echo' (echo) cannot be repeated: it has no "
+            "waves.toml:17: stage.many.repeat: stage 'echo' (echo) cannot be repeated: it has no "
             "run_cases; it can repeat wave",
         ),
         ('["height"]', '["width"]', "waves.toml:15: stage.many: "),
