@@ -179,7 +179,9 @@ def by_hand(x0: Any, samples: int, push: float = 0.0, gain: Any = 1.0) -> tuple[
 def densely(x: Array, u: Array, places: int = 20001) -> Array:
     """Return distances of the double integrator between samples under held commands, exactly."""
     s = np.linspace(0.0, PERIOD, places)[:, None, None]
-    return np.linalg.norm(x[:3, :-1] + s * x[3:, :-1] + 0.5 * s**2 * u, axis=1)
+    return np.asarray(
+        np.linalg.norm(x[:3, :-1] + s * x[3:, :-1] + 0.5 * s**2 * u, axis=1), dtype=float
+    )
 
 
 START = {"position_m": [100, -50, 20], "velocity_m_s": [0.5, 0, -0.25]}
