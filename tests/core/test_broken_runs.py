@@ -13,28 +13,12 @@ from pathlib import Path
 
 import pytest
 from tests.core.mutations import with_other_type
+from tests.core.wave_missions import WAVES, waves_mission
 
 from hillsphere.cli.endings import run
 from hillsphere.plugins import default_registry
 
-WAVES = Path(__file__).parent / "waves"
-MISSION = """format = 1
-name = "waves"
-title = "Waves"
-seed = 4
-[stage.wave]
-type = "wave"
-[dispersions.start]
-type = "normal"
-of = "stage.wave"
-parameters = ["height"]
-sigma = 0.2
-[stage.many]
-type = "many"
-repeat = "wave"
-dispersions = ["start"]
-cases = 10
-"""
+MISSION = waves_mission(10)
 MISSION_AGAIN = ("--mission", "waves.toml")
 COMMANDS = {
     "resume": ("resume", "out", *MISSION_AGAIN, "--workers", "0"),

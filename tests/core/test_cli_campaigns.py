@@ -21,32 +21,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.io import netcdf_file
+from tests.core.wave_missions import WAVES, waves_mission
 
 from hillsphere.cli.endings import run
 from hillsphere.plugins import default_registry
 from hillsphere.product_codec import load_product
 
-WAVES = Path(__file__).parent / "waves"
-MISSION = """format = 1
-name = "waves"
-title = "Waves"
-seed = 4
-
-[stage.wave]
-type = "wave"
-
-[dispersions.start]
-type = "normal"
-of = "stage.wave"
-parameters = ["height"]
-sigma = 0.2
-
-[stage.many]
-type = "many"
-repeat = "wave"
-dispersions = ["start"]
-cases = 130
-"""
+MISSION = waves_mission(130)
 AGAIN = ("--mission", "waves.toml")
 """What a run of an own mission is resumed with: its directory is data, and does not choose."""
 SLOW = ("--set", "stage.wave.steps=3000", "--set", "stage.many.cases=2000", "--no-cache")

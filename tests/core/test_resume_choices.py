@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.core.wave_missions import WAVES, waves_mission
 
 from hillsphere.cli.endings import run
 from hillsphere.errors import InputError
@@ -20,27 +21,7 @@ from hillsphere.plugins import default_registry
 from hillsphere.resume_choices import ResumeChoices, choose, read_local, resume_command
 from hillsphere.shell_words import shell_line
 
-WAVES = Path(__file__).parent / "waves"
-MISSION = """format = 1
-name = "waves"
-title = "Waves"
-seed = 4
-
-[stage.wave]
-type = "wave"
-
-[dispersions.start]
-type = "normal"
-of = "stage.wave"
-parameters = ["height"]
-sigma = 0.2
-
-[stage.many]
-type = "many"
-repeat = "wave"
-dispersions = ["start"]
-cases = 10
-"""
+MISSION = waves_mission(10)
 LOCAL = {"schema": 1, "mission": "phobos-qso", "allow_path": False, "cache": True}
 
 
