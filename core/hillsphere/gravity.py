@@ -15,15 +15,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hillsphere.dynamics import ArrayFunction
+from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.intervals import EVERYTHING
 from hillsphere.errors import ConvergenceError, InputError
-from hillsphere.interfaces import Array, ArrayGravityModel, GravityModel, Parameter
+from hillsphere.interfaces import (
+    Array,
+    ArrayGravityModel,
+    BoundedGravity,
+    GravityModel,
+    Parameter,
+)
 from hillsphere.ranges import GM_M3_S2
 from hillsphere.symbolic import (
     Expr,
+    Overloaded,
     Params,
     Vec3,
     constant,
     jacobian,
+    norm,
     parameter,
     substitute,
     variables,
@@ -33,6 +43,7 @@ __all__ = [
     "AnyGravityModel",
     "GravityField",
     "acceleration_at",
+    "acceleration_within",
     "field_of",
     "gravity_gradient",
     "is_array_model",
@@ -147,8 +158,47 @@ def potential_at(model: GravityModel, r: Vec3, p: Params) -> Expr:
 
 def acceleration_at(model: GravityModel, r: Vec3, p: Params) -> Vec3:
     """Acceleration at a position that may be any expression; arguments as `potential_at`."""
+    if isinstance(r[0], Overloaded):
+        return acceleration_within(model, r, p)
     x, y, z = _at(r, model.acceleration(_PLAIN, p))
     return (x, y, z)
+
+
+def acceleration_within(model: AnyGravityModel, r: Vec3, p: Params) -> Vec3:
+    """Bound the acceleration over a box of positions.
+
+    Parameters
+    ----------
+    model : GravityModel or ArrayGravityModel
+        The model.
+    r : Vec3
+        Position, `hillsphere.dynamics.bounds.Bound`, m.
+    p : Params
+        A bound per parameter of the model.
+
+    Returns
+    -------
+    Vec3
+        m/s². From the model's own bound of the size, which says nothing of direction and change;
+        otherwise its equations in interval arithmetic.
+
+    Raises
+    ------
+    TypeError
+        If the model offers neither.
+    """
+    if isinstance(model, BoundedGravity):
+        places = [Bound.of(q) for q in r]
+        distance = norm([Bound(q.value) for q in places])
+        values = {name: Bound(Bound.of(value).value) for name, value in p.items()}
+        most = Bound.of(model.acceleration_bound(distance, values)).value[1]
+        moving = any(q.rate is not None for q in places)
+        change = EVERYTHING if moving else None
+        pull = Bound((-most, most), change, change)
+        return cast(Vec3, (pull, pull, pull))
+    if isinstance(model, ArrayGravityModel):
+        raise TypeError(f"no bound of the gravity of {type(model).__name__} is known")
+    return model.acceleration(r, p)
 
 
 def gravity_gradient(model: GravityModel, r: Vec3, p: Params) -> tuple[Vec3, Vec3, Vec3]:

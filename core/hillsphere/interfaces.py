@@ -160,6 +160,33 @@ class SeriesGravity(Contract, Protocol):
 
 
 @runtime_checkable
+class BoundedGravity(Contract, Protocol):
+    """A gravity model, of expressions or arrays, that bounds the size of its acceleration.
+
+    From it events are proved (`hillsphere.dynamics.enclosures`). A `GravityModel` that is written
+    in plain arithmetic needs none; one that differentiates a potential does.
+    """
+
+    def acceleration_bound(self, distance: Expr, p: Params) -> Expr:
+        """Return an upper bound of |∇U|, m/s², wherever the distance from the centre is as given.
+
+        The distance, m, is an interval, as what `p` holds; written with the functions of
+        `hillsphere.symbolic`.
+        """
+        ...
+
+
+@runtime_checkable
+class SlopedSurface(Contract, Protocol):
+    """A surface whose function is Lipschitz continuous: contact with it can be proved."""
+
+    @property
+    def steepest_per_m(self) -> float:
+        """Lipschitz constant of the surface function, 1/m, everywhere off the centre."""
+        ...
+
+
+@runtime_checkable
 class Piecewise(Contract, Protocol):
     """A `GravityModel` whose expressions change branch (`hillsphere.symbolic.select`)."""
 
@@ -690,6 +717,8 @@ class CaseStage(Contract, Protocol):
 
     It may have a method ``prepare_cases(names, **inputs)``, called in each worker before the blocks
     with inputs of these names: what it compiles there does not count against a block's time limit.
+    It may have a method ``case_warnings(product)``, given what its own run yielded, which returns
+    sentences that warn of all its cases: they stand in every campaign that repeats it.
     """
 
     def case_inputs(self) -> tuple[Parameter, ...]:

@@ -314,7 +314,8 @@ class CaseTable:
     status, cause : ndarray of str, shape (N,)
         How each case ended, and what ended it.
     failed : ndarray of bool, shape (N,)
-        Whether that counts as a failure.
+        Whether that counts as a failure; never of a case that its status says to be undecided, see
+        `hillsphere.campaign.case_classes`.
     message_case : ndarray of int, shape (F,)
         Numbers of the cases of which there is more to say.
     messages : tuple of str
@@ -333,6 +334,11 @@ class CaseTable:
         Of the P points, if their list has one.
     lines : Lines or None
         Histories of the single cases, if a sweep was asked for them.
+    step_error : ndarray, shape (N,), or None
+        Estimate of each case's step error, in the plant's natural units; NaN where a case has none,
+        None if the stage gives none.
+    warnings : tuple of str
+        What is to be borne in mind of all cases: warnings of the nominal flight.
     """
 
     stage: str
@@ -360,6 +366,8 @@ class CaseTable:
     bands: Bands | None = None
     ladder: Ladder | None = None
     lines: Lines | None = None
+    step_error: Array | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def reproducible(self) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hillsphere.assembly import Assembly
-from hillsphere.campaign.block_outcome import BlockOutcome, failed_rows
+from hillsphere.campaign.block_outcome import BlockOutcome, lost_rows
 from hillsphere.campaign.cases import CaseBatch, Histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.executors.pool import Pool
@@ -244,6 +244,7 @@ def _row_of_table(table: CaseTable, case: int) -> BlockOutcome | None:
         failed=table.failed[found],
         message_case=table.message_case[told],
         messages=tuple(table.messages[i] for i in told),
+        step_error=None if table.step_error is None else table.step_error[found],
     )
 
 
@@ -267,6 +268,7 @@ def _row(outcome: BlockOutcome, case: int) -> BlockOutcome:
         histories=histories,
         tracebacks=tuple(outcome.tracebacks[i] for i in told) if outcome.tracebacks else (),
         seconds=outcome.seconds,
+        step_error=None if outcome.step_error is None else outcome.step_error[found],
     )
 
 
@@ -304,7 +306,7 @@ def _computed(
                     raise failure
     assert lost is not None
     what = "its worker was" if lost.how == "time_limit" else "its worker ended:"
-    return failed_rows(batch.numbers[lane], lost.how, "", f"{what} {lost.detail}")
+    return lost_rows(batch.numbers[lane], lost.how, "", f"{what} {lost.detail}")
 
 
 def _task(number: int, batch: CaseBatch, variant: int, limit_s: float | None) -> Task:

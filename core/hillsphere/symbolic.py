@@ -15,18 +15,21 @@ Facts of the engine behind it that a model must respect:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol, TypeAlias, cast
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import reduce
+from operator import add, mul
+from typing import Any, Protocol, TypeAlias, cast
 
 from hillsphere._heyoka import heyoka as _hy
 from hillsphere.errors import InputError
 
 __all__ = [
-    "Expr", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2", "constant", "cos",
-    "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater", "is_zero", "jacobian",
-    "kepler", "less", "log", "matvec", "maximum", "minimum", "norm", "parameter", "parameter_names",
-    "pi", "power", "product", "select", "sin", "spherical_harmonics_potential", "sqrt",
-    "substitute", "sum_of", "tan", "time", "variable", "variable_names", "variables",
+    "Expr", "Overloaded", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2",
+    "constant", "cos", "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater",
+    "is_zero", "jacobian", "kepler", "less", "log", "matvec", "maximum", "minimum", "norm",
+    "number_in", "parameter", "parameter_names", "pi", "power", "product", "select", "sin",
+    "spherical_harmonics_potential", "sqrt", "substitute", "sum_of", "tan", "time", "variable",
+    "variable_names", "variables",
 ]  # fmt: skip
 
 
@@ -51,6 +54,53 @@ Params: TypeAlias = Mapping[str, Expr]
 """Parameter name → expression; the engine decides whether it is a constant or set at run time."""
 
 _PARAMETER = "param:"
+
+
+class Overloaded:
+    """Base of types of numbers that may stand in the place of expressions.
+
+    The functions below pass such an argument on to its method ``symbolic_`` + their own name, so
+    that equations written for the engine can be evaluated in another arithmetic
+    (`hillsphere.dynamics.bounds`). What only the engine knows raises a TypeError.
+    """
+
+    __array_ufunc__ = None  # a number of numpy times this is the business of this
+
+    @classmethod
+    def of(cls, item: object) -> Any:
+        """Return a number, or an expression that is one, as this type."""
+        raise NotImplementedError
+
+
+def _overloaded(*items: object) -> type[Overloaded] | None:
+    """Return the type of the first operand that is no expression of the engine."""
+    return next((type(item) for item in items if isinstance(item, Overloaded)), None)
+
+
+def _call(name: str, engine: Callable[..., Any], *items: Scalar) -> Expr:
+    """Call the engine's function, or the method of an operand of another arithmetic."""
+    kind = _overloaded(*items)
+    if kind is None:
+        return cast(Expr, engine(*(_as_expr(item) for item in items)))
+    first, *rest = (kind.of(item) for item in items)
+    return cast(Expr, getattr(first, "symbolic_" + name)(*rest))
+
+
+def number_in(item: object) -> float:
+    """Return the number that an expression consists of.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    # The engine writes a number with 17 digits, from which it is read back exactly.
+    text = "3.14159265358979323846" if str(item) == "π" else str(item)
+    try:
+        return float(text)
+    except ValueError:
+        raise TypeError(f"{text[:60]} is not a number") from None
+
 
 time: Expr = cast(Expr, _hy.time)
 """The independent variable of a system of equations, s."""
@@ -97,47 +147,49 @@ def _as_expr(value: Scalar) -> Expr:
 
 def sqrt(x: Scalar) -> Expr:
     """Square root."""
-    return cast(Expr, _hy.sqrt(_as_expr(x)))
+    return _call("sqrt", _hy.sqrt, x)
 
 
 def sin(x: Scalar) -> Expr:
     """Sine."""
-    return cast(Expr, _hy.sin(_as_expr(x)))
+    return _call("sin", _hy.sin, x)
 
 
 def cos(x: Scalar) -> Expr:
     """Cosine."""
-    return cast(Expr, _hy.cos(_as_expr(x)))
+    return _call("cos", _hy.cos, x)
 
 
 def tan(x: Scalar) -> Expr:
     """Tangent."""
-    return cast(Expr, _hy.tan(_as_expr(x)))
+    return _call("tan", _hy.tan, x)
 
 
 def asin(x: Scalar) -> Expr:
     """Inverse sine, rad."""
-    return cast(Expr, _hy.asin(_as_expr(x)))
+    return _call("asin", _hy.asin, x)
 
 
 def acos(x: Scalar) -> Expr:
     """Inverse cosine, rad; keep the argument off ±1, where the derivative is infinite."""
-    return cast(Expr, _hy.acos(_as_expr(x)))
+    return _call("acos", _hy.acos, x)
 
 
 def atan2(y: Scalar, x: Scalar) -> Expr:
     """Angle of the point (x, y), rad, in (−π, π]."""
+    if _overloaded(x, y):
+        return _call("atan2", _hy.atan2, x, y)
     return cast(Expr, _hy.atan2(_as_expr(y), _as_expr(x)))
 
 
 def exp(x: Scalar) -> Expr:
     """Exponential."""
-    return cast(Expr, _hy.exp(_as_expr(x)))
+    return _call("exp", _hy.exp, x)
 
 
 def log(x: Scalar) -> Expr:
     """Natural logarithm."""
-    return cast(Expr, _hy.log(_as_expr(x)))
+    return _call("log", _hy.log, x)
 
 
 def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
@@ -146,6 +198,8 @@ def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
     s and c are e sin E₀ and e cos E₀ at an eccentric anomaly E₀, D and M the differences of the
     eccentric and the mean anomaly from there. Without singularity at e = 0.
     """
+    if _overloaded(e_sin, e_cos, difference):
+        raise TypeError("the difference of anomalies is known to the engine only")
     s, c, m = _as_expr(e_sin), _as_expr(e_cos), _as_expr(difference)
     within = cast(Expr, _hy.kepDE(s, c, m))
     # The engine's D is in [0, 2π); the equation itself gives the one that belongs to M.
@@ -157,6 +211,8 @@ def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
 
     Unlike `kepler` it is known to the Taylor propagator.
     """
+    if _overloaded(eccentricity, mean):
+        return _call("eccentric_anomaly", _hy.kepE, mean, eccentricity)
     e, m = _as_expr(eccentricity), _as_expr(mean)
     # The engine's E is in [0, 2π); the equation itself gives the one that belongs to M.
     return m + e * sin(cast(Expr, _hy.kepE(e, m)))
@@ -174,58 +230,93 @@ def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
     branch by `switches` (`hillsphere.interfaces.Piecewise`, or `PiecewisePlant` for a plant), or
     `hillsphere.dynamics.Taylor` flies past without notice. The step map needs no such help.
     """
+    if isinstance(condition, _Comparison):
+        kind = type(condition.difference)
+        yes, no = condition.sides()
+        first, last = kind.of(if_true), kind.of(if_false)
+        return cast(Expr, first.symbolic_select(last, yes, no))
     return cast(Expr, _hy.select(condition, _as_expr(if_true), _as_expr(if_false)))
 
 
 def greater(a: Scalar, b: Scalar) -> Expr:
     """Condition a > b, for `select`."""
+    if _overloaded(a, b):
+        return cast(Expr, _Comparison(cast(Any, a) - b))
     return cast(Expr, _hy.gt(_as_expr(a), _as_expr(b)))
 
 
 def less(a: Scalar, b: Scalar) -> Expr:
     """Condition a < b, for `select`."""
+    if _overloaded(a, b):
+        return cast(Expr, _Comparison(cast(Any, b) - a))
     return cast(Expr, _hy.lt(_as_expr(a), _as_expr(b)))
+
+
+class _Comparison:
+    """A condition in another arithmetic: that a difference is positive."""
+
+    def __init__(self, difference: Any) -> None:
+        self.difference = difference
+
+    def sides(self) -> tuple[Any, Any]:
+        """Say where it surely holds, and where it surely does not."""
+        low, high = self.difference.value
+        return low > 0.0, high <= 0.0
 
 
 def minimum(a: Scalar, b: Scalar) -> Expr:
     """Smaller of two expressions, lane by lane."""
+    if _overloaded(a, b):
+        return _call("minimum", _hy.select, a, b)
     return select(less(a, b), a, b)
 
 
 def maximum(a: Scalar, b: Scalar) -> Expr:
     """Larger of two expressions, lane by lane."""
+    if _overloaded(a, b):
+        return -minimum(-cast(Expr, a), -cast(Expr, b))
     return select(greater(a, b), a, b)
 
 
 def is_zero(e: Scalar) -> bool:
     """Whether an expression is literally the number zero (``0 * x`` is, ``x - x`` is not)."""
-    return bool(_as_expr(e) == constant(0.0))
+    return not _overloaded(e) and bool(_as_expr(e) == constant(0.0))
 
 
 def absolute(x: Scalar) -> Expr:
     """|x|, by `select`; its derivative at zero is that of −x."""
     e = _as_expr(x)
+    if _overloaded(e):
+        return maximum(e, -e)
     return select(greater(e, 0.0), e, -e)
 
 
 def sum_of(terms: Iterable[Scalar]) -> Expr:
     """Sum of any number of terms; better for the compiler than a chain of ``+``."""
-    return cast(Expr, _hy.sum([_as_expr(term) for term in terms]))
+    items = list(terms)
+    if _overloaded(*items):
+        return cast(Expr, reduce(add, items))
+    return cast(Expr, _hy.sum([_as_expr(term) for term in items]))
 
 
 def product(factors: Iterable[Scalar]) -> Expr:
     """Product of any number of factors."""
-    return cast(Expr, _hy.prod([_as_expr(factor) for factor in factors]))
+    items = list(factors)
+    if _overloaded(*items):
+        return cast(Expr, reduce(mul, items))
+    return cast(Expr, _hy.prod([_as_expr(factor) for factor in items]))
 
 
 def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Expr:
     """Scalar product."""
+    if _overloaded(*a, *b):
+        return sum_of([cast(Any, x) * y for x, y in zip(a, b, strict=True)])
     return sum_of(_as_expr(x) * y for x, y in zip(a, b, strict=True))
 
 
 def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
     """Vector product of two 3-vectors."""
-    ax, ay, az = (_as_expr(x) for x in a)
+    ax, ay, az = (cast(Any, x) for x in a) if _overloaded(*b) else (_as_expr(x) for x in a)
     bx, by, bz = (_as_expr(x) for x in b)
     return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 

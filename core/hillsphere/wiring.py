@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hillsphere.assembly import placed
@@ -158,8 +158,9 @@ def _given(value: Any, products: Mapping[str, Any]) -> Any:
 def repeated_of(mission: Mission, stage: str, products: Mapping[str, Any]) -> dict[str, Repeated]:
     """Return what a stage repeats, by field, each with the products that it needs itself."""
     return {
-        field: _repeated(
-            mission, other, inputs_of(mission.specs["stage"][other], products), by=stage
+        field: replace(
+            _repeated(mission, other, inputs_of(mission.specs["stage"][other], products), by=stage),
+            nominal=products.get(other),
         )
         for field, other in repeated_by(mission.specs["stage"][stage])
     }

@@ -176,6 +176,14 @@ def by_hand(x0: Any, samples: int, push: float = 0.0, gain: Any = 1.0) -> tuple[
     return np.array([*states, x]).T, np.array(done).T
 
 
+def densely(x: Array, u: Array, places: int = 20001) -> Array:
+    """Return distances of the double integrator between samples under held commands, exactly."""
+    s = np.linspace(0.0, PERIOD, places)[:, None, None]
+    return np.asarray(
+        np.linalg.norm(x[:3, :-1] + s * x[3:, :-1] + 0.5 * s**2 * u, axis=1), dtype=float
+    )
+
+
 START = {"position_m": [100, -50, 20], "velocity_m_s": [0.5, 0, -0.25]}
 X0 = [100.0, -50.0, 20.0, 0.5, 0.0, -0.25]
 
@@ -194,8 +202,12 @@ def test_metrics_are_those_of_the_exact_solution() -> None:
     assert_allclose(values["dv"], PERIOD * np.linalg.norm(u, axis=0).sum(), rtol=1e-13)
     assert_allclose(values["final_position_error"], distance[-1], rtol=1e-12)
     assert_allclose(values["final_velocity_error"], speed[-1], rtol=1e-12)
-    assert_allclose(values["largest_position_error"], distance.max(), rtol=1e-13)
-    assert_allclose(values["largest_velocity_error"], speed.max(), rtol=1e-13)
+    # Over the flight, not at samples: the nearest of them is 0.14 % low. A held command moves it
+    # along a parabola, here looked at every 0.5 ms: the top lies at most 0.25 ms beside, which at
+    # 0.4 m/s² of bend is 1e-8 m, 1e-10 of it.
+    assert_allclose(values["largest_position_error"], densely(x, u).max(), rtol=1e-8)
+    assert values["largest_position_error"] > 1.001 * distance.max()
+    assert_allclose(values["largest_velocity_error"], speed.max(), rtol=1e-10)
     assert values["duration"] == 200.0
     assert values["firings"] == 20.0
     assert_allclose(product.position_error_m, distance, rtol=1e-10)
@@ -204,13 +216,13 @@ def test_metrics_are_those_of_the_exact_solution() -> None:
 
 
 def test_errors_may_count_from_later_on() -> None:
-    x, _ = by_hand(X0, 20)
+    x, u = by_hand(X0, 20)
     found = stage(start=START, errors_from_s=95).run_cases(block())
     # Sample 10, at 100 s, is the first that counts.
     assert_allclose(
         metric(found, "largest_position_error"),
-        np.linalg.norm(x[:3, 10:], axis=0).max(),
-        rtol=1e-12,
+        densely(x[:, 10:], u[:, 10:]).max(),
+        rtol=1e-8,
     )
 
 

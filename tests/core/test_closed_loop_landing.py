@@ -205,7 +205,10 @@ def test_metrics_of_a_touchdown() -> None:
     assert (np.diff(whole["dv"], axis=0)[:, free] > 0).all()
     for name, error in (("position_error", "position"), ("velocity_error", "velocity")):
         most = np.nanmax(whole[name], axis=0)
-        assert_allclose(metric(found, f"largest_{error}_error")[free], most[free], rtol=1e-12)
+        # Over the flight: no less than at samples, and here more by up to a few parts in 10⁵.
+        ratio = metric(found, f"largest_{error}_error")[free] / most[free]
+        assert (ratio >= 1.0 - 1e-12).all()
+        assert (ratio < 1.001).all()
     # What is asked for is kept, and nothing else.
     some = stage().run_cases(
         block(("plant.push",), pushes), history=("dv", "position_*"), reference=product
@@ -483,7 +486,10 @@ def test_a_flight_that_begins_below_ground_is_refused_and_a_case_has_no_history(
     inputs = tuple(f"state.{name}" for name in "xyz")
     batch = block(inputs, np.array([10.0, 0.0, -5.0])[:, None])
     found = made.run_cases(batch, history=True, reference=product)
-    assert set(found.status) == {"impact"}
+    # A start below ground is an impossible draw: neither a failure nor, with "impact" among what
+    # succeeds, a success.
+    assert set(zip(found.status, found.cause, strict=True)) == {("input", "start (impact)")}
+    assert not found.failed.any()
     kept = found.histories
     assert kept is not None
     for name in ("u.ax", "law.az", "seen.x", "ref.vz", "command"):

@@ -12,7 +12,7 @@ from hillsphere.campaign.cases import Flags, Histories
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Integers
 
-__all__ = ["BlockOutcome", "divided", "failed_rows", "joined", "named_alike"]
+__all__ = ["BlockOutcome", "divided", "joined", "lost_rows", "named_alike", "reordered"]
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,10 @@ class BlockOutcome:
     status, cause : ndarray of str, shape (n,)
         How each case ended, and what ended it. Beside the stage's own words: ``"error"`` (it
         raised; the cause is the exception's class), ``"memory"``, ``"not_finite"`` (the cause is
-        the first metric that is not), ``"killed"`` and ``"time_limit"`` (it cost its worker).
+        the first metric that is not), ``"input"`` (an impossible draw; the cause is the input),
+        ``"killed"`` and ``"time_limit"`` (it cost its worker). All these are undecided.
     failed : ndarray of bool, shape (n,)
-        Whether that counts as a failure.
+        Whether that counts as a failure; never of an undecided case.
     message_case : ndarray of int, shape (F,)
         Numbers of the cases of which there is more to say.
     messages : tuple of str
@@ -43,6 +44,8 @@ class BlockOutcome:
         Beside `messages`, if histories were asked for: where it was raised; ``""`` if nowhere.
     seconds : float
         Wall-clock time it took; the one thing in here that a repetition does not reproduce.
+    step_error : ndarray, shape (n,), or None
+        Estimates of the step errors; NaN where a case has none, None if the stage gives none.
     """
 
     numbers: Integers
@@ -57,12 +60,13 @@ class BlockOutcome:
     histories: Histories | None = None
     tracebacks: tuple[str, ...] = ()
     seconds: float = 0.0
+    step_error: Array | None = None
 
 
-def failed_rows(
+def lost_rows(
     numbers: Integers, status: str, cause: str, message: str, tracebacks: tuple[str, ...] = ()
 ) -> BlockOutcome:
-    """Return rows of cases (n,) that failed before they had any metric."""
+    """Return rows of undecided cases (n,) that came to no metric."""
     count = len(numbers)
     return BlockOutcome(
         numbers=numbers,
@@ -71,7 +75,7 @@ def failed_rows(
         values=np.zeros((0, count)),
         status=np.array([status] * count, dtype=np.str_),
         cause=np.array([cause] * count, dtype=np.str_),
-        failed=np.ones(count, dtype=np.bool_),
+        failed=np.zeros(count, dtype=np.bool_),
         message_case=numbers,
         messages=(message,) * count,
         tracebacks=tracebacks,
@@ -121,6 +125,38 @@ def joined(outcomes: Sequence[BlockOutcome]) -> BlockOutcome:
         histories=_joined_histories(parts),
         tracebacks=tuple(t for o in parts for t in o.tracebacks),
         seconds=sum(o.seconds for o in parts),
+        step_error=_joined_errors(parts),
+    )
+
+
+def _joined_errors(parts: Sequence[BlockOutcome]) -> Array | None:
+    if all(o.step_error is None for o in parts):
+        return None
+    return np.concatenate(
+        [np.full(len(o.numbers), np.nan) if o.step_error is None else o.step_error for o in parts]
+    )
+
+
+def reordered(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
+    """Return the same cases in another order, that of their places `order` (n,)."""
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    number_of = {number: i for i, number in enumerate(outcome.numbers.tolist())}
+    told = np.argsort(
+        [place[number_of[number]] for number in outcome.message_case.tolist()], kind="stable"
+    ).astype(np.int64)
+    return replace(
+        outcome,
+        numbers=outcome.numbers[order],
+        values=np.ascontiguousarray(outcome.values[:, order]),
+        status=outcome.status[order],
+        cause=outcome.cause[order],
+        failed=outcome.failed[order],
+        message_case=outcome.message_case[told],
+        messages=tuple(outcome.messages[i] for i in told),
+        histories=outcome.histories and outcome.histories.of_cases(order),
+        tracebacks=tuple(outcome.tracebacks[i] for i in told) if outcome.tracebacks else (),
+        step_error=None if outcome.step_error is None else outcome.step_error[order],
     )
 
 
@@ -148,6 +184,9 @@ def divided(
                 message_case=outcome.message_case[told],
                 messages=tuple(outcome.messages[i] for i in told),
                 seconds=took,
+                step_error=(
+                    None if outcome.step_error is None else outcome.step_error[first:last].copy()
+                ),
             )
         )
     return parts

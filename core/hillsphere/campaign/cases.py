@@ -124,12 +124,15 @@ class CaseResults:
     status : tuple of str
         How each case ended, one of a few words. A case that came to its end but missed what is
         required of its metrics is said to be ``"requirement"``: its metrics enter the statistics.
+        One of `hillsphere.campaign.case_classes.UNDECIDED` says that the case is undecided.
     cause : tuple of str
         What ended it (name of an event, of a limit); ``""`` for none.
     failed : ndarray of bool, shape (N,)
-        Whether that counts as a failure.
+        Whether that counts as a failure; of undecided cases it is not looked at.
     histories : Histories or None
         The way there, if it was asked for.
+    step_error : ndarray, shape (N,), or None
+        Estimate of each case's step error, in units that the stage documents; None for none.
     """
 
     metrics: tuple[str, ...]
@@ -139,6 +142,7 @@ class CaseResults:
     cause: tuple[str, ...]
     failed: Flags
     histories: Histories | None = None
+    step_error: Array | None = None
 
 
 def kept_histories(history: bool | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtri
 from scipy.stats import binomtest, wilcoxon
 
+from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
 from hillsphere.campaign.comparison_presentation import chosen, present_comparison
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
 from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
-from hillsphere.campaign.statistics import LEVEL, ended, mean_interval, ratio_interval
+from hillsphere.campaign.statistics import ended, mean_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
@@ -20,9 +22,11 @@ from hillsphere.products import CaseTable
 __all__ = [
     "CampaignComparison",
     "CampaignComparisonStage",
+    "PairedFailures",
     "compare",
     "matched",
     "mcnemar",
+    "paired_failures",
     "paired_ratio_interval",
     "signed_rank",
 ]
@@ -99,7 +103,7 @@ def compare(
         have differs: then they did not see the same draws.
     """
     first, *others = tables
-    rows: list[tuple[str, str, int, int, NDArray[np.bool_], NDArray[np.bool_]]] = []
+    rows: list[tuple[str, str, int, PairedFailures]] = []
     metrics: list[PairedMetrics] = []
     for name, table in zip(names[1:], others, strict=True):
         a, b = matched(first, table, names[0], name)
@@ -109,29 +113,106 @@ def compare(
             i, j = a[here], b[here]
             left = int(np.count_nonzero(first.point == p) + np.count_nonzero(table.point == p))
             left -= 2 * i.size
-            rows.append((name, label, i.size, left, first.failed[i], table.failed[j]))
+            rows.append((name, label, left, paired_failures(first, i, table, j, level)))
             metrics += _paired(first, table, i, j, name, label, level)
-    counts = np.array(
-        [[(fa & fb).sum(), (fa & ~fb).sum(), (~fa & fb).sum(), (~fa & ~fb).sum()]
-         for *_, fa, fb in rows]
-    ).reshape(len(rows), 4)  # fmt: skip
+    found = [row[3] for row in rows]
+
+    def number(name: str) -> Integers:
+        return np.array([getattr(one, name) for one in found], dtype=np.int64)
+
+    def interval(name: str) -> Array:
+        return np.array([getattr(one, name) for one in found]).reshape(len(rows), 2).T
+
     return CampaignComparison(
         baseline=names[0],
         level=level,
         campaign=tuple(row[0] for row in rows),
         point=tuple(row[1] for row in rows),
-        pairs=np.array([row[2] for row in rows], dtype=np.int64),
-        unpaired=np.array([row[3] for row in rows], dtype=np.int64),
-        both_failed=counts[:, 0],
-        only_baseline_failed=counts[:, 1],
-        only_other_failed=counts[:, 2],
-        difference=(counts[:, 2] - counts[:, 1]) / np.maximum(counts.sum(axis=1), 1),
-        difference_interval=np.array(
-            [paired_ratio_interval(int(c[2]), int(c[1]), int(c.sum()), level) for c in counts]
-        ).reshape(len(rows), 2).T,
-        mcnemar_p=np.array([mcnemar(int(c[1]), int(c[2])) for c in counts]),
+        pairs=number("pairs"),
+        unpaired=np.array([row[2] for row in rows], dtype=np.int64),
+        undecided=number("undecided"),
+        both_failed=number("both"),
+        only_baseline_failed=number("only_a"),
+        only_other_failed=number("only_b"),
+        difference=np.array([one.difference for one in found]),
+        difference_interval=interval("interval"),
+        sure_interval=interval("sure"),
+        mcnemar_p=np.array([mcnemar(one.only_a, one.only_b) for one in found]),
         metrics=tuple(metrics),
-    )  # fmt: skip
+    )
+
+
+@dataclass(frozen=True)
+class PairedFailures:
+    """Failures in pairs of cases, of a campaign b against a campaign a.
+
+    Parameters
+    ----------
+    pairs, undecided : int
+        Pairs of which both cases are decided, and pairs that are left out since one is not.
+    both, only_a, only_b : int
+        Decided pairs of which both cases failed, only that of a, only that of b.
+    difference : float
+        Failure ratio of b less that of a.
+    interval, sure : ndarray, shape (2,)
+        Score interval over the decided pairs; and its lower end if the undecided cases had failed
+        where that favours b the most, its upper end if where it favours a the most.
+    """
+
+    pairs: int
+    undecided: int
+    both: int
+    only_a: int
+    only_b: int
+    difference: float
+    interval: Array
+    sure: Array
+
+
+def paired_failures(
+    a: CaseTable, rows_a: Integers, b: CaseTable, rows_b: Integers, level: float = LEVEL
+) -> PairedFailures:
+    """Return the failures in pairs of cases, see `PairedFailures`.
+
+    Parameters
+    ----------
+    a, b : CaseTable
+        The campaigns.
+    rows_a, rows_b : ndarray of int, shape (n,)
+        Row of each pair in a, in b.
+    level : float
+        Confidence level.
+
+    Returns
+    -------
+    PairedFailures
+        Of b against a.
+    """
+    open_a, open_b = is_undecided(a.status[rows_a]), is_undecided(b.status[rows_b])
+    fa, fb = a.failed[rows_a] & ~open_a, b.failed[rows_b] & ~open_b
+    left = open_a | open_b
+    only_a, only_b = int((fa & ~fb & ~left).sum()), int((~fa & fb & ~left).sum())
+    undecided = int(left.sum())
+    pairs = left.size - undecided
+    # An undecided pair may turn out as one of which only one case fails, unless the other case
+    # is decided and speaks against it.
+    more_a = only_a + int((left & (open_a | fa) & (open_b | ~fb)).sum())
+    more_b = only_b + int((left & (open_b | fb) & (open_a | ~fa)).sum())
+    return PairedFailures(
+        pairs,
+        undecided,
+        int((fa & fb & ~left).sum()),
+        only_a,
+        only_b,
+        (only_b - only_a) / max(pairs, 1),
+        paired_ratio_interval(only_b, only_a, pairs, level),
+        np.array(
+            [
+                paired_ratio_interval(only_b, more_a, left.size, level)[0],
+                paired_ratio_interval(more_b, only_a, left.size, level)[1],
+            ]
+        ),
+    )
 
 
 def matched(a: CaseTable, b: CaseTable, name_a: str, name_b: str) -> tuple[Integers, Integers]:

@@ -27,6 +27,7 @@ _FAILURES = (
     *_WHO,
     Column("pairs", "-", "pairs"),
     Column("unpaired", "-", "cases without partner"),
+    Column("undecided", "-", "pairs with an undecided case"),
     Column("baseline_failures", "-", "first failed"),
     Column("failures", "-", "this failed"),
     Column("only_baseline", "-", "only the first failed"),
@@ -86,7 +87,7 @@ def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) ->
             f"Failures compared with {product.baseline}",
             _FAILURES,
             _failure_rows(product)[:MOST_ROWS],
-            [note + " Interval of the difference by Tango (1998)."],
+            [note + " Interval of the difference by Tango (1998).", *_undecided_notes(product)],
         ),
         "comparison_metrics": Table(
             f"Metrics compared with {product.baseline}",
@@ -144,6 +145,7 @@ def _failure_rows(product: CampaignComparison) -> list[dict[str, Cell]]:
             "point": product.point[r],
             "pairs": int(product.pairs[r]),
             "unpaired": int(product.unpaired[r]),
+            "undecided": int(product.undecided[r]),
             "baseline_failures": int(product.both_failed[r] + product.only_baseline_failed[r]),
             "failures": int(product.both_failed[r] + product.only_other_failed[r]),
             "only_baseline": int(product.only_baseline_failed[r]),
@@ -183,13 +185,13 @@ def _verdict(product: CampaignComparison, metrics: Sequence[PairedMetrics]) -> l
     sentences: list[str] = []
     failures = _failure_rows(product)[:_SENTENCES]
     ends = 100.0 * np.array([product.difference, *product.difference_interval]).T
-    for row, (middle, low, high) in zip(failures, ends, strict=False):
+    for r, (row, (middle, low, high)) in enumerate(zip(failures, ends, strict=False)):
         at = f" at {row['point']}" if row["point"] else ""
         sentences.append(
             f"{row['campaign']} against {product.baseline}{at}: {row['failures']} failures instead "
             f"of {row['baseline_failures']} in {row['pairs']} pairs, failure ratio {middle:+.3g} "
             f"percentage points ({low:+.3g} to {high:+.3g}, {100 * product.level:g} % interval; "
-            f"p = {row['p']:.2g}, exact)."
+            f"p = {row['p']:.2g}, exact)." + _undecided_pairs(product, r)
         )
     room = _SENTENCES if len(product.campaign) == 1 else 0
     for one in metrics[:room]:
@@ -204,6 +206,28 @@ def _verdict(product: CampaignComparison, metrics: Sequence[PairedMetrics]) -> l
                 f"{100 * one.more / one.pairs:.3g} % of {one.pairs} pairs."
             )
     return sentences
+
+
+def _undecided_notes(product: CampaignComparison) -> list[str]:
+    if not product.undecided.any():
+        return []
+    return ["Pairs with an undecided case are left out; the figure and p are of the others."]
+
+
+def _undecided_pairs(product: CampaignComparison, r: int) -> str:
+    """Say how many pairs a row leaves out, and whether they could turn it; ``""`` for none."""
+    count = int(product.undecided[r])
+    if not count:
+        return ""
+    low, high = 100.0 * product.sure_interval[:, r]
+    of_decided = product.difference_interval[:, r]
+    differs = of_decided[0] > 0.0 or of_decided[1] < 0.0
+    turns = differs and low <= 0.0 <= high
+    return (
+        f" {count} pair{'' if count == 1 else 's'} with an undecided case left out: with them "
+        f"{low:+.3g} to {high:+.3g}"
+        + (", which leaves the difference undecided." if turns else ".")
+    )
 
 
 def _draw_failures(figure: Canvas, product: CampaignComparison, rows: int) -> None:

@@ -66,13 +66,17 @@ class CampaignComparison:
     campaign, point : tuple of str
         Name of the other campaign, of the point of a sweep, per row.
     pairs, unpaired : ndarray of int, shape (R,)
-        Pairs of cases; cases of either campaign without partner.
+        Pairs of which both cases are decided; cases of either campaign without partner.
+    undecided : ndarray of int, shape (R,)
+        Pairs with an undecided case, which are left out.
     both_failed, only_baseline_failed, only_other_failed : ndarray of int, shape (R,)
         Pairs by which of their cases failed.
     difference : ndarray, shape (R,)
         Failure ratio of the other campaign less that of the first.
     difference_interval : ndarray, shape (2, R)
         Its score interval (Tango, 1998).
+    sure_interval : ndarray, shape (2, R)
+        The ends of that interval with the undecided pairs added such that each is farthest out.
     mcnemar_p : ndarray, shape (R,)
         p value of McNemar's exact test.
     metrics : tuple of PairedMetrics
@@ -85,10 +89,12 @@ class CampaignComparison:
     point: tuple[str, ...]
     pairs: Integers
     unpaired: Integers
+    undecided: Integers
     both_failed: Integers
     only_baseline_failed: Integers
     only_other_failed: Integers
     difference: Array
     difference_interval: Array
+    sure_interval: Array
     mcnemar_p: Array
     metrics: tuple[PairedMetrics, ...]

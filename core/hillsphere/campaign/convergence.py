@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from hillsphere.campaign.statistics import LEVEL, ratio_interval
+from hillsphere.campaign.case_classes import LEVEL, failure_ratio
 from hillsphere.interfaces import Array, Integers
 
 __all__ = ["Convergence", "convergence_of_failures", "convergence_of_mean"]
@@ -40,12 +40,36 @@ def _steps(total: int, steps: int) -> Integers:
 
 
 def convergence_of_failures(
-    failed: NDArray[np.bool_], *, level: float = LEVEL, steps: int = 200
+    failed: NDArray[np.bool_],
+    undecided: NDArray[np.bool_] | None = None,
+    *,
+    level: float = LEVEL,
+    steps: int = 200,
 ) -> Convergence:
-    """Return the failure ratio of the first 1 … N cases, at about so many steps."""
+    """Return the failure ratio of the first 1 … N cases, at about so many steps.
+
+    Parameters
+    ----------
+    failed : ndarray of bool, shape (N,)
+        Decided cases that failed.
+    undecided : ndarray of bool, shape (N,), optional
+        Cases that are not decided. The ratio is over the others; the interval reaches from where it
+        would be if none of them had failed to where if all had.
+    level : float
+        Confidence level.
+    steps : int
+        At most so many.
+
+    Returns
+    -------
+    Convergence
+        One value per step.
+    """
     at = _steps(failed.size, steps)
-    count = np.cumsum(failed)[at - 1]
-    return Convergence(at, count / at, ratio_interval(count, at, level))
+    left = np.zeros(failed.size, dtype=bool) if undecided is None else undecided
+    open_cases = np.cumsum(left)[at - 1]
+    found = failure_ratio(np.cumsum(failed & ~left)[at - 1], at - open_cases, open_cases, level)
+    return Convergence(at, found.value, found.sure)
 
 
 def convergence_of_mean(

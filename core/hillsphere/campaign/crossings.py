@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.campaign.statistics import ratio_interval
+from hillsphere.campaign.case_classes import is_undecided, ratio_at_points, ratio_interval
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Table
 from hillsphere.products import CaseTable
@@ -79,18 +79,18 @@ def crossings(
         names = tuple(_others(label, name) for label in table.point_labels)
     count = points.shape[1]
     cases = np.bincount(table.point, minlength=count)
-    failures = np.bincount(table.point, weights=table.failed, minlength=count)
-    low, high = ratio_interval(failures, cases, level)
-    ratio = failures / np.maximum(cases, 1)
+    # Undecided cases widen the interval; a point of which no case is decided has no ratio.
+    of_points = ratio_at_points(table, table.point, count, level)
+    (low, high), ratio, decided = of_points.sure, of_points.value, of_points.decided
     group = _groups(table, None if table.ladder is not None else along)
     found = []
     for g in range(int(group.max()) + 1):
-        here = np.flatnonzero((group == g) & (cases > 0))
+        here = np.flatnonzero((group == g) & (decided > 0))
         if not here.size:
             continue
         here = here[np.argsort(x_all[here], kind="stable")]
         x, above = x_all[here], ratio[here] > threshold
-        single = np.full(len(here), chosen) & (cases[here] == 1)
+        single = np.full(len(here), chosen) & (cases[here] == 1) & (decided[here] == 1)
         first = int(np.argmax(above)) if above.any() else len(here)
         sure = np.where(single, ~above, high[here] < threshold)
         upto = len(here) if sure.all() else int(np.argmin(sure))
@@ -141,6 +141,10 @@ def crossing_table(
     ]
     sure = f"sure by the {100 * level:g} % intervals of the points"
     notes = [f"Between two points of the sweep, with more of them the nearer; {sure}."]
+    if is_undecided(table.status).any():
+        notes.append(
+            "Over decided cases; what is sure holds whether or not the undecided ones had failed."
+        )
     most = int(np.bincount(table.point).max(initial=0))
     allowed = float(ratio_interval(np.zeros(1), np.array([most]), level)[1][0])
     if most and allowed >= threshold and not (chosen and most == 1):

@@ -10,7 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from hillsphere.campaign.block_outcome import BlockOutcome, failed_rows, joined, named_alike
+from hillsphere.campaign.block_outcome import BlockOutcome, joined, lost_rows, named_alike
+from hillsphere.campaign.case_classes import decided_failures
 from hillsphere.campaign.cases import CaseBatch
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.isolation import only
@@ -294,7 +295,7 @@ class _Campaign:
         cases = piece.part_of or len(lanes)
         if len(lanes) == 1:
             what = "its worker was" if lost.how == "time_limit" else "its worker ended:"
-            row = failed_rows(batch.numbers[lanes], lost.how, "", f"{what} {lost.detail}")
+            row = lost_rows(batch.numbers[lanes], lost.how, "", f"{what} {lost.detail}")
             return self._with_part(piece, cases, row)
         for some in np.array_split(lanes, min(PARTS, len(lanes))):
             # A case is lost for good only if it was tried as often as its block.
@@ -322,8 +323,8 @@ class _Campaign:
         else:
             named_alike([self._known, outcome])
         self._done[number] = outcome
-        if outcome.failed.any():
-            self._failures += int(outcome.failed.sum())
+        if (failed := decided_failures(outcome)).any():
+            self._failures += int(failed.sum())
             if self.tell_failures:
                 self.tell_failures(self._failures)
         if self.tell:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.atomic import replacing
+from hillsphere.campaign.case_classes import case_class, decided_failures, is_undecided
 from hillsphere.campaign.tables import percentile
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -42,11 +43,12 @@ def export_csv(table: CaseTable, path: str | Path) -> None:
 
     Notes
     -----
-    Columns ``case``, ``draw``, ``status``, ``cause``, ``failed`` (0 or 1); of a sweep ``point``,
-    its label and what was swept; the inputs, the metrics, and ``message``. A unit stands behind the
-    name, ``"dv [m/s]"``. Numbers have every digit, so that they are read back as they were; where
-    there is none stands ``nan``. A name that stands twice (an input that is a metric too) is told
-    apart by ``"input "``, ``"metric "`` before it.
+    Columns ``case``, ``draw``, ``status``, ``cause``, ``class`` (success, failure, or undecided
+    with the reason), ``failed`` (0 or 1), ``step_error`` if the stage estimates it; of a sweep
+    ``point``, its label and what was swept; the inputs, the metrics, and ``message``. A unit stands
+    behind the name, ``"dv [m/s]"``. Numbers have every digit, so that they are read back as they
+    were; where there is none stands ``nan``. A name that stands twice (an input that is a metric
+    too) is told apart by ``"input "``, ``"metric "`` before it.
     """
     said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
     with replacing(Path(path), follow_links=True) as stream:
@@ -95,7 +97,9 @@ def export_bands_csv(bands: Bands, path: str | Path) -> None:
 
 
 def _header(table: CaseTable) -> list[str]:
-    fixed = ["case", "draw", "status", "cause", "failed"]
+    fixed = ["case", "draw", "status", "cause", "class", "failed"]
+    if table.step_error is not None:
+        fixed.append("step_error")
     if table.points is not None:
         fixed += ["point", "point_label"]
     groups = (
@@ -120,8 +124,11 @@ def _rows(table: CaseTable, part: slice, said: dict[int, str]) -> Iterator[tuple
         table.draw[part].tolist(),
         table.status[part].tolist(),
         table.cause[part].tolist(),
-        table.failed[part].astype(int).tolist(),
+        list(map(case_class, table.status[part].tolist(), table.failed[part].tolist())),
+        (table.failed[part] & ~is_undecided(table.status[part])).astype(int).tolist(),
     ]
+    if table.step_error is not None:
+        columns.append(table.step_error[part].tolist())
     if table.points is not None:
         point = table.point[part]
         columns += [point.tolist(), [table.point_labels[p] for p in point.tolist()]]
@@ -229,8 +236,17 @@ class _Writer:
         if table.points is not None:
             self._integers("point_of_case", table.point, "case", "place of its point, from 0")
         failed = self.file.createVariable("failed", "b", ("case",))
-        failed[:] = table.failed
-        self._attributes(failed, long_name="whether it counts as a failure")
+        failed[:] = decided_failures(table)
+        self._attributes(failed, long_name="whether it is decided and failed")
+        undecided = self.file.createVariable("undecided", "b", ("case",))
+        undecided[:] = is_undecided(table.status)
+        self._attributes(undecided, long_name="whether it is neither success nor failure")
+        if table.step_error is not None:
+            errors = self.file.createVariable("step_error", "d", ("case",))
+            errors[:] = table.step_error
+            self._attributes(
+                errors, long_name="estimate of the step error in natural units", units="1"
+            )
         self._texts("status", table.status, "how the case ended", "case")
         self._texts("cause", table.cause, "what ended it", "case")
         self._doubles("input", table.inputs, table.input_units, table.input_values, "case")

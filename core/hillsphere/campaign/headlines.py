@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.campaign.case_classes import (
+    ratio_at_points,
+    ratio_of,
+    undecided_sentence,
+)
 from hillsphere.campaign.sensitivity import RankCorrelations
-from hillsphere.campaign.statistics import classes, ratio_interval
+from hillsphere.campaign.statistics import classes
 from hillsphere.products import CaseTable
 
-__all__ = ["NOT_COMPUTED", "clearest", "outcome", "worst_points"]
+__all__ = ["clearest", "outcome", "worst_points"]
 
 _WORTH_SAYING = 0.1
 """A smaller rank correlation is no headline, however many cases make it sure."""
-
-NOT_COMPUTED = ("error", "memory", "not_finite", "killed", "time_limit")
-"""Statuses of cases that could not be computed, see `BlockOutcome`."""
 
 
 def _percent(value: float) -> str:
@@ -23,38 +25,46 @@ def _percent(value: float) -> str:
 
 def outcome(table: CaseTable, level: float, drawn: bool) -> list[str]:
     """Say how many cases failed and how; `drawn` says whether they are independent."""
-    total, failures = table.case.size, int(np.count_nonzero(table.failed))
+    total = table.case.size
     if total == 0:
         return [f"No case of stage {table.stage!r} was computed."]
     count = table.points.shape[1] if table.points is not None else 1
     cases = f"{total} case{'' if total == 1 else 's'} of stage {table.stage!r}"
     cases += f" at {count} points" if count > 1 else ""
-    said = f"{cases} ({table.design.replace('_', ' ')}): {failures} failed, "
-    said += _percent(failures / total)
-    if drawn:
-        low, high = ratio_interval(failures, total, level)
-        said += f" ({100 * level:g} % interval {100 * low:.3g} to {_percent(high)})"
+    ratio = ratio_of(table, level)
+    said = f"{cases} ({table.design.replace('_', ' ')}): "
+    if not ratio.decided:
+        said += "none is decided"
+    else:
+        failures, decided = int(ratio.failures), int(ratio.decided)
+        said += f"{failures} failed, {_percent(failures / decided)}"
+        said += " of the decided ones" if ratio.undecided else ""
+        if drawn:
+            low, high = ratio.interval
+            said += f" ({100 * level:g} % interval {100 * low:.3g} to {_percent(high)})"
     sentences = [said + "."]
-    bad = [one for one in classes(table, level=level) if one.failed]
-    if bad:
+    if told := undecided_sentence(table):
+        sentences.append(told)
+    found = classes(table, level=level)
+    for question, some in (
+        ("How they failed", [one for one in found if one.failed]),
+        ("Undecided", [one for one in found if one.undecided]),
+    ):
+        if not some:
+            continue
         words = [
             f"{one.count} {one.status}{f' ({one.cause})' if one.cause else ''}, first case "
             f"{one.first_case}"
-            for one in bad[:4]
+            for one in some[:4]
         ]
-        more = sum(one.count for one in bad[4:])
-        words += [f"{more} in {len(bad) - 4} further classes"] if more else []
-        sentences.append(f"How they failed: {'; '.join(words)}.")
-    lost = sum(one.count for one in bad if one.status in NOT_COMPUTED)
-    if lost:
-        sentences.append(
-            f"{lost} of them could not be computed, which says nothing of the flight itself: see "
-            "the messages in table campaign_failed."
-        )
+        more = sum(one.count for one in some[4:])
+        words += [f"{more} in {len(some) - 4} further classes"] if more else []
+        sentences.append(f"{question}: {'; '.join(words)}.")
     if table.stopped:
         sentences.append(f"It ended after {total} of {table.planned} cases: {table.stopped}.")
     elif total < table.planned:
         sentences.append(f"{table.planned - total} of {table.planned} planned cases are missing.")
+    sentences += [f"Warning of the nominal flight: {warning}" for warning in table.warnings]
     return sentences
 
 
@@ -62,22 +72,22 @@ def worst_points(table: CaseTable, level: float) -> list[str]:
     """Name the points of a sweep with the most and the fewest failures."""
     assert table.points is not None
     count = table.points.shape[1]
-    cases = np.bincount(table.point, minlength=count)
-    failures = np.bincount(table.point, weights=table.failed, minlength=count)
-    if not failures.any():
+    found = ratio_at_points(table, table.point, count, level)
+    if not found.failures.any():
         return []
-    ratio = failures / np.maximum(cases, 1)
-    # A point that was never reached is neither the best nor the worst.
+    ratio, there = found.value, found.decided > 0
+    # A point of which no case is decided is neither the best nor the worst.
     ends = (
-        int(np.argmax(np.where(cases > 0, ratio, -1.0))),
-        int(np.argmin(np.where(cases > 0, ratio, 2.0))),
+        int(np.argmax(np.where(there, ratio, -1.0))),
+        int(np.argmin(np.where(there, ratio, 2.0))),
     )
     words = []
     for word, p in zip(("most", "fewest"), ends, strict=True):
-        low, high = ratio_interval(failures[p], cases[p], level)
+        low, high = found.interval[:, p]
+        left = f", {found.undecided[p]} undecided" if found.undecided[p] else ""
         words.append(
-            f"{word} at {table.point_labels[p]}: {_percent(ratio[p])} of {cases[p]} "
-            f"({100 * low:.3g} to {_percent(high)})"
+            f"{word} at {table.point_labels[p]}: {_percent(ratio[p])} of {found.decided[p]} "
+            f"({100 * low:.3g} to {_percent(high)}{left})"
         )
     return [f"Failures are {'; '.join(words)}."]
 

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.campaign.block_outcome import BlockOutcome, failed_rows, joined
+from hillsphere.campaign.block_outcome import BlockOutcome, joined, lost_rows, reordered
+from hillsphere.campaign.case_classes import is_undecided
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import CaseStage, Integers
@@ -65,13 +66,17 @@ def compute(
     """
     begin = perf_counter()
     cases = np.flatnonzero(~batch.filler)
-    rows: list[BlockOutcome] = []
-    waiting = [cases]
+    impossible = _impossible_inputs(stage, batch)
+    rows: list[BlockOutcome] = [
+        lost_rows(batch.numbers[[lane]], "input", name, message, ("",) if history else ())
+        for lane, (name, message) in impossible.items()
+    ]
+    sound = np.array([lane for lane in cases.tolist() if lane not in impossible], dtype=np.int64)
+    waiting = [sound] if len(sound) else []
     while waiting:
         lanes = waiting.pop()
         part = batch if len(lanes) == len(cases) else only(batch, lanes)
         try:
-            _check_inputs(stage, part)
             results = stage.run_cases(part, history or tuple(bands), **inputs)
         except Exception as error:
             if len(lanes) > 1:
@@ -83,17 +88,26 @@ def compute(
         _check(stage, results, len(batch.numbers))
         kept = results.histories if history else _of_bands(stage, results.histories, bands)
         rows.append(_rows(results, lanes, batch.numbers[lanes], kept, history))
+    outcome = joined(rows)
+    if impossible:
+        outcome = reordered(outcome, np.argsort(outcome.numbers, kind="stable"))
     # In the order of memory that a checkpoint gives back, whoever computed it.
-    return replace(canonical(joined(rows)), seconds=perf_counter() - begin)
+    return replace(canonical(outcome), seconds=perf_counter() - begin)
 
 
-def _check_inputs(stage: CaseStage, batch: CaseBatch) -> None:
-    """Raise if a case was drawn that means nothing, such as a negative density."""
+def _impossible_inputs(stage: CaseStage, batch: CaseBatch) -> dict[int, tuple[str, str]]:
+    """Return the lanes whose draw means nothing, such as a negative density, with input and why."""
+    found: dict[int, tuple[str, str]] = {}
     for q in stage.case_inputs():
-        if q.positive and q.name in batch.names:
-            least = float(batch.values[batch.names.index(q.name)].min())
-            if not least > 0.0:
-                raise InputError(f"{q.name} must be > 0, got {least:.6g} {q.unit}".rstrip(" -"))
+        if q.name not in batch.names:
+            continue
+        values = batch.values[batch.names.index(q.name)]
+        sound = np.isfinite(values) & ((values > 0.0) | (not q.positive))
+        for lane in np.flatnonzero(~sound & ~batch.filler).tolist():
+            must = "> 0" if q.positive else "finite"
+            text = f"{q.name} must be {must}, got {values[lane]:.6g} {q.unit}".rstrip(" -")
+            found.setdefault(lane, (q.name, text))
+    return found
 
 
 def only(batch: CaseBatch, lanes: Integers) -> CaseBatch:
@@ -119,13 +133,17 @@ def _shortened(text: str) -> str:
 
 def _raised(number: Integers, error: Exception, history: bool) -> BlockOutcome:
     name = type(error).__name__
+    kind = "memory" if isinstance(error, MemoryError) else "error"
+    if isinstance(error, InputError):
+        # What a stage refuses of one case's inputs is an impossible draw, no fault of its code.
+        kind = "input"
     try:
         text = str(error)
     except Exception as other:  # an exception that cannot even be told must not cost the others
         text = f"(its text cannot be had: {type(other).__name__})"
-    return failed_rows(
+    return lost_rows(
         number,
-        "memory" if isinstance(error, MemoryError) else "error",
+        kind,
         name,
         _shortened(f"{name}: {text}" if text else name),
         ("".join(traceback.format_exception(error)),) if history else (),
@@ -159,16 +177,17 @@ def _rows(
     values = np.array(results.values, dtype=np.float64)[:, lanes]
     status = [results.status[i] for i in lanes]
     cause = [results.cause[i] for i in lanes]
-    failed = np.array(results.failed, dtype=np.bool_)[lanes]
+    undecided = is_undecided(status)
+    failed = np.array(results.failed, dtype=np.bool_)[lanes] & ~undecided
     messages = []
-    bad = np.flatnonzero(~failed & ~np.isfinite(values).all(axis=0))
+    bad = np.flatnonzero(~failed & ~undecided & ~np.isfinite(values).all(axis=0))
     for j in bad:
         wrong = np.flatnonzero(~np.isfinite(values[:, j]))
         told = ", ".join(f"{results.metrics[i]} = {values[i, j]}" for i in wrong)
         messages.append(_shortened(f"{status[j]}, but not finite: {told}"))
         status[j], cause[j] = "not_finite", results.metrics[wrong[0]]
-    failed[bad] = True
     values[:, bad] = np.nan
+    errors = results.step_error
     return BlockOutcome(
         numbers=numbers,
         metrics=tuple(results.metrics),
@@ -181,6 +200,7 @@ def _rows(
         messages=tuple(messages),
         histories=kept and kept.of_cases(lanes),
         tracebacks=("",) * len(bad) if tracebacks else (),
+        step_error=None if errors is None else np.array(errors, dtype=np.float64)[lanes],
     )
 
 
@@ -199,6 +219,8 @@ def _check(stage: CaseStage, results: Any, lanes: int) -> None:
         "cause": ((lanes,), np.shape(results.cause)),
         "failed": ((lanes,), np.shape(results.failed)),
     }
+    if results.step_error is not None:
+        wanted["step_error"] = ((lanes,), np.shape(results.step_error))
     histories = results.histories
     if isinstance(histories, Histories):
         times = len(histories.time_s)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.campaign.band_figures import MOST_PANELS, draw_bands
+from hillsphere.campaign.case_classes import decided_failures, is_undecided
 from hillsphere.campaign.figures import grid_of, grid_size, labelled, legend_below
 from hillsphere.history import time_unit
 from hillsphere.interfaces import Array
@@ -52,7 +54,9 @@ def line_figure(table: CaseTable, lines: Lines, bands: Bands | None) -> Figure:
 
 
 def _draw(figure: Canvas, table: CaseTable, lines: Lines, bands: Bands | None, count: int) -> None:
-    failed = table.failed[np.searchsorted(table.case, lines.case)]
+    places = np.searchsorted(table.case, lines.case)
+    failed = decided_failures(table)[places]
+    undecided = is_undecided(table.status)[places]
     longest = float(lines.time_s[-1])
     if bands is not None:
         longest = max(longest, float(bands.time_s[-1]))
@@ -61,17 +65,21 @@ def _draw(figure: Canvas, table: CaseTable, lines: Lines, bands: Bands | None, c
         name = lines.names[quantity]
         if bands is not None and name in bands.names:
             draw_bands(axes, bands, bands.names.index(name), scale)
-        _panel(axes, lines, quantity, failed, scale)
+        _panel(axes, lines, quantity, failed, undecided, scale)
         axes.set_xlabel(f"time ({unit})")
         axes.set_ylabel(labelled(name, lines.units[quantity]))
     legend_below(figure)
 
 
 def _panel(
-    axes: Axes, lines: Lines, quantity: int, failed: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    scale: float,
+    axes: Axes, lines: Lines, quantity: int, failed: NDArray[np.bool_],
+    undecided: NDArray[np.bool_], scale: float,
 ) -> None:  # fmt: skip
-    kinds = (("case", ~failed, "black", "-"), ("failed case", failed, "vermillion", "--"))
+    kinds = (
+        ("case", ~failed & ~undecided, "black", "-"),
+        ("failed case", failed, "vermillion", "--"),
+        ("undecided case", undecided, "orange", ":"),
+    )
     for name, which, colour, style in kinds:
         for place, k in enumerate(np.flatnonzero(which).tolist()):
             time_s, values = _course(lines, quantity, k)

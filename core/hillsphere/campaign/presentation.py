@@ -10,6 +10,14 @@ from typing import Any
 import numpy as np
 
 from hillsphere.campaign.band_figures import band_figure
+from hillsphere.campaign.case_classes import (
+    LEVEL,
+    UNDECIDED,
+    decided_failures,
+    is_undecided,
+    ratio_at_points,
+    ratio_of,
+)
 from hillsphere.campaign.convergence import convergence_of_failures, convergence_of_mean
 from hillsphere.campaign.figures import (
     Shown,
@@ -22,7 +30,7 @@ from hillsphere.campaign.figures import (
     grid_size,
     labelled,
 )
-from hillsphere.campaign.headlines import NOT_COMPUTED, clearest, outcome, worst_points
+from hillsphere.campaign.headlines import clearest, outcome, worst_points
 from hillsphere.campaign.sensitivity import (
     RankCorrelations,
     SobolIndices,
@@ -31,13 +39,7 @@ from hillsphere.campaign.sensitivity import (
     rank_correlations,
     sobol_of,
 )
-from hillsphere.campaign.statistics import (
-    LEVEL,
-    MetricStatistics,
-    ended,
-    metric_statistics,
-    ratio_interval,
-)
+from hillsphere.campaign.statistics import MetricStatistics, ended, metric_statistics
 from hillsphere.campaign.sweep_figures import PointValues, draw_sweep, points_of
 from hillsphere.campaign.tables import (
     class_table,
@@ -49,6 +51,7 @@ from hillsphere.campaign.tables import (
     point_table,
     sobol_table,
     statistics_table,
+    undecided_table,
 )
 from hillsphere.presentation import Figure, Metric, Presentation, Table
 from hillsphere.products import CaseTable
@@ -97,7 +100,8 @@ def present_campaign(
     Returns
     -------
     Presentation
-        Tables ``campaign_classes``, ``campaign_failed`` (if any did), ``campaign_extremes``,
+        Tables ``campaign_classes``, ``campaign_failed`` (if any did), ``campaign_undecided`` (if
+        any is), ``campaign_extremes``,
         ``campaign_correlations`` and ``campaign_sobol`` (if the design allows it); for random cases
         ``campaign_statistics`` with figures of distributions and convergence; for the points of a
         sweep ``sweep_failures`` and ``sweep_statistics`` with figures over what was swept; figure
@@ -117,8 +121,10 @@ def present_campaign(
     tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
     metrics = _counts(table, level, drawn)
     verdict = outcome(table, level, drawn)
-    if table.failed.any():
+    if decided_failures(table).any():
         tables["campaign_failed"] = failed_table(table)
+    if is_undecided(table.status).any():
+        tables["campaign_undecided"] = undecided_table(table)
     if not repeated:
         usable = independent_cases(table)
         found = metric_statistics(table, usable, level=level, levels=levels)
@@ -162,18 +168,22 @@ def _with_metrics(table: CaseTable, show: Sequence[str]) -> CaseTable:
 
 
 def _counts(table: CaseTable, level: float, drawn: bool) -> dict[str, Metric]:
-    total, failures = table.case.size, int(np.count_nonzero(table.failed))
-    low, high = ratio_interval(failures, total, level)
-    lost = int(np.count_nonzero(np.isin(table.status, NOT_COMPUTED) & table.failed))
+    found, total = ratio_of(table, level), table.case.size
+    computation = [word for word, reason in UNDECIDED.items() if reason == "computation"]
+    lost = int(np.count_nonzero(np.isin(table.status, computation)))
     made = {
         "campaign_cases": Metric(total),
-        "campaign_failures": Metric(failures),
+        "campaign_failures": Metric(int(found.failures)),
+        "campaign_undecided": Metric(int(found.undecided)),
         "campaign_not_computed": Metric(lost),
-        "campaign_failure_ratio": Metric(failures / total if total else np.nan),
+        "campaign_failure_ratio": Metric(float(found.value)),
     }
     if drawn:
-        made["campaign_failure_ratio_low"] = Metric(float(low))
-        made["campaign_failure_ratio_high"] = Metric(float(high))
+        made["campaign_failure_ratio_low"] = Metric(float(found.interval[0]))
+        made["campaign_failure_ratio_high"] = Metric(float(found.interval[1]))
+    if found.undecided:
+        made["campaign_failure_ratio_least"] = Metric(float(found.range[0]))
+        made["campaign_failure_ratio_most"] = Metric(float(found.range[1]))
     return made
 
 
@@ -221,8 +231,9 @@ def _distributions(
         )
     rows = independent_cases(table)
     if table.case.size > 1 and rows.any():
-        failed = table.failed[rows]
-        traces = [("failure ratio", convergence_of_failures(failed, level=level))]
+        failed = decided_failures(table)[rows]
+        undecided = is_undecided(table.status)[rows]
+        traces = [("failure ratio", convergence_of_failures(failed, undecided, level=level))]
         for one, values in varied[: _PANELS - 1]:
             kept = (usable & np.isfinite(values))[rows]
             label = f"mean {one.label}"
@@ -242,14 +253,12 @@ def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Fi
     points, count = points_of(table), table.points.shape[1]
     if not points.labels and count > table.case.size // 2 and len(table.swept) > 2:
         return {}  # scattered points, one case each: the scatter plots show them
-    cases = np.bincount(table.point, minlength=count)
-    failures = np.bincount(table.point, weights=table.failed, minlength=count)
     left = "" if (points.places[0] >= 0).all() else f" The first {len(points.ticks[0])} points."
     made: dict[str, Figure] = {}
     if repeated:
-        low, high = ratio_interval(failures, cases, level)
-        ratio = np.where(cases > 0, failures / np.maximum(cases, 1), np.nan)
-        of_failures = [PointValues("failure ratio", ratio, low, high)]
+        found = ratio_at_points(table, table.point, count, level)
+        low, high = found.sure
+        of_failures = [PointValues("failure ratio", found.value, low, high)]
         if points.is_map:
             of_failures.append(PointValues("failure ratio, at most", high))
         made["sweep_failures"] = Figure(
@@ -257,7 +266,8 @@ def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Fi
             lambda figure: draw_sweep(
                 figure, points, of_failures, f"{100 * level:g} % interval", "failure ratio"
             ),
-            "Clopper–Pearson intervals, each by itself." + left,
+            "Over decided cases. Clopper–Pearson intervals, each by itself, from where none of the "
+            "undecided cases had failed to where all had." + left,
             size_in=grid_size(2) if points.is_map else (8.0, 4.2),
         )
     medians = _medians(table, count, repeated)
@@ -304,12 +314,13 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
 
 
 def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> dict[str, Figure]:
-    pairs, rows = found.strongest(), independent_cases(table)
+    pairs = found.strongest()
+    rows = independent_cases(table) & ~is_undecided(table.status)
     given = explanatory(table)
     arguments: Mapping[str, Any] = {
         "values": np.where(ended(table), table.values, np.nan)[:, rows],
         "units": table.units,
-        "failed": table.failed[rows],
+        "failed": decided_failures(table)[rows],
     }
     shown = type(given)(given.names, given.units, given.values[:, rows])
     few, bars = pairs[:_PANELS], pairs[:_BARS]

@@ -34,12 +34,22 @@ class Repeated:
         Products of the stage's needs, by field.
     by : str
         Name of the stage that repeats it.
+    nominal : object, optional
+        What the stage itself has yielded; workers are not given it.
     """
 
     mission: Mission
     stage: str
     inputs: Mapping[str, Any] = field(default_factory=dict, repr=False)
     by: str = ""
+    nominal: Any = field(default=None, repr=False)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the stage's own run warns of, which holds for what repeats it too."""
+        if self.nominal is None:
+            return ()
+        warn = getattr(self.build(), "case_warnings", None)
+        return () if warn is None else tuple(warn(self.nominal))
 
     def build(self) -> CaseStage:
         """Make the stage.

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 from scipy.stats import norm, rankdata, tiecorrect
 
-from hillsphere.campaign.statistics import LEVEL, ended
+from hillsphere.campaign.case_classes import LEVEL, decided_failures, is_undecided
+from hillsphere.campaign.statistics import ended
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
 
 __all__ = [
+    "LEAST_FOR_CORRELATION",
     "Explanatory",
     "RankCorrelations",
     "SobolIndices",
@@ -23,7 +25,18 @@ __all__ = [
     "independent_cases",
     "rank_correlations",
     "sobol_of",
+    "too_few_failures",
 ]
+
+LEAST_FOR_CORRELATION = 10
+"""Cases of each kind below which no rank correlation is given.
+
+By chance alone Spearman's coefficient of n cases has a standard deviation of 1/√(n − 1), and the
+rank-biserial one of f failures among many more cases one of about 1/√(3 f). With ten they are 0.33
+and 0.18; with three failures the latter is 0.33, so that every third of a dozen inputs would show
+a coefficient above 0.3 that means nothing. The p values rest on a normal approximation of the rank
+sum, which fails for samples smaller than about ten (Mann and Whitney, 1947, tabulate up to eight).
+"""
 
 SAMPLES = 1000
 """Bootstrap samples of the intervals of Sobol indices."""
@@ -83,7 +96,7 @@ class RankCorrelations:
     metrics : tuple of str
         Names of the m metrics; the last may be ``"failed"``.
     count : ndarray of int, shape (m,)
-        Cases that were looked at: those that came to their end, for ``"failed"`` all.
+        Cases that were looked at: those that came to their end, for ``"failed"`` all decided ones.
     rho : ndarray, shape (k, m)
         Spearman's coefficient with a metric; with failure the rank-biserial one, which is 1 if all
         failed cases have larger values of the input than all others. NaN where either is constant.
@@ -148,8 +161,11 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     """
     given = explanatory(table)
     usable = independent_cases(table)
-    failed, sound = table.failed[usable], ended(table)[usable]
-    names = table.metrics + (("failed",) if 0 < np.count_nonzero(failed) < failed.size else ())
+    failed, sound = decided_failures(table)[usable], ended(table)[usable]
+    decided = ~is_undecided(table.status)[usable]
+    failures = int(np.count_nonzero(failed))
+    both = min(failures, int(np.count_nonzero(decided)) - failures) >= LEAST_FOR_CORRELATION
+    names = table.metrics + (("failed",) if both else ())
     k, m = len(given.names), len(names)
     rho, p = np.full((k, m), np.nan), np.full((k, m), np.nan)
     interval = np.full((2, k, m), np.nan)
@@ -163,13 +179,14 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     ranks_of: dict[bytes, Array] = {}
     for j, name in enumerate(names):
         if name == "failed" and j == len(table.metrics):
-            count[j] = failed.size
-            rho[:, j], p[:, j] = _rank_biserial(rankdata(inputs, axis=1), failed)
+            count[j] = np.count_nonzero(decided)
+            ranks = rankdata(inputs[:, decided], axis=1)
+            rho[:, j], p[:, j] = _rank_biserial(ranks, failed[decided])
             continue
         metric = table.values[j, usable]
         rows = sound & np.isfinite(metric)
         n = count[j] = np.count_nonzero(rows)
-        if n < 2:
+        if n < LEAST_FOR_CORRELATION:
             continue
         key = rows.tobytes()
         if key not in ranks_of:
@@ -180,6 +197,21 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
     if dependent:
         p[:], interval[:] = np.nan, np.nan
     return RankCorrelations(given.names, names, count, rho, interval, p, holm(p), dependent)
+
+
+def too_few_failures(table: CaseTable) -> str:
+    """Say why failure is correlated with nothing; ``""`` if it is, or none or all failed."""
+    usable = independent_cases(table) & ~is_undecided(table.status)
+    failures = int(np.count_nonzero(decided_failures(table) & usable))
+    others = int(np.count_nonzero(usable)) - failures
+    fewer = min(failures, others)
+    if not 0 < fewer < LEAST_FOR_CORRELATION:
+        return ""
+    what = f"failure{'' if fewer == 1 else 's'}" if failures <= others else "without failure"
+    return (
+        f"No correlation with failure is given: {fewer} {what}, fewer than "
+        f"{LEAST_FOR_CORRELATION}, from which large coefficients come by chance."
+    )
 
 
 def _centred(ranks: Array) -> Array:

@@ -88,6 +88,8 @@ class Campaign(ABC):
             If the stage keeps no history that bands name, the cases were not sampled at the same
             times, or the campaign cannot go on, see `hillsphere.campaign.engine`.
         """
+        warnings = repeat.warnings()
+        repeat = replace(repeat, nominal=None)  # workers need no product of it
         plan = self.plan(repeat, **needs)
         failed = 0
 
@@ -113,7 +115,7 @@ class Campaign(ABC):
         )
         for note in plan.notes:
             ctx.info(note)
-        table = table_of(plan, outcomes, repeat.stage, stopped)
+        table = replace(table_of(plan, outcomes, repeat.stage, stopped), warnings=warnings)
         if not self.bands():
             return table
 

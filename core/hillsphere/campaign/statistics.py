@@ -2,7 +2,8 @@
 
 Means, deviations and quantiles of a metric are those of the cases that came to their end, whether
 or not they met what is required (`ended`), and say how many these were: the final error of a flight
-that was lost on the way says nothing about flights. All intervals are two-sided and take the cases
+that was lost on the way says nothing about flights, nor does that of a case that numerics left
+undecided (`hillsphere.campaign.case_classes`). All intervals are two-sided and take the cases
 for independent draws. For a Latin hypercube or a Sobol sequence they are usually too wide; for a
 grid or a list they mean nothing.
 """
@@ -13,10 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv, ndtri, stdtrit
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 from scipy.stats import binom, trim_mean
 
+from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
 from hillsphere.interfaces import Array, Integers
 from hillsphere.products import CaseTable
 
@@ -35,42 +37,12 @@ __all__ = [
     "ratio_interval",
 ]
 
-LEVEL = 0.95
-"""Confidence level of all intervals where no other is asked for."""
-
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.9973)
 """Levels of the quantiles; the last is the probability within three standard deviations of a
 normal distribution."""
 
 LEAST_FOR_DEVIATION = 10
 """Values below which a standard deviation is given no interval: the kurtosis is not known."""
-
-
-def ratio_interval(count: ArrayLike, total: ArrayLike, level: float = LEVEL) -> Array:
-    """Return the Clopper–Pearson interval of a probability.
-
-    Parameters
-    ----------
-    count, total : array_like of int
-        How often it happened in how many independent trials.
-    level : float
-        Confidence level; the true coverage is never less.
-
-    Returns
-    -------
-    ndarray, shape (2, ...)
-        Lower and upper end; (0, 1) for no trial.
-
-    References
-    ----------
-    .. [1] C. J. Clopper, E. S. Pearson (1934), Biometrika 26, 404–413.
-    """
-    k, n = np.broadcast_arrays(np.asarray(count, dtype=float), np.asarray(total, dtype=float))
-    tail = 0.5 * (1.0 - level)
-    # The arguments of the inverse must be positive, also where its value is not used.
-    low = betaincinv(np.maximum(k, 0.5), n - k + 1.0, tail)
-    high = betaincinv(k + 1.0, np.maximum(n - k, 0.5), 1.0 - tail)
-    return np.array([np.where(k > 0, low, 0.0), np.where(k < n, high, 1.0)])
 
 
 def mean_interval(values: Array, level: float = LEVEL) -> Array:
@@ -260,8 +232,9 @@ def _note(n: int) -> str:
 
 
 def ended(table: CaseTable) -> NDArray[np.bool_]:
-    """Return which cases (N,) came to their end: without failure, or short of a requirement."""
-    return np.asarray(~table.failed | (table.status == "requirement"))
+    """Return which cases (N,) came to their end: a success, or short of a requirement."""
+    sound = ~table.failed | (table.status == "requirement")
+    return np.asarray(sound & ~is_undecided(table.status))
 
 
 def metric_statistics(
@@ -308,11 +281,15 @@ class CaseClass:
     status, cause : str
         How they ended.
     failed : bool
-        Whether that counts as a failure.
+        Whether that counts as a failure; never of an undecided class.
+    undecided : bool
+        Whether it is one.
     count : int
         How many.
+    share : float
+        Of the decided cases; of an undecided class, of all.
     interval : ndarray, shape (2,)
-        Of their share, see `ratio_interval`.
+        Of the share, see `ratio_interval`.
     first_case : int
         The first of them.
     message : str
@@ -322,7 +299,9 @@ class CaseClass:
     status: str
     cause: str
     failed: bool
+    undecided: bool
     count: int
+    share: float
     interval: Array
     first_case: int
     message: str
@@ -337,7 +316,10 @@ def classes(
         return ()
     names, status = np.unique(table.status[which], return_inverse=True)
     causes, cause = np.unique(table.cause[which], return_inverse=True)
-    key = (status * causes.size + cause) * 2 + table.failed[which]
+    open_words = is_undecided(names)
+    left = open_words[status]
+    decided = int(np.count_nonzero(~left))
+    key = (status * causes.size + cause) * 2 + (table.failed[which] & ~left)
     keys, first, count = np.unique(key, return_index=True, return_counts=True)
     said = np.searchsorted(table.case[which], table.message_case)
     said = np.minimum(said, which.size - 1)
@@ -345,16 +327,21 @@ def classes(
     of_key: dict[int, str] = {}
     for row, message in zip(said[known], np.flatnonzero(known), strict=True):
         of_key.setdefault(int(key[row]), table.messages[message])
-    found = [
-        CaseClass(
-            status=str(names[k // 2 // causes.size]),
-            cause=str(causes[k // 2 % causes.size]),
-            failed=bool(k % 2),
-            count=int(m),
-            interval=ratio_interval(m, which.size, level),
-            first_case=int(table.case[which[i]]),
-            message=of_key.get(int(k), ""),
+    found = []
+    for k, i, m in zip(keys.tolist(), first, count, strict=True):
+        undecided = bool(open_words[k // 2 // causes.size])
+        among = which.size if undecided else decided
+        found.append(
+            CaseClass(
+                status=str(names[k // 2 // causes.size]),
+                cause=str(causes[k // 2 % causes.size]),
+                failed=bool(k % 2),
+                undecided=undecided,
+                count=int(m),
+                share=int(m) / among,
+                interval=ratio_interval(m, among, level),
+                first_case=int(table.case[which[i]]),
+                message=of_key.get(int(k), ""),
+            )
         )
-        for k, i, m in zip(keys.tolist(), first, count, strict=True)
-    ]
     return tuple(sorted(found, key=lambda one: (-one.count, one.first_case)))

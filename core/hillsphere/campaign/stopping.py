@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from hillsphere.campaign.statistics import LEVEL, ratio_interval
+from hillsphere.campaign.case_classes import (
+    LEVEL,
+    decided_failures,
+    failure_ratio,
+    is_undecided,
+)
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array
 from hillsphere.problems import did_you_mean
@@ -65,12 +70,13 @@ class StopCriteria:
     ----------
     failure_half_width : float or None
         End when neither end of the failure ratio's Clopper–Pearson interval is farther from the
-        ratio than this.
+        ratio than this, whether or not the undecided cases had failed.
     mean_half_widths : mapping of str to float
         End when the Student intervals of the means of all these metrics are as narrow as this to
         either side. If `failure_half_width` is given too, both must be reached.
     failures_above : float or None
-        End when the lower end of the failure ratio's interval is above this.
+        End when the lower end of the failure ratio's interval is above this, even if none of the
+        undecided cases had failed.
     least_cases : int
         Cases before which the campaign does not end.
     level : float
@@ -133,7 +139,7 @@ class _Rule:
         self._restart()
 
     def _restart(self) -> None:
-        self._blocks = self._cases = self._failures = 0
+        self._blocks = self._cases = self._failures = self._undecided = 0
         self._means = {name: _Running() for name in self._criteria.mean_half_widths}
 
     def __call__(self, prefix: Sequence[Block]) -> str:
@@ -146,11 +152,13 @@ class _Rule:
     def _take(self, block: Block) -> None:
         self._blocks += 1
         self._cases += block.failed.size
-        self._failures += int(np.count_nonzero(block.failed))
+        undecided = is_undecided(block.status)
+        self._undecided += int(np.count_nonzero(undecided))
+        self._failures += int(np.count_nonzero(decided_failures(block)))
         for name, running in self._means.items():
             if name in block.metrics:
                 values = block.values[block.metrics.index(name)]
-                sound = ~block.failed | (block.status == "requirement")
+                sound = (~block.failed | (block.status == "requirement")) & ~undecided
                 running.add(values[sound & np.isfinite(values)])
             elif block.metrics:
                 hint = did_you_mean(name, list(block.metrics), otherwise="metrics")
@@ -161,9 +169,13 @@ class _Rule:
 
     def _reason(self) -> str:
         criteria, cases = self._criteria, self._cases
-        ratio = self._failures / cases
-        low, high = ratio_interval(self._failures, cases, criteria.level)
-        so_far = f"{self._failures} of {cases} cases failed"
+        decided = cases - self._undecided
+        found = failure_ratio(self._failures, decided, self._undecided, criteria.level)
+        ratio, (low, high) = float(found.value), found.sure
+        so_far = f"{self._failures} of {decided} cases failed"
+        if self._undecided:
+            so_far = f"{self._failures} of {decided} decided cases failed, {self._undecided} are "
+            so_far += "undecided"
         percent = f"{100.0 * criteria.level:g} %"
         above = criteria.failures_above
         if above is not None and low > above:
@@ -174,7 +186,7 @@ class _Rule:
         narrow = []
         if (width := criteria.failure_half_width) is not None:
             reach = max(ratio - low, high - ratio)
-            if reach > width:
+            if not reach <= width:
                 return ""
             narrow.append(f"failure ratio {ratio:.3g} to ±{reach:.2g} (asked ±{width:g})")
         for name, width in criteria.mean_half_widths.items():

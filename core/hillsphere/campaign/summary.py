@@ -8,13 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from hillsphere.campaign.comparison import matched, paired_ratio_interval
-from hillsphere.campaign.statistics import ended, mean_interval, metric_statistics, ratio_interval
+from hillsphere.campaign.case_classes import (
+    FailureRatio,
+    failure_ratio,
+    is_undecided,
+    ratio_of,
+)
+from hillsphere.campaign.comparison import matched, paired_failures
+from hillsphere.campaign.statistics import ended, mean_interval, metric_statistics
 from hillsphere.campaign.summary_presentation import present_summary
 from hillsphere.campaign.summary_products import CampaignSummary, Claim
 from hillsphere.campaign.summary_specs import CampaignSummarySpec, ClaimSpec
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Context
+from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable
@@ -114,6 +120,9 @@ def summary(
     found = [{one.name: one for one in metric_statistics(table, level=level)} for table in tables]
     by = [[one[name] for one in found] for name in names]
     shape = (len(names), len(tables))
+    ratios = [ratio_of(table, level) for table in tables]
+    of_worst = [ratio_of(table, level) for table in worst]
+    of_worst = of_worst or [failure_ratio(0, 0, 0) for _ in tables]
     return CampaignSummary(
         labels=tuple(labels),
         level=level,
@@ -128,17 +137,18 @@ def summary(
         deviation_interval=np.array(
             [[[s.deviation_interval[k] for s in row] for row in by] for k in (0, 1)]
         ).reshape(2, *shape),
-        cases=np.array([table.case.size for table in tables], dtype=np.int64),
-        failures=np.array([np.count_nonzero(table.failed) for table in tables], dtype=np.int64),
-        worst_cases=np.array(
-            [table.case.size for table in worst] or [0 for _ in tables], dtype=np.int64
-        ),
-        worst_failures=np.array(
-            [int(table.failed.sum()) for table in worst] or [0 for _ in tables],
-            dtype=np.int64,
-        ),
+        cases=_number(ratios, "decided"),
+        failures=_number(ratios, "failures"),
+        undecided=_number(ratios, "undecided"),
+        worst_cases=_number(of_worst, "decided"),
+        worst_failures=_number(of_worst, "failures"),
+        worst_undecided=_number(of_worst, "undecided"),
         claims=tuple(answered(claim, tables, worst, labels, level) for claim in claims),
     )
+
+
+def _number(ratios: Sequence[FailureRatio], which: str) -> Integers:
+    return np.array([int(getattr(one, which)) for one in ratios], dtype=np.int64)
 
 
 def _by_point(
@@ -163,6 +173,7 @@ def _by_point(
                     values=table.values[:, here],
                     point=np.zeros(np.count_nonzero(here), dtype=np.int64),
                     point_labels=(),
+                    step_error=None if table.step_error is None else table.step_error[here],
                 )
             )
             values = [part.rpartition(" = ")[2] for part in point.split(", ")]
@@ -218,17 +229,18 @@ def _of_pair(
     i, j = _place(claim.less, labels), _place(claim.than, labels)
     a, b = matched(tables[i], tables[j], claim.less, claim.than)
     if claim.of == "failures":
-        fa, fb = tables[i].failed[a], tables[j].failed[b]
-        only_a, only_b = int((fa & ~fb).sum()), int((~fa & fb).sum())
-        interval = 100.0 * paired_ratio_interval(only_a, only_b, a.size, level)
-        difference = 100.0 * (only_a - only_b) / a.size
+        of = paired_failures(tables[j], b, tables[i], a, level)
+        difference, interval = 100.0 * of.difference, 100.0 * of.interval
         reason = (
-            f"{int(fa.sum())} of {a.size} fail instead of {int(fb.sum())}, {difference:+.3g} "
-            f"percentage points ({interval[0]:+.3g} to {interval[1]:+.3g})"
+            f"{of.both + of.only_b} of {of.pairs} fail instead of {of.both + of.only_a}, "
+            f"{difference:+.3g} percentage points ({interval[0]:+.3g} to {interval[1]:+.3g})"
         )
-        if only_a == only_b == 0:
+        if of.only_a == of.only_b == 0:
             reason += "; no case fails with only one of the two"
-        return _claim(claim, difference, interval, "%", a.size, reason)
+        if of.undecided:
+            interval = 100.0 * of.sure
+            reason += _left_out(of.undecided, interval, "percentage points")
+        return _claim(claim, difference, interval, "%", of.pairs, reason)
     for table, label in ((tables[i], claim.less), (tables[j], claim.than)):
         if claim.of not in table.metrics:
             hint = did_you_mean(claim.of, [*table.metrics, "failures", "worst"], otherwise="it has")
@@ -247,7 +259,26 @@ def _of_pair(
         f"{claim.of} differs by {mean:+.4g} {unit} on average over {d.size} pairs "
         f"({interval[0]:+.4g} to {interval[1]:+.4g})"
     )
+    undecided = int((is_undecided(tables[i].status[a]) | is_undecided(tables[j].status[b])).sum())
+    if undecided:
+        # What the undecided pairs would add is not known; none is taken to lie farther out than
+        # the farthest of the decided ones.
+        interval = np.array(
+            [
+                mean_interval(np.append(d, np.full(undecided, d.min())), level)[0],
+                mean_interval(np.append(d, np.full(undecided, d.max())), level)[1],
+            ]
+        )
+        reason += _left_out(undecided, interval, unit)
     return _claim(claim, mean, interval, unit, d.size, reason)
+
+
+def _left_out(undecided: int, interval: Array, unit: str) -> str:
+    """Say how many pairs were left out, and how far they could move the difference."""
+    return (
+        f"; {undecided} pair{'' if undecided == 1 else 's'} with an undecided case left out, which "
+        f"could make it {interval[0]:+.4g} to {interval[1]:+.4g} {unit}"
+    )
 
 
 def _of_all(claim: ClaimSpec, found: Sequence[Claim]) -> Claim:
@@ -280,21 +311,43 @@ def _of_worst(
         raise InputError("claims: of = 'worst' needs campaigns with chosen cases, needs.worst")
     if claim.above_random:
         i = _place(claim.above_random, labels)
-        total, chosen = tables[i].case.size, worst[i].case.size
-        random = 100.0 * ratio_interval(int(tables[i].failed.sum()), total, level)
-        ratio = 100.0 * float(worst[i].failed.mean()) if chosen else 0.0
+        random, chosen = ratio_of(tables[i], level), ratio_of(worst[i], level)
+        if not chosen.decided:
+            return _claim(
+                claim, np.nan, np.full(2, np.nan), "%", 0, "none of the chosen cases is decided"
+            )
+        sure = 100.0 * random.sure
+        low, high = 100.0 * chosen.range
         reason = (
-            f"{int(worst[i].failed.sum())} of {chosen} chosen cases fail ({ratio:.3g} %), "
-            f"{int(tables[i].failed.sum())} of {total} random ones ({random[0]:.3g} to "
-            f"{random[1]:.3g} %)"
+            f"{int(chosen.failures)} of {int(chosen.decided)} chosen cases fail "
+            f"({100.0 * float(chosen.value):.3g} %), {int(random.failures)} of "
+            f"{int(random.decided)} random ones ({sure[0]:.3g} to {sure[1]:.3g} %)"
         )
-        middle = 100.0 * float(tables[i].failed.mean())
-        return _claim(claim, middle - ratio, random - ratio, "%", chosen, reason)
+        if chosen.undecided or random.undecided:
+            reason += (
+                f"; {int(chosen.undecided)} chosen and {int(random.undecided)} random cases are "
+                "undecided, and the interval allows for them"
+            )
+        middle = 100.0 * float(random.value - chosen.value)
+        interval = np.array([sure[0] - high, sure[1] - low])
+        return _claim(claim, middle, interval, "%", int(chosen.decided), reason)
     i, j = _place(claim.less, labels), _place(claim.than, labels)
-    a, b = (100.0 * float(worst[k].failed.mean()) for k in (i, j))
-    reason = f"{a:.3g} % of {worst[i].case.size} chosen cases fail instead of {b:.3g} % of "
-    reason += f"{worst[j].case.size}"
-    return _claim(claim, a - b, np.full(2, a - b), "%", worst[i].case.size, reason)
+    a, b = ratio_of(worst[i], level), ratio_of(worst[j], level)
+    if not (a.decided and b.decided):
+        return _claim(
+            claim, np.nan, np.full(2, np.nan), "%", 0, "none of the chosen cases is decided"
+        )
+    reason = (
+        f"{100.0 * float(a.value):.3g} % of {int(a.decided)} chosen cases fail instead of "
+        f"{100.0 * float(b.value):.3g} % of {int(b.decided)}"
+    )
+    if a.undecided or b.undecided:
+        reason += (
+            f"; {int(a.undecided)} and {int(b.undecided)} are undecided, and the interval allows "
+            "for them"
+        )
+    interval = 100.0 * np.array([a.range[0] - b.range[1], a.range[1] - b.range[0]])
+    return _claim(claim, 100.0 * float(a.value - b.value), interval, "%", int(a.decided), reason)
 
 
 def _claim(

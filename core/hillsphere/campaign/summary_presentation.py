@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hillsphere.campaign.statistics import ratio_interval
+from hillsphere.campaign.case_classes import FailureRatio, failure_ratio
 from hillsphere.campaign.summary_products import CampaignSummary
 from hillsphere.campaign.tables import number
 from hillsphere.errors import InputError
@@ -71,8 +71,10 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
     level = f"{100 * product.level:g} %"
     notes = [
         f"Means and deviations over cases that came to their end, with {level} intervals; failures "
-        "in percent of all cases."
+        "in percent of the decided cases."
     ]
+    if told := _undecided_notes(product):
+        notes.append(told)
     columns: list[Column] = list(_COLUMNS)
     if spec.reference is not None:
         reference = ReferenceTable.read(spec.reference)
@@ -155,24 +157,45 @@ def _rows(
                     "deviation_high": number(float(most)),
                 }
             )
-        cases, failures = int(product.cases[c]), int(product.failures[c])
-        low, high = 100.0 * ratio_interval(failures, cases, product.level)
+        found = failure_ratio(
+            product.failures[c], product.cases[c], product.undecided[c], product.level
+        )
+        low, high = 100.0 * found.interval
         rows.append(
-            _ratio(f"{label}, failures", failures, cases)
-            | {"mean_low": float(low), "mean_high": float(high)}
+            _ratio(f"{label}, failures", found) | {"mean_low": float(low), "mean_high": float(high)}
         )
         if product.worst_cases[c]:
-            worst, chosen = int(product.worst_failures[c]), int(product.worst_cases[c])
-            rows.append(_ratio(f"{label}, worst_failures", worst, chosen))
+            worst = failure_ratio(
+                product.worst_failures[c], product.worst_cases[c], product.worst_undecided[c]
+            )
+            rows.append(_ratio(f"{label}, worst_failures", worst))
     return rows
 
 
-def _ratio(name: str, failures: int, cases: int) -> dict[str, Cell]:
+def _ratio(name: str, found: FailureRatio) -> dict[str, Cell]:
     return {
-        "name": name, "unit": "%", "cases": cases,
-        "mean": 100.0 * failures / cases if cases else None, "mean_low": None, "mean_high": None,
+        "name": name, "unit": "%", "cases": int(found.decided),
+        "mean": number(100.0 * float(found.value)), "mean_low": None, "mean_high": None,
         "deviation": None, "deviation_low": None, "deviation_high": None,
     }  # fmt: skip
+
+
+def _undecided_notes(product: CampaignSummary) -> str:
+    """Say where cases are undecided, and what they leave open; ``""`` if none is."""
+    told = []
+    for word, failures, cases, undecided in (
+        ("", product.failures, product.cases, product.undecided),
+        (" (chosen cases)", product.worst_failures, product.worst_cases, product.worst_undecided),
+    ):
+        for c in range(len(product.labels)):
+            if undecided[c]:
+                found = failure_ratio(failures[c], cases[c], undecided[c])
+                low, high = 100.0 * found.range
+                told.append(
+                    f"{product.labels[c]}{word}: {undecided[c]}, with them {low:.3g} to "
+                    f"{high:.3g} % of all"
+                )
+    return f"Undecided cases, which are not counted: {'; '.join(told)}." if told else ""
 
 
 def _beside(

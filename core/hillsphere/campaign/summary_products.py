@@ -23,7 +23,7 @@ class Claim:
         What the answer rests on: of a metric the mean difference over pairs, of failures the
         difference of their ratios; below zero speaks for the statement.
     interval : ndarray, shape (2,)
-        Of it; both ends equal where nothing is random.
+        Of it, as wide as undecided cases leave it; both ends equal where nothing is random.
     unit : str
         Its unit.
     pairs : int
@@ -59,10 +59,10 @@ class CampaignSummary:
         Over them.
     mean_interval, deviation_interval : ndarray, shape (2, m, C)
         Of both.
-    cases, failures : ndarray of int, shape (C,)
-        Random cases, and failures among them.
-    worst_cases, worst_failures : ndarray of int, shape (C,)
-        Chosen cases, and failures among them; zero if there are none.
+    cases, failures, undecided : ndarray of int, shape (C,)
+        Decided random cases, failures among them, and undecided cases beside them.
+    worst_cases, worst_failures, worst_undecided : ndarray of int, shape (C,)
+        The same of chosen cases; zero if there are none.
     claims : tuple of Claim
         The statements, answered.
     """
@@ -78,6 +78,8 @@ class CampaignSummary:
     deviation_interval: Array
     cases: Integers
     failures: Integers
+    undecided: Integers
     worst_cases: Integers
     worst_failures: Integers
+    worst_undecided: Integers
     claims: tuple[Claim, ...]

@@ -57,4 +57,5 @@ def table_of(plan: Plan, outcomes: Sequence[BlockOutcome], stage: str, stopped: 
         points=plan.points,
         point_labels=plan.point_labels,
         ladder=plan.ladder,
+        step_error=rows.step_error,
     )

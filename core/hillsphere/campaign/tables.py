@@ -5,14 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hillsphere.campaign.sensitivity import RankCorrelations, SobolIndices
+from hillsphere.campaign.case_classes import (
+    case_class,
+    decided_failures,
+    is_undecided,
+    ratio_at_points,
+    undecided_sentence,
+)
+from hillsphere.campaign.sensitivity import (
+    LEAST_FOR_CORRELATION,
+    RankCorrelations,
+    SobolIndices,
+    too_few_failures,
+)
 from hillsphere.campaign.statistics import (
     MetricStatistics,
     classes,
     ended,
     metric_statistics,
-    ratio_interval,
 )
 from hillsphere.presentation import Cell, Column, Table
 from hillsphere.products import CaseTable
@@ -30,6 +42,7 @@ __all__ = [
     "point_table",
     "sobol_table",
     "statistics_table",
+    "undecided_table",
 ]
 
 MOST_ROWS = 500
@@ -128,9 +141,9 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
         {
             "status": one.status,
             "cause": one.cause,
-            "failed": one.failed,
+            "class": case_class(one.status, one.failed),
             "cases": one.count,
-            **_cells("share", one.count / table.case.size, one.interval),
+            **_cells("share", one.share, one.interval),
             "first_case": one.first_case,
             "message": one.message,
         }
@@ -139,28 +152,58 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
     columns = (
         Column("status", "", "status"),
         Column("cause", "", "cause"),
-        Column("failed", "", "failed"),
+        Column("class", "", "class"),
         Column("cases", "-", "cases"),
         *_between("share", "share", digits=4),
         Column("first_case", "-", "first case"),
         Column("message", "", "message"),
     )
     notes = [_INTERVALS.format(level=100 * level) + " Shares by Clopper and Pearson."]
+    if told := undecided_sentence(table):
+        notes.append(told)
+        notes.append("Shares of successes and failures are of decided cases, others of all.")
+    notes += _step_error_notes(table)
     if not drawn:
         notes.append("The cases are no independent draws: they are those of as many random ones.")
     return Table("How the cases ended", columns, rows[:MOST_ROWS], notes)
 
 
+def _step_error_notes(table: CaseTable) -> list[str]:
+    """Say how large the step errors are."""
+    errors = table.step_error
+    if errors is None or not (known := np.flatnonzero(np.isfinite(errors))).size:
+        return []
+    worst = int(known[np.argmax(errors[known])])
+    return [
+        f"Estimated step error, in the plant's natural units: median "
+        f"{np.median(errors[known]):.2g}, largest {errors[worst]:.2g} (case {table.case[worst]})."
+    ]
+
+
 def failed_table(table: CaseTable) -> Table:
     """Return the first failed cases, so that they can be repeated one by one."""
+    why = too_few_failures(table)
+    return _cases_table("Failed cases", table, decided_failures(table), [why] if why else [])
+
+
+def undecided_table(table: CaseTable) -> Table:
+    """Return the first undecided cases with what left them so."""
+    note = "Neither successes nor failures: no ratio and no statistics counts them."
+    return _cases_table("Undecided cases", table, is_undecided(table.status), [note])
+
+
+def _cases_table(
+    title: str, table: CaseTable, chosen: NDArray[np.bool_], more_notes: Sequence[str]
+) -> Table:
     said = dict(zip(table.message_case.tolist(), table.messages, strict=True))
-    which = np.flatnonzero(table.failed)
+    which, errors = np.flatnonzero(chosen), table.step_error
     rows: list[dict[str, Cell]] = [
         {
             "case": int(table.case[i]),
             **_at(table, int(i)),
             "status": str(table.status[i]),
             "cause": str(table.cause[i]),
+            **({} if errors is None else {"step_error": number(float(errors[i]))}),
             "message": said.get(int(table.case[i]), ""),
         }
         for i in which[:MOST_ROWS]
@@ -170,11 +213,12 @@ def failed_table(table: CaseTable) -> Table:
         *_point_column(table),
         Column("status", "", "status"),
         Column("cause", "", "cause"),
+        *(() if errors is None else (Column("step_error", "-", "step error", 2),)),
         Column("message", "", "message"),
     )
     more = f"The first {MOST_ROWS} of {which.size}. " if which.size > MOST_ROWS else ""
     notes = [more + "`hillsphere rerun RUN --case NUMBER` repeats one with its history."]
-    return Table("Failed cases", columns, rows, notes)
+    return Table(title, columns, rows, [*notes, *more_notes])
 
 
 def _point_column(table: CaseTable) -> tuple[Column, ...]:
@@ -244,10 +288,14 @@ def correlation_table(found: RankCorrelations, level: float) -> Table:
     )
     notes = [
         "Spearman's coefficient over the cases that came to their end; with “failed” the "
-        "rank-biserial one over all cases. " + _INTERVALS.format(level=100 * level),
+        "rank-biserial one over all decided cases. " + _INTERVALS.format(level=100 * level),
         f"p: probability of such a coefficient by chance; corrected by Holm for "
         f"{len(pairs)} comparisons. Inputs that are drawn together share their correlations.",
     ]
+    notes.append(
+        f"From at least {LEAST_FOR_CORRELATION} cases, with failure as many failed and as many "
+        "others: from fewer large coefficients come by chance."
+    )
     if len(pairs) > MOST_ROWS:
         notes.append(f"The {MOST_ROWS} clearest of {len(pairs)}.")
     if found.dependent:
@@ -290,7 +338,7 @@ def _swept_columns(table: CaseTable) -> tuple[list[Column], list[str]]:
     for name, unit in zip(table.swept, table.swept_units, strict=True):
         key = (
             name
-            if name not in ("number", "point", "cases", "failures", "ratio")
+            if name not in ("number", "point", "cases", "failures", "undecided", "ratio")
             else f"{name}_swept"
         )
         names.append(key if unit else "")
@@ -304,17 +352,26 @@ def point_table(table: CaseTable, level: float) -> Table:
     assert table.points is not None
     count = table.points.shape[1]
     cases = np.bincount(table.point, minlength=count)
-    failures = np.bincount(table.point, weights=table.failed, minlength=count)
-    low, high = ratio_interval(failures, cases, level)
+    found = ratio_at_points(table, table.point, count, level)
     columns, names = _swept_columns(table)
+    open_cases = bool(found.undecided.any())
     rows: list[dict[str, Cell]] = [
         {
             "number": p,
             "point": table.point_labels[p],
             **{key: float(table.points[d, p]) for d, key in enumerate(names) if key},
             "cases": int(cases[p]),
-            "failures": int(failures[p]),
-            **_cells("ratio", failures[p] / cases[p] if cases[p] else np.nan, (low[p], high[p])),
+            "failures": int(found.failures[p]),
+            **_cells("ratio", float(found.value[p]), found.interval[:, p]),
+            **(
+                {
+                    "undecided": int(found.undecided[p]),
+                    "least": float(found.range[0, p]),
+                    "most": float(found.range[1, p]),
+                }
+                if open_cases
+                else {}
+            ),
         }
         for p in range(min(count, MOST_ROWS))
     ]
@@ -328,9 +385,22 @@ def point_table(table: CaseTable, level: float) -> Table:
             Column("cases", "-", "cases"),
             Column("failures", "-", "failures"),
             *_between("ratio", "failure ratio", digits=4),
+            *(
+                (
+                    Column("undecided", "-", "undecided"),
+                    Column("least", "-", "ratio if none of these had failed", 4),
+                    Column("most", "-", "ratio if all of these had failed", 4),
+                )
+                if open_cases
+                else ()
+            ),
         ),
         rows,
-        [more + _INTERVALS.format(level=100 * level) + " Ratios by Clopper and Pearson."],
+        [
+            more
+            + _INTERVALS.format(level=100 * level)
+            + " Ratios by Clopper and Pearson, over decided cases."
+        ],
     )
 
 

@@ -101,6 +101,9 @@ class Course:
         """Return the states (n, N) at times (N,) since the start."""
         if self._cubic is None:
             return np.broadcast_to(self._x, (len(self._x), len(t)))
+        # The lanes of a block mostly fly at the same time.
+        if len(t) > 1 and (t == t[0]).all():
+            return np.broadcast_to(self.at(t[:1]), (len(self._x), len(t)))
         # A NaN stays: what never began is nowhere.
         within = np.clip(t, 0.0, self.length_s)
         out = np.empty((len(self._x), len(t)))
@@ -113,6 +116,24 @@ class Course:
         same = np.abs(self._t[near] - within) <= self._slack
         out[:, same] = self._x[:, near[same]]
         return out
+
+    def fastest(self) -> tuple[float, float]:
+        """Return upper bounds of the speed, m/s, and of the acceleration, m/s², along the course.
+
+        Of a cubic both slopes are bounded by their Bernstein coefficients: the slope by that at
+        the ends and the one between, the second derivative by its ends. All spacecraft together.
+        """
+        if self._cubic is None:
+            return 0.0, 0.0
+        c, dt = self._cubic.c, np.diff(self._t)[:, None]  # c₀ s³ + c₁ s² + c₂ s + c₃, s from 0
+        first, last = c[2], (3.0 * c[0] * dt + 2.0 * c[1]) * dt + c[2]
+        between = c[2] + c[1] * dt
+        speed = np.maximum(np.maximum(np.abs(first), np.abs(last)), np.abs(between))
+        bend = np.maximum(np.abs(2.0 * c[1]), np.abs(6.0 * c[0] * dt + 2.0 * c[1]))
+        return (
+            float(np.sqrt(np.sum(speed**2, axis=1)).max()),
+            float(np.sqrt(np.sum(bend**2, axis=1)).max()),
+        )
 
     def extended(self, more_s: float, *, held: bool) -> Course:
         """Return the same course, continued beyond its end for so long.

@@ -16,7 +16,7 @@ from hillsphere.simulation.flow import thrust_vectors
 
 __all__ = ["NOWHERE", "histories_of", "with_rows"]
 
-NOWHERE = ("diverged", "step_size", "time_limit")
+NOWHERE = ("diverged", "step_size", "unresolved", "time_limit")
 """Statuses of flights that came to no end of their own: where they were last is no place."""
 
 

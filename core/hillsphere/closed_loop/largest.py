@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.closed_loop.between import hermite_points, largest_square, slope_points
 from hillsphere.closed_loop.course import Course, Rows
 from hillsphere.interfaces import Array
 from hillsphere.simulation import BLOCK, Moment
-from hillsphere.simulation.block import Recorder
+from hillsphere.simulation.block import Follower, Passage, Recorder
 from hillsphere.simulation.flow import thrust_vectors
 
 __all__ = ["Largest", "PlannedEnd"]
+
+_SAME_TIME = 1e-9
+"""Part of a duration by which two times may differ by rounding alone."""
+
+_SHORT = 1e-3
+"""Part of a sub-step below which velocities run in a line: what is neglected is this squared."""
+
+_TOGETHER = 64
+"""Ends of sub-steps that are looked at together: calls then cost less than arithmetic."""
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """Times (S + 1, B) and states (n, S + 1, B) of a passage, length of its sub-steps (B,)."""
+
+    t: Array
+    x: Array
+    full: Array
+    flying: Flags
 
 
 class PlannedEnd:
@@ -98,7 +124,12 @@ class PlannedEnd:
 
 
 class Largest:
-    """Largest deviations and commands at the samples: an `Observer`, without histories.
+    """Largest deviations and commands of flights: an `Observer`, without histories.
+
+    Between the ends of sub-steps deviations of positions run along the cubic that meets those of
+    positions and velocities at both, deviations of velocities are its slope. A held command is the
+    same until the next sample; one that changes is taken at the ends of the sub-steps, and about
+    the largest of these along the parabola through its neighbours.
 
     Parameters
     ----------
@@ -114,6 +145,12 @@ class Largest:
         Number of rows of a command.
     planned : PlannedEnd or None
         Of flights that may go on beyond it, where it is no sample.
+    course : Course or None
+        What is followed; None to look at samples alone.
+    planned_s : float
+        When flights were to end: what a sub-step that ends later shows does not count.
+    begun : ndarray, shape (N,), or None
+        When the flights began.
 
     Attributes
     ----------
@@ -132,7 +169,11 @@ class Largest:
         final: int,
         commands: int,
         planned: PlannedEnd | None = None,
+        course: Course | None = None,
+        planned_s: float = np.inf,
+        begun: Array | None = None,
     ) -> None:
+        self._rows, self._course, self._planned_s, self._begun = rows, course, planned_s, begun
         self.deviations, self.command = np.zeros((2, total)), np.zeros(total)
         self._thrusts = thrust_vectors(commands)
         order = [*rows.positions, *rows.velocities]
@@ -144,6 +185,7 @@ class Largest:
         self._starts = np.arange(0, len(order), axes)
         self._vectors = rows.vectors
         self._planned = planned
+        self._flush: dict[int, Callable[[], None]] = {}
 
     def at_planned_end(self, end: Array, lasted: Array) -> Array:
         """Return the deviations (2, N) then, zero where it is a sample: see `PlannedEnd`."""
@@ -173,8 +215,135 @@ class Largest:
                 size = np.add.reduce((now.own * now.own).reshape(self._thrusts, -1, BLOCK), axis=1)
                 np.maximum(most, np.maximum.reduce(size, axis=0), out=most, where=now.flying)
             if now.k == last:
+                if first in self._flush:
+                    self._flush.pop(first)()
                 each = squares.reshape(2, self._vectors, BLOCK).max(axis=1)
-                self.deviations[:, place] = np.sqrt(each)[:, :count]
-                self.command[place] = np.sqrt(most)[:count]
+                # What was followed between the samples may have been larger.
+                self.deviations[:, place] = np.maximum(
+                    self.deviations[:, place], np.sqrt(each)[:, :count]
+                )
+                self.command[place] = np.maximum(self.command[place], np.sqrt(most)[:count])
 
         return record
+
+    def follower(self, first: int, count: int) -> Follower | None:
+        """Return what follows the sub-steps of one block."""
+        if self._course is None or self._begun is None:
+            return None
+        place = slice(first, first + count)
+        begun = self._begun[np.minimum(np.arange(first, first + BLOCK), len(self._begun) - 1)]
+        waiting: list[_Followed] = []
+
+        def flush() -> None:
+            if waiting:
+                self._take_up(waiting, begun, place)
+                waiting.clear()
+
+        def follow(passage: Passage) -> None:
+            t, y = _to_the_ends(passage)
+            self._follow_command(passage, t, y, place)
+            if passage.k >= self._first:
+                x = y[: len(self._rows.names)].copy()
+                full = passage.period / (len(t) - 1)
+                waiting.append(_Followed(t, x, full, passage.flying))
+                if sum(len(one.t) for one in waiting) >= _TOGETHER:
+                    flush()
+
+        self._flush[first] = flush
+        return follow
+
+    def _take_up(self, waiting: Sequence[_Followed], begun: Array, place: slice) -> None:
+        """Take up the largest deviations of passages of one block."""
+        assert self._course is not None
+        after = np.concatenate([one.t for one in waiting]) - begun
+        x = np.concatenate([one.x for one in waiting], axis=1)
+        if (after == after[:, :1]).all():
+            goal = self._course.at(after[:, 0])[:, :, None]
+        else:
+            goal = self._course.at(after.ravel()).reshape(x.shape)
+        # All but the last of each passage begin a sub-step.
+        ends = np.cumsum([len(one.t) for one in waiting]) - 1
+        begins = np.delete(np.arange(len(after)), ends)
+        steps = [len(one.t) - 1 for one in waiting]
+        flying = np.repeat([one.flying for one in waiting], steps, axis=0)
+        full = np.repeat([one.full for one in waiting], steps, axis=0)
+        counts = (after[begins + 1] <= self._planned_s * (1.0 + _SAME_TIME)) & flying
+        gap = x - goal
+        self._follow_deviations(
+            gap[:, begins], gap[:, begins + 1], after[begins + 1] - after[begins], full, counts,
+            place,
+        )  # fmt: skip
+
+    def _follow_deviations(
+        self, gap0: Array, gap1: Array, h: Array, full: Array, counts: Flags, place: slice
+    ) -> None:
+        """Take up the largest deviations between gaps (n, S, B) at both ends of sub-steps.
+
+        They last h (S, B), and full (S, B) where no event cut them short.
+        """
+        width = place.stop - place.start
+        rows = self._rows
+        r0, v0, r1, v1 = (
+            gap[which] for gap in (gap0, gap1) for which in (rows.positions, rows.velocities)
+        )
+        points = hermite_points(r0, v0, r1, v1, h)
+        # A sub-step that an event cut short after a thousandth bends no slope, but the difference
+        # of positions over it, which is divided by its length, is rounding.
+        bends = np.where(h > _SHORT * full, h, 0.0)
+        slopes = slope_points(points, v0, v1, np.broadcast_to(bends, r1.shape))
+        axes = len(rows.positions) // self._vectors
+        for row, control in enumerate((points, slopes)):
+            least = self.deviations[row, place] ** 2
+            for vector in range(self._vectors):
+                own = control[:, vector * axes : (vector + 1) * axes]
+                bound = np.einsum("kasb,kasb->ksb", own, own).max(axis=0)
+                step, lane = np.nonzero((bound > _padded(least)) & counts)
+                kept = lane < width
+                step, lane = step[kept], lane[kept]
+                if lane.size:
+                    least = largest_square(own[:, :, step, lane], lane, least)
+            self.deviations[row, place] = np.sqrt(least)
+
+    def _follow_command(self, passage: Passage, t: Array, y: Array, place: slice) -> None:
+        """Take up the largest command of a law that changes it between samples."""
+        until = self._final - (self._planned is None)
+        if passage.k > until:
+            return
+        own = passage.act.own_along(t, y)
+        if own is None:
+            return
+        each = (own * own).reshape(self._thrusts, -1, *own.shape[1:]).sum(axis=1).max(axis=0)
+        size = np.sqrt(each)
+        width = place.stop - place.start
+        # Between three points a parabola rises above the largest by half of it at most.
+        if not (1.5 * size.max(axis=0)[:width] > self.command[place]).any():
+            return
+        top = np.argmax(size, axis=0)
+        lanes = np.arange(size.shape[1])
+        largest = size[top, lanes]
+        if len(size) > 2:
+            middle = np.clip(top, 1, len(size) - 2)
+            before, here, after = (size[middle + d, lanes] for d in (-1, 0, 1))
+            bend, slope = before - 2.0 * here + after, 0.5 * (after - before)
+            # The vertex of the parabola, where it lies between the neighbours and bends down.
+            inside = (bend < 0.0) & (np.abs(slope) <= -bend) & (top == middle)
+            lift = np.divide(slope**2, -2.0 * bend, out=np.zeros_like(here), where=inside)
+            whole = (passage.end_t >= t[-1]) & np.isfinite(lift)
+            largest = np.where(whole, largest + lift, largest)
+        seen = np.where(passage.flying & np.isfinite(largest), largest, 0.0)
+        self.command[place] = np.maximum(self.command[place], seen[:width])
+
+
+def _to_the_ends(passage: Passage) -> tuple[Array, Array]:
+    """Return times (S + 1, B) and states (rows, S + 1, B) at sub-steps, the end standing still."""
+    steps = passage.y.shape[1] - 1
+    t = passage.t + np.arange(steps + 1)[:, None] * (passage.period / steps)
+    beyond = t > passage.end_t
+    if not beyond.any():
+        return t, passage.y
+    return np.where(beyond, passage.end_t, t), np.where(beyond, passage.end_y[:, None], passage.y)
+
+
+def _padded(squares: Array) -> Array:
+    """Return squares (B,) of a block that is not full, infinite where it only is filled."""
+    return np.pad(squares, (0, BLOCK - len(squares)), constant_values=np.inf)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,6 +16,9 @@ __all__ = ["limits_of"]
 
 def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> list[Limit]:
     """Return what ends the flights of one batch beside the plant's events.
+
+    Each is a distance or speed in units of its limit, and so Lipschitz continuous: a length
+    changes by no more than the sum of the changes of its components.
 
     Parameters
     ----------
@@ -34,11 +37,18 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
         Positive within; without dimension.
     """
     found: list[Limit] = []
+    speed, acceleration = course.fastest()
+
+    def slopes(which: Sequence[int], size: float) -> Array:
+        constants = np.zeros(len(rows.names))
+        constants[list(which)] = 1.0 / size
+        return constants
+
     errors = (
-        ("position_error", spec.position_error_m, rows.distance),
-        ("velocity_error", spec.velocity_error_m_s, rows.speed),
+        ("position_error", spec.position_error_m, rows.distance, rows.positions, speed),
+        ("velocity_error", spec.velocity_error_m_s, rows.speed, rows.velocities, acceleration),
     )
-    for name, most, size in errors:
+    for name, most, size, which, drift in errors:
         if most is None:
             continue
 
@@ -51,7 +61,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
         ) -> Array:
             return np.asarray(1.0 - size(x - course.at(t - begun[cases])) / most)
 
-        found.append(Limit(name, near))
+        found.append(Limit(name, near, lipschitz=slopes(which, most), drift=drift / most))
     least, farthest = spec.distance_min_m, spec.distance_max_m
 
     def distances(x: Array) -> Array:
@@ -60,7 +70,11 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
 
     if least is not None:
         found.append(
-            Limit("distance_min", lambda t, x, cases: distances(x).min(axis=0) / least - 1.0)
+            Limit(
+                "distance_min",
+                lambda t, x, cases: distances(x).min(axis=0) / least - 1.0,
+                lipschitz=slopes(rows.positions, least),
+            )
         )
     if farthest is not None:
         found.append(
@@ -68,6 +82,7 @@ def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> lis
                 "distance_max",
                 lambda t, x, cases: 1.0 - distances(x).max(axis=0) / farthest,
                 "escape",
+                lipschitz=slopes(rows.positions, farthest),
             )
         )
     return found

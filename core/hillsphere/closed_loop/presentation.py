@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.campaign.case_classes import UNDECIDED
 from hillsphere.closed_loop.figures import (
     draw_accelerations,
     draw_command,
@@ -16,7 +17,7 @@ from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 
-__all__ = ["present_flight"]
+__all__ = ["present_flight", "warnings_of"]
 
 _BEYOND_HILL = 0.01
 _COARSE = 1e-3
@@ -97,6 +98,7 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
         for name, unit, value in zip(product.metrics, product.units, product.values, strict=True)
         if np.isfinite(value)
     }
+    metrics["closed_loop_step_error"] = Metric(product.step_error, "-")
     metrics["closed_loop_status"] = Metric(product.status, "")
     return Presentation(
         metrics={named(name): metric for name, metric in metrics.items()},
@@ -112,8 +114,8 @@ def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     seen = ", ".join(product.seen_states)
     return [
         f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
-        "case 0 of a campaign. The largest errors are those at the samples that count and at the "
-        "end." + _overtime(spec) + _inputs(spec)
+        "case 0 of a campaign. The largest errors and commands are those over the flight, between "
+        "samples too." + _overtime(spec) + _inputs(spec)
     ]
 
 
@@ -145,11 +147,25 @@ def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     sentences = [
         f"The {'flight' if spec.flight_inputs else 'nominal flight'}"
         f"{f' ({spec.label})' if spec.label else ''} "
-        f"{'failed' if product.failed else 'succeeded'}: {what} after "
+        f"{_judgement(product)}: {what} after "
         f"{(ended - begun) / 3600.0:.4g} h, at most "
         f"{values['largest_position_error']:.4g} m from its reference{counted}, with "
         f"{values['dv']:.4g} m/s of Δv."
     ]
+    return [*sentences, *warnings_of(product)]
+
+
+def _judgement(product: ClosedLoopFlight) -> str:
+    reason = UNDECIDED.get(product.status)
+    if reason is not None:
+        return f"is undecided, by {reason}"
+    return "failed" if product.failed else "succeeded"
+
+
+def warnings_of(product: ClosedLoopFlight) -> list[str]:
+    """Return what a reader must bear in mind of the flight, and of campaigns that repeat it."""
+    values = dict(zip(product.metrics, product.values.tolist(), strict=True))
+    sentences: list[str] = []
     if product.step_error_m is not None and not product.step_error_m <= _COARSE * max(
         values["largest_position_error"], 1.0
     ):

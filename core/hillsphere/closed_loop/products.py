@@ -50,11 +50,14 @@ class ClosedLoopFlight:
     status, cause : str
         How it ended.
     failed : bool
-        Whether that counts as a failure.
+        Whether that counts as a failure; never if the status says that it is undecided, see
+        `hillsphere.campaign.case_classes`.
     metrics, units : tuple of str
         Names and units of the m metrics.
     values : ndarray, shape (m,)
         Their values.
+    step_error : float
+        Estimate of the step error at the end, in the plant's natural units.
     step_error_m : float or None
         How far the end moves with twice as many sub-steps; None where the tolerance held them.
     nearest_m, farthest_m : float
@@ -101,6 +104,7 @@ class ClosedLoopFlight:
     metrics: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
+    step_error: float
     step_error_m: float | None
     nearest_m: float
     farthest_m: float

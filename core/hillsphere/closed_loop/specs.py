@@ -157,14 +157,14 @@ class RequirementsSpec(Spec):
         "speed", "difference in velocity from the reference at the end", default=None, gt=0
     )
     largest_position_error_m: float | None = quantity(
-        "length", "largest distance from the reference at samples", default=None, gt=0
+        "length", "largest distance from the reference over the flight", default=None, gt=0
     )
     largest_velocity_error_m_s: float | None = quantity(
-        "speed", "largest difference in velocity at samples", default=None, gt=0
+        "speed", "largest difference in velocity over the flight", default=None, gt=0
     )
     largest_acceleration_m_s2: float | None = quantity(
         "acceleration",
-        "held and continuous laws: largest command of the law alone at samples",
+        "held and continuous laws: largest command of the law alone over the flight",
         default=None,
         gt=0,
     )
@@ -311,6 +311,15 @@ class ClosedLoopSpec(StageSpec):
         "limits and errors of what is done of a command; left out: none", default=None
     )
     limits: LimitsSpec = option("what ends a flight early", default=LimitsSpec())
+    largest_step_error: float = option(
+        "estimated step error, in the plant's natural units, beyond which a flight is undecided, "
+        "neither success nor failure; a smaller one leaves a flight undecided only where it could "
+        "turn what is required",
+        # With a thousandth of the plant's natural size no metric has three digits left, which are
+        # the fewest that tables show; what is required is guarded by its own margin.
+        default=1e-3,
+        gt=0,
+    )
     success: tuple[Literal["completed", "impact", "escape", "constraint", "propellant"], ...] = (
         option(
             "how a flight may end that has not failed: after its last sample, or for a landing "

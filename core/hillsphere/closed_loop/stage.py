@@ -14,7 +14,13 @@ from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
 from hillsphere.closed_loop.histories import histories_of, with_rows
 from hillsphere.closed_loop.largest import Largest, PlannedEnd
 from hillsphere.closed_loop.limits import limits_of
-from hillsphere.closed_loop.metrics import judge, measure, metric_names, metric_units
+from hillsphere.closed_loop.metrics import (
+    judge,
+    measure,
+    metric_errors,
+    metric_names,
+    metric_units,
+)
 from hillsphere.closed_loop.parts import (
     Effectiveness,
     actuator_of,
@@ -23,7 +29,7 @@ from hillsphere.closed_loop.parts import (
     seen_rows,
     unit_of,
 )
-from hillsphere.closed_loop.presentation import present_flight
+from hillsphere.closed_loop.presentation import present_flight, warnings_of
 from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import MOST_SAMPLES, ClosedLoopSpec
 from hillsphere.closed_loop.surroundings import Surroundings
@@ -236,6 +242,10 @@ class ClosedLoopStage:
         """Show the nominal flight."""
         return present_flight(product, self.spec)
 
+    def case_warnings(self, product: ClosedLoopFlight) -> tuple[str, ...]:
+        """Return what the nominal flight warns of, which holds for all cases."""
+        return tuple(warnings_of(product))
+
     def _given_start(self) -> Array:
         """Return the start as the Spec gives it (n,); NaN where it is that of the reference."""
         start, rows = self.spec.start, self.rows
@@ -365,7 +375,10 @@ class ClosedLoopStage:
                 loop.course, loop.planned_s, loop.beyond, final, period,
                 impulses=impulses, total=width,
             )  # fmt: skip
-        seen = Largest(self.rows, loop.goal, width, first, final, len(self.commands), between)
+        seen = Largest(
+            self.rows, loop.goal, width, first, final, len(self.commands), between,
+            loop.course, loop.planned_s, begun,
+        )  # fmt: skip
         flights = self._simulator(loop, names, spec.substeps * (1 + finer)).fly(
             cases,
             loop.samples,
@@ -391,7 +404,22 @@ class ClosedLoopStage:
         if short.any():
             goal[:, short] = loop.course.at((flights.time_s - begun)[short])
         values = measure(self.rows, flights, goal, begun, loop.planned_s, largest, loop.site)
-        status, cause, failed = judge(flights, values, self.spec.success, self.spec.require)
+        errors = metric_errors(
+            self.rows,
+            self.plant.scales.of(self.plant.states),
+            flights,
+            values,
+            self.law.period_s,
+            held=self._kind() != "impulses",
+        )
+        status, cause, failed = judge(
+            flights,
+            values,
+            self.spec.success,
+            self.spec.require,
+            errors,
+            self.spec.largest_step_error,
+        )
         return CaseResults(
             metric_names(loop.site is not None),
             metric_units(self._command_units()[0], loop.site is not None),
@@ -400,6 +428,7 @@ class ClosedLoopStage:
             cause,
             failed,
             self._histories(loop, flights, goal, history),
+            flights.step_error,
         )
 
     def _histories(
@@ -464,6 +493,7 @@ class ClosedLoopStage:
             metrics=results.metrics,
             units=results.units,
             values=results.values[:, 0],
+            step_error=float(flights.step_error[0]),
             step_error_m=step_error,
             nearest_m=float(np.nanmin(distances)),
             farthest_m=float(np.nanmax(distances)),

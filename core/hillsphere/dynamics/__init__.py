@@ -4,6 +4,7 @@
 `ArrayFunction` evaluate them.
 """
 
+from hillsphere.dynamics.brackets import Brackets, ProvedBrackets
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.crossing import Crossing
 from hillsphere.dynamics.root_finding import bracketed_roots
@@ -15,10 +16,12 @@ from hillsphere.dynamics.variational import Derivatives, variational_equations
 
 __all__ = [
     "ArrayFunction",
+    "Brackets",
     "Crossing",
     "Derivatives",
     "External",
     "Flight",
+    "ProvedBrackets",
     "StepMap",
     "System",
     "Tableau",

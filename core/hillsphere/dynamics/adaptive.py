@@ -24,6 +24,8 @@ _LEAST, _MOST = 1.0 / 3.0, 6.0
 """Safety factor and limits of the change of a step, as in the code DOP853 [1]_."""
 _BETA = 0.04
 """Weight of the step before in the control, of the size that [1]_ (section IV.2) recommends."""
+_POWERS = {8: 8, 6: 7}
+"""Power of the step with which `Tableau.step_error` shrinks, by the order of the formula."""
 _SMALLEST = 1e-10
 """Inner steps below this part of the whole one are a singularity's: the lane becomes NaN."""
 _ROUNDING = 10.0 * np.finfo(float).eps
@@ -75,26 +77,49 @@ class AdaptiveStages:
             raise InputError(f"tolerance must be positive, got {tolerance}")
         self.rows = len(system.x)
         self._tableau, self._tolerance = tableau, tolerance
+        self._power = _POWERS[tableau.order]
         self._scale = system.scale[:, None]
         self._functions = Derivatives(system)
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        cover = self._bind(h, p)
 
+        def advance(y: Array, out: Array, t: Array) -> None:
+            cover(y, out, t)
+
+        return advance
+
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated: the sum over their inner steps."""
+        cover = self._bind(h, p)
+
+        def advance(y: Array, out: Array, t: Array) -> None:
+            out[-2], out[-1] = cover(y, out[:-2], t) ** 2, 0.0
+
+        return advance
+
+    def error(self, squares: Array) -> Array:
+        """Return the errors of steps, see `hillsphere.dynamics.stages.Stepper.error`."""
+        return np.sqrt(squares[..., 0, :])
+
+    def _bind(self, h: Array, p: Array) -> Callable[[Array, Array, Array], Array]:
         def rate(y: Array, t: Array) -> Array:
             return self._functions.rate(y, p, t)
 
         # the length of the last inner step, with which the next whole step begins
         length: list[Array] = []
 
-        def advance(y: Array, out: Array, t: Array) -> None:
+        def cover(y: Array, out: Array, t: Array) -> Array:
             first = rate(y, t)
             trial = length[0] if length else self._first(rate, y, t, first, h)
-            end, last = self._cover(rate, y, t, first, h, trial)
+            end, last, error = self._cover(rate, y, t, first, h, trial)
             np.copyto(out, end)
             length[:] = [last]
+            # from root mean squares over the states to Euclidean lengths
+            return np.asarray(error * self._tolerance * np.sqrt(self.rows))
 
-        return advance
+        return cover
 
     def _size(self, y: Array) -> Array:
         return np.maximum(self._tolerance * self._scale, _ROUNDING * np.abs(y))
@@ -113,7 +138,7 @@ class AdaptiveStages:
         with np.errstate(divide="ignore", invalid="ignore"):
             d2 = _rms((there - f) / size) / small
             largest = np.maximum(d1, d2)
-            good = (0.01 / largest) ** (1.0 / self._tableau.error_order)
+            good = (0.01 / largest) ** (1.0 / self._power)
         good = np.where(np.isfinite(good) & (good > 0), good, small)
         return np.minimum(np.minimum(100.0 * small, good), np.abs(h))
 
@@ -125,15 +150,18 @@ class AdaptiveStages:
         first: Array,
         h: Array,
         trial: Array,
-    ) -> tuple[Array, Array]:
-        """Return the states (n, N) after h and the lengths (N,) that the next step may have."""
-        order = self._tableau.error_order
+    ) -> tuple[Array, Array, Array]:
+        """Return the states (n, N) after h, the lengths (N,) that the next step may have, errors.
+
+        The errors (N,) are the sums of those of the inner steps, over the tolerance.
+        """
+        order = self._power
         way, whole = np.sign(h), np.abs(h)
         done, y = np.zeros_like(whole), y.copy()
         trial = np.minimum(trial, np.where(whole > 0, whole, trial))
         before = np.full_like(whole, 1e-4)  # error of the step before, as DOP853 begins
         slope, rejected = first, np.zeros(whole.shape, dtype=bool)
-        flying = whole > 0
+        flying, total = whole > 0, np.zeros_like(whole)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             while flying.any():
                 left = whole - done
@@ -155,13 +183,14 @@ class AdaptiveStages:
                 before = np.where(taken, np.maximum(error, 1e-4), before)
                 rejected = refused
                 y = np.where(taken, new, y)
+                total = total + np.where(taken, error, 0.0)
                 done = np.where(taken, np.where(last, whole, done + step), done)
                 lost = refused & (trial < _SMALLEST * whole)
                 y = np.where(lost, np.nan, y)
                 flying = flying & (done < whole) & ~lost
                 if taken.any() and flying.any():
                     slope = rate(y, t + way * done)
-        return y, trial
+        return y, trial, total
 
     def _attempt(
         self,
@@ -182,9 +211,9 @@ class AdaptiveStages:
         stages = np.stack(slopes)
         new = y + step * np.einsum("i,inN->nN", tableau.b, stages)
         size = self._size(np.maximum(np.abs(y), np.abs(new)))
-        differences = np.einsum("ji,inN->jnN", tableau.errors, stages)
-        norms = np.stack([_rms(step * d / size) for d in differences])
-        return new, tableau.error_norm(norms)
+        differences = np.einsum("ji,inN->jnN", np.stack(tableau.errors), stages)
+        high, low = (_rms(step * d / size) ** 2 for d in differences)
+        return new, tableau.step_error(high, low)
 
 
 def _rms(values: Array) -> Array:

@@ -35,6 +35,20 @@ class Stepper(Protocol):
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
         ...
 
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated.
+
+        Two rows more are written: the squares of two estimates, from which `error` follows.
+        """
+        ...
+
+    def error(self, squares: Array) -> Array:
+        """Return estimates (…, N) of the errors of steps from what they wrote, (…, 2, N).
+
+        Of all states, as a Euclidean length, in units of ``system.scale``.
+        """
+        ...
+
 
 class CompiledStep:
     """A whole step composed symbolically and compiled as one function.
@@ -59,6 +73,9 @@ class CompiledStep:
         Run-time parameters by which to differentiate too.
     compact : bool
         Compile in compact mode.
+    errors : bool
+        Whether the function also computes the embedded estimates of the step's error: their
+        squares in two further rows. The states are the same.
     """
 
     def __init__(
@@ -68,7 +85,11 @@ class CompiledStep:
         derivatives: bool,
         parameters: Sequence[str],
         compact: bool,
+        errors: bool = False,
     ) -> None:
+        self._tableau, self._errors = tableau, errors
+        if errors and derivatives:
+            raise InputError("the error of a step is estimated without derivatives only")
         if derivatives and system.time_terms:
             raise InputError("derivatives need a system without terms of time that stand apart")
         self._terms = _TimeTerms(system, tableau) if system.time_terms else None
@@ -84,7 +105,7 @@ class CompiledStep:
             if numbered:
                 rate = substitute(rate, numbered)
             held = self._terms.at_nodes(len(names) + 1) if self._terms else {}
-            step = _compose(y, rate, tableau, h, held)
+            step = _compose(y, rate, tableau, h, held, system.scale if errors else None)
             return _hy.cfunc(step, vars=list(y), compact_mode=compact)
 
         n = len(system.x)
@@ -98,11 +119,36 @@ class CompiledStep:
             "compact": compact,
             "time_terms": list(system.time_terms),
         }
+        if errors:
+            weights = [one.tolist() for one in tableau.errors]
+            options["errors"] = [*weights, system.scale.tolist()]
         self._function: Any = kept_function(options, (*system.x, *system.rhs), compiled)
         self.needs_time: bool = self._function.is_time_dependent or self._terms is not None
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        whole = self._bind(h, p)
+        if not self._errors:
+            return whole
+        buffer = np.empty((self.rows + 2, len(h)))
+
+        def advance(y: Array, out: Array, t: Array) -> None:
+            whole(y, buffer, t)
+            np.copyto(out, buffer[:-2])
+
+        return advance
+
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated, see `Stepper.bind_measured`."""
+        if not self._errors:
+            raise InputError("make the step map with errors=True")
+        return self._bind(h, p)
+
+    def error(self, squares: Array) -> Array:
+        """Return the errors of steps, see `Stepper.error`."""
+        return self._tableau.step_error(squares[..., 0, :], squares[..., 1, :])
+
+    def _bind(self, h: Array, p: Array) -> Advance:
         function, terms = self._function, self._terms
         if terms is not None:
             return self._bound(terms, h, p)
@@ -168,10 +214,12 @@ def _compose(
     tableau: Tableau,
     h: Expr,
     held: Mapping[float, Mapping[Expr, Expr]],
+    scale: Array | None,
 ) -> list[Expr]:
     """Return the state after one step as expressions of the state before it.
 
-    `held` says of each node what terms of time are there; it is empty if none stand apart.
+    `held` says of each node what terms of time are there; it is empty if none stand apart. With a
+    `scale` of the states the squares of both embedded estimates follow.
     """
     slopes: list[tuple[Expr, ...]] = []
     for i, node in enumerate(tableau.c.tolist()):
@@ -184,7 +232,16 @@ def _compose(
             table[_hy.time] = _hy.time + node * h
         slopes.append(substitute(rate, table) if table else tuple(rate))
     final = _weights(tableau.b)
-    return [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
+    step = [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
+    if scale is None:
+        return step
+    for weights in tableau.errors:
+        parts = [
+            h * sum_of([w / size * slopes[m][j] for m, w in _weights(weights)])
+            for j, size in enumerate(scale.tolist())
+        ]
+        step.append(sum_of([part * part for part in parts]))
+    return step
 
 
 def _weights(row: Array) -> list[tuple[int, float]]:
@@ -215,12 +272,39 @@ class ArrayStages:
         self._columns = self._n + len(parameters) if derivatives else 0
         self._functions = Derivatives(system, parameters)
         self.rows = self._n * (1 + self._columns)
+        self._scale = system.scale
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        advance = self._bind(h, p)
+
+        def plain(y: Array, out: Array, t: Array) -> None:
+            advance(y, out, t)
+
+        return plain
+
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated, see `Stepper.bind_measured`."""
+        advance, size = self._bind(h, p), self._scale[:, None]
+
+        def measured(y: Array, out: Array, t: Array) -> None:
+            slopes = advance(y, out[:-2], t)
+            for i, weights in enumerate(self._tableau.errors, start=self.rows):
+                total = np.zeros_like(slopes[0][: self._n])
+                for m, w in _weights(weights):
+                    total += (w * h) * slopes[m][: self._n]
+                np.sum((total / size) ** 2, axis=0, out=out[i])
+
+        return measured
+
+    def error(self, squares: Array) -> Array:
+        """Return the errors of steps, see `Stepper.error`."""
+        return self._tableau.step_error(squares[..., 0, :], squares[..., 1, :])
+
+    def _bind(self, h: Array, p: Array) -> Callable[[Array, Array, Array], list[Array]]:
         tableau = self._tableau
 
-        def advance(y: Array, out: Array, t: Array) -> None:
+        def advance(y: Array, out: Array, t: Array) -> list[Array]:
             slopes: list[Array] = []
             for i, node in enumerate(tableau.c.tolist()):
                 at = y.copy()
@@ -230,6 +314,7 @@ class ArrayStages:
             np.copyto(out, y)
             for m, w in _weights(tableau.b):
                 out += (w * h) * slopes[m]
+            return slopes
 
         return advance
 

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from hillsphere.dynamics.adaptive import AdaptiveStages
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.crossing import Crossing, first_crossing
+from hillsphere.dynamics.enclosures import Bounded
+from hillsphere.dynamics.expression_bounds import bounds_of_event
 from hillsphere.dynamics.lanes import refuse_non_finite
 from hillsphere.dynamics.march import March
 from hillsphere.dynamics.stages import ArrayStages, CompiledStep, Stepper
@@ -46,6 +48,8 @@ class StepMap:
     compact : bool
         Compile in compact mode: for right-hand sides so large (harmonics of high degree) that the
         compiler takes minutes; the code is slower.
+    errors : bool
+        Whether `stepper` can estimate the errors of its steps; without `stm`.
 
     Raises
     ------
@@ -74,6 +78,7 @@ class StepMap:
         parameters: Sequence[str] = (),
         tolerance: float | None = None,
         compact: bool = False,
+        errors: bool = False,
     ) -> None:
         if parameters and not stm:
             raise InputError("derivatives by parameters come with the STM: give stm=True")
@@ -89,12 +94,13 @@ class StepMap:
         self.order = formula.order
         self._stepper: Stepper
         if system.external is None:
-            self._stepper = CompiledStep(system, formula, stm, parameters, compact)
+            self._stepper = CompiledStep(system, formula, stm, parameters, compact, errors)
         elif tolerance is not None:
             self._stepper = AdaptiveStages(system, formula, tolerance)
         else:
             self._stepper = ArrayStages(system, formula, stm, parameters)
         self._functions: dict[Expr, ArrayFunction] = {}
+        self._bounds: dict[str | Expr, Bounded | None] = {}
 
     @property
     def stepper(self) -> Stepper:
@@ -281,9 +287,11 @@ class StepMap:
     ) -> Crossing:
         """Find where each lane first meets an event.
 
-        The event's sign is watched at the ends of the steps; in the step where it changes, the
-        length of a partial step of the same formula is found for which the event is zero. A pair
-        of roots inside one step goes unseen: take steps short beside the event's own time scale.
+        Between the ends of the steps the event is decided by bounds of its derivatives
+        (`hillsphere.dynamics.proof`), so that no pair of roots inside one step is missed; the
+        length of a partial step of the same formula is found for which the event is zero. Bounds
+        are known of a plant's own events and of polynomials of degree two in the states. Where
+        they do not decide, or there are none, ``resolved`` is False.
 
         Parameters
         ----------
@@ -313,7 +321,10 @@ class StepMap:
         """
         march = self._march(x, duration, steps, p, t0)
         where = self._where(duration, steps) if strict else None
-        return first_crossing(march, self._event(event), direction, after, where)
+        value = self._event(event)
+        if event not in self._bounds:
+            self._bounds[event] = bounds_of_event(self.system, event)
+        return first_crossing(march, value, direction, after, where, self._bounds[event])
 
     def _march(
         self,

@@ -9,7 +9,10 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.compiled import ArrayFunction, Terms, spread
+from hillsphere.dynamics.enclosures import Bounded, LinearRows
+from hillsphere.dynamics.intervals import Interval, multiply, point
 from hillsphere.errors import InputError
 from hillsphere.interfaces import (
     Array,
@@ -35,7 +38,7 @@ from hillsphere.symbolic import (
     variable_names,
 )
 
-__all__ = ["External", "System", "system"]
+__all__ = ["External", "PlantBounds", "System", "system"]
 
 CONTROL = "u:"
 """Prefix of a control among the run-time parameters."""
@@ -97,6 +100,8 @@ class System:
     time_terms : mapping of str to Expr
         Functions of the system's time alone that stand in the right-hand side as parameters of
         these names, in no row of `p` (see `TimedPlant`).
+    bounded : Bounded or None
+        Right-hand side and events in interval arithmetic.
     """
 
     states: tuple[Variable, ...]
@@ -114,6 +119,7 @@ class System:
     switches: tuple[Expr, ...] = ()
     event_terms: tuple[tuple[Expr, ...], Terms] | None = None
     time_terms: Mapping[str, Expr] = field(default_factory=dict)
+    bounded: Bounded | None = None
 
     @property
     def run_time_names(self) -> tuple[str, ...]:
@@ -272,7 +278,86 @@ def system(
         switches=switches,
         event_terms=_event_terms(watched, on_events, arguments) if watched else None,
         time_terms=terms,
+        bounded=PlantBounds(plant, kept, controls, unit, time_unit),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PlantBounds:
+    """A plant's equations and events in interval arithmetic, in a system's units.
+
+    Parameters
+    ----------
+    plant : Plant
+        Equations, SI.
+    run_time : sequence of Parameter
+        Those in the rows of p, the controls last.
+    controls : bool
+        Whether there are rows of controls.
+    unit : ndarray, shape (n,)
+        SI size of one unit of each state.
+    time_unit_s : float
+        Unit of time, s.
+    """
+
+    plant: Plant
+    run_time: Sequence[Parameter]
+    controls: bool
+    unit: Array
+    time_unit_s: float
+    linear: LinearRows | None = None
+
+    def rates(
+        self,
+        t: Bound,
+        y: Sequence[Bound],
+        p: Sequence[Interval],
+        u: Sequence[Bound] | None = None,
+    ) -> list[Bound]:
+        """Return bounds of dy/dt; `u`, if given, takes the place of the rows of controls."""
+        x, when, values = self._si(t, y, p)
+        names = [CONTROL + v.name for v in self.plant.controls]
+        rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
+        if u is None:
+            u = [Bound(rows[name]) if self.controls else Bound.of(0.0) for name in names]
+        found = self.plant.derivative(x, tuple(u), when, values)
+        sizes = self.unit.tolist()
+        if self.time_unit_s == 1.0 and (self.unit == 1.0).all():
+            return [Bound.of(f) for f in found]
+        scale = [self.time_unit_s / size for size in sizes]
+        return [self._inner(Bound.of(f) * k) for f, k in zip(found, scale, strict=True)]
+
+    def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
+        """Return bounds of the events."""
+        x, when, values = self._si(t, y, p)
+        found = self.plant.events(x, when, values)
+        return [self._inner(Bound.of(e)) for e in found.values()]
+
+    def _si(
+        self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]
+    ) -> tuple[tuple[Bound, ...], Bound, dict[str, Bound]]:
+        """Return states, time and all parameters, SI."""
+        rows = {q.name: row for q, row in zip(self.run_time, p, strict=False)}
+        values = {q.name: Bound(rows.get(q.name, point(q.value))) for q in self.plant.parameters()}
+        if self.time_unit_s == 1.0 and (self.unit == 1.0).all():
+            return tuple(y[: len(self.unit)]), t, values
+        size = self.unit.tolist()
+        x = tuple(self._outer(part * s) for part, s in zip(y, size, strict=False))
+        return x, self._outer(t * self.time_unit_s), values
+
+    def _outer(self, x: Bound) -> Bound:
+        """Take derivatives by the system's time to derivatives by seconds."""
+        return _timed(x, 1.0 / self.time_unit_s)
+
+    def _inner(self, x: Bound) -> Bound:
+        """Take derivatives by seconds to derivatives by the system's time."""
+        return _timed(x, self.time_unit_s)
+
+
+def _timed(x: Bound, k: float) -> Bound:
+    rate = None if x.rate is None else multiply(x.rate, point(k))
+    second = None if x.second is None else multiply(multiply(x.second, point(k)), point(k))
+    return Bound(x.value, rate, second)
 
 
 def _time_terms(plant: Plant, p: Params) -> dict[str, Expr]:

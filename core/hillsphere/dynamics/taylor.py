@@ -71,10 +71,11 @@ class Taylor:
         Whether the state transition matrix is carried along.
     events : sequence of str
         Names of events of the system whose fall through zero, along the flight, ends it. A flight
-        that starts below zero goes on until the event has risen and fallen again.
+        that starts below zero goes on until the event has risen and fallen again; one that starts
+        at zero and falls ends where it starts.
     record : mapping of str to Expr, or sequence of str
-        Events (of the system, or expressions) whose every zero is recorded by `fly`; a zero at
-        the start of the flight (but for rounding, 1e-15 of its times) is not a crossing.
+        Events (of the system, or expressions) whose every change of sign is recorded by `fly`; a
+        zero at the start of the flight (but for rounding, 1e-15 of its times) is not a crossing.
     parameters : sequence of str
         With `stm`: run-time parameters by which to differentiate too.
     compact : bool, optional
@@ -156,6 +157,7 @@ class Taylor:
             dict(zip(recorded, _numbered(tuple(recorded.values()), numbers), strict=True)),
             _numbered(system.switches, numbers),
             _is_large(rate) or stm if compact is None else compact,
+            len(system.run_time_names),
         )
 
     def propagate(
@@ -238,8 +240,8 @@ class Taylor:
         }
         if single:
             phi = None if phi is None else phi[:, :, 0]
-            return Flight(state[:, 0], phi, ends.time[0], ends.ended_by, crossings)
-        return Flight(state, phi, ends.time, ends.ended_by, crossings)
+            return Flight(state[:, 0], phi, ends.time[0], tuple(ends.ended_by), crossings)
+        return Flight(state, phi, ends.time, tuple(ends.ended_by), crossings)
 
     def sample(
         self,

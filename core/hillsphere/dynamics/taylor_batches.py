@@ -1,4 +1,10 @@
-"""Adaptive Taylor integrators of the compile layer, driven in batches of lanes."""
+"""Adaptive Taylor integrators of the compile layer, driven in batches of lanes.
+
+Zeros of events are those of their Taylor polynomials over a whole step, isolated by Descartes' rule
+of signs and bisection, so that pairs within one step are told apart down to rounding. Only falls
+along the flight stop an integrator: one that stopped at a rise too would lose a fall of another
+event at the same instant, and, for a while, every further zero of the one that has risen.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +27,13 @@ _LEAST_HAIR = 1e-12
 _HAIR = 16.0
 """How far past its zero, in tolerances, a switch ends a step; truncation misses it by up to 5."""
 _ROUNDING = 4.0 * np.finfo(float).eps
+_MOMENT = 2.0**-20
+"""Part of a flight after which an event that begins at zero has risen or fallen: its second
+derivative decides from there on, and rounding is still far below what it has done."""
+_HALVINGS = 53
+"""Halvings of a flight down to one unit in the last place."""
+_BESIDE = 1e-3
+"""Part of a step on either side of a zero with no slope at which signs are compared."""
 _TIME_LIMIT = int(_hy.taylor_outcome.time_limit)
 _NON_FINITE = int(_hy.taylor_outcome.err_nf_state)
 _Lanes: TypeAlias = NDArray[np.intp]
@@ -35,8 +48,16 @@ class Ends:
 
     y: Array
     time: Array
-    ended_by: tuple[str | None, ...]
-    met: Mapping[tuple[str, int], list[tuple[float, Array]]]
+    ended_by: list[str | None]
+    met: dict[tuple[str, int], list[tuple[float, Array]]]
+
+    def end(self, lane: int, y: Array, time: float, name: str) -> None:
+        """End a lane earlier."""
+        sense = np.sign(self.time[lane] - time)
+        self.y[:, lane], self.time[lane], self.ended_by[lane] = y, time, name
+        for key, met in self.met.items():
+            if key[1] == lane:
+                met[:] = [one for one in met if sense * (one[0] - time) <= 0]
 
 
 class _Carried:
@@ -44,7 +65,6 @@ class _Carried:
 
     lanes: _Lanes
     alive: NDArray[np.bool_]
-    sense: Array
     start: Array
     clock: Array
     met: dict[tuple[str, int], list[tuple[float, Array]]]
@@ -67,6 +87,8 @@ class TaylorBatches:
         Functions whose zeros end a step and nothing else.
     compact : bool
         Compile in compact mode.
+    parameters : int
+        k, how many run-time parameters there are.
     """
 
     def __init__(
@@ -78,15 +100,19 @@ class TaylorBatches:
         recorded: Mapping[str, Expr],
         switches: Sequence[Expr],
         compact: bool,
+        parameters: int,
     ) -> None:
         self._equations, self._n, self._tol, self._compact = list(equations), n, tol, compact
         self._ends, self._recorded = dict(ends), dict(recorded)
+        # Of a lane that flies backward an event falls along the flight where it rises in time.
+        self._sense = _hy.par[parameters]
         # A step over a switch must end on the side it flies to, beyond doubt, for the next one to
         # take the right branch: outbound on the upper of these two levels, inbound on the lower.
         hair = max(_LEAST_HAIR, _HAIR * tol)
         self._levels = [level for s in switches for level in (s - hair, s + hair)]
         self._carried = _Carried()
         self._integrators: dict[int, Any] = {}
+        self._compiled: dict[tuple[Expr, ...], Any] = {}
 
     def fly(self, y: Array, p: Array, start: Array, target: Array) -> Ends:
         """Propagate lanes to their targets or ends.
@@ -105,13 +131,93 @@ class TaylorBatches:
         Ends
             What became of each lane.
         """
+        ends = self._flown(y, p, start, target)
+        if not self._ends or not y.shape[1]:
+            return ends
+        before = self._values(y, p, start)
+        for lane in np.flatnonzero((before == 0).any(axis=0)):
+            self._leave_zero(ends, y, p, start, target, int(lane), before[:, lane] == 0)
+        after = self._values(ends.y, p, ends.time)
+        by_none = np.array([name is None for name in ends.ended_by])
+        for lane in np.flatnonzero(((before > 0) & (after < 0)).any(axis=0) & by_none):
+            self._halve(ends, y, p, start, target, int(lane), before[:, lane] > 0)
+        return ends
+
+    def _flown(self, y: Array, p: Array, start: Array, target: Array) -> Ends:
+        """Fly as `fly` does, as far as zeros of the series tell."""
         cases = y.shape[1]
         end, time = np.empty_like(y), np.empty(cases)
         ended: list[str | None] = [None] * cases
         self._carried.met = {}
         for lanes in _groups(cases):
             self._fly_group(lanes, y, p, start, target, end, time, ended)
-        return Ends(end, time, tuple(ended), self._carried.met)
+        return Ends(end, time, ended, self._carried.met)
+
+    def _leave_zero(
+        self,
+        ends: Ends,
+        y: Array,
+        p: Array,
+        start: Array,
+        target: Array,
+        lane: int,
+        zero: NDArray[np.bool_],
+    ) -> None:
+        """End a lane at its start if an event that is zero there, with no slope, falls."""
+        one = slice(lane, lane + 1)
+        soon = start[one] + _MOMENT * (target[one] - start[one])
+        first = self._flown(y[:, one], p[:, one], start[one], soon)
+        fell = zero & (self._values(first.y, p[:, one], first.time)[:, 0] < 0)
+        if first.ended_by[0] is None and fell.any():
+            ends.end(lane, y[:, lane], start[lane], list(self._ends)[int(np.argmax(fell))])
+
+    def _halve(
+        self,
+        ends: Ends,
+        y: Array,
+        p: Array,
+        start: Array,
+        target: Array,
+        lane: int,
+        above: NDArray[np.bool_],
+    ) -> None:
+        """End a lane where an event is first found to have fallen unseen, by halving its flight."""
+        one = slice(lane, lane + 1)
+        near, far = start[one].copy(), target[one].copy()
+        last = self._flown(y[:, one], p[:, one], start[one], far)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (near + far)
+            now = self._flown(y[:, one], p[:, one], start[one], middle)
+            fell = above & (self._values(now.y, p[:, one], middle)[:, 0] < 0)
+            if now.ended_by[0] is None and not fell.any():
+                near = middle
+                continue
+            far, last = middle, now
+            if now.ended_by[0] is not None:
+                break
+        fell = above & (self._values(last.y, p[:, one], last.time)[:, 0] < 0)
+        name = last.ended_by[0] or list(self._ends)[int(np.argmax(fell))]
+        ends.end(lane, last.y[:, 0], last.time[0], name)
+
+    def _values(self, y: Array, p: Array, t: Array) -> Array:
+        """Return the events that end a lane (m, N) at states (rows, N)."""
+        return self._evaluate(tuple(self._ends.values()), y, p, t)
+
+    def _evaluate(self, functions: tuple[Expr, ...], y: Array, p: Array, t: Array) -> Array:
+        """Return functions (m, N) at states (rows, N), compiled when first needed."""
+        if functions not in self._compiled:
+            states = [v for v, _ in self._equations[: self._n]]
+            self._compiled[functions] = _hy.cfunc(
+                list(functions), vars=states, compact_mode=self._compact
+            )
+        function = self._compiled[functions]
+        options: dict[str, Any] = {}
+        if function.nparams:
+            options["pars"] = np.array(p[: function.nparams])  # the caller may hold both in one
+        if function.is_time_dependent:
+            options["time"] = np.ascontiguousarray(t)
+        found: Array = function(np.ascontiguousarray(y[: self._n]), **options)
+        return found
 
     def on_grid(self, y: Array, p: Array, times: Array) -> Array:
         """Evaluate the dense output.
@@ -134,7 +240,8 @@ class TaylorBatches:
         for lanes in _groups(y.shape[1]):
             width = len(lanes)
             integrator = self._integrator(width)
-            self._load(integrator, y[:, lanes], p[:, lanes], np.full(width, times[0]))
+            begin, sense = np.full(width, times[0]), np.ones(width)
+            self._load(integrator, y[:, lanes], p[:, lanes], begin, sense)
             self._carried.alive = np.zeros(width, dtype=bool)
             table = np.ascontiguousarray(np.repeat(times[:, None], width, axis=1))
             _, found = integrator.propagate_grid(table)
@@ -145,10 +252,7 @@ class TaylorBatches:
         """Return the integrator of so many lanes, compiled when first asked for."""
         if width not in self._integrators:
             options: dict[str, Any] = {}
-            # Those of the caller first: an outcome is told by its place in this list.
-            terminal = [_hy.t_event_batch(f, callback=self._ender()) for f in self._ends.values()]
-            terminal += [_hy.t_event_batch(f, callback=_goes_on) for f in self._levels]
-            if terminal:
+            if terminal := self._terminal():
                 options["t_events"] = terminal
             if self._recorded:
                 options["nt_events"] = [
@@ -164,17 +268,25 @@ class TaylorBatches:
             )
         return self._integrators[width]
 
-    def _ender(self) -> Any:
-        """Return a callback that lets a flight go on (True) unless the event falls along it."""
-        batch = self._carried
-
-        def goes_on(integrator: Any, sign: int, lane: int) -> bool:
-            return bool(sign * batch.sense[lane] > 0)
-
-        return goes_on
+    def _terminal(self) -> list[Any]:
+        """Return what stops an integrator: an outcome is told by its place in this list."""
+        falls = {"direction": _hy.event_direction.negative}
+        ends = [_hy.t_event_batch(self._sense * f, **falls) for f in self._ends.values()]
+        return ends + [_hy.t_event_batch(f, callback=_goes_on) for f in self._levels]
 
     def _recorder(self, name: str) -> Any:
-        batch, n = self._carried, self._n
+        batch, n, function = self._carried, self._n, self._recorded[name]
+
+        def crosses(integrator: Any, time: float, lane: int) -> bool:
+            # What is zero throughout, or touches zero, is zero at the ends of steps, with no slope.
+            apart = _BESIDE * float(integrator.last_h[lane])
+            values = []
+            for beside in (time - apart, time + apart):
+                integrator.update_d_output([beside] * len(batch.alive))
+                y, p = np.array(integrator.d_output), np.array(integrator.pars)
+                times = np.full(len(batch.alive), beside)
+                values.append(self._evaluate((function,), y, p, times)[0, lane])
+            return bool(values[0] * values[1] < 0)
 
         def record(integrator: Any, time: float, sign: int, lane: int) -> None:
             if not batch.alive[lane]:
@@ -184,13 +296,15 @@ class TaylorBatches:
                 return
             integrator.update_d_output([time] * len(batch.alive))
             state = np.array(integrator.d_output[:n, lane])
+            if not sign and not crosses(integrator, time, lane):
+                return
             batch.met.setdefault((name, int(batch.lanes[lane])), []).append((time, state))
 
         return record
 
-    def _load(self, integrator: Any, y: Array, p: Array, t: Array) -> None:
+    def _load(self, integrator: Any, y: Array, p: Array, t: Array, sense: Array) -> None:
         integrator.state[:] = y
-        integrator.pars[:] = p[: len(integrator.pars)]
+        integrator.pars[:] = np.concatenate([p, sense[None]])[: len(integrator.pars)]
         integrator.set_time(t)
         if integrator.with_events:
             # An event that ended the last flight would hide its repetition at the next one's start.
@@ -212,11 +326,11 @@ class TaylorBatches:
         A lane that is done follows a copy of one that is not: an integrator has no empty lanes.
         """
         integrator = self._integrator(len(lanes))
-        self._load(integrator, y[:, lanes], p[:, lanes], start[lanes])
+        sense = np.where(target[lanes] < start[lanes], -1.0, 1.0)
+        self._load(integrator, y[:, lanes], p[:, lanes], start[lanes], sense)
         batch, names = self._carried, list(self._ends)
         goal = target[lanes].copy()
-        batch.lanes, batch.sense = lanes, np.sign(target[lanes] - start[lanes])
-        batch.start = start[lanes]
+        batch.lanes, batch.start = lanes, start[lanes]
         batch.clock = np.maximum(np.abs(start[lanes]), np.abs(target[lanes]))
         # A lane that pads the last batch repeats its neighbour and reports nothing.
         batch.alive = np.concatenate([[True], np.diff(lanes) > 0])
@@ -254,7 +368,6 @@ class TaylorBatches:
         integrator.pars[:, dead] = integrator.pars[:, [model]]
         integrator.set_time(times)
         goal[dead] = goal[model]
-        batch.sense[dead] = batch.sense[model]
 
 
 def _goes_on(integrator: Any, sign: int, lane: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,27 @@ class GridShape:
     def largest_radius_m(self) -> float:
         """Largest radius, m: that of a point of the grid."""
         return float(self._radii.max())
+
+    @cached_property
+    def steepest_per_m(self) -> float:
+        r"""Lipschitz constant of the surface function, 1/m.
+
+        The slope of \|r\|/R is 1/R along the ray and R′/R² across it, with the slope R′ of the
+        radius on the unit sphere. In a cell R is bilinear in latitude and longitude: its slopes by
+        them are largest on its sides. The eastward one is divided by the cosine of the latitude.
+        In a cell at a pole, δ from it, the difference along a row grows as δ and the cosine as
+        sin δ; their ratio is largest on the row that is not the pole.
+        """
+        rows, columns = self._radii.shape
+        per_row, per_column = np.pi / (rows - 1), 2.0 * np.pi / columns
+        north = np.abs(np.diff(self._radii, axis=0)) / per_row
+        east = np.abs(np.roll(self._radii, -1, axis=1) - self._radii) / per_column
+        cosines = np.cos(np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows))
+        cosines[0], cosines[-1] = cosines[1], cosines[-2]
+        east = np.maximum(east[1:], east[:-1]) / np.minimum(cosines[1:], cosines[:-1])[:, None]
+        north = np.maximum(north, np.roll(north, -1, axis=1))
+        slope, least = float(np.max(np.hypot(north, east))), float(self._radii.min())
+        return float(np.hypot(1.0 / least, slope / least**2))
 
     def radius_array(self, directions: Array) -> Array:
         """Return the distance of the surface (N,), m, along directions (3, N) of any length."""

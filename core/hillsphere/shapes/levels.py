@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.interfaces import Array, ArraySurface, Surface
-from hillsphere.symbolic import gradient, variables
+from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.intervals import EVERYTHING
+from hillsphere.interfaces import Array, ArraySurface, SlopedSurface, Surface
+from hillsphere.symbolic import Expr, Vec3, gradient, sqrt, sum_of, variables
 
-__all__ = ["level_of", "normals_of"]
+__all__ = ["level_of", "level_within", "normals_of"]
 
 _PLAIN = variables("level:x", "level:y", "level:z")
 
@@ -38,6 +41,35 @@ def level_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:
         return found
 
     return level
+
+
+def level_within(shape: Surface | ArraySurface, place: Vec3) -> Expr:
+    """Bound the rate of a surface function along flights through a box.
+
+    Parameters
+    ----------
+    shape : Surface or ArraySurface
+        The shape.
+    place : Vec3
+        Body-fixed position and its rates, `hillsphere.dynamics.bounds.Bound`.
+
+    Returns
+    -------
+    Expr
+        A bound: from the shape's Lipschitz constant and the speed, or from its expression; of a
+        shape that has neither, nothing.
+    """
+    if isinstance(shape, SlopedSurface):
+        rates = [Bound.of(q).rate for q in place]
+        squares = [Bound(rate) ** 2 for rate in rates if rate is not None]
+        if not squares:
+            return cast(Expr, Bound(EVERYTHING))
+        speed = sqrt(sum_of(cast("list[Expr]", squares)))
+        most = Bound.of(shape.steepest_per_m * speed).value[1]
+        return cast(Expr, Bound(EVERYTHING, (-most, most), EVERYTHING))
+    if isinstance(shape, Surface):
+        return shape.surface(place)
+    return cast(Expr, Bound(EVERYTHING, EVERYTHING, EVERYTHING))
 
 
 def normals_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:

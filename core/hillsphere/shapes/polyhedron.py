@@ -10,6 +10,7 @@ from hillsphere.errors import InputError
 from hillsphere.formats.obj import read_obj
 from hillsphere.interfaces import Array, Integers
 from hillsphere.shapes.mesh import Mesh
+from hillsphere.shapes.mesh_distance import surface_distances
 from hillsphere.shapes.rays import RayTable
 from hillsphere.shapes.solid_angles import solid_angles, vertex_distances
 from hillsphere.shapes.specs import METRES, PolyhedronShapeSpec
@@ -32,8 +33,8 @@ class MeshSurface:
     -----
     If every ray from the origin meets the mesh once, the surface function is |r|/R along the ray,
     less one: the ray's face is looked up, at a cost that does not grow with the mesh. If some
-    meet it more often, it is ½ outside and −½ inside (by the solid angle of all faces): still
-    right for contact, without a slope, and each point costs a visit to every face.
+    meet it more often, it is the distance from the surface in units of the largest radius, negative
+    inside (by the solid angle of all faces), and each point costs a visit to every face.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -49,6 +50,17 @@ class MeshSurface:
         """Distance of the farthest vertex, m."""
         return self.mesh.largest_radius_m
 
+    @property
+    def steepest_per_m(self) -> float:
+        """Lipschitz constant of the surface function, 1/m.
+
+        Where rays meet the mesh once the function is continuous and n·r/h − 1 on the cone of each
+        face, of slope 1/h; otherwise a distance in units of the largest radius.
+        """
+        if self.mesh.is_star_shaped:
+            return float(1.0 / np.min(self.mesh.heights))
+        return 1.0 / self.mesh.largest_radius_m
+
     def surface_array(self, r: Array) -> Array:
         """Return the surface function (N,) at r (3, N), m: positive outside, negative inside."""
         mesh = self.mesh
@@ -58,8 +70,8 @@ class MeshSurface:
                 np.sum(mesh.normals[:, faces] * r, axis=0) / mesh.heights[faces] - 1.0
             )
         near = np.sum(r * r, axis=0) <= mesh.largest_radius_m**2
-        level = np.full(r.shape[1], 0.5)
-        level[near] -= self._inside(r[:, near])
+        level = surface_distances(mesh, r) / mesh.largest_radius_m
+        level[near] *= 1.0 - 2.0 * np.round(self._inside(r[:, near]))
         return level
 
     def normal_array(self, r: Array) -> Array:

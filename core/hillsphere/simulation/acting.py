@@ -93,6 +93,13 @@ class Act(Protocol):
         """Put in place what is held in a later part of the period."""
         ...
 
+    def own_along(self, t: Array, y: Array) -> Array | None:
+        """Return what the law commands by itself at times (S, B) and states (rows, S, B).
+
+        (p, S, B), of a law whose command changes between samples; None of one that is held.
+        """
+        ...
+
 
 class _ByCompensator:
     """What held and impulsive actuation share."""
@@ -108,6 +115,10 @@ class _ByCompensator:
     def begin(self, x: Array) -> Array:
         """Return the states."""
         return x
+
+    def own_along(self, t: Array, y: Array) -> Array | None:
+        """Return None: commands change at samples only."""
+        return None
 
     def _own(self, k: int, t: Array, seen: Array, ref: Array) -> Array:
         """Return what the law commands."""
@@ -266,6 +277,15 @@ class ByEquations:
     def hold(self, value: Array) -> None:
         """Change the feedforward."""
         self.p[self._feed] = value
+
+    def own_along(self, t: Array, y: Array) -> Array | None:
+        """Return what the law commands by itself, see `Act`."""
+        rows, steps, width = y.shape
+        p = np.repeat(self.p[:, None], steps, axis=1).reshape(len(self.p), -1)
+        flat = np.ascontiguousarray(y).reshape(rows, -1)
+        done = self._command(flat, p, np.ascontiguousarray(t).ravel())[: self._controls]
+        own: Array = done.reshape(self._controls, steps, width) - self.p[self._feed][:, None]
+        return own
 
 
 def _later(

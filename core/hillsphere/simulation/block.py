@@ -16,7 +16,10 @@ from hillsphere.simulation.acting import Act, Done, Extra
 from hillsphere.simulation.ends import End, Leg, Watch
 from hillsphere.simulation.protocols import Navigation, Reference
 
-__all__ = ["BLOCK", "CAUSES", "Moment", "Part", "Recorder", "Result", "Settings", "fly_block"]
+__all__ = [
+    "BLOCK", "CAUSES", "Follower", "Moment", "Part", "Passage", "Recorder", "Result", "Settings",
+    "fly_block",
+]  # fmt: skip
 
 BLOCK = 64
 """Lanes that go through the loop together, always: another width would give other last bits."""
@@ -98,6 +101,7 @@ class Result:
     dv: Array
     firings: Integers
     samples: Integers
+    error: Array
 
 
 COMPLETED, COMMAND, STEP_SIZE, TIME_LIMIT = -1, -2, -3, -4
@@ -144,12 +148,50 @@ class Moment:
     done: Array | None = None
 
 
+@dataclass(frozen=True)
+class Passage:
+    """The sub-steps of a block over a period, or over a part of one in which a command is held.
+
+    Parameters
+    ----------
+    k : int
+        Number of the sample that it follows.
+    t, period : ndarray, shape (B,)
+        Time at its start, and how long it lasts.
+    y : ndarray, shape (rows, S + 1, B)
+        States of the system that flies at the ends of its S equal sub-steps, the start first.
+    end_t, end_y : ndarray, shape (B,), (rows, B)
+        Where a lane ended in it, its time and state then; else those of its end.
+    flying : ndarray of bool, shape (B,)
+        Lanes that flew it.
+    act : Act
+        The law at work, with the parameters of this passage.
+    """
+
+    k: int
+    t: Array
+    period: Array
+    y: Array
+    end_t: Array
+    end_y: Array
+    flying: Flags
+    act: Act
+
+
+Follower = Callable[[Passage], None]
+"""Called after each passage; what it does not copy is overwritten."""
+
 Recorder = Callable[[Moment], None]
 """Called at each sample while a lane of the block flies, and at the end."""
 
 
 def fly_block(
-    s: Settings, part: Part, act: Act, heartbeat: Callable[[int], None], record: Recorder | None
+    s: Settings,
+    part: Part,
+    act: Act,
+    heartbeat: Callable[[int], None],
+    record: Recorder | None,
+    follow: Follower | None = None,
 ) -> Result:
     """Fly one block.
 
@@ -165,13 +207,15 @@ def fly_block(
         Called with 0 now and then; raises if the run was asked to stop.
     record : callable or None
         Takes the history.
+    follow : callable or None
+        Takes the sub-steps.
 
     Returns
     -------
     Result
         One column per lane.
     """
-    block = _Block(s, part, act)
+    block = _Block(s, part, act, follow)
     begun, last = perf_counter(), int(part.samples.max(initial=0))
     for k in range(last):
         if k % _HEARTBEAT == 0:
@@ -190,14 +234,17 @@ def fly_block(
 class _Block:
     """Where the lanes of a block are."""
 
-    def __init__(self, s: Settings, part: Part, act: Act) -> None:
+    def __init__(self, s: Settings, part: Part, act: Act, follow: Follower | None) -> None:
         self._s, self._part, self._act = s, part, act
+        self._follow, self._k = follow, 0
         width = len(part.t0)
         self.t, self._y = part.t0, act.begin(part.x0)
         self._even = bool((part.samples == part.samples.max(initial=0)).all())
         self._memory = s.navigation.initial(self.t, part.x0, part.seen[0])
         self._command = np.zeros((s.p, width))
         self._dv = np.zeros(width)
+        self._error = np.zeros(width)
+        self._doubtful = np.full(width, -1)
         self._firings, self._acted = np.zeros((2, width), dtype=np.int64)
         self._cause = np.full(width, COMPLETED)
         self._end_t = part.t0 + part.samples * part.period
@@ -242,7 +289,8 @@ class _Block:
             self._dv = self._dv + np.where(self.flying, now.spent, 0.0)
         if record is not None:
             record(Moment(k, t, before, x, self.flying, seen, ref, now.own, now.done))
-        self._y = now.y if self._whole else np.where(self.flying, now.y, y)
+        if now.y is not y:
+            self._y = now.y if self._whole else np.where(self.flying, now.y, y)
         self._acted += self.flying
         size = now.spent if now.spent is not None else now.rate
         for one in now.later:
@@ -253,6 +301,7 @@ class _Block:
     def leg(self, k: int, now: Done) -> None:
         """Fly to the next sample."""
         part, substeps = self._part, self._s.substeps
+        self._k = k
         if not now.later:
             self._advance(part.period, now.rate, substeps)
         else:
@@ -274,25 +323,36 @@ class _Block:
         """Fly on, under what is held."""
         y, whole = self._y, self._whole
         end, coarse = _fly(self._s, self._next_leg(duration, rate), steps)
+        if self._follow is not None and end.nodes is not None:
+            self._follow(
+                Passage(self._k, self.t, duration, end.nodes, end.t, end.y, self.flying, self._act)
+            )
         if coarse is not None and coarse.any():
             self.stop(coarse, STEP_SIZE, self.t)
             whole = False
         spent = None if rate is None else rate * (end.t - self.t)
-        if whole:
-            self._y = end.y
-        else:
-            self._y = np.where(self.flying, end.y, y)
+        # The watch leaves lanes that do not fly where they were.
+        self._y = end.y if coarse is None else np.where(self.flying, end.y, y)
+        if not whole:
             spent = None if spent is None else np.where(self.flying, spent, 0.0)
         if spent is not None:
             self._dv = self._dv + spent
+        if end.error is not None:
+            self._error = self._error + np.where(self.flying, end.error, 0.0)
+        if end.doubtful is not None:
+            self._doubtful = np.where(self._doubtful < 0, end.doubtful, self._doubtful)
         if end.cause is not None:
             for row in np.unique(end.cause[end.cause >= 0]).tolist():
                 self.stop(self.flying & (end.cause == row), row, end.t)
 
     def result(self) -> Result:
         """Return how it ended."""
+        doubt = (self._doubtful >= 0) & (self._cause != self._doubtful)
+        self._cause[doubt] = self._s.watch.unresolved(self._doubtful[doubt])
         x = self._y[: self._s.n]
-        return Result(self._cause, self._end_t, x, self._spent(), self._firings, self._acted)
+        return Result(
+            self._cause, self._end_t, x, self._spent(), self._firings, self._acted, self._error
+        )
 
     def _spent(self) -> Array:
         return self._y[-1] if self._act.counts else self._dv
@@ -343,6 +403,18 @@ def _fly(s: Settings, leg: Leg, steps: int) -> tuple[End, Flags | None]:
             np.where(coarse, finer.y, end.y),
             np.where(coarse, finer.t, end.t),
             np.where(coarse, after, before),
+            finer.doubtful if end.doubtful is None else end.doubtful,
+            None
+            if end.error is None or finer.error is None
+            else np.where(coarse, finer.error, end.error),
+            # At the ends of the first sub-steps, which every finer flight shares.
+            None
+            if end.nodes is None or finer.nodes is None
+            else np.where(
+                coarse,
+                finer.nodes[:, :: (finer.nodes.shape[1] - 1) // (end.nodes.shape[1] - 1)],
+                end.nodes,
+            ),
         )
         coarse = coarse & ~alike
     return end, coarse

@@ -17,6 +17,7 @@ from hillsphere.simulation.acting import Act, ByEquations, ByHold, ByImpulse
 from hillsphere.simulation.block import BLOCK, CAUSES, Part, Recorder, Result, Settings, fly_block
 from hillsphere.simulation.cases import Batch, Cases, batch_of
 from hillsphere.simulation.ends import Limit, Watch
+from hillsphere.simulation.event_proof import EventProof
 from hillsphere.simulation.flow import compiled, compiled_loop, velocity_rows
 from hillsphere.simulation.navigation import PerfectNavigation
 from hillsphere.simulation.outcomes import Flights
@@ -128,6 +129,7 @@ class Simulator:
             self._tolerance = None
         events = self.map.system.events
         self._events = self.map.system.function(*events.values()) if events else None
+        self._proofs: dict[tuple[object, ...], EventProof] = {}
 
     def fly(
         self,
@@ -187,8 +189,17 @@ class Simulator:
                     [one.recorder(first, count) for one in (table, observer) if one is not None]
                 )
                 part = self._part(block, count, seed, stage)
+                # An observer may follow the sub-steps too; few do.
+                follow = getattr(observer, "follower", None)
                 found.append(
-                    fly_block(self._settings(watch, budget), part, self._act(block), tell, record)
+                    fly_block(
+                        self._settings(watch, budget),
+                        part,
+                        self._act(block),
+                        tell,
+                        record,
+                        None if follow is None else follow(first, count),
+                    )
                 )
                 tell(count)
         return self._flights(found, len(batch), watch, table)
@@ -261,13 +272,21 @@ class Simulator:
         return ByImpulse(law, self.actuator, block.gain, block.p, self._velocities, width)
 
     def _watch(self, budget: bool, limits: Sequence[Limit]) -> Watch:
+        watched = (*self._limits, *limits)
+        key = (budget, *(limit.bound for limit in watched))
+        if key not in self._proofs:
+            system = self.map.system
+            self._proofs[key] = EventProof(
+                system.bounded, len(system.events), watched, budget, len(self._run_time)
+            )
         return Watch(
             self.map.system,
             self.map.stepper,
             self._events,
             len(self.plant.states),
-            (*self._limits, *limits),
+            watched,
             budget,
+            self._proofs[key],
         )
 
     def _settings(self, watch: Watch, budget: bool) -> Settings:
@@ -331,6 +350,7 @@ class Simulator:
             dv_m_s=joined([r.dv for r in found], none),
             firings=joined([r.firings for r in found], zero),
             samples=joined([r.samples for r in found], zero),
+            step_error=joined([r.error for r in found], none),
             history=table.history() if table else None,
         )
 

@@ -7,20 +7,35 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hillsphere.dynamics import ArrayFunction, System, bracketed_roots
+from hillsphere.dynamics.proof import (
+    DEPTH,
+    MARGIN,
+    Found,
+    Pieces,
+    Slopes,
+    count_crossings,
+    decide,
+    search,
+)
 from hillsphere.dynamics.stages import Stepper
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
+from hillsphere.simulation.event_proof import EventProof
 from hillsphere.simulation.outcomes import STATUSES, status_of_event
 
 __all__ = ["End", "Leg", "Limit", "Watch"]
 
+_TOGETHER = 1024
+"""Sub-steps that are searched at once: enough that arithmetic on arrays costs no more than their
+elements, few enough that what comes after the end of a flight is seldom searched."""
+
 
 @dataclass(frozen=True)
 class Limit:
-    """A condition that ends a flight when it falls through zero.
+    r"""A condition that ends a flight when it falls through zero.
 
     Parameters
     ----------
@@ -31,15 +46,47 @@ class Limit:
         states, SI, cases the numbers of the cases, with which limits of their own are looked up.
     status : str
         One of `STATUSES`.
+    lipschitz : array_like, shape (n,), optional
+        L with :math:`|v(t, x) - v(t, x')| \le \sum_i L_i |x_i - x'_i|`, per unit of each state of
+        the plant. With it the limit is proved between the ends of sub-steps.
+    drift : float
+        Largest rate, 1/s, at which the value changes with time by itself, the states held.
+    margin : float
+        Without `lipschitz`: a flight along which the value, at the ends of sub-steps, falls below
+        this without ending by this limit is ``unresolved``.
     """
 
     name: str
     value: Callable[[Array, Array, Integers], Array]
     status: str = "constraint"
+    lipschitz: ArrayLike | None = None
+    drift: float = 0.0
+    margin: float = MARGIN
 
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
             raise InputError(f"status must be one of {', '.join(STATUSES)}, got {self.status!r}")
+        # A bound that is negative proves anything, one that is no number nothing.
+        if not (self.drift >= 0.0 and self.margin >= 0.0):
+            raise InputError(
+                f"limit {self.name!r}: drift and margin must be ≥ 0, got {self.drift} and "
+                f"{self.margin}"
+            )
+        if self.lipschitz is not None:
+            slopes = np.asarray(self.lipschitz, dtype=float)
+            if slopes.ndim != 1 or not (slopes >= 0.0).all():
+                raise InputError(
+                    f"limit {self.name!r}: lipschitz must be a number ≥ 0 for each state, "
+                    f"got {self.lipschitz!r}"
+                )
+
+    @property
+    def bound(self) -> tuple[object, ...]:
+        """What is known of how fast the value changes, to compare limits by."""
+        slopes = None
+        if self.lipschitz is not None:
+            slopes = tuple(np.asarray(self.lipschitz, dtype=float).tolist())
+        return slopes, self.drift, self.margin
 
 
 @dataclass(frozen=True)
@@ -75,6 +122,20 @@ class Leg:
     left: Array | None = None
     rate: Array | None = None
 
+    def frozen(self, y: Array) -> Array:
+        """Return states y (rows, B) with those at the start where a lane does not fly."""
+        return y if self.whole else np.where(self.flying, y, self.y)
+
+    def taken(self, lanes: Integers) -> Leg:
+        """Return some of the lanes, any of them as often as wanted."""
+        return Leg(
+            self.t[lanes], self.y[:, lanes], self.period[lanes],
+            np.ascontiguousarray(self.p[:, lanes]), self.cases[lanes], self.flying[lanes],
+            self.whole,
+            None if self.left is None else self.left[lanes],
+            None if self.rate is None else self.rate[lanes],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class End:
@@ -88,12 +149,24 @@ class End:
         Time of it.
     cause : ndarray of int, shape (B,), or None
         None if every lane that flew reached the end of the leg; otherwise by lane −1 for those
-        that did, `Watch.diverged` for those that turned non-finite, or the row of `Watch`.
+        that did, `Watch.diverged` for those that turned non-finite, the row of `Watch`, or
+        what `Watch.unresolved` gives for a row that could not be decided.
+    doubtful : ndarray of int, shape (B,), or None
+        Row without a bound that came closer to zero than its margin, or −1; None for none. The
+        flight goes on; unless it ends by that very row it is unresolved.
+    error : ndarray, shape (B,), or None
+        Sum of the estimated errors of the steps, in units of the system's scale.
+    nodes : ndarray, shape (rows, S + 1, B), or None
+        States at the ends of the S sub-steps, the start first; of a flight that ended in between
+        they go on beyond its end.
     """
 
     y: Array
     t: Array
     cause: Integers | None
+    doubtful: Integers | None = None
+    error: Array | None = None
+    nodes: Array | None = None
 
 
 class Watch:
@@ -113,6 +186,8 @@ class Watch:
         Of the user.
     budget : bool
         Whether the Δv at hand is watched.
+    proof : EventProof
+        Bounds of what is watched; those of the regions that it knows serve many watches.
     """
 
     def __init__(
@@ -123,9 +198,16 @@ class Watch:
         n: int,
         limits: Sequence[Limit],
         budget: bool,
+        proof: EventProof,
     ) -> None:
         self._stepper, self._events = stepper, events
         self._n, self._limits = n, tuple(limits)
+        for limit in limits:
+            if limit.lipschitz is not None and len(np.asarray(limit.lipschitz)) != n:
+                raise InputError(
+                    f"limit {limit.name!r}: lipschitz must have one number for each of the {n} "
+                    f"states, got {limit.lipschitz!r}"
+                )
         self.names = [*system.events, *(limit.name for limit in limits)]
         self.statuses = [*map(status_of_event, system.events), *(limit.status for limit in limits)]
         self.budget_row = len(self.names)
@@ -135,6 +217,15 @@ class Watch:
         self.diverged = len(self.names)
         self.names.append("state not finite")
         self.statuses.append("diverged")
+        rows = self.names[: self.diverged]
+        self.names.extend(rows)
+        self.statuses.extend(["unresolved"] * len(rows))
+        self._known: tuple[Array, Array, Integers, Array] | None = None
+        self._proof = proof
+
+    def unresolved(self, rows: Integers) -> Integers:
+        """Return the causes that say of these rows that they could not be decided."""
+        return np.asarray(self.diverged + 1 + rows)
 
     def values(self, leg: Leg, t: Array, y: Array) -> Array:
         """Return all rows (E, B); positive while a flight may go on."""
@@ -158,81 +249,299 @@ class Watch:
         values = self.values(leg, leg.t, leg.y)
         for row in range(len(values) - 1, -1, -1):
             cause[values[row] < 0] = row
-        cause[self._bad(leg.y, values)] = self.diverged
+        cause[_broken(leg.y, values)] = self.diverged
         return cause
 
     def fly(self, leg: Leg, steps: int) -> End:
         """Fly a leg in equal steps, each lane to the end of the leg or to its own."""
         h = leg.period / steps
-        advance = self._stepper.bind(h, leg.p)
-        y, t = leg.y, leg.t
-        flying, whole = leg.flying, leg.whole
-        end: End | None = None
-        cause = np.full(0, -1)
+        proof = self._proof
+        proof.ready(leg)
+        advance = self._stepper.bind_measured(h, leg.p)
+        rows, lanes = leg.y.shape
+        # Of each sub-step: the states at its end, and the two rows of its error.
+        flown = np.empty((steps + 1, rows + 2, lanes))
+        flown[0, :rows], flown[0, rows:], t = leg.y, 0.0, leg.t
         for j in range(1, steps + 1):
-            here, before = y, t
-            y, t = np.empty_like(here), leg.t + j * h
-            advance(here, y, before)
-            values = self.values(leg, t, y)
-            seen = values if whole else np.where(flying, values, 1.0)
-            # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
-            if seen.min(initial=1.0) > 0.0 and isfinite(np.add.reduce(y, axis=None)):
-                continue
-            earlier = self.values(leg, before, here)
-            # A flight may begin on a surface: then only going below zero ends it.
-            fell = (((values <= 0) & (earlier > 0)) | (values < 0)) & flying
-            bad = flying & self._bad(y, values)
-            ended: NDArray[np.bool_] = bad | np.any(fell, axis=0)
-            if ended.any():
-                if end is None:
-                    cause = np.full(len(t), -1)
-                    end = End(y.copy(), t.copy(), cause)
-                self._place(
-                    end, cause, leg, _Step(before, here, h, earlier, values), fell & ~bad, bad
-                )
-                flying = flying & ~ended
-                whole = False
-        if end is None:
-            return End(y, t, None)
-        on = cause < 0
-        end.y[:, on], end.t[on] = y[:, on], t[on]
+            advance(flown[j - 1, :rows], flown[j], t)
+            t = leg.t + j * h
+        y, errors = flown[:, :rows], self._stepper.error(flown[1:, rows:])
+        nodes = y.transpose(1, 0, 2)
+        before, end = self._at_start(leg), leg.frozen(y[-1])
+        after = self.values(leg, t, y[-1])
+        self._known = (end, t, leg.cases, after)
+        # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
+        sound = isfinite(np.add.reduce(flown, axis=None))
+        if sound and proof.is_far(leg, y, before, after) and self._has_left(leg, after):
+            return End(end, t, None, None, errors.sum(axis=0), nodes)
+        values = np.empty((steps + 1, self.diverged, lanes))
+        values[0], values[-1] = before, after
+        for j in range(1, steps):
+            values[j] = self.values(leg, leg.t + j * h, flown[j, :rows])
+        least = values.min(axis=0)
+        doubtful = self._doubtful(least, leg.flying)
+        passed = not proof.proves or proof.is_far_between(leg, y, values)
+        if sound and passed and (least[:, leg.flying] > 0.0).all():
+            return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
+        nodes = np.ascontiguousarray(nodes)
+        return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
+
+    def _has_left(self, leg: Leg, after: Array) -> bool:
+        """Say whether all lanes have Δv left: it never rises, so that the end decides."""
+        if leg.left is None:
+            return True
+        left = after[self.budget_row] > 0.0
+        return bool(left.all() if leg.whole else left[leg.flying].all())
+
+    def _at_start(self, leg: Leg) -> Array:
+        """Return the rows at the start: those at the end of the last leg where nothing changed."""
+        known = self._known
+        if known is not None and known[0] is leg.y and known[2] is leg.cases:
+            # The clocks of both legs agree but for rounding.
+            near = np.abs(known[1] - leg.t) <= 1e-12 * np.maximum(np.abs(leg.t), 1.0)
+            if near.all():
+                return known[3]
+        return self.values(leg, leg.t, leg.y)
+
+    def _doubtful(self, least: Array, flying: NDArray[np.bool_]) -> Integers | None:
+        """Return, by lane, the row without a bound that came closer to zero than its margin."""
+        if self._proof.bounded_rows.all():
+            return None
+        close = (least < self._proof.margins[:, None]) & flying & ~self._proof.bounded_rows[:, None]
+        if not close.any():
+            return None
+        return np.where(close.any(axis=0), np.argmax(close, axis=0), -1)
+
+    def _settle(self, flown: _Flown, doubtful: Integers | None) -> End:
+        """Decide what ends which lanes in which sub-step of a leg, and where."""
+        leg, y, values = flown.leg, flown.y, flown.values
+        steps, lanes = y.shape[1] - 1, y.shape[2]
+        g0, g1, flying = values[:, :-1], values[:, 1:], leg.flying
+        # A flight may begin on a surface: then only going below zero ends it.
+        fell = (count_crossings(g0, g1, -1) | (g1 < 0)) & flying
+        bad = flying & _broken(y[:, 1:], g1)
+        index = self._proof.of_leg(leg, y, flown.h, values)
+        certain = self._certain(g0, g1, y, index, flown.h)
+        ends = bad | (fell & certain).any(axis=0)
+        # Nothing after the first end of a lane that is certain matters.
+        live = flying & ~_earlier(ends)
+        wanted = live & ~bad & ~certain.all(axis=0)
+        found = None
+        if wanted.any():
+            found = self._searched(flown, np.flatnonzero(wanted), certain, index)
+            inner = np.isfinite(found.begin) | np.isfinite(found.open_at)
+            inner = inner.reshape(len(g0), steps, lanes)
+            # What the search found replaces what the ends show, but for a start below zero.
+            searched = wanted & ~certain
+            fell &= ~searched | ((g1 < 0) & ~inner)
+            ends = (bad | fell.any(axis=0) | inner.any(axis=0)) & live
+        else:
+            ends = ends & live
+        ended = ends.any(axis=0)
+        if not ended.any():
+            last = leg.frozen(y[:, -1].copy())
+            return End(last, flown.time(steps), None, doubtful, flown.error(None), y)
+        at = np.where(ended, np.argmax(ends, axis=0), steps - 1)
+        end = End(
+            leg.frozen(y[:, -1].copy()),
+            flown.time(steps),
+            np.full(lanes, -1),
+            doubtful,
+            flown.error(np.where(ended, at, steps - 1)),
+            y,
+        )
+        lane = np.arange(lanes)
+        step = _Step(
+            leg.t + at * flown.h, np.ascontiguousarray(y[:, at, lane]), flown.h,
+            np.ascontiguousarray(g0[:, at, lane]), np.ascontiguousarray(g1[:, at, lane]),
+        )  # fmt: skip
+        here = None
+        if found is not None:
+            column = at * lanes + lane
+            here = Found(found.begin[:, column], found.end[:, column], found.open_at[:, column])
+        fell, bad = fell[:, at, lane] & ended, bad[at, lane] & ended
+        self._place(end, leg, step, fell & ~bad, bad, here)
         return end
 
-    def _bad(self, y: Array, values: Array) -> NDArray[np.bool_]:
-        finite = np.asarray(np.isfinite(y).all(axis=0))
-        return ~finite | np.asarray(np.isnan(values).any(axis=0))
+    def _certain(
+        self, g0: Array, g1: Array, y: Array, index: Integers, h: Array
+    ) -> NDArray[np.bool_]:
+        """Say of which rows the ends of a sub-step decide: (E, steps, B)."""
+        shape = g0.shape
+        rows = self._proof.bounded_rows
+        if not rows.any():
+            return np.ones(shape, dtype=bool)
+        flat = (len(g0), -1)
+        length = np.broadcast_to(np.abs(h), shape[1:]).reshape(-1)
+        with np.errstate(invalid="ignore", over="ignore"):
+            ends = y[:, :-1].reshape(len(y), -1), y[:, 1:].reshape(len(y), -1)
+            slopes = self._proof.slopes(index.reshape(-1), *ends, length)
+            clear, single = decide(g0.reshape(flat), g1.reshape(flat), length, slopes, -1)
+        certain = (clear | single).reshape(shape)
+        certain[~rows] = True
+        if self._proof.monotone:
+            certain[-1] = True
+        return certain
+
+    def _searched(
+        self, flown: _Flown, columns: Integers, certain: NDArray[np.bool_], index: Integers
+    ) -> Found:
+        """Search sub-steps for the first crossing of what their ends do not decide.
+
+        The sub-steps, counted with the lanes fastest, are searched in the order of time, and none
+        after the first that ends its lane.
+        """
+        leg, y, values = flown.leg, flown.y, flown.values
+        rows, lanes = len(values), y.shape[2]
+        steps = y.shape[1] - 1
+        begun = (leg.t + np.arange(steps)[:, None] * flown.h).reshape(-1)
+        length = np.broadcast_to(flown.h, (steps, lanes)).reshape(-1)
+        total = steps * lanes
+        found = Found(
+            np.full((rows, total), np.nan),
+            np.full((rows, total), np.nan),
+            np.full((rows, total), np.inf),
+        )
+        over = np.zeros(lanes, dtype=bool)
+
+        def halve(column: Integers, tau: Array) -> tuple[Array, Array]:
+            part, out = leg.taken(column % lanes), np.empty((len(y), len(column)))
+            start = np.ascontiguousarray(y[:, column // lanes, column % lanes])
+            self._stepper.bind(tau, part.p)(start, out, begun[column])
+            return out, self.values(part, begun[column] + tau, out)
+
+        def bounds(pieces: Pieces) -> Slopes:
+            return self._proof.of_pieces(leg, pieces, begun, length, index.reshape(-1))
+
+        for first in range(0, len(columns), _TOGETHER):
+            now = columns[first : first + _TOGETHER]
+            now = now[~over[now % lanes]]
+            if not len(now):
+                continue
+            j, lane = now // lanes, now % lanes
+            pieces = Pieces(
+                now, np.zeros(len(now)), length[now], y[:, j, lane], y[:, j + 1, lane],
+                values[:, j, lane], values[:, j + 1, lane],
+            )  # fmt: skip
+            part = search(pieces, total, bounds, halve, -1, ~certain[:, j, lane])
+            for mine, its in (
+                (found.begin, part.begin), (found.end, part.end), (found.open_at, part.open_at)
+            ):  # fmt: skip
+                mine[:, now] = its[:, now]
+            hit = (np.isfinite(part.begin[:, now]) | np.isfinite(part.open_at[:, now])).any(axis=0)
+            over[lane[hit]] = True
+        return found
 
     def _place(
         self,
         end: End,
-        cause: Integers,
         leg: Leg,
         step: _Step,
         fell: NDArray[np.bool_],
         bad: NDArray[np.bool_],
+        searched: Found | None,
     ) -> None:
-        """Write into `end` and `cause` when, where and why lanes ended in this step."""
-        partial, none = np.empty_like(step.y), np.zeros(len(step.t))
+        """Write into `end` when, where and why lanes ended in a sub-step of their own."""
+        cause = end.cause
+        assert cause is not None
+        partial = np.empty_like(step.y)
         width = 4.0 * np.finfo(float).eps * np.maximum(np.abs(step.h), np.abs(step.t))
         first, found = np.full(len(step.t), np.inf), np.full(len(step.t), -1)
-        for row in np.flatnonzero(fell.any(axis=1)).tolist():
+        inner = np.zeros(fell.shape, dtype=bool)
+        if searched is not None:
+            inner = np.isfinite(searched.begin)
+        for row in np.flatnonzero((fell | inner).any(axis=1)).tolist():
 
             def after(tau: Array, row: int = row) -> Array:
                 self._stepper.bind(tau, leg.p)(step.y, partial, step.t)
                 value: Array = self.values(leg, step.t + tau, partial)[row]
                 return value
 
-            far = np.where(fell[row] & (step.earlier[row] > 0), step.h, 0.0)
-            tau = bracketed_roots(after, none, far, step.earlier[row], step.values[row], width)
-            sooner = fell[row] & (tau < first)
+            earlier, values = step.earlier[row], step.values[row]
+            across = (fell[row] | inner[row]) & (earlier > 0) & (values <= 0)
+            zero = np.zeros(len(step.t))
+            tau = bracketed_roots(
+                after, zero, np.where(across, step.h, 0.0), earlier, values, width
+            )
+            if searched is not None and inner[row].any():
+                begin, until = searched.begin[row], searched.end[row]
+                # Of several crossings in the sub-step the root is perhaps not the first.
+                other = inner[row] & ~(across & (begin <= tau) & (tau <= until))
+                if other.any():
+                    tau = np.where(
+                        other, _first_root(after, begin, until, other, step.h, width), tau
+                    )
+            hit = fell[row] | inner[row]
+            sooner = hit & (tau < first)
             first[sooner], found[sooner] = tau[sooner], row
         hit = found >= 0
+        if searched is not None:
+            row = np.argmin(searched.open_at, axis=0)
+            opens = searched.open_at[row, np.arange(len(row))]
+            undecided = np.isfinite(opens) & (opens <= first)
+            first[undecided] = opens[undecided]
+            found[undecided] = self.diverged + 1 + row[undecided]
+            hit |= undecided
         tau = np.where(hit, first, 0.0)
         self._stepper.bind(tau, leg.p)(step.y, partial, step.t)
         # A lane that turned non-finite is left at its last finite state.
         end.y[:, hit], end.y[:, bad] = partial[:, hit], step.y[:, bad]
         end.t[hit | bad] = (step.t + tau)[hit | bad]
         cause[hit], cause[bad] = found[hit], self.diverged
+
+
+def _broken(y: Array, values: Array) -> NDArray[np.bool_]:
+    """Say where states (rows, …) are not finite or values (E, …) are not numbers."""
+    return np.asarray(~np.isfinite(y).all(axis=0) | np.isnan(values).any(axis=0))
+
+
+def _earlier(ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Say of each sub-step (steps, B) whether its lane ended in one before it."""
+    before: NDArray[np.bool_] = np.logical_or.accumulate(ends, axis=0)
+    return np.concatenate([np.zeros_like(before[:1]), before[:-1]])
+
+
+def _first_root(
+    function: Callable[[Array], Array],
+    begin: Array,
+    end: Array,
+    wanted: NDArray[np.bool_],
+    h: Array,
+    width: Array,
+) -> Array:
+    """Return the root in brackets that hold one, the same whatever bounds found the bracket.
+
+    The bracket is halved to the smallest size of a piece, the same dyadic one of the sub-step.
+    """
+    near, far = np.where(wanted, begin, 0.0), np.where(wanted, end, 0.0)
+    while (wide := wanted & (far - near > 1.5 * np.abs(h) * 0.5**DEPTH)).any():
+        middle = np.where(wide, 0.5 * (near + far), near)
+        above = function(middle) > 0
+        near = np.where(wide & above, middle, near)
+        far = np.where(wide & ~above, middle, far)
+    return bracketed_roots(function, near, far, function(near), function(far), width)
+
+
+@dataclass(frozen=True, eq=False)
+class _Flown:
+    """A leg that was flown: states (rows, steps + 1, B), values (E, steps + 1, B), step errors."""
+
+    leg: Leg
+    h: Array
+    y: Array
+    values: Array
+    errors: Array
+
+    def time(self, j: int) -> Array:
+        """Return the time (B,) at the end of the first j sub-steps."""
+        return np.asarray(self.leg.t + j * self.h)
+
+    def error(self, last: Integers | None) -> Array:
+        """Return the sum of the errors (B,), up to a lane's last sub-step if given."""
+        if last is None:
+            return np.asarray(self.errors.sum(axis=0))
+        counted = np.arange(len(self.errors))[:, None] <= last
+        return np.asarray(np.where(counted, self.errors, 0.0).sum(axis=0))
 
 
 @dataclass(frozen=True)

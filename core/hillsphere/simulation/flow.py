@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from weakref import WeakKeyDictionary
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hillsphere.dynamics import ArrayFunction, External, StepMap, System, system
+from hillsphere.dynamics.enclosures import LinearRows
+from hillsphere.dynamics.system import PlantBounds
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Plant, Variable
+from hillsphere.simulation.command_bounds import affine_law
+from hillsphere.simulation.law_bounds import LawBounds, law_matrix
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import (
     Expr,
@@ -26,13 +31,28 @@ from hillsphere.symbolic import (
 __all__ = ["closed_system", "compiled", "compiled_loop", "thrust_vectors", "velocity_rows"]
 
 EFFORT = "loop:effort"
-_MAPS: WeakKeyDictionary[Plant, dict[tuple[object, ...], StepMap]] = WeakKeyDictionary()
-_Loops = dict[tuple[object, ...], tuple[StepMap, ArrayFunction]]
-_LOOPS: WeakKeyDictionary[ContinuousLaw, WeakKeyDictionary[Plant, _Loops]] = WeakKeyDictionary()
+_T = TypeVar("_T")
+_MOST = 64
+"""Compiled systems kept: more than the plants and laws of a mission."""
+_KEPT: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
+"""What was compiled, the last used last, with its plant and law: while they are held here no other
+objects have their ids. Weak references would never let go, since a system refers to its plant."""
+
+
+def _kept(owners: tuple[object, ...], key: tuple[object, ...], make: Callable[[], _T]) -> _T:
+    """Return what was made of these objects before, or make it."""
+    name = (*map(id, owners), *key)
+    if name not in _KEPT:
+        _KEPT[name] = owners, make()
+        while len(_KEPT) > _MOST:
+            _KEPT.popitem(last=False)
+    _KEPT.move_to_end(name)
+    found: _T = _KEPT[name][1]
+    return found
 
 
 def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bool) -> StepMap:
-    """Return the step map of a plant, SI, compiled once for as long as the plant lives.
+    """Return the step map of a plant, SI, compiled once.
 
     Parameters
     ----------
@@ -50,27 +70,27 @@ def compiled(plant: Plant, run_time: Sequence[str], method: str, *, controls: bo
     StepMap
         Without derivatives.
     """
-    known = _MAPS.setdefault(plant, {})
-    key = (tuple(run_time), method, controls)
-    if key not in known:
-        known[key] = StepMap(system(plant, run_time=run_time, controls=controls), method)
-    return known[key]
+
+    def make() -> StepMap:
+        return StepMap(system(plant, run_time=run_time, controls=controls), method, errors=True)
+
+    return _kept((plant,), (tuple(run_time), method, controls), make)
 
 
 def compiled_loop(
     plant: Plant, law: ContinuousLaw, run_time: Sequence[str], method: str
 ) -> tuple[StepMap, ArrayFunction]:
-    """Return `closed_system` and its command compiled, once for as long as plant and law live.
+    """Return `closed_system` and its command compiled, once.
 
     A law whose equations are those of another, at another period, names that as its ``equations``.
     """
     same: ContinuousLaw = getattr(law, "equations", law)
-    known = _LOOPS.setdefault(same, WeakKeyDictionary()).setdefault(plant, {})
-    key = (tuple(run_time), method)
-    if key not in known:
+
+    def make() -> tuple[StepMap, ArrayFunction]:
         closed, command = closed_system(plant, law, run_time)
-        known[key] = StepMap(closed, method), closed.function(*command)
-    return known[key]
+        return StepMap(closed, method, errors=True), closed.function(*command)
+
+    return _kept((plant, same), (tuple(run_time), method), make)
 
 
 def thrust_vectors(rows: int) -> int:
@@ -149,6 +169,16 @@ def closed_system(
         {parameter("u:" + v.name): e for v, e in zip(plant.controls, done, strict=True)},
     )
     kept = base.run_time[: len(base.run_time) - p]
+    matrix = law_matrix(law, law.inputs)
+    inner = PlantBounds(plant, kept, False, base.unit, base.time_unit_s)
+    bounded = LawBounds(
+        inner,
+        law,
+        len(kept),
+        thrust_vectors(p),
+        None if matrix is None else LinearRows(len(names), matrix),
+        affine_law(law, inner, len(kept)),
+    )
     closed = replace(
         base,
         states=(*base.states, *law.states, Variable(EFFORT, 1, -1)),
@@ -160,6 +190,7 @@ def closed_system(
         scale=np.concatenate([base.scale, plant.scales.of(law.states), [1.0]]),
         mirrors={},
         external=_widened(base, len(own) + 1),
+        bounded=bounded,
     )
     return closed, tuple(total)
 

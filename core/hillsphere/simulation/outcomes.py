@@ -16,6 +16,7 @@ STATUSES = (
     "propellant",
     "diverged",
     "step_size",
+    "unresolved",
     "time_limit",
 )
 """How a flight may end.
@@ -23,7 +24,8 @@ STATUSES = (
 ``completed``: all samples were flown; ``impact``, ``escape``: events of the plant of these names;
 ``constraint``: any other event, or a limit; ``propellant``: the Δv at hand was spent;
 ``diverged``: a state or a command was no finite number, or a filter left the truth;
-``step_size``: the smallest sub-steps did not meet the tolerance; ``time_limit``: the block's
+``step_size``: the smallest sub-steps did not meet the tolerance; ``unresolved``: whether an event
+took place could not be decided, the cause names it; ``time_limit``: the block's
 wall-clock time was up.
 """
 
@@ -90,6 +92,11 @@ class Flights:
         Samples at which something other than zero was done; of a continuous law all of them.
     samples : ndarray of int, shape (N,)
         Samples at which the law acted.
+    step_error : ndarray, shape (N,)
+        Sum over the flight of the estimated errors of its steps, without dimension: of the states
+        in units of the plant's scales, as `tolerance` of the simulator is. From the formula's
+        embedded pair (`hillsphere.dynamics.tableaux.Tableau.step_error`), on smooth motion 2 to 30
+        times the true error of a step. It does not tell how later motion amplifies an error.
     history : History or None
         The way there.
     """
@@ -103,6 +110,7 @@ class Flights:
     dv_m_s: Array
     firings: Integers
     samples: Integers
+    step_error: Array
     history: History | None = None
 
     def counts(self) -> dict[str, int]:

@@ -14,7 +14,12 @@ __all__ = ["Moment", "Observer", "Table"]
 
 
 class Observer(Protocol):
-    """Follows flights sample by sample, where only a few numbers of each are wanted."""
+    """Follows flights sample by sample, where only a few numbers of each are wanted.
+
+    It may have a method ``follower(first, count)`` like `recorder`, which returns a
+    `hillsphere.simulation.block.Follower`: that is called after each passage between samples, with
+    the states at the ends of its sub-steps.
+    """
 
     def recorder(self, first: int, count: int) -> Recorder:
         """Return what is told of one block: the `count` cases from place `first` on.

@@ -17,8 +17,25 @@ from hillsphere.gravity import (
     is_array_model,
     potential_at,
 )
-from hillsphere.interfaces import Array, GravityModel, Parameter, Piecewise, SeriesGravity
-from hillsphere.symbolic import Expr, Params, Vec3, matvec, sum_of
+from hillsphere.interfaces import (
+    Array,
+    BoundedGravity,
+    GravityModel,
+    Parameter,
+    Piecewise,
+    SeriesGravity,
+)
+from hillsphere.symbolic import (
+    Expr,
+    Params,
+    Vec3,
+    absolute,
+    matvec,
+    maximum,
+    power,
+    sum_of,
+)
+from hillsphere_gravity.point_mass import PointMass
 from hillsphere_gravity.specs import SumSpec
 
 __all__ = ["ArrayGravitySum", "GravitySum", "gravity_sum", "rotation_zxz"]
@@ -187,6 +204,27 @@ class ArrayGravitySum(_Sum):
             GravityField(part.model, [q.name for q in part.model.parameters()])
             for part in self._parts
         ]
+
+    def acceleration_bound(self, distance: Expr, p: Params) -> Expr:
+        """Return an upper bound of |∇U|, m/s²: the sum of those of the parts.
+
+        Raises
+        ------
+        TypeError
+            If a part has none.
+        """
+        terms = []
+        for part in self._parts:
+            own = {q.name: p[f"{part.name}.{q.name}"] for q in part.model.parameters()}
+            near = maximum(distance - float(np.linalg.norm(part.position_m)), 0.0)
+            if isinstance(part.model, BoundedGravity):
+                most = part.model.acceleration_bound(near, own)
+            elif isinstance(part.model, PointMass):
+                most = own["gm"] * power(near, -2.0)
+            else:
+                raise TypeError(f"part {part.name!r} of the gravity has no bound")
+            terms.append(absolute(p[f"{part.name}.scale"]) * most)
+        return sum_of(terms)
 
     def potential_array(self, r: Array, p: Array) -> Array:
         """Return +U, m²/s², shape (N,), at r (3, N), m, with parameters p (k, N)."""

@@ -6,11 +6,25 @@ from math import pi, prod
 from sys import float_info
 
 from hillsphere.interfaces import Parameter
-from hillsphere.symbolic import Expr, Params, Vec3, acos, cos, dot, greater, select, sqrt
+from hillsphere.symbolic import (
+    Expr,
+    Params,
+    Scalar,
+    Vec3,
+    acos,
+    cos,
+    dot,
+    greater,
+    maximum,
+    minimum,
+    power,
+    select,
+    sqrt,
+)
 from hillsphere_gravity.carlson import carlson_rf_rd
 from hillsphere_gravity.specs import EllipsoidSpec
 
-__all__ = ["CODATA_2018_G", "Ellipsoid"]
+__all__ = ["CODATA_2018_G", "Ellipsoid", "homogeneous_bound"]
 
 CODATA_2018_G = 6.67430e-11
 """Constant of gravitation, m³/(kg s²): Tiesinga et al. (2021), Rev. Mod. Phys. 93, 025010."""
@@ -104,6 +118,12 @@ class Ellipsoid:
             factor * position[2] * rd[2],
         )
 
+    def acceleration_bound(self, distance: Expr, p: Params) -> Expr:
+        """Return an upper bound of |∇U|, m/s², see `homogeneous_bound`."""
+        a, b, c = (p[name] for name in _AXIS_NAMES)
+        reach = maximum(maximum(a, b), c)
+        return homogeneous_bound(distance, self._gm(p), power(a * b * c, 1.0 / 3.0), reach)
+
     def _gm(self, p: Params) -> Expr:
         if self._density is None:
             return p["gm"]
@@ -114,6 +134,35 @@ class Ellipsoid:
         """Position and squared axes in units of the greatest nominal axis."""
         a, b, c = (p[name] / self._unit for name in _AXIS_NAMES)
         return (r[0] / self._unit, r[1] / self._unit, r[2] / self._unit), (a * a, b * b, c * c)
+
+
+def homogeneous_bound(distance: Expr, gm: Expr, radius: Scalar, reach: Scalar) -> Expr:
+    r"""Return an upper bound of the attraction of a homogeneous body of any shape.
+
+    Of all sets of one volume the ball about the point has the largest integral of 1/s² (the
+    integrand falls with the distance s), so that :math:`|\nabla U| \le G\rho\int s^{-2} dV \le
+    4\pi G\rho R = 3GM/R^2`, with R the radius of the ball of the body's volume. Outside its
+    enclosing sphere all mass is at least ``distance − reach`` away.
+
+    Parameters
+    ----------
+    distance : Expr
+        From the centre, m.
+    gm : Expr
+        GM, m³/s².
+    radius : Expr or float
+        R, m.
+    reach : Expr or float
+        Radius of a sphere about the centre that holds the body, m.
+
+    Returns
+    -------
+    Expr
+        m/s².
+    """
+    gap = distance - reach
+    # At or within the sphere the quotient says nothing, and the minimum is the first bound.
+    return minimum(3.0 * gm / (radius * radius), gm * power(gap * gap, -1.0))
 
 
 def _confocal(position: Vec3, squares: Vec3) -> Vec3:

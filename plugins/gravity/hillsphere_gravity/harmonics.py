@@ -13,12 +13,16 @@ from hillsphere.symbolic import (
     Expr,
     Params,
     Vec3,
+    absolute,
     constant,
     gradient,
+    power,
     spherical_harmonics_potential,
     substitute,
+    sum_of,
     variables,
 )
+from hillsphere.symbolic import sqrt as symbolic_sqrt
 from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
 
 __all__ = ["Harmonics", "normalisation_factor"]
@@ -109,6 +113,36 @@ class Harmonics:
         slopes = gradient(self.potential((x, y, z), p), _PLAIN)
         gx, gy, gz = substitute(slopes, dict(zip(_PLAIN, r, strict=True)))
         return (gx, gy, gz)
+
+    def acceleration_bound(self, distance: Expr, p: Params) -> Expr:
+        r"""Return an upper bound of \|∇U\|, m/s².
+
+        Of the terms of degree n, by Cauchy's inequality and the addition theorem, with the sums
+        over all orders Σ P̄² = 2n+1 of the functions and n(n+1)(2n+1) of their squared slopes on
+        the unit sphere,
+
+        .. math::
+
+            |\nabla U_n| \le \frac{GM}{R^2}\left(\frac Rr\right)^{n+2}
+            (2n+1)\sqrt{n+1}\,\Big(\sum_m \bar C_{nm}^2 + \bar S_{nm}^2\Big)^{1/2} .
+
+        Here (n+1)²(2n+1) of the radial slope and n(n+1)(2n+1) of the others add up to
+        (2n+1)²(n+1). The first term is GM/r² exactly.
+        """
+        near = self.reference_radius_m / distance
+        terms: list[Expr] = [abs(self._c00) * near * near]
+        squares: dict[int, list[Expr]] = {}
+        for row in self._rows:
+            n, m = row.n, row.m
+            factor = normalisation_factor(n, m) if self.normalisation == "none" else 1.0
+            for name in (f"C{n},{m}", f"S{n},{m}") if m else (f"C{n},{m}",):
+                value = p[name] * (1.0 / factor)
+                squares.setdefault(n, []).append(value * value)
+        for n, parts in squares.items():
+            size = (2 * n + 1) * sqrt(n + 1)
+            terms.append(size * power(near, n + 2) * symbolic_sqrt(sum_of(parts)))
+        gm = p["gm"] / (self.reference_radius_m * self.reference_radius_m)
+        return absolute(gm) * sum_of(terms)
 
 
 def normalisation_factor(n: int, m: int) -> float:

@@ -14,7 +14,8 @@ from hillsphere.shapes.mesh import Mesh
 from hillsphere.shapes.polyhedron import MeshSurface
 from hillsphere.shapes.solid_angles import solid_angles, vertex_distances
 from hillsphere.shapes.triangulation import Radial, triangulated
-from hillsphere_gravity.ellipsoid import CODATA_2018_G
+from hillsphere.symbolic import Expr, Params
+from hillsphere_gravity.ellipsoid import CODATA_2018_G, homogeneous_bound
 from hillsphere_gravity.quadrupole import Quadrupole
 from hillsphere_gravity.specs import PolyhedronSpec
 
@@ -115,6 +116,17 @@ class Polyhedron:
     def normal_array(self, r: Array) -> Array:
         """Return the outward normals (3, N) where the rays through r (3, N) meet the surface."""
         return self._surface.normal_array(r)
+
+    @property
+    def steepest_per_m(self) -> float:
+        """Lipschitz constant of the surface function, 1/m."""
+        return self._surface.steepest_per_m
+
+    def acceleration_bound(self, distance: Expr, p: Params) -> Expr:
+        """Return an upper bound of |∇U|, m/s², see `hillsphere_gravity.ellipsoid`."""
+        gm = p[self._parameter.name] * (self._per_unit * self.mesh.volume_m3)
+        radius = (0.75 * self.mesh.volume_m3 / np.pi) ** (1.0 / 3.0)
+        return homogeneous_bound(distance, gm, float(radius), self.mesh.largest_radius_m)
 
     def potential_array(self, r: Array, p: Array) -> Array:
         """Return +U, m²/s², shape (N,), at r (3, N), m, with parameters p (1, N)."""

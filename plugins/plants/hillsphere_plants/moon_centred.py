@@ -18,6 +18,7 @@ from hillsphere.gravity import (
     AnyGravityModel,
     GravityField,
     acceleration_at,
+    acceleration_within,
     potential_at,
     whole_gravity,
 )
@@ -35,9 +36,20 @@ from hillsphere.interfaces import (
     Surface,
     Variable,
 )
+from hillsphere.shapes.levels import level_within
 from hillsphere.spec import Ref
 from hillsphere.start_states import Centre
-from hillsphere.symbolic import Expr, Params, Vec3, constant, dot, sum_of, variable, variables
+from hillsphere.symbolic import (
+    Expr,
+    Overloaded,
+    Params,
+    Vec3,
+    constant,
+    dot,
+    sum_of,
+    variable,
+    variables,
+)
 from hillsphere.time import Epoch
 from hillsphere_plants.rotation import AxialRotation
 
@@ -189,7 +201,9 @@ class MoonCentred(ABC):
         """
         found: dict[str, Expr] = {}
         place = self._place(x)
-        if self.event_terms:
+        if self._shape is not None and isinstance(x[0], Overloaded):
+            found["impact"] = level_within(self._shape, place)
+        elif self.event_terms:
             found["impact"] = variable(_LEVEL.name)
         elif isinstance(self._shape, Surface):
             found["impact"] = self._shape.surface(place)
@@ -337,6 +351,9 @@ class ArrayAttraction(MoonCentred):
         return slopes
 
     def _attraction(self, x: tuple[Expr, ...], p: Params) -> Vec3:
+        if isinstance(x[0], Overloaded):
+            pull = acceleration_within(self.gravity, self._place(x), _of_gravity(p))
+            return self.rotation.from_body(pull)
         return vector(variables(*(v.name for v in self.external)))
 
     def _potential_array(self, x: Array) -> Array:

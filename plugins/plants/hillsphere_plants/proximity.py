@@ -29,8 +29,10 @@ from hillsphere.interfaces import (
     Surface,
     Variable,
 )
+from hillsphere.shapes.levels import level_within
 from hillsphere.symbolic import (
     Expr,
+    Overloaded,
     Params,
     Vec3,
     constant,
@@ -58,7 +60,7 @@ from hillsphere_plants.proximity_specs import ProximitySpec
 from hillsphere_plants.tidal import tidal_acceleration
 from hillsphere_plants.turning import turning_motion
 
-__all__ = ["AU_M", "Proximity"]
+__all__ = ["AU_M", "Proximity", "of_gravity"]
 
 AU_M = 1.495978707e11
 _GRAVITY = "gravity."
@@ -257,7 +259,7 @@ class Proximity:
             return ()
         rows = self._body_rows(orbit_at(t, p), t, p)
         places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
-        inner = _of_gravity(p)
+        inner = of_gravity(p)
         return tuple(e for r in places for e in model.switches(axes_of(rows, r), inner))
 
     @property
@@ -425,10 +427,12 @@ class Proximity:
 
     def _attraction(self, craft: int, rows: Sequence[Vec3], r: Vec3, p: Params) -> Vec3:
         """Return the asteroid's attraction at r, in the plant's frame, m/s²."""
-        force = acceleration_at(self.gravity, axes_of(rows, r), _of_gravity(p))
+        force = acceleration_at(self.gravity, axes_of(rows, r), of_gravity(p))
         return axes_of(rows, force, back=True)
 
     def _level(self, craft: int, place: Vec3) -> Expr:
+        if self._surface is not None and isinstance(place[0], Overloaded):
+            return level_within(self._surface, place)
         if self.event_terms:
             return variable(self.event_terms[craft].name)
         if isinstance(self._surface, Surface):
@@ -467,5 +471,6 @@ def _least(values: Sequence[Expr]) -> Expr:
     return least
 
 
-def _of_gravity(p: Params) -> Params:
+def of_gravity(p: Params) -> Params:
+    """Return what parameters of a plant belong to its gravity, under the model's own names."""
     return {k.removeprefix(_GRAVITY): v for k, v in p.items() if k.startswith(_GRAVITY)}

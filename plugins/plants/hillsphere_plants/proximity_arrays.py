@@ -7,11 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from hillsphere.gravity import GravityField, is_array_model
+from hillsphere.gravity import GravityField, acceleration_within, is_array_model
 from hillsphere.interfaces import Array, Variable
-from hillsphere.symbolic import Params, Vec3, variables
+from hillsphere.symbolic import Overloaded, Params, Vec3, variables
 from hillsphere_plants.moon_centred import vector
-from hillsphere_plants.proximity import Proximity
+from hillsphere_plants.proximity import Proximity, of_gravity
+from hillsphere_plants.proximity_orbit import axes_of
 from hillsphere_plants.proximity_specs import ProximitySpec
 
 __all__ = ["ArrayProximity", "proximity"]
@@ -54,6 +55,9 @@ class ArrayProximity(Proximity):
         return slopes
 
     def _attraction(self, craft: int, rows: Sequence[Vec3], r: Vec3, p: Params) -> Vec3:
+        if isinstance(r[0], Overloaded):
+            force = acceleration_within(self._model, axes_of(rows, r), of_gravity(p))
+            return axes_of(rows, force, back=True)
         return vector(variables(*(v.name for v in self.external[3 * craft : 3 * craft + 3])))
 
     @cached_property

@@ -17,6 +17,7 @@ from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 from hillsphere.campaign.band_figures import MOST_PANELS, band_figure
 from hillsphere.campaign.bands import Parts, bands_of, lines_of
 from hillsphere.campaign.block_outcome import BlockOutcome, joined
+from hillsphere.campaign.case_classes import is_undecided
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories, kept_histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
@@ -189,7 +190,7 @@ def in_memory(outcomes: Sequence[BlockOutcome]) -> Bands | None:
 
 
 def sound(outcomes: Sequence[BlockOutcome]) -> NDArray[np.int64]:
-    return np.concatenate([o.numbers[~o.failed] for o in outcomes])
+    return np.concatenate([o.numbers[~(o.failed | is_undecided(o.status))] for o in outcomes])
 
 
 def test_bands_of_a_campaign(tmp_path: Path) -> None:
@@ -198,7 +199,7 @@ def test_bands_of_a_campaign(tmp_path: Path) -> None:
     assert same(outcomes, campaign(bands=()))
     bands = in_memory(outcomes)
     assert bands is not None
-    x = np.concatenate([o.values[0][~o.failed] for o in outcomes])
+    x = np.concatenate([o.values[0][~(o.failed | is_undecided(o.status))] for o in outcomes])
     assert_array_equal(
         bands.values[:, 0], np.quantile(x[None] * np.arange(3.0)[:, None], LEVELS, 1)
     )

@@ -120,7 +120,7 @@ def test_how_often_what_is_tried() -> None:
     executor = Scripted(killers=[100], how="time_limit")
     found = run(executor, group_blocks=4, limit_s=2.5)
     assert {task.ready_limit_s for task in executor.tasks} == {300.0}
-    assert (found[1].status[36], found[1].failed[36]) == ("time_limit", True)
+    assert (found[1].status[36], found[1].failed[36]) == ("time_limit", False)
     assert found[1].messages == ("its worker was signal 9 (SIGKILL)",)
     tried = [
         (len(task.blocks), int((~task.blocks[0].filler).sum()), task.limit_s)
@@ -165,7 +165,7 @@ def test_every_case_raises_in_one_block_or_in_all() -> None:
     assert same(some[1:], REFERENCE[1:])
     every = run(work=StageWork([Toy(dict.fromkeys(range(1000), "raise"))]))
     assert {o.metrics for o in every} == {()}
-    assert sum(int(o.failed.sum()) for o in every) == 1000
+    assert all((o.status == "error").all() and not o.failed.any() for o in every)
 
 
 def test_a_task_never_mixes_variants() -> None:

@@ -14,6 +14,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.io import netcdf_file
 
+from hillsphere.campaign.case_classes import decided_failures, is_undecided
 from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
@@ -88,17 +89,17 @@ def test_csv_gives_back_every_bit(tmp_path: Path, n: int) -> None:
     export_csv(table, tmp_path / "cases.csv")
     header, rows = rows_of(tmp_path / "cases.csv")
     assert header == [
-        "case", "draw", "status", "cause", "failed",
+        "case", "draw", "status", "cause", "class", "failed",
         "plant.gravity.C0,0", "plant.gravity.C1,0", "plant.gravity.C2,0",
         "dv0 [m/s]", "dv1 [m/s]", "message",
     ]  # fmt: skip
     assert len(rows) == n
-    read = np.array([column(rows, 5 + i) for i in range(5)]).reshape(5, n)
+    read = np.array([column(rows, 6 + i) for i in range(5)]).reshape(5, n)
     assert read[:3].tobytes() == table.input_values.tobytes()
     assert_array_equal(read[3:], table.values)
     assert [row[3] for row in rows] == table.cause.tolist()
     assert [int(row[0]) for row in rows] == table.case.tolist()
-    assert [row[4] for row in rows] == [str(int(f)) for f in table.failed]
+    assert [row[5] for row in rows] == [str(int(f)) for f in decided_failures(table)]
     assert [row[-1] for row in rows if row[-1]] == list(table.messages)
 
 
@@ -106,12 +107,12 @@ def test_csv_of_a_sweep(tmp_path: Path) -> None:
     table = replace(sweep(), metrics=("law", "status"))
     export_csv(table, tmp_path / "cases.csv")
     header, rows = rows_of(tmp_path / "cases.csv")
-    assert header[5:9] == ["point", "point_label", "stage.hover.period_s [s]", "swept law"]
+    assert header[6:10] == ["point", "point_label", "stage.hover.period_s [s]", "swept law"]
     assert header[-3:] == ["metric law [m/s]", "metric status [m/s]", "message"]
     assert len(set(header)) == len(header)
     assert table.points is not None
-    assert_array_equal(column(rows, 7), table.points[0][table.point])
-    assert rows[25][6] == "0.2, lqr"
+    assert_array_equal(column(rows, 8), table.points[0][table.point])
+    assert rows[25][7] == "0.2, lqr"
 
 
 def texts(variable: Any) -> list[str]:
@@ -139,7 +140,8 @@ def test_netcdf_gives_back_every_bit(tmp_path: Path, n: int) -> None:
                 assert variable.units == units
         assert file.variables["input_plant_gravity_C1_0"].long_name == b"plant.gravity.C1,0"
         assert_array_equal(file.variables["case"][:], table.case)
-        assert_array_equal(file.variables["failed"][:], table.failed)
+        assert_array_equal(file.variables["failed"][:], decided_failures(table))
+        assert_array_equal(file.variables["undecided"][:], is_undecided(table.status))
         assert texts(file.variables["status"]) == table.status.tolist()
         assert texts(file.variables["cause"]) == table.cause.tolist()
         if n > 1:

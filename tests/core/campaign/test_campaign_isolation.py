@@ -16,8 +16,8 @@ from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 from hillsphere.campaign.block_outcome import (
     BlockOutcome,
     divided,
-    failed_rows,
     joined,
+    lost_rows,
     named_alike,
 )
 from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
@@ -85,7 +85,7 @@ def test_one_case_goes_wrong(fault: str, status: str, cause: str, message: str) 
     seen: list[CaseBatch] = []
     outcome = compute(Counting({9: fault}), FULL, {"seen": seen})
     assert others(outcome, 9) == others(SOUND, 9)
-    assert (outcome.status[9], outcome.cause[9], outcome.failed[9]) == (status, cause, True)
+    assert (outcome.status[9], outcome.cause[9], outcome.failed[9]) == (status, cause, False)
     assert np.isnan(outcome.values[:, 9]).all()
     assert (outcome.message_case.tolist(), outcome.messages) == ([9], (message,))
     assert len(seen) <= 1 + 2 * 6
@@ -113,7 +113,8 @@ def test_any_cases_go_wrong(faults: dict[int, str]) -> None:
         # A case that failed by itself may have metrics that are not finite.
         sound = fault == "nan" and SOUND.failed[number]
         assert outcome.status[number] == (SOUND.status[number] if sound else expected[fault])
-        assert outcome.failed[number]
+        # What could not be computed is no failure of what is flown.
+        assert outcome.failed[number] == sound
     if set(range(64)) - set(faults):
         assert others(outcome, *faults) == others(SOUND, *faults)
 
@@ -123,7 +124,7 @@ def test_every_case_raises() -> None:
     assert (outcome.metrics, outcome.units, outcome.values.shape) == ((), (), (0, 64))
     assert outcome.numbers.tolist() == list(range(64))
     assert set(outcome.status) == {"error"}
-    assert outcome.failed.all()
+    assert not outcome.failed.any()
     assert len(outcome.messages) == 64
 
 
@@ -257,7 +258,7 @@ def test_joined_outcomes_are_divided_again() -> None:
 
 
 def test_cases_without_metrics_get_those_of_the_others() -> None:
-    lost = failed_rows(np.arange(64, 66), "killed", "", "its worker ended: signal 9")
+    lost = lost_rows(np.arange(64, 66), "killed", "", "its worker ended: signal 9")
     alike = named_alike([lost, SOUND])
     assert [o.metrics for o in alike] == [("x", "y")] * 2
     assert np.isnan(alike[0].values).all()
@@ -283,7 +284,8 @@ def test_a_case_that_means_nothing_is_not_computed() -> None:
     batch = replace(FULL, names=names, values=np.concatenate([FULL.values, mass]))
     found = compute(Weighed(), batch, {})
     kept = np.arange(LANES) != 7
-    assert_array_equal(found.failed, SOUND.failed | ~kept)
-    assert (found.status[7], found.cause[7]) == ("error", "InputError")
+    assert_array_equal(found.numbers, FULL.numbers)
+    assert_array_equal(found.failed, SOUND.failed & kept)
+    assert (found.status[7], found.cause[7]) == ("input", "mass")
     assert "mass must be > 0, got -2.5 kg" in found.messages[0]
     assert_array_equal(found.values[:, kept], SOUND.values[:, kept])

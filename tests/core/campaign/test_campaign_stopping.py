@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from hillsphere.campaign.statistics import mean_interval, ratio_interval
+from hillsphere.campaign.case_classes import ratio_interval
+from hillsphere.campaign.statistics import mean_interval
 from hillsphere.campaign.stopping import StopCriteria
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array

@@ -55,7 +55,8 @@ class FidelityLadder(FlightSet):
     survival_s : ndarray, shape (N, R)
         How long the flight stays within the limits from its first node without correction.
     fate : tuple of str, length N·R
-        What ended that flight (``"limit"``, ``"impact"``) or an empty text; members run fastest.
+        What ended that flight (``"limit"``, ``"impact"``, ``"unresolved"`` where it is not proved
+        whether the surface is met) or an empty text; members run fastest.
     status : tuple of str, length N·R
         ``"converged"``, or why not; members run fastest.
     periodic_x0_m : ndarray, shape (6, N, R)

@@ -1,9 +1,9 @@
 """Flights of many lanes on the step map, with every zero of several functions on the way.
 
-The lanes march in equal sub-steps; functions and their rates are known at the ends of each, which
-brackets a zero by a change of sign, and a pair of zeros within one sub-step by a cubic that turns
-over. Zeros are then refined, all of them at once, on partial sub-steps of the same formula, to
-rounding.
+The lanes march in equal sub-steps. Bounds of the functions' derivatives prove between the ends of
+each how many zeros there are (`hillsphere.dynamics.ProvedBrackets`), so that none is missed however
+near two of them are. Zeros are then refined, all of them at once, on partial sub-steps of the same
+formula, to rounding.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.dynamics import StepMap, System, bracketed_roots
+from hillsphere.dynamics import ProvedBrackets, StepMap, System, bracketed_roots
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
 
-__all__ = ["Flown", "Watch", "Zeros", "fly"]
+__all__ = ["UNPROVED", "Flown", "Watch", "Zeros", "fly"]
+
+UNPROVED = "that no crossing of theirs was missed is not proved"
+"""What is said of flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
-_NEAR = 0.1  # a cubic that comes this near to zero, of its ends, is followed to its extremum
 _NEWTON = 4
 
 
@@ -57,6 +59,8 @@ class Watch:
             rates.append(rate)
         self._function = system.function(*values, *rates)
         self._p = system.parameters(None, 1)
+        own = [name if system.events.get(name) == f else f for name, f in functions.items()]
+        self.brackets = ProvedBrackets(system, own)
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         """Return values and rates (m, …) at states (n, …)."""
@@ -109,12 +113,16 @@ class Flown:
         Number of the function that ended the flight by falling; −1 without.
     zeros : Zeros
         All before the end of their lane.
+    resolved : ndarray of bool, shape (N,)
+        Whether it is proved that these are all; False where a function touches zero but for
+        rounding, or offers no bound and comes nearer to zero than 0.1.
     """
 
     x: Array
     time: Array
     ended_by: NDArray[np.intp]
     zeros: Zeros
+    resolved: NDArray[np.bool_]
 
 
 @dataclass(eq=False)
@@ -169,6 +177,7 @@ def fly(
     lanes = np.arange(cases)
     end, last = x.copy(), np.zeros(cases, dtype=np.intp)
     found: list[_Brackets] = []
+    resolved = np.ones(cases, dtype=bool)
     killers = [watch.names.index(name) for name in ends]
     now, done = np.ascontiguousarray(x), 0
     while lanes.size and done < most:
@@ -178,8 +187,8 @@ def fly(
         whole = np.where(bad.any(axis=0), np.argmax(bad, axis=0), steps + 1)
         length = np.minimum(goes_on(lanes, done, way), whole)
         inside = np.arange(steps)[:, None] < length - 1
-        values, slopes = watch(way)
-        brackets = _brackets(step_map, watch, way, values, slopes, inside, h)
+        brackets, sure = _brackets(step_map, watch, way, inside, h)
+        resolved[lanes] &= sure
         brackets.begin += done * h
         falls = np.isin(brackets.event, killers) & (brackets.values[0] > brackets.values[1])
         alive = length == steps + 1
@@ -196,59 +205,25 @@ def fly(
         lane = zeros.lane[i]  # zeros are in order: the first of each lane is seen last
         time[lane], ended[lane], end[:, lane] = zeros.time[i], zeros.event[i], zeros.x[:, i]
     keep = np.abs(zeros.time) <= np.abs(time[zeros.lane])
-    return Flown(end, time, ended, zeros.chosen(keep))
+    return Flown(end, time, ended, zeros.chosen(keep), resolved)
 
 
 def _brackets(
-    step_map: StepMap,
-    watch: Watch,
-    way: Array,
-    values: Array,
-    slopes: Array,
-    inside: NDArray[np.bool_],
-    h: float,
-) -> _Brackets:
+    step_map: StepMap, watch: Watch, way: Array, inside: NDArray[np.bool_], h: float
+) -> tuple[_Brackets, NDArray[np.bool_]]:
     """Return all brackets of a chunk (n, K + 1, L); `begin` counts from its start."""
-    f0, f1 = values[:, :-1], values[:, 1:]
-    g0, g1 = slopes[:, :-1] * h, slopes[:, 1:] * h
-    crosses = ((f0 > 0.0) & (f1 <= 0.0)) | ((f0 < 0.0) & (f1 >= 0.0))
-    event, step, lane = np.nonzero(crosses & inside)
-    one = _Brackets(
-        lane, event, np.asarray(step * h, float), way[:, step, lane],
-        np.array([np.zeros(step.size), np.full(step.size, h)]),
-        np.array([f0[event, step, lane], f1[event, step, lane]]),
-        np.array([slopes[event, step, lane], slopes[event, step + 1, lane]]),
-    )  # fmt: skip
-    # towards zero at both ends, without crossing: does the cubic through them come near?
-    towards = (f0 * f1 > 0.0) & (f0 * g0 < 0.0) & (f1 * g1 > 0.0) & inside
-    event, step, lane = np.nonzero(towards)
-    if not event.size:
-        return one
-    a, b = f0[event, step, lane], f1[event, step, lane]
-    s, t = g0[event, step, lane], g1[event, step, lane]
-    u = _turning_point(a, b, s, t)
-    bottom = _cubic(a, b, s, t, u)
-    near = np.sign(a) * bottom <= _NEAR * np.minimum(np.abs(a), np.abs(b))
-    event, step, lane = event[near], step[near], lane[near]
-    a, b, s, t = a[near], b[near], s[near], t[near]
-    if not event.size:
-        return one
-    base, pick = np.ascontiguousarray(way[:, step, lane]), np.arange(event.size)
 
-    def slope(tau: Array) -> Array:
-        return np.asarray(watch(step_map.step(base, tau, strict=False))[1][event, pick])
+    def halve(base: Array, tau: Array) -> tuple[Array, Array]:
+        x = step_map.step(np.ascontiguousarray(base), tau, strict=False)
+        return x, watch(x)[0]
 
-    zero, whole = np.zeros(event.size), np.full(event.size, h)
-    width = np.full(event.size, 1e-9 * abs(h))
-    tau = bracketed_roots(slope, zero, whole, s / h, t / h, width)
-    value, rate = (q[event, pick] for q in watch(step_map.step(base, tau, strict=False)))
-    two = value * a < 0.0
-    lane, event, base = lane[two], event[two], base[:, two]
-    begin = np.asarray(step[two] * h, float)
-    tau, value, rate = tau[two], value[two], rate[two]
-    first = (np.array([zero[two], tau]), np.array([a[two], value]), np.array([s[two] / h, rate]))
-    second = (np.array([tau, whole[two]]), np.array([value, b[two]]), np.array([rate, t[two] / h]))
-    return _joined([one, *(_Brackets(lane, event, begin, base, *half) for half in (first, second))])
+    b = watch.brackets(way, watch(way)[0], h, halve, inside)
+    pick = np.arange(b.lane.size)
+    slopes = np.array([watch(x)[1][b.function, pick] for x in (b.y0, b.y1)])
+    ends, values = np.array([b.begin, b.end]), np.array([b.g0, b.g1])
+    begin = np.asarray(b.step * h, float)
+    base = way[:, b.step, b.lane]
+    return _Brackets(b.lane, b.function, begin, base, ends, values, slopes), b.resolved
 
 
 def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
@@ -314,13 +289,3 @@ def _cubic(a: Array, b: Array, s: Array, t: Array, u: Array) -> Array:
 
 def _cubic_slope(a: Array, b: Array, s: Array, t: Array, u: Array) -> Array:
     return s + u * (2.0 * (3.0 * (b - a) - 2.0 * s - t) + 3.0 * u * (2.0 * (a - b) + s + t))
-
-
-def _turning_point(a: Array, b: Array, s: Array, t: Array) -> Array:
-    """Where in (0, 1) the slope of the cubic, of opposite sign at its ends, vanishes."""
-    low, high = np.zeros_like(a), np.ones_like(a)
-    for _ in range(8):  # a guess is enough
-        middle = 0.5 * (low + high)
-        same = _cubic_slope(a, b, s, t, middle) * s > 0.0
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return 0.5 * (low + high)

@@ -14,7 +14,7 @@ from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.symbolic import Expr
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.manifolds.flight import Watch
+from hillsphere_orbits.manifolds.flight import UNPROVED, Watch
 from hillsphere_orbits.manifolds.presentation import present_manifolds
 from hillsphere_orbits.manifolds.products import Manifolds
 from hillsphere_orbits.manifolds.sampling import (
@@ -119,6 +119,8 @@ class InvariantManifoldsStage:
                 ]
                 advance(1)
         ctx.info(f"{sum(part.leaves.p.size for part in parts)} trajectories")
+        if unproved := sum(int(np.sum(~part.leaves.flown.resolved)) for part in parts):
+            ctx.info(f"{unproved} of them touch what is watched, or offer no bound: {UNPROVED}")
         return self._product(flow, given, x0, kinds, multiplier, one_side, names, parts)
 
     def present(self, product: Manifolds, orbits: tuple[OrbitSet, ...]) -> Presentation:

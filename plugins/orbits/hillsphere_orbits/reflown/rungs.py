@@ -162,16 +162,22 @@ class Reflier:
         found.track_m.append(rung.hill(way)[:3])
         height = float(np.min(self._heights(rung, way)))
         first, span = x[:, :1], t[-1:] - t[0]
+        resolved = True
         if self._taylor is not None:
             flight = self._taylor.fly(first, span, strict=False)
             end, met = flight.x, flight.ended_by[0] is not None
-        else:
-            end, met = (
-                self.flow.plain.propagate(first, span, steps * spans.size, strict=False),
-                False,
+        elif "impact" in system.events:
+            way_there = self.flow.plain.locate(
+                "impact", first, span, steps * spans.size, strict=False
             )
+            end, met, resolved = way_there.x, way_there.found[0], way_there.resolved[0]
+        else:
+            end = self.flow.plain.propagate(first, span, steps * spans.size, strict=False)
+            met = False
         if met or height <= 0.0:
             height, found.status = 0.0, f"coast {name!r} meets the body"
+        elif not resolved:
+            found.status = f"coast {name!r}: whether it meets the body is not decided"
         else:
             miss = (end - x[:, -1:])[:6, 0] * unit[:6, 0]
             found.closure_m = np.fmax(found.closure_m, np.linalg.norm(miss[:3]))

@@ -250,7 +250,9 @@ class ClosedLoop:
         box = spec.limit_factor * path.amplitude * system.unit[:3]
         # in the plane, or nearly so, nothing is said of z
         box[2] = np.inf if box[2] <= NEARLY_PLANAR * np.max(box) else box[2]
-        limits = [Limit("amplitude", partial(_within, box[:, None]), "escape")]
+        n = len(self.plant.states)
+        steep = np.concatenate([1.0 / box, np.zeros(n - 3)])
+        limits = [Limit("amplitude", partial(_within, box[:, None]), "escape", lipschitz=steep)]
         if spec.distance_max_m is not None:
             most = spec.distance_max_m
 
@@ -259,11 +261,21 @@ class ClosedLoop:
                 gap = x[:3] - place[:3] * system.unit[:3, None]
                 return np.asarray(1.0 - np.sqrt(np.sum(gap**2, axis=0)) / most)
 
-            limits.append(Limit("distance", near))
+            speed = path.fastest(system.unit[:3]) / system.time_unit_s
+            by_place = np.concatenate([np.full(3, 1.0 / most), np.zeros(n - 3)])
+            limits.append(Limit("distance", near, lipschitz=by_place, drift=speed / most))
         end = spec.duration_s
         if flight_s > end * (1.0 + _ENDS):
             # the last interval is cut short: every flight lasts as long as every other
-            limits.append(Limit("duration", lambda t_s, x, cases: 1.0 - t_s / end, "completed"))
+            limits.append(
+                Limit(
+                    "duration",
+                    lambda t_s, x, cases: 1.0 - t_s / end,
+                    "completed",
+                    lipschitz=np.zeros(n),
+                    drift=1.0 / end,
+                )
+            )
         return limits
 
 

@@ -85,6 +85,18 @@ class ReferencePath:
         c2, c3 = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
         return a + s * (da + s * (c2 + s * c3)), (da + s * (2.0 * c2 + 3.0 * s * c3)) / h
 
+    def fastest(self, unit: Array) -> float:
+        """Return an upper bound of the speed of `interpolated`, positions in units (3,) of SI.
+
+        The slope of a cubic is at most the largest of its Bernstein coefficients: those at the
+        nodes and one between.
+        """
+        h = np.diff(self._t)
+        a, b = self._rate[:3, :-1], self._rate[:3, 1:]
+        between = 3.0 * np.diff(self._x[:3], axis=1) / h - a - b
+        most = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(between)) * unit[:, None]
+        return float(np.sqrt(np.sum(most**2, axis=0)).max())
+
     def nearest(self, x: Array, t: Array) -> Array:
         """Return the times (K,), near to given ones, at which the path comes nearest to x (n, K).
 

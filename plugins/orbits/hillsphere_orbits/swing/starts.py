@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.dynamics import Crossing
+from hillsphere.errors import PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.correction import correct, tangents
 from hillsphere_orbits.flow import Flow
@@ -208,8 +210,7 @@ def _crossings(
     steps = 2 * _STEPS_PER_REVOLUTION
     start = x[:, None]
     if axis == "y":
-        met = flow.map.locate(flow.system.x[0], start, period, steps, direction=0)
-        start = met.x
+        start = _met(flow.map.locate(flow.system.x[0], start, period, steps, direction=0))
     if symmetries.half_turn:
         return [start[:, 0]]
     other = flow.with_matrix(start, np.array([0.5 * period]), steps)[0]
@@ -297,7 +298,23 @@ def _returned(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
         flow.system.x[1], x, 1.5 * turn, 3 * _STEPS_PER_REVOLUTION,
         direction=-1 if fall < 0.0 else 1, after=after * turn,
     )  # fmt: skip
-    return crossing.problem.unknowns_at(met.x, np.array([whole]))[:, 0]
+    return crossing.problem.unknowns_at(_met(met), np.array([whole]))[:, 0]
+
+
+def _met(crossing: Crossing) -> Array:
+    """Return the states of crossings.
+
+    Whether an earlier one is excluded does not matter: these orbits meet an axis twice a turn, and
+    what starts there is corrected until it is perpendicular and closed.
+
+    Raises
+    ------
+    PropagationError
+        If an orbit does not meet the axis.
+    """
+    if not np.all(crossing.found):
+        raise PropagationError("an orbit beside the bifurcation does not meet the axis in time")
+    return crossing.x
 
 
 def _normal_coordinate(flow: Flow, crossing: _Crossing) -> NDArray[np.complex128]:

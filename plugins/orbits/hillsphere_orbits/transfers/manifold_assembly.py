@@ -46,6 +46,8 @@ class Found:
         Trajectories of the meshes.
     again : tuple of Legs, optional
         Both ladders found with twice the samples.
+    unproved : int
+        Trajectories on which it is not proved that no passage or impact was missed.
     """
 
     status: str
@@ -54,6 +56,7 @@ class Found:
     arrival: Legs
     trajectories: int
     again: tuple[Legs, Legs] | None = None
+    unproved: int = 0
 
 
 @dataclass(frozen=True, eq=False)

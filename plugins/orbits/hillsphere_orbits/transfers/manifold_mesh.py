@@ -182,6 +182,7 @@ class Mesh:
         self._p = np.zeros(0)
         self._end = np.zeros(0)  # time of flight of an impact or escape; infinite without
         self._sure = [(np.zeros(0), np.zeros(0)) for _ in targets]
+        self.unproved = 0
         self._passages = self._seen(fly(self._p))
 
     @property
@@ -211,6 +212,7 @@ class Mesh:
         return self._roots(q, self._pairs(q, lane), target)
 
     def _seen(self, flown: Leaves) -> _Passages:
+        self.unproved += int(np.count_nonzero(~flown.flown.resolved))
         z = flown.flown.zeros
         # a stable manifold is flown backwards: its times count positive here
         sense = np.sign(self._h)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces import Array
@@ -131,13 +132,17 @@ class _Searching:
         ]
         status = f"no {missing[0]} leg" if len(missing) == 1 else "no leg"
         return Found(
-            status if missing else "connected", multiplier, departure, arrival, count, again
-        )
+            status if missing else "connected", multiplier, departure, arrival, int(count[0]),
+            again, int(count[1]),
+        )  # fmt: skip
 
     def _legs(
         self, orbit: UnstableOrbit, steps: int, samples: int
-    ) -> tuple[float, Legs, Legs, int]:
-        """Return the multiplier, the ladders of departure and arrival, and trajectories flown."""
+    ) -> tuple[float, Legs, Legs, NDArray[np.int64]]:
+        """Return the multiplier, the ladders of departure and arrival, and counts of trajectories.
+
+        The counts (2,) are those of `Search.legs`.
+        """
         flow, mirror, x0 = self._flow, self._mirror, orbit.x0
         image = mirror is not None and bool(
             np.max(np.abs(mirror * x0 - x0)) <= _SAME * np.max(np.abs(x0))
@@ -158,14 +163,14 @@ class _Searching:
 
     def _sides(
         self, local: LocalManifold, targets: list[PolarOrbit], samples: int
-    ) -> tuple[list[Legs], int]:
-        """Return the ladders to the targets over both sides of a manifold."""
+    ) -> tuple[list[Legs], NDArray[np.int64]]:
+        """Return the ladders to the targets over both sides of a manifold, and the counts."""
         work = self._work
         # a symmetry that maps one side on the other must map the planar orbits on themselves
         kept = tuple(signs for signs in _SIGNS if all(_keeps(t, signs) for t in targets))
         alike = bool(kept) and sides_are_images(local, trial_places(), kept)
         parts: list[list[Legs]] = []
-        count = 0
+        count = np.zeros(2, dtype=np.int64)
         for side in local.sides[:1] if alike else local.sides:
             search = Search(
                 local, self._watch, side, start=work.start, distance=work.distance,

@@ -138,7 +138,7 @@ class Search:
         self.start, self.distance, self.limit, self.ends = start, distance, limit, ends
         self.samples, self.gain = samples, gain
 
-    def legs(self, targets: list[PolarOrbit]) -> tuple[list[Legs], int]:
+    def legs(self, targets: list[PolarOrbit]) -> tuple[list[Legs], NDArray[np.int64]]:
         """Find the legs to planar orbits that no other betters.
 
         Parameters
@@ -150,8 +150,9 @@ class Search:
         -------
         legs : list of Legs
             Per orbit, by time of flight; none where the manifold does not meet it in time.
-        trajectories : int
-            How many were flown.
+        trajectories : ndarray of int, shape (2,)
+            How many were flown, and on how many of them it is not proved that no passage or impact
+            was missed.
         """
         mesh = Mesh(
             lambda p: leaves(
@@ -162,7 +163,9 @@ class Search:
         )  # fmt: skip
         mesh.refine(self.samples)
         found = self._polished([mesh.roots(k) for k in range(len(targets))], targets)
-        return [ladder(legs, self.gain) for legs in found], mesh.trajectories
+        return [ladder(legs, self.gain) for legs in found], np.array(
+            [mesh.trajectories, mesh.unproved]
+        )
 
     def _polished(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
         """Polish the roots that may be on the fronts, until those not polished cannot be."""

@@ -14,6 +14,7 @@ from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.reference import ReferenceTable
 from hillsphere.workers import Workers
 from hillsphere_orbits.flow import Compiled, Flow, flow_of
+from hillsphere_orbits.manifolds.flight import UNPROVED
 from hillsphere_orbits.manifolds.sampling import classified
 from hillsphere_orbits.manifolds.stage import chosen, orbits_on
 from hillsphere_orbits.sources import members_of
@@ -135,6 +136,11 @@ class ManifoldTransfersStage:
                     f"{label}: {one.status}; {one.departure.p.size} departure and "
                     f"{one.arrival.p.size} arrival legs, {one.trajectories} trajectories"
                 )
+                if one.unproved:
+                    ctx.info(
+                        f"{label}: {one.unproved} trajectories touch the plane or the surface, or "
+                        f"offer no bound: {UNPROVED}"
+                    )
                 advance(1)
 
             def flown(legs: Sequence[Coasts | Waits]) -> Iterator[Flown]:

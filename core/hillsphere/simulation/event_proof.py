@@ -1,0 +1,492 @@
+"""Bounds of the derivatives of all that may end a flight, over its sub-steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.dynamics import intervals as iv
+from hillsphere.dynamics.bounds import Bound
+from hillsphere.dynamics.enclosures import (
+    Bounded,
+    Enclosure,
+    arrays,
+    boxed,
+    derivatives_within,
+    enclose,
+    growth,
+)
+from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
+from hillsphere.interfaces import Array, Integers
+from hillsphere.simulation.law_bounds import LawBounds
+from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
+
+if TYPE_CHECKING:
+    from hillsphere.simulation.ends import Leg, Limit
+
+__all__ = ["EventProof"]
+
+_COMMAND = 0.1
+"""Least room for a command, in units of the plant's scales: a tenth of its typical attraction."""
+_CHUNK = 4
+"""Sub-steps that are looked at together: a region must hold them all, and one that holds a whole
+orbit, and so the body in it, would say nothing."""
+_SHARP = 2.0**-10
+"""Part of a sub-step below which a piece that its region does not decide is enclosed by itself."""
+_TUBES = 16
+"""Lengths of step for which growths are kept: of legs, of sub-steps and of the halves of both."""
+_WINDOW = 64.0
+"""Length of the window of time in which a region holds, in units of a leg, where the equations
+depend on time."""
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A leg as its region sees it: states, parameters; least room for commands."""
+
+    y: Array
+    p_lo: Array
+    p_hi: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Quick:
+    """The region of the last leg: where states and parameters must be at its start.
+
+    Middles and halves of the boxes, and what events must exceed, have a second axis of one, for
+    legs of a duration. The ends of all its sub-steps, of length h, may lie in a larger box.
+    """
+
+    middle: Array
+    half: Array
+    p_middle: Array
+    p_half: Array
+    lo: Array
+    hi: Array
+    t_lo: float
+    t_hi: float
+    duration: float
+    need: Array
+    h: float
+    short_need: Array
+
+    def lasts(self, leg: Leg) -> bool:
+        """Say whether a leg lies in the region's window of time."""
+        end = leg.t + leg.period
+        return bool(self.t_lo <= min(leg.t.min(), end.min()) and end.max() <= self.t_hi)
+
+
+class EventProof:
+    """Bounds for one watch.
+
+    Parameters
+    ----------
+    bounded : Bounded or None
+        The equations that fly, in interval arithmetic.
+    events : int
+        Number of the plant's events.
+    limits : sequence of Limit
+        Of the user; their rows follow those of the events.
+    monotone : bool
+        Whether a last row, the Δv at hand, follows. It never rises, so that its values at the ends
+        of a sub-step decide it.
+    fixed : int
+        Number of the first run-time parameters, which do not change during a flight.
+    """
+
+    def __init__(
+        self,
+        bounded: Bounded | None,
+        events: int,
+        limits: Sequence[Limit],
+        monotone: bool,
+        fixed: int,
+    ) -> None:
+        self._bounded, self._events, self._limits = bounded, events, tuple(limits)
+        rows = events + len(limits)
+        self.bounded_rows = np.zeros(rows + monotone, dtype=bool)
+        self.margins = np.array([*[MARGIN] * events, *(q.margin for q in limits), 0.0])[
+            : rows + monotone
+        ]
+        self.monotone, self._tried = monotone, False
+        self._rows: Integers = np.zeros(0, dtype=int)
+        self._law = bounded.affine if isinstance(bounded, LawBounds) else None
+        self._equations = bounded if self._law is None else self._law.plant
+        self._timeless = False
+        self._store: Store | None = None
+        self._tubes: dict[float, Array] = {}
+        self._quick: _Quick | None = None
+        # The cases whose parameters were found in the region.
+        self._cases: Integers | None = None
+        self._asked: _Quick | None = None
+        self._fixed = fixed
+        self._period: Array | None = None
+        self._longest = 0.0
+        self.all_bounded = False
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
+    def ready(self, leg: Leg) -> None:
+        """Find out, at a first leg, which rows have bounds at all."""
+        if self._tried:
+            return
+        self._tried = True
+        if self.monotone:
+            self.bounded_rows[-1] = True
+        if self._bounded is None:
+            return
+        y, p, t = leg.y[:, :1], leg.p[:, :1], leg.t[:1]
+        y = np.where(np.isfinite(y), y, 0.0)
+        held = [(row, row) for row in p]
+        try:
+            box = enclose(self._bounded, t, 0.0 * t, y, p, y)
+            now = derivatives_within(self._bounded, (t, t), box, held)
+            ever = derivatives_within(self._bounded, iv.EVERYTHING, box, held)
+        except TypeError:  # an operation of which no bound is known
+            self._bounded = None
+            return
+        # Of a surface without a slope nothing is known.
+        low, high = now[:2]
+        self.bounded_rows[: self._events] = ~(np.isinf(low) & np.isinf(high)).any(axis=1)
+        for i, limit in enumerate(self._limits, start=self._events):
+            self.bounded_rows[i] = limit.lipschitz is not None
+        self._timeless = all(np.array_equal(a, b) for a, b in zip(now, ever, strict=True))
+        proved = self.bounded_rows[:-1] if self.monotone else self.bounded_rows
+        self._rows = np.flatnonzero(proved)
+        linear = None if self._equations is None else self._equations.linear
+        self._store = Store(self._regions, self._rows, None if linear is None else self._tube_of)
+        self.all_bounded = bool(self.bounded_rows.all()) and len(self._rows) > 0
+
+    @property
+    def proves(self) -> bool:
+        """Whether there is any row that bounds decide."""
+        return self._bounded is not None and len(self._rows) > 0
+
+    # ------------------------------------------------------------------ what a whole leg excludes
+
+    def is_far(self, leg: Leg, y: Array, before: Array, after: Array) -> bool:
+        """Say whether no event has a zero during a leg, by the last region and the leg's ends.
+
+        Parameters
+        ----------
+        leg : Leg
+            The leg.
+        y : ndarray, shape (steps + 1, rows, B)
+            States at the ends of its sub-steps, finite.
+        before, after : ndarray, shape (E, B)
+            Events at its ends.
+        """
+        quick = self._quick
+        if quick is None or not self._fits(quick, leg, quick.duration, 1):
+            return False
+        # The events at the start were those at the end of the leg before.
+        far = np.minimum(before, after)[self._rows] > quick.need
+        if not (far.all() if leg.whole else far[:, leg.flying].all()):
+            return False
+        away = np.abs(y[0, : len(quick.middle)] - quick.middle) <= quick.half
+        if not (away.all() if leg.whole else away[:, leg.flying].all()):
+            return False
+        # What an affine law sees is held, so that the start of the leg tells what it commands.
+        return self._holds_parameters(quick, leg) and self._commanded(quick, leg, y[:2])
+
+    def is_far_between(self, leg: Leg, y: Array, values: Array) -> bool:
+        """Say the same by the ends of all sub-steps: values (steps + 1, E, B), else as `is_far`."""
+        quick, steps = self._quick, len(y) - 1
+        if quick is None or steps == 1 or not self._fits(quick, leg, quick.h, steps):
+            return False
+        g, ends = values[:, self._rows], y[:, : len(quick.middle)]
+        if not leg.whole:
+            g, ends = g[..., leg.flying], ends[..., leg.flying]
+        return bool(
+            (g.min(axis=(0, 2)) > quick.short_need).all()
+            and (ends.min(axis=(0, 2)) >= quick.lo).all()
+            and (ends.max(axis=(0, 2)) <= quick.hi).all()
+            and self._holds_parameters(quick, leg)
+            and self._commanded(quick, leg, y)
+        )
+
+    def _fits(self, quick: _Quick, leg: Leg, longest: float, steps: int) -> bool:
+        """Say whether a leg in steps fits a region in length and in time."""
+        if not self.all_bounded:
+            return False
+        if leg.period is not self._period:
+            self._period, self._longest = leg.period, float(np.abs(leg.period).max())
+        return self._longest <= longest * steps and (self._timeless or quick.lasts(leg))
+
+    def _holds_parameters(self, quick: _Quick, leg: Leg) -> bool:
+        """Say whether what does not change during a flight is in a region; ask once a block."""
+        if leg.cases is not self._cases or quick is not self._asked:
+            p, fixed = leg.p, self._fixed
+            away = np.abs(p[:fixed] - quick.p_middle[:fixed])
+            if not (away <= quick.p_half[:fixed]).all():
+                return False
+            self._cases, self._asked = leg.cases, quick
+        return True
+
+    def _commanded(self, quick: _Quick, leg: Leg, y: Array) -> bool:
+        """Say whether the commands of a leg are in a region."""
+        fixed, law = self._fixed, self._law
+        if law is None:
+            away = np.abs(leg.p[fixed:] - quick.p_middle[fixed:])
+        else:
+            length = self._longest if len(y) == 2 else self._longest / (len(y) - 1)
+            away = law.departure(y, leg.p, quick.p_middle[fixed:], length)
+        inside = away <= quick.p_half[fixed:]
+        return bool(inside.all() if leg.whole else inside[..., leg.flying].all())
+
+    # ------------------------------------------------------------- what sub-steps of a leg exclude
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
+    def of_leg(self, leg: Leg, y: Array, h: Array, values: Array) -> Integers:
+        """Return the region of each sub-step, −1 where there is none.
+
+        Parameters
+        ----------
+        leg, y, h
+            See `is_far`.
+        values : ndarray, shape (E, steps + 1, B)
+            Events at the ends of the sub-steps.
+
+        Returns
+        -------
+        ndarray of int, shape (steps, B)
+            Numbers for `slopes`.
+        """
+        steps, lanes = y.shape[1] - 1, len(h)
+        index = np.full((steps, lanes), -1)
+        if self._bounded is None or self._store is None or not len(self._rows):
+            return index
+        on = np.flatnonzero(leg.flying)
+        view = self._seen(leg, y, h)
+        begins = np.arange(0, steps, _CHUNK)
+        lo, hi, least = (
+            _over_chunks(view.y, begins, np.minimum)[:, :, on],
+            _over_chunks(view.y, begins, np.maximum)[:, :, on],
+            _over_chunks(values, begins, np.minimum)[:, :, on],
+        )
+        sound = np.isfinite(lo).all(axis=0) & np.isfinite(hi).all(axis=0)
+        chunk, which = np.nonzero(sound)
+        if not len(which):
+            return index
+        lane = on[which]
+        ends = np.minimum(begins + _CHUNK, steps)
+        t0 = leg.t[lane] + begins[chunk] * h[lane]
+        t1 = leg.t[lane] + ends[chunk] * h[lane]
+        if self._timeless:
+            t0, t1 = np.zeros_like(t0), np.zeros_like(t1)
+        columns = Columns(
+            Boxes(
+                lo[:, chunk, which], hi[:, chunk, which], view.p_lo[:, lane], view.p_hi[:, lane],
+                np.minimum(t0, t1), np.maximum(t0, t1),
+            ),
+            np.abs(h[lane]),
+            np.abs((ends - begins)[chunk] * h[lane]),
+            least[:, chunk, which],
+        )  # fmt: skip
+        found = self._store.indices(columns)
+        by_chunk = np.full((len(begins), lanes), -1)
+        by_chunk[chunk, lane] = found
+        index[:] = np.repeat(by_chunk, ends - begins, axis=0)
+        self._remember(leg, steps, found)
+        return index
+
+    def _remember(self, leg: Leg, steps: int, found: Integers) -> None:
+        """Keep the region that most columns are in for a quick look at the next leg."""
+        store = self._store
+        if store is None or store.kept is None or not (found >= 0).any():
+            return
+        best = int(np.bincount(found[found >= 0]).argmax())
+        region = store.kept.taken(np.array([best]))
+        self._quick = self._looked_up(region, float(np.abs(leg.period).max()), steps)
+
+    def _looked_up(self, region: Regions, duration: float, steps: int) -> _Quick:
+        tube = None if self._equations is None or self._equations.linear is None else self._tube_of
+        h = duration / steps
+        long, short = region.inner(duration, tube), region.inner(h, tube)
+        need, short_need = (region.need(t)[self._rows] for t in (duration, h))
+        return _Quick(
+            *_centred(long.lo, long.hi),
+            *_centred(long.p_lo, long.p_hi),
+            short.lo[:, 0],
+            short.hi[:, 0],
+            float(long.t_lo[0]),
+            float(long.t_hi[0]),
+            duration,
+            need + ROUNDING * (1.0 + need),
+            h,
+            (short_need + ROUNDING * (1.0 + short_need))[:, 0],
+        )
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def slopes(self, index: Integers, y0: Array, y1: Array, length: Array) -> Slopes:
+        """Return the slopes of events over steps in regions: four arrays (E, K).
+
+        The rate of a state differs from its mean over a step by at most half of the step times its
+        largest second derivative. From it follow the slopes of limits with Lipschitz constants.
+
+        Parameters
+        ----------
+        index : ndarray of int, shape (K,)
+            Numbers of the regions, −1 for none.
+        y0, y1 : ndarray, shape (rows, K)
+            States at both ends of the steps.
+        length : ndarray, shape (K,)
+            Their lengths.
+        """
+        rows = len(self.bounded_rows)
+        out = np.empty((4, rows, len(index)))
+        out[0::2], out[1::2] = -np.inf, np.inf
+        if self._store is None or self._store.kept is None:
+            return out[0], out[1], out[2], out[3]
+        kept, known = self._store.kept, index >= 0
+        which = index[known]
+        out[:, :, known] = kept.slopes[:, :, which]
+        for i, limit in enumerate(self._limits, start=self._events):
+            if limit.lipschitz is None or not len(which):
+                continue
+            by = np.asarray(limit.lipschitz, dtype=float)
+            used = np.flatnonzero(by)
+            w = np.abs(length[known])
+            mean = np.abs(y1[used][:, known] - y0[used][:, known]) / w
+            speed = mean * (1.0 + ROUNDING) + 0.5 * w * kept.bends[used][:, which]
+            size = np.maximum(np.abs(kept.low[used]), np.abs(kept.high[used]))[:, which]
+            most = by[used] @ np.fmin(speed, size) * (1.0 + ROUNDING) + limit.drift
+            out[0, i, known], out[1, i, known] = -most, most
+        return out[0], out[1], out[2], out[3]
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
+    def of_pieces(self, leg: Leg, pieces: Pieces, t: Array, h: Array, index: Integers) -> Slopes:
+        """Bound the slopes over pieces of sub-steps.
+
+        Parameters
+        ----------
+        leg : Leg
+            The leg.
+        pieces : Pieces
+            Their ``lane`` counts the sub-steps (steps, B), the lanes fastest.
+        t, h : ndarray, shape (steps · B,)
+            Begin and length of the sub-steps.
+        index : ndarray of int, shape (steps · B,)
+            Their regions.
+        """
+        assert self._bounded is not None
+        region = index[pieces.lane]
+        length = pieces.end - pieces.begin
+        out = np.array(self.slopes(region, pieces.y0, pieces.y1, length))
+        sharp = np.flatnonzero((region < 0) | (np.abs(length) <= _SHARP * np.abs(h[pieces.lane])))
+        if len(sharp):
+            now = pieces.taken(sharp)
+            begin, length = t[now.lane] + now.begin, length[sharp]
+            p = leg.p[:, now.lane % len(leg.t)]
+            box = enclose(self._bounded, begin, length, now.y0, p, now.y1)
+            when = (np.minimum(begin, begin + length), np.maximum(begin, begin + length))
+            held = [(row, row) for row in p]
+            own = np.array(self._slopes(when, box, held, ~box.holds, self._bounded))
+            out[0::2][:, :, sharp] = np.fmax(out[0::2][:, :, sharp], own[0::2])
+            out[1::2][:, :, sharp] = np.fmin(out[1::2][:, :, sharp], own[1::2])
+        return out[0], out[1], out[2], out[3]
+
+    # ------------------------------------------------------------------------------------- bounds
+
+    def _slopes(
+        self,
+        when: tuple[Array, Array],
+        box: Enclosure,
+        p: Sequence[tuple[Array, Array]],
+        unknown: Flags,
+        bounded: Bounded,
+    ) -> Slopes:
+        parts = derivatives_within(bounded, when, box, p)
+        rows, lanes = len(self.bounded_rows), box.lo.shape[1]
+        found = np.empty((4, rows, lanes))
+        found[0::2], found[1::2] = -np.inf, np.inf
+        found[:, : self._events] = parts
+        speed = np.maximum(np.abs(box.rate_lo), np.abs(box.rate_hi))
+        for i, limit in enumerate(self._limits, start=self._events):
+            if limit.lipschitz is not None:
+                by = np.asarray(limit.lipschitz, dtype=float)
+                most = by @ speed[: len(by)] * (1.0 + ROUNDING) + limit.drift
+                found[0, i], found[1, i] = -most, most
+        found[0::2][np.isnan(found[0::2])] = -np.inf
+        found[1::2][np.isnan(found[1::2])] = np.inf
+        if unknown.any():
+            found[0::2, :, unknown], found[1::2, :, unknown] = -np.inf, np.inf
+        return found[0], found[1], found[2], found[3]
+
+    def _seen(self, leg: Leg, y: Array, h: Array) -> _View:
+        """Return a leg as its region sees it: under an affine law the plant and its command."""
+        law = self._law
+        if law is None:
+            return _View(y, leg.p, leg.p)
+        lo, hi = law.command(y.transpose(1, 0, 2), leg.p, float(np.max(np.abs(h))))
+        kept = leg.p[: law.plant.parameters]
+        rows = y[: len(law.plant.plant.unit)]
+        return _View(rows, np.concatenate([kept, lo]), np.concatenate([kept, hi]))
+
+    def _regions(self, boxes: Boxes) -> Regions:
+        """Compute the bounds in boxes."""
+        equations = self._equations
+        assert equations is not None
+        count = len(boxes.t_lo)
+        if self._timeless:
+            t_lo, t_hi = np.full(count, -np.inf), np.full(count, np.inf)
+        else:
+            wide = _WINDOW * (boxes.t_hi - boxes.t_lo)
+            t_lo, t_hi = boxes.t_lo - 0.01 * wide, boxes.t_hi + wide
+        boxes = self._with_room(replace(boxes, t_lo=t_lo, t_hi=t_hi))
+        when = boxes.t_lo, boxes.t_hi
+        held = list(zip(boxes.p_lo, boxes.p_hi, strict=True))
+        low, high = arrays(equations.rates(Bound(when), boxed(boxes.lo, boxes.hi), held), boxes.lo)
+        whole = np.ones(count, dtype=bool)
+        box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
+        slopes = np.array(self._slopes(when, box, held, ~whole, equations))
+        along = boxed(boxes.lo, boxes.hi, low, high)
+        seconds = equations.rates(Bound(when, iv.point(1.0)), along, held)
+        bends = np.zeros_like(low)
+        for i, part in enumerate(seconds):
+            if part.rate is not None:
+                bends[i] = iv.magnitude(part.rate)
+        bends[np.isnan(bends)] = np.inf
+        return Regions(boxes, low, high, slopes, bends)
+
+    def _with_room(self, boxes: Boxes) -> Boxes:
+        """Give the commands of a law room, at least a tenth of the plant's typical attraction."""
+        if self._law is None:
+            return boxes
+        plant = self._law.plant.plant.plant
+        least = _COMMAND * plant.scales.of(plant.controls)[:, None]
+        count = len(least)
+        p_lo, p_hi = boxes.p_lo.copy(), boxes.p_hi.copy()
+        size = np.maximum(np.maximum(np.abs(p_lo), np.abs(p_hi))[-count:], least)
+        p_lo[-count:] -= size
+        p_hi[-count:] += size
+        return replace(boxes, p_lo=p_lo, p_hi=p_hi)
+
+    def _tube_of(self, h: float) -> tuple[slice, Array]:
+        """Return rows and growth of the states of a linear law over a step."""
+        assert self._equations is not None
+        linear = self._equations.linear
+        assert linear is not None
+        if h not in self._tubes:
+            if len(self._tubes) >= _TUBES:
+                self._tubes.clear()
+            with np.errstate(over="ignore", invalid="ignore"):
+                self._tubes[h] = growth(linear.matrix, h)
+        return slice(linear.first, linear.first + len(linear.matrix)), self._tubes[h]
+
+
+def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:
+    """Return middle and half width of boxes, the latter rounded down."""
+    return 0.5 * (lo + hi), (0.5 - 1e-12) * (hi - lo)
+
+
+def _over_chunks(values: Array, begins: Integers, by: np.ufunc) -> Array:
+    """Reduce values at the ends of sub-steps (…, steps + 1, B) to chunks of sub-steps."""
+    left = by.reduceat(values[:, :-1], begins, axis=1)
+    right = by.reduceat(values[:, 1:], begins, axis=1)
+    return np.asarray(by(left, right))
