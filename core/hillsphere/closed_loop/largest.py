@@ -31,7 +31,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class _Followed:
-    """Times (S + 1, B) and states (n, S + 1, B) of a passage, length of its sub-steps (B,)."""
+    """Times (S + 1, B) and states (n, S + 1, B) of a passage, length of its sub-steps (S, B)."""
 
     t: Array
     x: Array
@@ -244,7 +244,7 @@ class Largest:
             self._follow_command(passage, t, y, place)
             if passage.k >= self._first:
                 x = y[: len(self._rows.names)].copy()
-                full = passage.period / (len(t) - 1)
+                full = np.diff(passage.t, axis=0)
                 waiting.append(_Followed(t, x, full, passage.flying))
                 if sum(len(one.t) for one in waiting) >= _TOGETHER:
                     flush()
@@ -266,7 +266,7 @@ class Largest:
         begins = np.delete(np.arange(len(after)), ends)
         steps = [len(one.t) - 1 for one in waiting]
         flying = np.repeat([one.flying for one in waiting], steps, axis=0)
-        full = np.repeat([one.full for one in waiting], steps, axis=0)
+        full = np.concatenate([one.full for one in waiting])
         counts = (after[begins + 1] <= self._planned_s * (1.0 + _SAME_TIME)) & flying
         gap = x - goal
         self._follow_deviations(
@@ -323,21 +323,32 @@ class Largest:
         largest = size[top, lanes]
         if len(size) > 2:
             middle = np.clip(top, 1, len(size) - 2)
-            before, here, after = (size[middle + d, lanes] for d in (-1, 0, 1))
-            bend, slope = before - 2.0 * here + after, 0.5 * (after - before)
-            # The vertex of the parabola, where it lies between the neighbours and bends down.
-            inside = (bend < 0.0) & (np.abs(slope) <= -bend) & (top == middle)
-            lift = np.divide(slope**2, -2.0 * bend, out=np.zeros_like(here), where=inside)
-            whole = (passage.end_t >= t[-1]) & np.isfinite(lift)
+            lift = _vertex(*((t[middle + d, lanes], size[middle + d, lanes]) for d in (-1, 0, 1)))
+            whole = (passage.end_t >= t[-1]) & (top == middle) & np.isfinite(lift)
             largest = np.where(whole, largest + lift, largest)
         seen = np.where(passage.flying & np.isfinite(largest), largest, 0.0)
         self.command[place] = np.maximum(self.command[place], seen[:width])
 
 
+def _vertex(
+    before: tuple[Array, Array], here: tuple[Array, Array], after: tuple[Array, Array]
+) -> Array:
+    """Return by how much the parabola through three points (t, value) rises above the middle one.
+
+    Zero where it bends up, or has its vertex outside.
+    """
+    (t0, y0), (t1, y1), (t2, y2) = before, here, after
+    h0, h1 = t1 - t0, t2 - t1
+    left, right = (y1 - y0) / h0, (y2 - y1) / h1
+    bend = (right - left) / (h0 + h1)
+    slope = (h1 * left + h0 * right) / (h0 + h1)
+    at = np.divide(slope, -2.0 * bend, out=np.full_like(y1, np.inf), where=bend < 0.0)
+    return np.where((-h0 <= at) & (at <= h1), 0.5 * slope * at, 0.0)
+
+
 def _to_the_ends(passage: Passage) -> tuple[Array, Array]:
     """Return times (S + 1, B) and states (rows, S + 1, B) at sub-steps, the end standing still."""
-    steps = passage.y.shape[1] - 1
-    t = passage.t + np.arange(steps + 1)[:, None] * (passage.period / steps)
+    t = passage.t
     beyond = t > passage.end_t
     if not beyond.any():
         return t, passage.y

@@ -281,11 +281,12 @@ class ByEquations:
     def own_along(self, t: Array, y: Array) -> Array | None:
         """Return what the law commands by itself, see `Act`."""
         rows, steps, width = y.shape
-        p = np.repeat(self.p[:, None], steps, axis=1).reshape(len(self.p), -1)
+        p = self.p.copy()
+        p[self._feed] = 0.0  # it changes between samples, what the law commands does not with it
+        p = np.repeat(p[:, None], steps, axis=1).reshape(len(p), -1)
         flat = np.ascontiguousarray(y).reshape(rows, -1)
-        done = self._command(flat, p, np.ascontiguousarray(t).ravel())[: self._controls]
-        own: Array = done.reshape(self._controls, steps, width) - self.p[self._feed][:, None]
-        return own
+        own = self._command(flat, p, np.ascontiguousarray(t).ravel())[: self._controls]
+        return own.reshape(self._controls, steps, width)
 
 
 def _later(

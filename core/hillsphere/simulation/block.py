@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite
 from time import perf_counter
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.acting import Act, Done, Extra
-from hillsphere.simulation.ends import End, Leg, Watch
+from hillsphere.simulation.ends import End, Held, Leg, Watch
 from hillsphere.simulation.protocols import Navigation, Reference
 
 __all__ = [
@@ -236,7 +236,9 @@ class _Block:
 
     def __init__(self, s: Settings, part: Part, act: Act, follow: Follower | None) -> None:
         self._s, self._part, self._act = s, part, act
-        self._follow, self._k = follow, 0
+        self._follow = follow
+        # What was flown since the last sample: each part, and its nodes.
+        self._flown: list[tuple[Held, Array]] = []
         width = len(part.t0)
         self.t, self._y = part.t0, act.begin(part.x0)
         self._even = bool((part.samples == part.samples.max(initial=0)).all())
@@ -250,7 +252,8 @@ class _Block:
         self._end_t = part.t0 + part.samples * part.period
         self.flying: Flags = np.ones(width, dtype=bool)
         self._whole, self.over = True, False
-        first = s.watch.start(self._next_leg(part.period, None))
+        begin = Held(self.t, part.period, act.p, None, 1)
+        first = s.watch.start(self._leg_of(begin, self._dv))
         for row in np.unique(first[first >= 0]).tolist():
             self.stop(first == row, row, self.t)
         self._alone(self.flying & (part.samples > 0))
@@ -300,43 +303,62 @@ class _Block:
 
     def leg(self, k: int, now: Done) -> None:
         """Fly to the next sample."""
-        part, substeps = self._part, self._s.substeps
-        self._k = k
-        if not now.later:
-            self._advance(part.period, now.rate, substeps)
-        else:
-            begun = self.t
-            first = now.later[0].begin
-            self._advance(first * part.period, now.rate, _share(substeps, first))
-            for one in now.later:
+        part, flying = self._part, self.flying
+        held = self._held(now)
+        self._flown.clear()
+        if not self._glided(held):
+            for one in held:
                 if self.over:
                     break
-                self.t = begun + one.begin * part.period
-                self._act.hold(one.value)
-                share = one.end - one.begin
-                self._advance(share * part.period, one.rate, _share(substeps, share))
+                self._advance(one)
+        if self._follow is not None and self._flown:
+            self._follow(self._passage(k, flying))
         self.t = part.t0 + (k + 1) * part.period
         if not self._even:
             self._alone(self.flying & (k + 1 < part.samples))
 
-    def _advance(self, duration: Array, rate: Array | None, steps: int) -> None:
+    def _held(self, now: Done) -> list[Held]:
+        """Return the parts of the time until the next sample, in each of which a command is held."""
+        period, substeps = self._part.period, self._s.substeps
+        if not now.later:
+            return [Held(self.t, period, self._act.p, now.rate, substeps)]
+        first = now.later[0].begin
+        p = self._act.p.copy()
+        held = [Held(self.t, first * period, p, now.rate, _share(substeps, first))]
+        for one in now.later:
+            self._act.hold(one.value)
+            share, p = one.end - one.begin, self._act.p.copy()
+            begin = self.t + one.begin * period
+            held.append(Held(begin, share * period, p, one.rate, _share(substeps, share)))
+        return held
+
+    def _glided(self, held: Sequence[Held]) -> bool:
+        """Fly all parts at once, if that is proved to end no flight; say whether it was."""
+        if len(held) == 1 or self._s.tolerance is not None:
+            return False
+        dv = self._dv
+        for one in held[:-1]:
+            dv = self._after(dv, one, one.end)
+        flown = self._s.watch.glide(self._leg_of(held[0], self._dv), held, self._leg_of(held[-1], dv))
+        if flown is None:
+            return False
+        self._y, self._dv = flown.y, self._after(dv, held[-1], held[-1].end)
+        for error in flown.errors:
+            self._error = self._error + np.where(self.flying, error, 0.0)
+        self._flown.extend(zip(held, flown.nodes, strict=True))
+        return True
+
+    def _advance(self, held: Held) -> None:
         """Fly on, under what is held."""
-        y, whole = self._y, self._whole
-        end, coarse = _fly(self._s, self._next_leg(duration, rate), steps)
-        if self._follow is not None and end.nodes is not None:
-            self._follow(
-                Passage(self._k, self.t, duration, end.nodes, end.t, end.y, self.flying, self._act)
-            )
+        self.t, y = held.t, self._y
+        end, coarse = _fly(self._s, self._leg_of(held, self._dv), held.steps)
+        if end.nodes is not None:
+            self._flown.append((held, end.nodes))
         if coarse is not None and coarse.any():
             self.stop(coarse, STEP_SIZE, self.t)
-            whole = False
-        spent = None if rate is None else rate * (end.t - self.t)
+        self._dv = self._after(self._dv, held, end.t)
         # The watch leaves lanes that do not fly where they were.
         self._y = end.y if coarse is None else np.where(self.flying, end.y, y)
-        if not whole:
-            spent = None if spent is None else np.where(self.flying, spent, 0.0)
-        if spent is not None:
-            self._dv = self._dv + spent
         if end.error is not None:
             self._error = self._error + np.where(self.flying, end.error, 0.0)
         if end.doubtful is not None:
@@ -344,6 +366,23 @@ class _Block:
         if end.cause is not None:
             for row in np.unique(end.cause[end.cause >= 0]).tolist():
                 self.stop(self.flying & (end.cause == row), row, end.t)
+
+    def _after(self, dv: Array, held: Held, until: Array) -> Array:
+        """Return what is spent of Δv after a part was flown until some time (B,)."""
+        if held.rate is None:
+            return dv
+        spent = held.rate * (until - held.t)
+        return dv + (spent if self._whole else np.where(self.flying, spent, 0.0))
+
+    def _passage(self, k: int, flying: Flags) -> Passage:
+        """Return what was flown since sample k, for whoever follows it."""
+        times = [held.times for held, _ in self._flown]
+        # Each part begins where the one before it ends.
+        t = np.concatenate([times[0], *(one[1:] for one in times[1:])])
+        first, *rest = [nodes for _, nodes in self._flown]
+        y = np.concatenate([first, *(nodes[:, 1:] for nodes in rest)], axis=1)
+        end_t = np.where(self.flying, t[-1], self._end_t)
+        return Passage(k, t, y, end_t, self._y, flying, self._act)
 
     def result(self) -> Result:
         """Return how it ended."""
@@ -357,23 +396,17 @@ class _Block:
     def _spent(self) -> Array:
         return self._y[-1] if self._act.counts else self._dv
 
-    def _next_leg(self, duration: Array, rate: Array | None) -> Leg:
-        part, left = self._part, None
+    def _leg_of(self, held: Held, dv: Array) -> Leg:
+        """Return a part as a leg, after some Δv was spent."""
+        part, left, rate = self._part, None, held.rate
         if self._s.budget:
-            left = part.budget if self._act.counts else part.budget - self._dv
+            left = part.budget if self._act.counts else part.budget - dv
             if rate is None and not self._act.counts:
                 rate = np.zeros(len(self.t))
         return Leg(
-            self.t,
-            self._y,
-            duration,
-            self._act.p,
-            part.cases,
-            self.flying,
-            self._whole,
-            left,
-            rate,
-        )
+            held.t, self._y, held.period, held.p, part.cases, self.flying, self._whole, left, rate,
+            None if held.period is part.period else part.period,
+        )  # fmt: skip
 
 
 def _share(steps: int, share: float) -> int:

@@ -90,42 +90,51 @@ class AffineLaw:
         lo, hi : ndarray, shape (p, B)
             Bounds.
         """
-        start, size = self._about(y, p, h)
+        start, size = self._about(y, p, h, p[None])
         return (start - size).min(axis=0), (start + size).max(axis=0)
 
-    def departure(self, y: Array, p: Array, middle: Array, h: float) -> Array:
-        """Bound |u − middle| in each of some steps; `middle` (p, 1), the rest as for `command`.
+    def departure(self, y: Array, p: Array, middle: Array, h: float, held: Array) -> Array:
+        """Bound |u − middle| in each of some steps.
+
+        Parameters
+        ----------
+        y, p, h
+            As for `command`.
+        middle : ndarray, shape (p, 1)
+            What is subtracted.
+        held : ndarray, shape (steps or 1, k, B)
+            Run-time parameters of the steps, which differ from `p` in the feedforward.
 
         Returns
         -------
         ndarray, shape (steps, p, B)
             Bounds.
         """
-        start, size = self._about(y, p, h)
+        start, size = self._about(y, p, h, held)
         start -= middle
         np.abs(start, out=start)
         start += size
         return start
 
-    def _about(self, y: Array, p: Array, h: float) -> tuple[Array, Array]:
+    def _about(self, y: Array, p: Array, h: float, held: Array) -> tuple[Array, Array]:
         """Return the commands at the begin of the sub-steps (steps, p, B), and how far they go."""
         m, count, q = len(self.a), len(self.c), self.inputs
         first, n = self.plant.parameters, y.shape[1] - 1 - len(self.a)
         begin = first + count + count**2
-        held = p[begin : begin + 2 * q]  # reference, measurement
+        seen = p[begin : begin + 2 * q]  # reference, measurement
         x = y[:-1, n : n + m]
-        largest = max(float(np.abs(held).max(initial=0.0)), float(np.abs(x).max(initial=0.0)))
+        largest = max(float(np.abs(seen).max(initial=0.0)), float(np.abs(x).max(initial=0.0)))
         start = self.c[:, :m] @ x
-        start += self.c[:, m:] @ held + self.c0
+        start += self.c[:, m:] @ seen + self.c0
         size = (_MARGIN * largest) * np.abs(self.c).sum(axis=1, keepdims=True)
         if m:
             tube = self._tube(h)
             rate = self.a[:, :m] @ x
-            rate += self.a[:, m:] @ held + self.a0
+            rate += self.a[:, m:] @ seen + self.a0
             np.abs(rate, out=rate)
             rate += (_MARGIN * largest) * np.abs(self.a).sum(axis=1, keepdims=True)
             size = tube @ rate + size
-        start += p[first : first + count]
+        start += held[:, first : first + count]
         gain = p[first + count : begin]
         if (gain == np.eye(count).reshape(-1, 1)).all():
             return start, size

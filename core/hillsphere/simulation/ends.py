@@ -26,7 +26,7 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.event_proof import EventProof
 from hillsphere.simulation.outcomes import STATUSES, status_of_event
 
-__all__ = ["End", "Leg", "Limit", "Watch"]
+__all__ = ["End", "Held", "Leg", "Limit", "Sample", "Watch"]
 
 _TOGETHER = 1024
 """Sub-steps that are searched at once: enough that arithmetic on arrays costs no more than their
@@ -91,7 +91,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Leg:
-    """One block between two samples.
+    """One block between two samples, or over a part of it in which a command is held.
 
     Parameters
     ----------
@@ -110,6 +110,8 @@ class Leg:
     left, rate : ndarray, shape (B,), or None
         Δv at hand at the start, None without a budget; and what is spent per second, None if the
         last state counts it.
+    within : ndarray, shape (B,), or None
+        Time between the samples, if the leg is a part of it.
     """
 
     t: Array
@@ -121,6 +123,12 @@ class Leg:
     whole: bool = False
     left: Array | None = None
     rate: Array | None = None
+    within: Array | None = None
+
+    @property
+    def sample(self) -> Array:
+        """Time between the samples (B,)."""
+        return self.period if self.within is None else self.within
 
     def frozen(self, y: Array) -> Array:
         """Return states y (rows, B) with those at the start where a lane does not fly."""
@@ -134,7 +142,61 @@ class Leg:
             self.whole,
             None if self.left is None else self.left[lanes],
             None if self.rate is None else self.rate[lanes],
+            None if self.within is None else self.within[lanes],
         )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A part of the time between two samples, in which a command is held.
+
+    Parameters
+    ----------
+    t, period : ndarray, shape (B,)
+        Its start, and how long it lasts.
+    p : ndarray, shape (k, B)
+        Run-time parameters.
+    rate : ndarray, shape (B,), or None
+        Δv spent per second, None if the last state counts it.
+    steps : int
+        Sub-steps.
+    """
+
+    t: Array
+    period: Array
+    p: Array
+    rate: Array | None
+    steps: int
+
+    @property
+    def times(self) -> Array:
+        """Times at the ends of the sub-steps (steps + 1, B), the start first."""
+        return self.t + np.arange(self.steps + 1)[:, None] * (self.period / self.steps)
+
+    @property
+    def end(self) -> Array:
+        """Time at its end (B,)."""
+        return self.t + self.steps * (self.period / self.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The flight from one sample to the next, through all parts.
+
+    Parameters
+    ----------
+    y, t : ndarray, shape (rows, B), (B,)
+        State and time at its end.
+    errors : list of ndarray, shape (B,)
+        Sums of the estimated errors of the steps of each part.
+    nodes : list of ndarray, shape (rows, S + 1, B)
+        States at the ends of the S sub-steps of each part, the start first.
+    """
+
+    y: Array
+    t: Array
+    errors: list[Array]
+    nodes: list[Array]
 
 
 @dataclass(frozen=True)
@@ -254,18 +316,10 @@ class Watch:
 
     def fly(self, leg: Leg, steps: int) -> End:
         """Fly a leg in equal steps, each lane to the end of the leg or to its own."""
-        h = leg.period / steps
-        proof = self._proof
+        proof, lanes = self._proof, len(leg.t)
         proof.ready(leg)
-        advance = self._stepper.bind_measured(h, leg.p)
-        rows, lanes = leg.y.shape
-        # Of each sub-step: the states at its end, and the two rows of its error.
-        flown = np.empty((steps + 1, rows + 2, lanes))
-        flown[0, :rows], flown[0, rows:], t = leg.y, 0.0, leg.t
-        for j in range(1, steps + 1):
-            advance(flown[j - 1, :rows], flown[j], t)
-            t = leg.t + j * h
-        y, errors = flown[:, :rows], self._stepper.error(flown[1:, rows:])
+        flown, h, t = self._flow(Held(leg.t, leg.period, leg.p, leg.rate, steps), leg.y)
+        y, errors = self._parted(flown)
         nodes = y.transpose(1, 0, 2)
         before, end = self._at_start(leg), leg.frozen(y[-1])
         after = self.values(leg, t, y[-1])
@@ -277,7 +331,7 @@ class Watch:
         values = np.empty((steps + 1, self.diverged, lanes))
         values[0], values[-1] = before, after
         for j in range(1, steps):
-            values[j] = self.values(leg, leg.t + j * h, flown[j, :rows])
+            values[j] = self.values(leg, leg.t + j * h, y[j])
         least = values.min(axis=0)
         doubtful = self._doubtful(least, leg.flying)
         passed = not proof.proves or proof.is_far_between(leg, y, values)
@@ -285,6 +339,69 @@ class Watch:
             return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
         nodes = np.ascontiguousarray(nodes)
         return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
+
+    def glide(self, leg: Leg, parts: Sequence[Held], last: Leg) -> Sample | None:
+        """Fly all parts between two samples, if it is proved at once that no flight ends in them.
+
+        Parameters
+        ----------
+        leg, last : Leg
+            The first and the last part; the state at the start of the latter is not looked at.
+        parts : sequence of Held
+            All parts.
+
+        Returns
+        -------
+        Sample or None
+            None if it is not proved: the parts are to be flown one by one.
+        """
+        proof = self._proof
+        before = self._at_start(leg)
+        if not proof.may_glide(leg, before):
+            return None
+        y, nodes, errors, begins = leg.y, [], [], []
+        sum_of_all, t = 0.0, leg.t
+        for part in parts:
+            flown, _, t = self._flow(part, y)
+            states, error = self._parted(flown)
+            begins.append(y)
+            y = states[-1]
+            nodes.append(states.transpose(1, 0, 2))
+            errors.append(error.sum(axis=0))
+            sum_of_all += float(np.add.reduce(flown, axis=None))
+        # One sum tells a NaN or infinity, and may overflow by itself: then it is not proved.
+        if not isfinite(sum_of_all):
+            return None
+        end = leg.frozen(y)
+        after = self.values(last, t, y)
+        if not (proof.glides(leg, parts, begins, after) and self._has_left(last, after)):
+            return None
+        self._known = (end, t, leg.cases, after)
+        return Sample(end, t, errors, nodes)
+
+    def _flow(self, part: Held, y: Array) -> tuple[Array, Array, Array]:
+        """Fly on from states y (rows, B).
+
+        Returns
+        -------
+        flown : ndarray, shape (steps + 1, rows + 2, B)
+            Of each sub-step the states at its end, and the two rows of its error; the start first.
+        h, t : ndarray, shape (B,)
+            Length of the sub-steps; time at the end.
+        """
+        rows, lanes = y.shape
+        h, steps = part.period / part.steps, part.steps
+        advance = self._stepper.bind_measured(h, part.p)
+        flown = np.empty((steps + 1, rows + 2, lanes))
+        flown[0, :rows], flown[0, rows:], t = y, 0.0, part.t
+        for j in range(1, steps + 1):
+            advance(flown[j - 1, :rows], flown[j], t)
+            t = part.t + j * h
+        return flown, h, t
+
+    def _parted(self, flown: Array) -> tuple[Array, Array]:
+        """Return states (steps + 1, rows, B) and errors (steps, B) of what was flown."""
+        return flown[:, :-2], self._stepper.error(flown[1:, -2:])
 
     def _has_left(self, leg: Leg, after: Array) -> bool:
         """Say whether all lanes have Δv left: it never rises, so that the end decides."""

@@ -26,7 +26,7 @@ from hillsphere.simulation.law_bounds import LawBounds
 from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
 
 if TYPE_CHECKING:
-    from hillsphere.simulation.ends import Leg, Limit
+    from hillsphere.simulation.ends import Held, Leg, Limit
 
 __all__ = ["EventProof"]
 
@@ -60,7 +60,8 @@ class _Quick:
     """The region of the last leg: where states and parameters must be at its start.
 
     Middles and halves of the boxes, and what events must exceed, have a second axis of one, for
-    legs of a duration. The ends of all its sub-steps, of length h, may lie in a larger box.
+    legs of a duration, and for samples in which commands jump. The ends of all its sub-steps, of
+    length h, may lie in a larger box.
     """
 
     middle: Array
@@ -75,6 +76,11 @@ class _Quick:
     need: Array
     h: float
     short_need: Array
+    sample_need: Array
+
+    def holds(self, y: Array) -> Flags:
+        """Say which states (rows, B), one by one, a leg of the duration may begin at."""
+        return np.asarray(np.abs(y[: len(self.middle)] - self.middle) <= self.half)
 
     def lasts(self, leg: Leg) -> bool:
         """Say whether a leg lies in the region's window of time."""
@@ -182,17 +188,53 @@ class EventProof:
             Events at its ends.
         """
         quick = self._quick
-        if quick is None or not self._fits(quick, leg, quick.duration, 1):
+        return (
+            quick is not None
+            and self._fits(quick, leg, quick.duration, 1)
+            # The events at the start were those at the end of the leg before.
+            and _all(np.minimum(before, after)[self._rows] > quick.need, leg)
+            and _all(quick.holds(y[0]), leg)
+            and self._holds_parameters(quick, leg)
+            # What an affine law sees is held, so that the start of the leg tells what it commands.
+            and self._commanded(quick, leg, y[:2], leg.p[None], self._longest)
+        )
+
+    def may_glide(self, leg: Leg, before: Array) -> bool:
+        """Say whether `glides` may hold until the next sample, by the start of a leg."""
+        quick = self._quick
+        if quick is None or not self.all_bounded or leg.within is None:
             return False
-        # The events at the start were those at the end of the leg before.
-        far = np.minimum(before, after)[self._rows] > quick.need
-        if not (far.all() if leg.whole else far[:, leg.flying].all()):
+        until = replace(leg, period=leg.within, within=None)
+        return (
+            self._fits(quick, until, quick.duration, 1)
+            and _all(before[self._rows] > quick.sample_need, leg)
+            and _all(quick.holds(leg.y), leg)
+            and self._holds_parameters(quick, leg)
+        )
+
+    def glides(
+        self, leg: Leg, parts: Sequence[Held], begins: Sequence[Array], after: Array
+    ) -> bool:
+        """Say whether no event has a zero until the next sample, by what `may_glide` saw and this.
+
+        Parameters
+        ----------
+        leg : Leg
+            The first part.
+        parts : sequence of Held
+            All of them.
+        begins : sequence of ndarray, shape (rows, B)
+            States where they begin.
+        after : ndarray, shape (E, B)
+            Events at the next sample.
+        """
+        quick = self._quick
+        assert quick is not None
+        if not _all(after[self._rows] > quick.sample_need, leg):
             return False
-        away = np.abs(y[0, : len(quick.middle)] - quick.middle) <= quick.half
-        if not (away.all() if leg.whole else away[:, leg.flying].all()):
-            return False
-        # What an affine law sees is held, so that the start of the leg tells what it commands.
-        return self._holds_parameters(quick, leg) and self._commanded(quick, leg, y[:2])
+        held, y = np.array([part.p for part in parts]), np.array([*begins, begins[-1]])
+        longest = max(float(np.abs(part.period).max()) for part in parts)
+        return self._commanded(quick, leg, y, held, longest)
 
     def is_far_between(self, leg: Leg, y: Array, values: Array) -> bool:
         """Say the same by the ends of all sub-steps: values (steps + 1, E, B), else as `is_far`."""
@@ -207,7 +249,7 @@ class EventProof:
             and (ends.min(axis=(0, 2)) >= quick.lo).all()
             and (ends.max(axis=(0, 2)) <= quick.hi).all()
             and self._holds_parameters(quick, leg)
-            and self._commanded(quick, leg, y)
+            and self._commanded(quick, leg, y, leg.p[None], self._longest / steps)
         )
 
     def _fits(self, quick: _Quick, leg: Leg, longest: float, steps: int) -> bool:
@@ -228,16 +270,26 @@ class EventProof:
             self._cases, self._asked = leg.cases, quick
         return True
 
-    def _commanded(self, quick: _Quick, leg: Leg, y: Array) -> bool:
-        """Say whether the commands of a leg are in a region."""
-        fixed, law = self._fixed, self._law
-        if law is None:
-            away = np.abs(leg.p[fixed:] - quick.p_middle[fixed:])
+    def _commanded(self, quick: _Quick, leg: Leg, y: Array, held: Array, length: float) -> bool:
+        """Say whether the commands of a leg are in a region.
+
+        Parameters
+        ----------
+        quick, leg
+            The region; the leg, in all parts of which the law sees the same.
+        y : ndarray, shape (S + 1, rows, B)
+            States where parts of it begin, and a last one.
+        held : ndarray, shape (S or 1, k, B)
+            Run-time parameters in the parts.
+        length : float
+            Of the longest part.
+        """
+        middle, half = quick.p_middle[self._fixed :], quick.p_half[self._fixed :]
+        if self._law is None:
+            away = np.abs(held[:, self._fixed :] - middle)
         else:
-            length = self._longest if len(y) == 2 else self._longest / (len(y) - 1)
-            away = law.departure(y, leg.p, quick.p_middle[fixed:], length)
-        inside = away <= quick.p_half[fixed:]
-        return bool(inside.all() if leg.whole else inside[..., leg.flying].all())
+            away = self._law.departure(y, leg.p, middle, length, held)
+        return _all(away <= half, leg)
 
     # ------------------------------------------------------------- what sub-steps of a leg exclude
 
@@ -279,13 +331,14 @@ class EventProof:
         t1 = leg.t[lane] + ends[chunk] * h[lane]
         if self._timeless:
             t0, t1 = np.zeros_like(t0), np.zeros_like(t1)
+        ahead = np.zeros(lanes) if leg.within is None else np.abs(leg.within)
         columns = Columns(
             Boxes(
                 lo[:, chunk, which], hi[:, chunk, which], view.p_lo[:, lane], view.p_hi[:, lane],
                 np.minimum(t0, t1), np.maximum(t0, t1),
             ),
             np.abs(h[lane]),
-            np.abs((ends - begins)[chunk] * h[lane]),
+            np.maximum(np.abs((ends - begins)[chunk] * h[lane]), ahead[lane]),
             least[:, chunk, which],
         )  # fmt: skip
         found = self._store.indices(columns)
@@ -302,13 +355,16 @@ class EventProof:
             return
         best = int(np.bincount(found[found >= 0]).argmax())
         region = store.kept.taken(np.array([best]))
-        self._quick = self._looked_up(region, float(np.abs(leg.period).max()), steps)
+        duration, h = float(np.abs(leg.sample).max()), float(np.abs(leg.period).max()) / steps
+        self._quick = self._looked_up(region, duration, h)
 
-    def _looked_up(self, region: Regions, duration: float, steps: int) -> _Quick:
+    def _looked_up(self, region: Regions, duration: float, h: float) -> _Quick:
         tube = None if self._equations is None or self._equations.linear is None else self._tube_of
-        h = duration / steps
         long, short = region.inner(duration, tube), region.inner(h, tube)
         need, short_need = (region.need(t)[self._rows] for t in (duration, h))
+        # A jump of a parameter may be one of a slope; the bends of a plant under commands of a law
+        # hold for any.
+        jumping = need if self._law is not None else region.fall(duration)[self._rows]
         return _Quick(
             *_centred(long.lo, long.hi),
             *_centred(long.p_lo, long.p_hi),
@@ -320,6 +376,7 @@ class EventProof:
             need + ROUNDING * (1.0 + need),
             h,
             (short_need + ROUNDING * (1.0 + short_need))[:, 0],
+            jumping + ROUNDING * (1.0 + jumping),
         )
 
     @np.errstate(invalid="ignore", over="ignore")
@@ -478,6 +535,11 @@ class EventProof:
             with np.errstate(over="ignore", invalid="ignore"):
                 self._tubes[h] = growth(linear.matrix, h)
         return slice(linear.first, linear.first + len(linear.matrix)), self._tubes[h]
+
+
+def _all(holds: Flags, leg: Leg) -> bool:
+    """Say whether something (…, B) holds of all lanes that fly."""
+    return bool(holds.all() if leg.whole else holds[..., leg.flying].all())
 
 
 def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:

@@ -122,11 +122,15 @@ class Regions:
         Returns
         -------
         ndarray, shape (E, R)
-            Half the largest slope times h, or the largest bend downward times h²/8.
+            `fall`, or the largest bend downward times h²/8.
         """
-        a, b, _, d = self.slopes
-        steep = 0.5 * np.maximum(np.abs(a), np.abs(b)) * h
-        return np.asarray(np.fmin(steep, np.maximum(d, 0.0) * (0.125 * h * h)))
+        bend = np.maximum(self.slopes[3], 0.0) * (0.125 * h * h)
+        return np.asarray(np.fmin(self.fall(h), bend))
+
+    def fall(self, h: float) -> Array:
+        """Return half of how far an event may fall in a time h, by its slope alone: (E, R)."""
+        steepest = np.maximum(np.abs(self.slopes[0]), np.abs(self.slopes[1]))
+        return np.asarray(0.5 * h * steepest)
 
 
 @dataclass(frozen=True, eq=False)
