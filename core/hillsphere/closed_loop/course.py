@@ -81,6 +81,7 @@ class Course:
     def __init__(self, rows: Rows, t: Array, x: Array, u: Array | None = None) -> None:
         self.rows, self._t, self._x, self._u = rows, t, x, u
         self.length_s = float(t[-1])
+        self._last: tuple[float, Array] | None = None
         self._cubic = (
             CubicHermiteSpline(t, x[rows.positions], x[rows.velocities], axis=1)
             if len(t) > 1
@@ -103,7 +104,10 @@ class Course:
             return np.broadcast_to(self._x, (len(self._x), len(t)))
         # The lanes of a block mostly fly at the same time.
         if len(t) > 1 and (t == t[0]).all():
-            return np.broadcast_to(self.at(t[:1]), (len(self._x), len(t)))
+            # Several limits and deviations are taken from the course at the same time.
+            if self._last is None or self._last[0] != t[0]:
+                self._last = float(t[0]), self.at(t[:1])
+            return np.broadcast_to(self._last[1], (len(self._x), len(t)))
         # A NaN stays: what never began is nowhere.
         within = np.clip(t, 0.0, self.length_s)
         out = np.empty((len(self._x), len(t)))

@@ -27,16 +27,32 @@ _TOGETHER = 64
 """Ends of sub-steps that are looked at together: calls then cost less than arithmetic."""
 
 Flags = NDArray[np.bool_]
+OwnCommand = Callable[[Array, Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class _Followed:
-    """Times (S + 1, B) and states (n, S + 1, B) of a passage, length of its sub-steps (S, B)."""
+    """What was flown between two samples.
 
+    Parameters
+    ----------
+    k : int
+        Number of the first.
+    t, y, p : ndarray, shape (S + 1, B), (rows, S + 1, B), (k, B)
+        Times and states at the ends of sub-steps; parameters.
+    full : ndarray, shape (S, B)
+        Length of the sub-steps where no event cut them short.
+    flying, whole : ndarray of bool, shape (B,)
+        Which lanes flew, and flew to the end.
+    """
+
+    k: int
     t: Array
-    x: Array
+    y: Array
+    p: Array
     full: Array
     flying: Flags
+    whole: Flags
 
 
 class PlannedEnd:
@@ -233,40 +249,56 @@ class Largest:
         place = slice(first, first + count)
         begun = self._begun[np.minimum(np.arange(first, first + BLOCK), len(self._begun) - 1)]
         waiting: list[_Followed] = []
+        own: OwnCommand | None = None
 
         def flush() -> None:
             if waiting:
-                self._take_up(waiting, begun, place)
+                self._take_up(waiting, begun, own, place)
                 waiting.clear()
 
         def follow(passage: Passage) -> None:
+            nonlocal own
             t, y = _to_the_ends(passage)
-            self._follow_command(passage, t, y, place)
-            if passage.k >= self._first:
-                x = y[: len(self._rows.names)].copy()
-                full = np.diff(passage.t, axis=0)
-                waiting.append(_Followed(t, x, full, passage.flying))
-                if sum(len(one.t) for one in waiting) >= _TOGETHER:
-                    flush()
+            # What is looked at together has sub-steps of one number.
+            if waiting and waiting[0].t.shape != t.shape:
+                flush()
+            own, full = passage.act.own_along, np.diff(passage.t, axis=0)
+            whole = passage.end_t >= passage.t[-1]
+            p = passage.act.p.copy()
+            waiting.append(_Followed(passage.k, t, y, p, full, passage.flying, whole))
+            if len(waiting) * len(t) >= _TOGETHER:
+                flush()
 
         self._flush[first] = flush
         return follow
 
-    def _take_up(self, waiting: Sequence[_Followed], begun: Array, place: slice) -> None:
-        """Take up the largest deviations of passages of one block."""
+    def _take_up(
+        self,
+        waiting: Sequence[_Followed],
+        begun: Array,
+        own: OwnCommand | None,
+        place: slice,
+    ) -> None:
+        """Take up the largest deviations and commands of passages of one block."""
         assert self._course is not None
-        after = np.concatenate([one.t for one in waiting]) - begun
-        x = np.concatenate([one.x for one in waiting], axis=1)
+        until = self._final - (self._planned is None)
+        commanded = [one for one in waiting if one.k <= until]
+        if own is not None and commanded:
+            self._follow_command(commanded, own, place)
+        counted = [one for one in waiting if one.k >= self._first]
+        if not counted:
+            return
+        after = np.concatenate([one.t for one in counted]) - begun
+        x = np.concatenate([one.y[: len(self._rows.names)] for one in counted], axis=1)
         if (after == after[:, :1]).all():
             goal = self._course.at(after[:, 0])[:, :, None]
         else:
             goal = self._course.at(after.ravel()).reshape(x.shape)
         # All but the last of each passage begin a sub-step.
-        ends = np.cumsum([len(one.t) for one in waiting]) - 1
-        begins = np.delete(np.arange(len(after)), ends)
-        steps = [len(one.t) - 1 for one in waiting]
-        flying = np.repeat([one.flying for one in waiting], steps, axis=0)
-        full = np.concatenate([one.full for one in waiting])
+        nodes = len(counted[0].t)
+        begins = np.flatnonzero(np.arange(len(after)) % nodes != nodes - 1)
+        flying = np.repeat([one.flying for one in counted], nodes - 1, axis=0)
+        full = np.concatenate([one.full for one in counted])
         counts = (after[begins + 1] <= self._planned_s * (1.0 + _SAME_TIME)) & flying
         gap = x - goal
         self._follow_deviations(
@@ -304,35 +336,33 @@ class Largest:
                     least = largest_square(own[:, :, step, lane], lane, least)
             self.deviations[row, place] = np.sqrt(least)
 
-    def _follow_command(self, passage: Passage, t: Array, y: Array, place: slice) -> None:
+    def _follow_command(self, waiting: Sequence[_Followed], own: OwnCommand, place: slice) -> None:
         """Take up the largest command of a law that changes it between samples."""
-        until = self._final - (self._planned is None)
-        if passage.k > until:
-            return
-        own = passage.act.own_along(t, y)
-        if own is None:
-            return
-        each = (own * own).reshape(self._thrusts, -1, *own.shape[1:]).sum(axis=1).max(axis=0)
-        size = np.sqrt(each)
-        width = place.stop - place.start
-        # Between three points a parabola rises above the largest by half of it at most.
-        if not (1.5 * size.max(axis=0)[:width] > self.command[place]).any():
-            return
-        top = np.argmax(size, axis=0)
-        lanes = np.arange(size.shape[1])
-        largest = size[top, lanes]
-        if len(size) > 2:
-            middle = np.clip(top, 1, len(size) - 2)
-            lift = _vertex(*((t[middle + d, lanes], size[middle + d, lanes]) for d in (-1, 0, 1)))
-            whole = (passage.end_t >= t[-1]) & (top == middle) & np.isfinite(lift)
-            largest = np.where(whole, largest + lift, largest)
-        seen = np.where(passage.flying & np.isfinite(largest), largest, 0.0)
-        self.command[place] = np.maximum(self.command[place], seen[:width])
+        nodes = len(waiting[0].t)
+        t = np.array([one.t for one in waiting])
+        y = np.stack([one.y for one in waiting], axis=1).reshape(len(waiting[0].y), -1)
+        p = np.stack([one.p for one in waiting], axis=1)[:, :, None]
+        p = np.broadcast_to(p, (len(p), *t.shape)).reshape(len(p), -1)
+        command = own(t.ravel(), y, p).reshape(self._thrusts, -1, *t.shape)
+        size = np.sqrt((command * command).sum(axis=1).max(axis=0))
+        top = np.argmax(size, axis=1)[:, None]
+        largest = np.take_along_axis(size, top, axis=1)
+        if nodes > 2:
+            middle = np.clip(top, 1, nodes - 2)
+            around = [
+                tuple(np.take_along_axis(each, middle + d, axis=1) for each in (t, size))
+                for d in (-1, 0, 1)
+            ]
+            lift = _vertex(*around)
+            whole = np.array([one.whole for one in waiting])[:, None] & (top == middle)
+            largest = np.where(whole & np.isfinite(lift), largest + lift, largest)
+        flying = np.array([one.flying for one in waiting])[:, None]
+        seen = np.where(flying & np.isfinite(largest), largest, 0.0).max(axis=(0, 1))
+        count = place.stop - place.start
+        self.command[place] = np.maximum(self.command[place], seen[:count])
 
 
-def _vertex(
-    before: tuple[Array, Array], here: tuple[Array, Array], after: tuple[Array, Array]
-) -> Array:
+def _vertex(before: Sequence[Array], here: Sequence[Array], after: Sequence[Array]) -> Array:
     """Return by how much the parabola through three points (t, value) rises above the middle one.
 
     Zero where it bends up, or has its vertex outside.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -93,10 +93,11 @@ class Act(Protocol):
         """Put in place what is held in a later part of the period."""
         ...
 
-    def own_along(self, t: Array, y: Array) -> Array | None:
-        """Return what the law commands by itself at times (S, B) and states (rows, S, B).
+    @property
+    def own_along(self) -> Callable[[Array, Array, Array], Array] | None:
+        """What the law commands by itself, (p, N); None if its command changes at samples only.
 
-        (p, S, B), of a law whose command changes between samples; None of one that is held.
+        Takes times (N,), states (rows, N) and run-time parameters (k, N).
         """
         ...
 
@@ -105,6 +106,7 @@ class _ByCompensator:
     """What held and impulsive actuation share."""
 
     counts = False
+    own_along = None
 
     def __init__(
         self, law: Compensator, actuator: Actuator | None, gain: Array | None, rows: int, width: int
@@ -115,10 +117,6 @@ class _ByCompensator:
     def begin(self, x: Array) -> Array:
         """Return the states."""
         return x
-
-    def own_along(self, t: Array, y: Array) -> Array | None:
-        """Return None: commands change at samples only."""
-        return None
 
     def _own(self, k: int, t: Array, seen: Array, ref: Array) -> Array:
         """Return what the law commands."""
@@ -278,15 +276,11 @@ class ByEquations:
         """Change the feedforward."""
         self.p[self._feed] = value
 
-    def own_along(self, t: Array, y: Array) -> Array | None:
+    def own_along(self, t: Array, y: Array, p: Array) -> Array:
         """Return what the law commands by itself, see `Act`."""
-        rows, steps, width = y.shape
-        p = self.p.copy()
+        p = p.copy()
         p[self._feed] = 0.0  # it changes between samples, what the law commands does not with it
-        p = np.repeat(p[:, None], steps, axis=1).reshape(len(p), -1)
-        flat = np.ascontiguousarray(y).reshape(rows, -1)
-        own = self._command(flat, p, np.ascontiguousarray(t).ravel())[: self._controls]
-        return own.reshape(self._controls, steps, width)
+        return self._command(y, p, t)[: self._controls]
 
 
 def _later(

@@ -148,29 +148,28 @@ class Moment:
     done: Array | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Passage:
-    """The sub-steps of a block over a period, or over a part of one in which a command is held.
+    """The sub-steps of a block from one sample to the next.
 
     Parameters
     ----------
     k : int
         Number of the sample that it follows.
-    t, period : ndarray, shape (B,)
-        Time at its start, and how long it lasts.
+    t : ndarray, shape (S + 1, B)
+        Time at its start, and at the end of each of its S sub-steps.
     y : ndarray, shape (rows, S + 1, B)
-        States of the system that flies at the ends of its S equal sub-steps, the start first.
+        States of the system that flies then.
     end_t, end_y : ndarray, shape (B,), (rows, B)
         Where a lane ended in it, its time and state then; else those of its end.
     flying : ndarray of bool, shape (B,)
         Lanes that flew it.
     act : Act
-        The law at work, with the parameters of this passage.
+        The law at work.
     """
 
     k: int
     t: Array
-    period: Array
     y: Array
     end_t: Array
     end_y: Array
@@ -179,7 +178,7 @@ class Passage:
 
 
 Follower = Callable[[Passage], None]
-"""Called after each passage; what it does not copy is overwritten."""
+"""Called after each sample; what it does not copy is overwritten."""
 
 Recorder = Callable[[Moment], None]
 """Called at each sample while a lane of the block flies, and at the end."""
@@ -318,7 +317,7 @@ class _Block:
             self._alone(self.flying & (k + 1 < part.samples))
 
     def _held(self, now: Done) -> list[Held]:
-        """Return the parts of the time until the next sample, in each of which a command is held."""
+        """Return the parts of the time until the next sample, by what is held in each."""
         period, substeps = self._part.period, self._s.substeps
         if not now.later:
             return [Held(self.t, period, self._act.p, now.rate, substeps)]
@@ -339,7 +338,8 @@ class _Block:
         dv = self._dv
         for one in held[:-1]:
             dv = self._after(dv, one, one.end)
-        flown = self._s.watch.glide(self._leg_of(held[0], self._dv), held, self._leg_of(held[-1], dv))
+        first, last = self._leg_of(held[0], self._dv), self._leg_of(held[-1], dv)
+        flown = self._s.watch.glide(first, held, last)
         if flown is None:
             return False
         self._y, self._dv = flown.y, self._after(dv, held[-1], held[-1].end)

@@ -70,7 +70,12 @@ class AffineLaw:
     inputs: int
     tubes: dict[float, Array] = field(default_factory=dict)
 
-    def command(self, y: Array, p: Array, h: float) -> tuple[Array, Array]:
+    @property
+    def states(self) -> int:
+        """Number of states of the plant."""
+        return len(self.plant.plant.unit)
+
+    def command(self, y: Array, p: Array, h: float, held: Array) -> tuple[Array, Array]:
         """Bound what the actuator does in the sub-steps of a leg.
 
         Measurement and reference are held, so that ẋ_c(τ) = exp(Aτ) ẋ_c(0), and the command departs
@@ -84,26 +89,19 @@ class AffineLaw:
             Run-time parameters of the closed system.
         h : float
             Length of the longest sub-step.
+        held : ndarray, shape (steps or 1, k, B)
+            Run-time parameters of the sub-steps, which differ from `p` in the feedforward.
 
         Returns
         -------
         lo, hi : ndarray, shape (p, B)
             Bounds.
         """
-        start, size = self._about(y, p, h, p[None])
+        start, size = self._about(y, p, h, held)
         return (start - size).min(axis=0), (start + size).max(axis=0)
 
     def departure(self, y: Array, p: Array, middle: Array, h: float, held: Array) -> Array:
-        """Bound |u − middle| in each of some steps.
-
-        Parameters
-        ----------
-        y, p, h
-            As for `command`.
-        middle : ndarray, shape (p, 1)
-            What is subtracted.
-        held : ndarray, shape (steps or 1, k, B)
-            Run-time parameters of the steps, which differ from `p` in the feedforward.
+        """Bound |u − middle| in each of some steps; `middle` (p, B), the rest as for `command`.
 
         Returns
         -------

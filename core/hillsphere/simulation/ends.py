@@ -318,7 +318,8 @@ class Watch:
         """Fly a leg in equal steps, each lane to the end of the leg or to its own."""
         proof, lanes = self._proof, len(leg.t)
         proof.ready(leg)
-        flown, h, t = self._flow(Held(leg.t, leg.period, leg.p, leg.rate, steps), leg.y)
+        held = Held(leg.t, leg.period, leg.p, leg.rate, steps)
+        flown, h, t = self._flow(held, leg.y)
         y, errors = self._parted(flown)
         nodes = y.transpose(1, 0, 2)
         before, end = self._at_start(leg), leg.frozen(y[-1])
@@ -326,7 +327,13 @@ class Watch:
         self._known = (end, t, leg.cases, after)
         # One sum tells a NaN or infinity; it may overflow by itself: the slow way is exact.
         sound = isfinite(np.add.reduce(flown, axis=None))
-        if sound and proof.is_far(leg, y, before, after) and self._has_left(leg, after):
+        look = proof.look
+        if (
+            sound
+            and look is not None
+            and look.is_far(leg, [held], [leg.y], before, after)
+            and self._has_left(leg, after)
+        ):
             return End(end, t, None, None, errors.sum(axis=0), nodes)
         values = np.empty((steps + 1, self.diverged, lanes))
         values[0], values[-1] = before, after
@@ -334,7 +341,7 @@ class Watch:
             values[j] = self.values(leg, leg.t + j * h, y[j])
         least = values.min(axis=0)
         doubtful = self._doubtful(least, leg.flying)
-        passed = not proof.proves or proof.is_far_between(leg, y, values)
+        passed = not proof.proves or (look is not None and look.is_far_between(leg, y, values))
         if sound and passed and (least[:, leg.flying] > 0.0).all():
             return End(end, t, None, doubtful, errors.sum(axis=0), nodes)
         nodes = np.ascontiguousarray(nodes)
@@ -355,9 +362,9 @@ class Watch:
         Sample or None
             None if it is not proved: the parts are to be flown one by one.
         """
-        proof = self._proof
-        before = self._at_start(leg)
-        if not proof.may_glide(leg, before):
+        self._proof.ready(leg)
+        look = self._proof.look
+        if look is None:
             return None
         y, nodes, errors, begins = leg.y, [], [], []
         sum_of_all, t = 0.0, leg.t
@@ -372,9 +379,8 @@ class Watch:
         # One sum tells a NaN or infinity, and may overflow by itself: then it is not proved.
         if not isfinite(sum_of_all):
             return None
-        end = leg.frozen(y)
-        after = self.values(last, t, y)
-        if not (proof.glides(leg, parts, begins, after) and self._has_left(last, after)):
+        end, before, after = leg.frozen(y), self._at_start(leg), self.values(last, t, y)
+        if not (look.is_far(leg, parts, begins, before, after) and self._has_left(last, after)):
             return None
         self._known = (end, t, leg.cases, after)
         return Sample(end, t, errors, nodes)

@@ -23,10 +23,11 @@ from hillsphere.dynamics.enclosures import (
 from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.law_bounds import LawBounds
+from hillsphere.simulation.quick_look import QuickLook
 from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
 
 if TYPE_CHECKING:
-    from hillsphere.simulation.ends import Held, Leg, Limit
+    from hillsphere.simulation.ends import Leg, Limit
 
 __all__ = ["EventProof"]
 
@@ -53,39 +54,6 @@ class _View:
     y: Array
     p_lo: Array
     p_hi: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Quick:
-    """The region of the last leg: where states and parameters must be at its start.
-
-    Middles and halves of the boxes, and what events must exceed, have a second axis of one, for
-    legs of a duration, and for samples in which commands jump. The ends of all its sub-steps, of
-    length h, may lie in a larger box.
-    """
-
-    middle: Array
-    half: Array
-    p_middle: Array
-    p_half: Array
-    lo: Array
-    hi: Array
-    t_lo: float
-    t_hi: float
-    duration: float
-    need: Array
-    h: float
-    short_need: Array
-    sample_need: Array
-
-    def holds(self, y: Array) -> Flags:
-        """Say which states (rows, B), one by one, a leg of the duration may begin at."""
-        return np.asarray(np.abs(y[: len(self.middle)] - self.middle) <= self.half)
-
-    def lasts(self, leg: Leg) -> bool:
-        """Say whether a leg lies in the region's window of time."""
-        end = leg.t + leg.period
-        return bool(self.t_lo <= min(leg.t.min(), end.min()) and end.max() <= self.t_hi)
 
 
 class EventProof:
@@ -127,14 +95,8 @@ class EventProof:
         self._timeless = False
         self._store: Store | None = None
         self._tubes: dict[float, Array] = {}
-        self._quick: _Quick | None = None
-        # The cases whose parameters were found in the region.
-        self._cases: Integers | None = None
-        self._asked: _Quick | None = None
         self._fixed = fixed
-        self._period: Array | None = None
-        self._longest = 0.0
-        self.all_bounded = False
+        self.look: QuickLook | None = None
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
     def ready(self, leg: Leg) -> None:
@@ -165,131 +127,17 @@ class EventProof:
         proved = self.bounded_rows[:-1] if self.monotone else self.bounded_rows
         self._rows = np.flatnonzero(proved)
         linear = None if self._equations is None else self._equations.linear
-        self._store = Store(self._regions, self._rows, None if linear is None else self._tube_of)
-        self.all_bounded = bool(self.bounded_rows.all()) and len(self._rows) > 0
+        tube = None if linear is None else self._tube_of
+        self._store = Store(self._regions, self._rows, tube)
+        if self.bounded_rows.all() and len(self._rows):
+            self.look = QuickLook(
+                self._store, self._rows, tube, self._law, self._fixed, self._timeless
+            )
 
     @property
     def proves(self) -> bool:
         """Whether there is any row that bounds decide."""
         return self._bounded is not None and len(self._rows) > 0
-
-    # ------------------------------------------------------------------ what a whole leg excludes
-
-    def is_far(self, leg: Leg, y: Array, before: Array, after: Array) -> bool:
-        """Say whether no event has a zero during a leg, by the last region and the leg's ends.
-
-        Parameters
-        ----------
-        leg : Leg
-            The leg.
-        y : ndarray, shape (steps + 1, rows, B)
-            States at the ends of its sub-steps, finite.
-        before, after : ndarray, shape (E, B)
-            Events at its ends.
-        """
-        quick = self._quick
-        return (
-            quick is not None
-            and self._fits(quick, leg, quick.duration, 1)
-            # The events at the start were those at the end of the leg before.
-            and _all(np.minimum(before, after)[self._rows] > quick.need, leg)
-            and _all(quick.holds(y[0]), leg)
-            and self._holds_parameters(quick, leg)
-            # What an affine law sees is held, so that the start of the leg tells what it commands.
-            and self._commanded(quick, leg, y[:2], leg.p[None], self._longest)
-        )
-
-    def may_glide(self, leg: Leg, before: Array) -> bool:
-        """Say whether `glides` may hold until the next sample, by the start of a leg."""
-        quick = self._quick
-        if quick is None or not self.all_bounded or leg.within is None:
-            return False
-        until = replace(leg, period=leg.within, within=None)
-        return (
-            self._fits(quick, until, quick.duration, 1)
-            and _all(before[self._rows] > quick.sample_need, leg)
-            and _all(quick.holds(leg.y), leg)
-            and self._holds_parameters(quick, leg)
-        )
-
-    def glides(
-        self, leg: Leg, parts: Sequence[Held], begins: Sequence[Array], after: Array
-    ) -> bool:
-        """Say whether no event has a zero until the next sample, by what `may_glide` saw and this.
-
-        Parameters
-        ----------
-        leg : Leg
-            The first part.
-        parts : sequence of Held
-            All of them.
-        begins : sequence of ndarray, shape (rows, B)
-            States where they begin.
-        after : ndarray, shape (E, B)
-            Events at the next sample.
-        """
-        quick = self._quick
-        assert quick is not None
-        if not _all(after[self._rows] > quick.sample_need, leg):
-            return False
-        held, y = np.array([part.p for part in parts]), np.array([*begins, begins[-1]])
-        longest = max(float(np.abs(part.period).max()) for part in parts)
-        return self._commanded(quick, leg, y, held, longest)
-
-    def is_far_between(self, leg: Leg, y: Array, values: Array) -> bool:
-        """Say the same by the ends of all sub-steps: values (steps + 1, E, B), else as `is_far`."""
-        quick, steps = self._quick, len(y) - 1
-        if quick is None or steps == 1 or not self._fits(quick, leg, quick.h, steps):
-            return False
-        g, ends = values[:, self._rows], y[:, : len(quick.middle)]
-        if not leg.whole:
-            g, ends = g[..., leg.flying], ends[..., leg.flying]
-        return bool(
-            (g.min(axis=(0, 2)) > quick.short_need).all()
-            and (ends.min(axis=(0, 2)) >= quick.lo).all()
-            and (ends.max(axis=(0, 2)) <= quick.hi).all()
-            and self._holds_parameters(quick, leg)
-            and self._commanded(quick, leg, y, leg.p[None], self._longest / steps)
-        )
-
-    def _fits(self, quick: _Quick, leg: Leg, longest: float, steps: int) -> bool:
-        """Say whether a leg in steps fits a region in length and in time."""
-        if not self.all_bounded:
-            return False
-        if leg.period is not self._period:
-            self._period, self._longest = leg.period, float(np.abs(leg.period).max())
-        return self._longest <= longest * steps and (self._timeless or quick.lasts(leg))
-
-    def _holds_parameters(self, quick: _Quick, leg: Leg) -> bool:
-        """Say whether what does not change during a flight is in a region; ask once a block."""
-        if leg.cases is not self._cases or quick is not self._asked:
-            p, fixed = leg.p, self._fixed
-            away = np.abs(p[:fixed] - quick.p_middle[:fixed])
-            if not (away <= quick.p_half[:fixed]).all():
-                return False
-            self._cases, self._asked = leg.cases, quick
-        return True
-
-    def _commanded(self, quick: _Quick, leg: Leg, y: Array, held: Array, length: float) -> bool:
-        """Say whether the commands of a leg are in a region.
-
-        Parameters
-        ----------
-        quick, leg
-            The region; the leg, in all parts of which the law sees the same.
-        y : ndarray, shape (S + 1, rows, B)
-            States where parts of it begin, and a last one.
-        held : ndarray, shape (S or 1, k, B)
-            Run-time parameters in the parts.
-        length : float
-            Of the longest part.
-        """
-        middle, half = quick.p_middle[self._fixed :], quick.p_half[self._fixed :]
-        if self._law is None:
-            away = np.abs(held[:, self._fixed :] - middle)
-        else:
-            away = self._law.departure(y, leg.p, middle, length, held)
-        return _all(away <= half, leg)
 
     # ------------------------------------------------------------- what sub-steps of a leg exclude
 
@@ -299,8 +147,12 @@ class EventProof:
 
         Parameters
         ----------
-        leg, y, h
-            See `is_far`.
+        leg : Leg
+            The leg.
+        y : ndarray, shape (rows, steps + 1, B)
+            States at the ends of its sub-steps.
+        h : ndarray, shape (B,)
+            Their length.
         values : ndarray, shape (E, steps + 1, B)
             Events at the ends of the sub-steps.
 
@@ -331,53 +183,22 @@ class EventProof:
         t1 = leg.t[lane] + ends[chunk] * h[lane]
         if self._timeless:
             t0, t1 = np.zeros_like(t0), np.zeros_like(t1)
-        ahead = np.zeros(lanes) if leg.within is None else np.abs(leg.within)
         columns = Columns(
             Boxes(
                 lo[:, chunk, which], hi[:, chunk, which], view.p_lo[:, lane], view.p_hi[:, lane],
                 np.minimum(t0, t1), np.maximum(t0, t1),
             ),
             np.abs(h[lane]),
-            np.maximum(np.abs((ends - begins)[chunk] * h[lane]), ahead[lane]),
+            np.abs((ends - begins)[chunk] * h[lane]),
             least[:, chunk, which],
         )  # fmt: skip
         found = self._store.indices(columns)
         by_chunk = np.full((len(begins), lanes), -1)
         by_chunk[chunk, lane] = found
         index[:] = np.repeat(by_chunk, ends - begins, axis=0)
-        self._remember(leg, steps, found)
+        if self.look is not None:
+            self.look.remember(leg, steps, index[-1])
         return index
-
-    def _remember(self, leg: Leg, steps: int, found: Integers) -> None:
-        """Keep the region that most columns are in for a quick look at the next leg."""
-        store = self._store
-        if store is None or store.kept is None or not (found >= 0).any():
-            return
-        best = int(np.bincount(found[found >= 0]).argmax())
-        region = store.kept.taken(np.array([best]))
-        duration, h = float(np.abs(leg.sample).max()), float(np.abs(leg.period).max()) / steps
-        self._quick = self._looked_up(region, duration, h)
-
-    def _looked_up(self, region: Regions, duration: float, h: float) -> _Quick:
-        tube = None if self._equations is None or self._equations.linear is None else self._tube_of
-        long, short = region.inner(duration, tube), region.inner(h, tube)
-        need, short_need = (region.need(t)[self._rows] for t in (duration, h))
-        # A jump of a parameter may be one of a slope; the bends of a plant under commands of a law
-        # hold for any.
-        jumping = need if self._law is not None else region.fall(duration)[self._rows]
-        return _Quick(
-            *_centred(long.lo, long.hi),
-            *_centred(long.p_lo, long.p_hi),
-            short.lo[:, 0],
-            short.hi[:, 0],
-            float(long.t_lo[0]),
-            float(long.t_hi[0]),
-            duration,
-            need + ROUNDING * (1.0 + need),
-            h,
-            (short_need + ROUNDING * (1.0 + short_need))[:, 0],
-            jumping + ROUNDING * (1.0 + jumping),
-        )
 
     @np.errstate(invalid="ignore", over="ignore")
     def slopes(self, index: Integers, y0: Array, y1: Array, length: Array) -> Slopes:
@@ -480,9 +301,10 @@ class EventProof:
         law = self._law
         if law is None:
             return _View(y, leg.p, leg.p)
-        lo, hi = law.command(y.transpose(1, 0, 2), leg.p, float(np.max(np.abs(h))))
+        longest = float(np.max(np.abs(h)))
+        lo, hi = law.command(y.transpose(1, 0, 2), leg.p, longest, leg.p[None])
         kept = leg.p[: law.plant.parameters]
-        rows = y[: len(law.plant.plant.unit)]
+        rows = y[: law.states]
         return _View(rows, np.concatenate([kept, lo]), np.concatenate([kept, hi]))
 
     def _regions(self, boxes: Boxes) -> Regions:
@@ -535,16 +357,6 @@ class EventProof:
             with np.errstate(over="ignore", invalid="ignore"):
                 self._tubes[h] = growth(linear.matrix, h)
         return slice(linear.first, linear.first + len(linear.matrix)), self._tubes[h]
-
-
-def _all(holds: Flags, leg: Leg) -> bool:
-    """Say whether something (…, B) holds of all lanes that fly."""
-    return bool(holds.all() if leg.whole else holds[..., leg.flying].all())
-
-
-def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:
-    """Return middle and half width of boxes, the latter rounded down."""
-    return 0.5 * (lo + hi), (0.5 - 1e-12) * (hi - lo)
 
 
 def _over_chunks(values: Array, begins: Integers, by: np.ufunc) -> Array:
