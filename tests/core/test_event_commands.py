@@ -105,18 +105,18 @@ def test_bounds_contain_dense_commands(seed: int, identity: bool) -> None:
     rest = rng.normal(size=(4, LANES)) * 10.0 ** rng.uniform(-3.0, 3.0)
     p = np.concatenate([rng.normal(size=(2, LANES)), gain, rest])
     done = dense_commands(law, y, p, h)
-    lo, hi = bounds.command(y, p, h)
+    lo, hi = bounds.command(y, p, h, p[None])
     # The samples themselves are good to some roundings of the exponential.
     small = 1e-11 * (1.0 + np.abs(done).max())
     assert (lo <= done.min(axis=(0, 3)) + small).all()
     assert (hi >= done.max(axis=(0, 3)) - small).all()
     middle = rng.normal(size=(2, 1))
-    away = bounds.departure(y, p, middle, h)
+    away = bounds.departure(y, p, middle, h, p[None])
     assert (away >= np.abs(done - middle[:, :, None]).max(axis=3) - small).all()
     # A shorter step needs no more room, whatever lengths are known already.
-    short = bounds.departure(y, p, middle, 0.5 * h)
+    short = bounds.departure(y, p, middle, 0.5 * h, p[None])
     assert (short <= away * (1.0 + 1e-9) + small).all()
-    again = bounds.departure(y, p, middle, h)
+    again = bounds.departure(y, p, middle, h, p[None])
     assert (again == away).all()
 
 
@@ -126,7 +126,7 @@ def test_bounds_are_not_needlessly_wide() -> None:
     y = np.zeros((2, 4, 1))
     p = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])[:, None]
     done = dense_commands(law, y, p, 1.0)
-    lo, hi = affine(law).command(y, p, 1.0)
+    lo, hi = affine(law).command(y, p, 1.0, p[None])
     assert (hi - lo <= 2.1 * np.ptp(done, axis=(0, 3)) + 1e-9).all()
 
 

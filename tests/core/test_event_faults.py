@@ -14,6 +14,7 @@ from hillsphere.dynamics.enclosures import growth
 from hillsphere.interfaces import Array
 from hillsphere.simulation import Cases, Simulator, command_bounds, regions, simulate
 from hillsphere.simulation.event_proof import EventProof
+from hillsphere.simulation.quick_look import QuickLook
 
 from .test_event_bytes import ROOF, STEEP
 from .test_event_commands import test_bounds_contain_dense_commands as check_commands
@@ -78,8 +79,9 @@ def test_slopes_too_small_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_regions_for_any_parameters_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Regions of weak gravity serve flights in a strong one, if nothing compares it."""
     monkeypatch.setattr(regions, "_held", ignore_parameters(regions._held))
-    monkeypatch.setattr(EventProof, "_holds_parameters", lambda *_: True)
-    monkeypatch.setattr(EventProof, "_commanded", lambda *_: True)
+    every = np.ones(64, dtype=bool)
+    monkeypatch.setattr(QuickLook, "_agree", lambda *_: every)
+    monkeypatch.setattr(QuickLook, "_departure", lambda *_: every[None, None])
     assert count_wrong() > 0
 
 

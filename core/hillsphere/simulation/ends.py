@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
@@ -23,11 +23,14 @@ from hillsphere.dynamics.proof import (
 from hillsphere.dynamics.stages import Stepper
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
-from hillsphere.simulation.event_proof import EventProof
+from hillsphere.simulation.event_proof import EventProof, Nodes
 from hillsphere.simulation.outcomes import STATUSES, status_of_event
 
 __all__ = ["End", "Held", "Leg", "Limit", "Sample", "Watch"]
 
+_PAUSE = 15
+"""Most samples that are flown part by part at once after several in which a flight came near an
+event: the proof of all parts together was then of no use."""
 _TOGETHER = 1024
 """Sub-steps that are searched at once: enough that arithmetic on arrays costs no more than their
 elements, few enough that what comes after the end of a flight is seldom searched."""
@@ -284,6 +287,7 @@ class Watch:
         self.statuses.extend(["unresolved"] * len(rows))
         self._known: tuple[Array, Array, Integers, Array] | None = None
         self._proof = proof
+        self._pause = self._left = 0
 
     def unresolved(self, rows: Integers) -> Integers:
         """Return the causes that say of these rows that they could not be decided."""
@@ -380,10 +384,50 @@ class Watch:
         if not isfinite(sum_of_all):
             return None
         end, before, after = leg.frozen(y), self._at_start(leg), self.values(last, t, y)
-        if not (look.is_far(leg, parts, begins, before, after) and self._has_left(last, after)):
+        if not self._has_left(last, after):
             return None
+        if not look.is_far(leg, parts, begins, before, after):
+            if self._left:
+                self._left -= 1
+                return None
+            proved = self._proved(leg, parts, nodes)
+            self._pause = 0 if proved else min(2 * self._pause + 1, _PAUSE)
+            self._left = self._pause
+            if not proved:
+                return None
         self._known = (end, t, leg.cases, after)
         return Sample(end, t, errors, nodes)
+
+    def _proved(self, leg: Leg, parts: Sequence[Held], nodes: Sequence[Array]) -> bool:
+        """Say whether the ends of all sub-steps of all parts prove that no flight ends in them."""
+        flown: list[Nodes] = []
+        for part, y in zip(parts, nodes, strict=True):
+            here = replace(
+                leg, t=part.t, y=y[:, 0], period=part.period, p=part.p,
+                # What is left of Δv is decided by its end.
+                left=None if leg.left is None else np.full(len(leg.t), np.inf),
+                rate=None if leg.rate is None else np.zeros(len(leg.t)),
+            )  # fmt: skip
+            count, lanes = y.shape[1:]
+            many = here.taken(np.tile(np.arange(lanes), count))
+            flat = np.ascontiguousarray(y).reshape(len(y), -1)
+            values = self.values(many, part.times.ravel(), flat).reshape(-1, count, lanes)
+            if not (values[:, :, leg.flying] > 0.0).all():
+                return False
+            flown.append(Nodes(here, part.period / part.steps, y, values))
+        for one, index in zip(flown, self._proof.of_legs(flown), strict=True):
+            g = one.values
+            certain = self._certain(g[:, :-1], g[:, 1:], one.y, index, one.h)
+            wanted = leg.flying & ~certain.all(axis=0)
+            if not wanted.any():
+                continue
+            y = np.ascontiguousarray(one.y)
+            found = self._searched(
+                _Flown(one.leg, one.h, y, g, np.zeros(0)), np.flatnonzero(wanted), certain, index
+            )
+            if (np.isfinite(found.begin) | np.isfinite(found.open_at)).any():
+                return False
+        return True
 
     def _flow(self, part: Held, y: Array) -> tuple[Array, Array, Array]:
         """Fly on from states y (rows, B).
@@ -443,7 +487,7 @@ class Watch:
         # A flight may begin on a surface: then only going below zero ends it.
         fell = (count_crossings(g0, g1, -1) | (g1 < 0)) & flying
         bad = flying & _broken(y[:, 1:], g1)
-        index = self._proof.of_leg(leg, y, flown.h, values)
+        (index,) = self._proof.of_legs([Nodes(leg, flown.h, y, values)])
         certain = self._certain(g0, g1, y, index, flown.h)
         ends = bad | (fell & certain).any(axis=0)
         # Nothing after the first end of a lane that is certain matters.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,14 @@ from hillsphere.dynamics.enclosures import (
 )
 from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
 from hillsphere.interfaces import Array, Integers
-from hillsphere.simulation.law_bounds import LawBounds
+from hillsphere.simulation.law_bounds import LawBounds, WithoutEffort
 from hillsphere.simulation.quick_look import QuickLook
 from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
 
 if TYPE_CHECKING:
     from hillsphere.simulation.ends import Leg, Limit
 
-__all__ = ["EventProof"]
+__all__ = ["EventProof", "Nodes"]
 
 _COMMAND = 0.1
 """Least room for a command, in units of the plant's scales: a tenth of its typical attraction."""
@@ -54,6 +54,38 @@ class _View:
     y: Array
     p_lo: Array
     p_hi: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """A leg that was flown, by the ends of its sub-steps.
+
+    Parameters
+    ----------
+    leg : Leg
+        The leg.
+    h : ndarray, shape (B,)
+        Length of the sub-steps.
+    y : ndarray, shape (rows, steps + 1, B)
+        States at their ends.
+    values : ndarray, shape (E, steps + 1, B)
+        Events there.
+    """
+
+    leg: Leg
+    h: Array
+    y: Array
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Chunks:
+    """Columns of a leg, of which chunk and lane each is, and how many sub-steps chunks have."""
+
+    columns: Columns
+    chunk: Integers
+    lane: Integers
+    widths: Integers
 
 
 class EventProof:
@@ -91,7 +123,17 @@ class EventProof:
         self.monotone, self._tried = monotone, False
         self._rows: Integers = np.zeros(0, dtype=int)
         self._law = bounded.affine if isinstance(bounded, LawBounds) else None
-        self._equations = bounded if self._law is None else self._law.plant
+        self._equations = bounded
+        if self._law is not None:
+            self._equations = self._law.plant
+        elif isinstance(bounded, LawBounds):
+            self._equations = WithoutEffort(bounded)
+        # Which of the states that fly regions have.
+        self.rows = slice(None)
+        if self._law is not None:
+            self.rows = slice(self._law.states)
+        elif isinstance(bounded, LawBounds):
+            self.rows = slice(-1)
         self._timeless = False
         self._store: Store | None = None
         self._tubes: dict[float, Array] = {}
@@ -128,10 +170,10 @@ class EventProof:
         self._rows = np.flatnonzero(proved)
         linear = None if self._equations is None else self._equations.linear
         tube = None if linear is None else self._tube_of
-        self._store = Store(self._regions, self._rows, tube)
+        self._store = Store(self, self._rows, tube)
         if self.bounded_rows.all() and len(self._rows):
             self.look = QuickLook(
-                self._store, self._rows, tube, self._law, self._fixed, self._timeless
+                self._store, self._rows, self.rows, tube, self._law, self._fixed, self._timeless
             )
 
     @property
@@ -142,43 +184,50 @@ class EventProof:
     # ------------------------------------------------------------- what sub-steps of a leg exclude
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
-    def of_leg(self, leg: Leg, y: Array, h: Array, values: Array) -> Integers:
-        """Return the region of each sub-step, −1 where there is none.
-
-        Parameters
-        ----------
-        leg : Leg
-            The leg.
-        y : ndarray, shape (rows, steps + 1, B)
-            States at the ends of its sub-steps.
-        h : ndarray, shape (B,)
-            Their length.
-        values : ndarray, shape (E, steps + 1, B)
-            Events at the ends of the sub-steps.
+    def of_legs(self, flown: Sequence[Nodes]) -> list[Integers]:
+        """Return the region of each sub-step of some legs, −1 where there is none.
 
         Returns
         -------
-        ndarray of int, shape (steps, B)
-            Numbers for `slopes`.
+        list of ndarray of int, shape (steps, B)
+            Numbers for `slopes`, of each leg.
         """
-        steps, lanes = y.shape[1] - 1, len(h)
-        index = np.full((steps, lanes), -1)
+        indices = [np.full((one.y.shape[1] - 1, len(one.h)), -1) for one in flown]
         if self._bounded is None or self._store is None or not len(self._rows):
-            return index
-        on = np.flatnonzero(leg.flying)
+            return indices
+        parts = [self._columns(one) for one in flown]
+        whole = [part.columns for part in parts]
+        if not sum(len(one.h) for one in whole):
+            return indices
+        boxes = [one.boxes for one in whole]
+        columns = Columns(
+            Boxes(*(_side_by_side(boxes, f.name) for f in fields(Boxes))),
+            *(_side_by_side(whole, name) for name in ("h", "duration", "least")),
+        )
+        found, first = self._store.indices(columns), 0
+        for index, part in zip(indices, parts, strict=True):
+            count = len(part.lane)
+            by_chunk = np.full((len(part.widths), index.shape[1]), -1)
+            by_chunk[part.chunk, part.lane] = found[first : first + count]
+            index[:] = np.repeat(by_chunk, part.widths, axis=0)
+            first += count
+        if self.look is not None:
+            self.look.remember(flown[-1].leg, len(indices[-1]), indices[-1][-1])
+        return indices
+
+    def _columns(self, flown: Nodes) -> _Chunks:
+        """Divide a leg into columns: chunks of sub-steps, lane by lane."""
+        leg, y, h = flown.leg, flown.y, flown.h
+        steps, on = y.shape[1] - 1, np.flatnonzero(leg.flying)
         view = self._seen(leg, y, h)
         begins = np.arange(0, steps, _CHUNK)
         lo, hi, least = (
             _over_chunks(view.y, begins, np.minimum)[:, :, on],
             _over_chunks(view.y, begins, np.maximum)[:, :, on],
-            _over_chunks(values, begins, np.minimum)[:, :, on],
+            _over_chunks(flown.values, begins, np.minimum)[:, :, on],
         )
-        sound = np.isfinite(lo).all(axis=0) & np.isfinite(hi).all(axis=0)
-        chunk, which = np.nonzero(sound)
-        if not len(which):
-            return index
-        lane = on[which]
-        ends = np.minimum(begins + _CHUNK, steps)
+        chunk, which = np.nonzero(np.isfinite(lo).all(axis=0) & np.isfinite(hi).all(axis=0))
+        lane, ends = on[which], np.minimum(begins + _CHUNK, steps)
         t0 = leg.t[lane] + begins[chunk] * h[lane]
         t1 = leg.t[lane] + ends[chunk] * h[lane]
         if self._timeless:
@@ -192,13 +241,7 @@ class EventProof:
             np.abs((ends - begins)[chunk] * h[lane]),
             least[:, chunk, which],
         )  # fmt: skip
-        found = self._store.indices(columns)
-        by_chunk = np.full((len(begins), lanes), -1)
-        by_chunk[chunk, lane] = found
-        index[:] = np.repeat(by_chunk, ends - begins, axis=0)
-        if self.look is not None:
-            self.look.remember(leg, steps, index[-1])
-        return index
+        return _Chunks(columns, chunk, lane, ends - begins)
 
     @np.errstate(invalid="ignore", over="ignore")
     def slopes(self, index: Integers, y0: Array, y1: Array, length: Array) -> Slopes:
@@ -300,51 +343,53 @@ class EventProof:
         """Return a leg as its region sees it: under an affine law the plant and its command."""
         law = self._law
         if law is None:
-            return _View(y, leg.p, leg.p)
+            return _View(y[self.rows], leg.p, leg.p)
         longest = float(np.max(np.abs(h)))
         lo, hi = law.command(y.transpose(1, 0, 2), leg.p, longest, leg.p[None])
         kept = leg.p[: law.plant.parameters]
-        rows = y[: law.states]
-        return _View(rows, np.concatenate([kept, lo]), np.concatenate([kept, hi]))
+        return _View(y[self.rows], np.concatenate([kept, lo]), np.concatenate([kept, hi]))
 
-    def _regions(self, boxes: Boxes) -> Regions:
-        """Compute the bounds in boxes."""
-        equations = self._equations
-        assert equations is not None
+    def with_room(self, boxes: Boxes) -> Boxes:
+        """Give boxes room in time, and for commands a tenth of the plant's typical attraction."""
         count = len(boxes.t_lo)
         if self._timeless:
             t_lo, t_hi = np.full(count, -np.inf), np.full(count, np.inf)
         else:
             wide = _WINDOW * (boxes.t_hi - boxes.t_lo)
             t_lo, t_hi = boxes.t_lo - 0.01 * wide, boxes.t_hi + wide
-        boxes = self._with_room(replace(boxes, t_lo=t_lo, t_hi=t_hi))
-        when = boxes.t_lo, boxes.t_hi
-        held = list(zip(boxes.p_lo, boxes.p_hi, strict=True))
-        low, high = arrays(equations.rates(Bound(when), boxed(boxes.lo, boxes.hi), held), boxes.lo)
-        whole = np.ones(count, dtype=bool)
-        box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
-        slopes = np.array(self._slopes(when, box, held, ~whole, equations))
-        along = boxed(boxes.lo, boxes.hi, low, high)
-        seconds = equations.rates(Bound(when, iv.point(1.0)), along, held)
-        bends = np.zeros_like(low)
-        for i, part in enumerate(seconds):
-            if part.rate is not None:
-                bends[i] = iv.magnitude(part.rate)
-        bends[np.isnan(bends)] = np.inf
-        return Regions(boxes, low, high, slopes, bends)
-
-    def _with_room(self, boxes: Boxes) -> Boxes:
-        """Give the commands of a law room, at least a tenth of the plant's typical attraction."""
+        boxes = replace(boxes, t_lo=t_lo, t_hi=t_hi)
         if self._law is None:
             return boxes
         plant = self._law.plant.plant.plant
         least = _COMMAND * plant.scales.of(plant.controls)[:, None]
-        count = len(least)
         p_lo, p_hi = boxes.p_lo.copy(), boxes.p_hi.copy()
-        size = np.maximum(np.maximum(np.abs(p_lo), np.abs(p_hi))[-count:], least)
-        p_lo[-count:] -= size
-        p_hi[-count:] += size
+        size = np.maximum(np.maximum(np.abs(p_lo), np.abs(p_hi))[-len(least) :], least)
+        p_lo[-len(least) :] -= size
+        p_hi[-len(least) :] += size
         return replace(boxes, p_lo=p_lo, p_hi=p_hi)
+
+    def rates(self, boxes: Boxes) -> tuple[Array, Array]:
+        """Return bounds of the rates of the states (rows, R) in boxes."""
+        equations = self._equations
+        assert equations is not None
+        when, held = Bound((boxes.t_lo, boxes.t_hi)), _held(boxes)
+        return arrays(equations.rates(when, boxed(boxes.lo, boxes.hi), held), boxes.lo)
+
+    def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
+        """Return regions, from boxes and their rates."""
+        equations = self._equations
+        assert equations is not None
+        when, held = (boxes.t_lo, boxes.t_hi), _held(boxes)
+        whole = np.ones(len(boxes.t_lo), dtype=bool)
+        box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
+        slopes = np.array(self._slopes(when, box, held, ~whole, equations))
+        bends = np.full_like(low, np.inf)
+        if any(limit.lipschitz is not None for limit in self._limits):
+            along = boxed(boxes.lo, boxes.hi, low, high)
+            for i, part in enumerate(equations.rates(Bound(when, iv.point(1.0)), along, held)):
+                bends[i] = 0.0 if part.rate is None else iv.magnitude(part.rate)
+            bends[np.isnan(bends)] = np.inf
+        return Regions(boxes, low, high, slopes, bends)
 
     def _tube_of(self, h: float) -> tuple[slice, Array]:
         """Return rows and growth of the states of a linear law over a step."""
@@ -357,6 +402,15 @@ class EventProof:
             with np.errstate(over="ignore", invalid="ignore"):
                 self._tubes[h] = growth(linear.matrix, h)
         return slice(linear.first, linear.first + len(linear.matrix)), self._tubes[h]
+
+
+def _side_by_side(parts: Sequence[Any], name: str) -> Array:
+    return np.concatenate([getattr(part, name) for part in parts], axis=-1)
+
+
+def _held(boxes: Boxes) -> list[tuple[Array, Array]]:
+    """Return the parameters of boxes as intervals."""
+    return list(zip(boxes.p_lo, boxes.p_hi, strict=True))
 
 
 def _over_chunks(values: Array, begins: Integers, by: np.ufunc) -> Array:

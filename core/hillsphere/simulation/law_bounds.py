@@ -17,7 +17,7 @@ from hillsphere.simulation.command_bounds import AffineLaw
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import norm
 
-__all__ = ["LawBounds", "law_matrix"]
+__all__ = ["LawBounds", "WithoutEffort", "law_matrix"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +72,26 @@ class LawBounds:
     def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
         """Return bounds of the plant's events."""
         return self.plant.events(t, y, p)
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutEffort:
+    """The same without its last state, the effort: it need not stay in any box, nothing sees it."""
+
+    whole: LawBounds
+
+    @property
+    def linear(self) -> LinearRows | None:
+        """States of a linear law, if it has any."""
+        return self.whole.linear
+
+    def rates(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
+        """Return bounds of the rates of the plant's states and the law's."""
+        return self.whole.rates(t, [*y, Bound.of(0.0)], p)[:-1]
+
+    def events(self, t: Bound, y: Sequence[Bound], p: Sequence[Interval]) -> list[Bound]:
+        """Return bounds of the plant's events."""
+        return self.whole.events(t, [*y, Bound.of(0.0)], p)
 
 
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")

@@ -9,14 +9,15 @@ region holds.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers
 
-__all__ = ["Boxes", "Columns", "Regions", "Store"]
+__all__ = ["Bounds", "Boxes", "Columns", "Regions", "Store"]
 
 _FACTORS = (64.0, 16.0, 4.0, 1.0, 0.25)
 """Half widths of trial regions about one column, in units of its own extent. The first serves some
@@ -33,8 +34,13 @@ _LOOSE = 4.0
 decide nothing by themselves: two more halvings of a piece at a close approach."""
 _ROUNDS = 3
 """Enlargements of a trial region that the sub-steps may leave."""
-_FAILURES = 4
-"""Columns without a region after which the others of a leg are not tried: they are alike."""
+_SINGLE_ROUNDS = 6
+"""The same for the region of one column; only those that do not hold theirs yet are tried again."""
+_SEEDS = 2
+"""Large regions that are tried for the columns of one leg. More would cost more than one for each
+column."""
+_PAUSE = 64
+"""Most legs for which no large region is tried after several that held few columns."""
 _MOST = 256
 """Regions kept; the oldest half goes when there are more. A column is compared with all of them."""
 
@@ -100,16 +106,7 @@ class Regions:
         By variation of constants for the states of a linear law, see
         `hillsphere.dynamics.enclosures`.
         """
-        h *= 1.0 + 1e-6  # steps of one length differ by rounding
-        down, up = np.minimum(h * self.low, 0.0), np.maximum(h * self.high, 0.0)
-        if tube is not None:
-            rows, growth = tube(h)
-            fastest = np.maximum(np.abs(self.low[rows]), np.abs(self.high[rows]))
-            up[rows] = growth @ fastest
-            down[rows] = -up[rows]
-        box = self.boxes
-        # Rounding of these sums is far below the region's own margin of 1e-9.
-        return Boxes(box.lo - down, box.hi - up, box.p_lo, box.p_hi, box.t_lo, box.t_hi)
+        return _inner(self.boxes, self.low, self.high, h, tube)
 
     def need(self, h: float) -> Array:
         """Return what an event's values at both ends of a sub-step must exceed for no zero inside.
@@ -153,44 +150,78 @@ class Columns:
     least: Array
 
 
+class Bounds(Protocol):
+    """What computes bounds in boxes."""
+
+    def with_room(self, boxes: Boxes) -> Boxes:
+        """Give boxes room in time and for commands."""
+        ...
+
+    def rates(self, boxes: Boxes) -> tuple[Array, Array]:
+        """Return bounds of the rates of the states (rows, R)."""
+        ...
+
+    def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
+        """Return regions, from boxes and their rates."""
+        ...
+
+
 class Store:
     """Regions that were computed, the newest last.
 
+    Where few large ones would not do, each column gets its own, for once: all at the cost of one.
+
     Parameters
     ----------
-    computed : callable
-        Boxes → regions; enlarges no box of states.
+    bounds : Bounds
+        What computes them.
     rows : ndarray of int
         Events with bounds, by which a region is judged.
     tube : callable or None
         Of the states of a linear law.
     """
 
-    def __init__(
-        self, computed: Callable[[Boxes], Regions], rows: Integers, tube: Tube | None
-    ) -> None:
-        self._computed, self._rows, self._tube = computed, rows, tube
+    def __init__(self, bounds: Bounds, rows: Integers, tube: Tube | None) -> None:
+        self._bounds, self._rows, self._tube = bounds, rows, tube
         self.kept: Regions | None = None
+        # How many of those at the end are of one column each.
+        self._single = 0
+        self._pause = self._left = 0
         self._moved: Array | None = None
         self._seen: Array | None = None
 
     def indices(self, columns: Columns) -> Integers:
         """Return the region of each column (K,), −1 where none could be made; make what lacks."""
-        count, failures = len(columns.h), 0
+        count = len(columns.h)
         index = np.full(count, -1)
         missing = np.ones(count, dtype=bool)
+        if self.kept is not None and self._single:
+            left = len(self.kept) - self._single
+            self.kept = self.kept.taken(np.arange(left)) if left else None
+            self._single = 0
         if self.kept is not None:
             index = self._found(self.kept, columns)
             missing = index < 0
-        while missing.any():
-            seed = int(np.argmax(missing))
+        if missing.any():
+            self._make_large(columns, index, missing)
+        if missing.any():
+            self._make_single(columns, index, np.flatnonzero(missing))
+        return index
+
+    def _make_large(self, columns: Columns, index: Integers, missing: Flags) -> None:
+        """Make large regions for columns that have none; change `index` and `missing`."""
+        if self._left:
+            self._left -= 1
+            return
+        wanted, asked = int(np.count_nonzero(missing)), missing.copy()
+        for _ in range(_SEEDS):
+            if not asked.any():
+                break
+            seed = int(np.argmax(asked))
             made = self._made(columns, missing, seed)
             if made is None:
-                # Nothing holds this column: it is left to whoever asked.
-                missing[seed] = False
-                failures += 1
-                if failures == _FAILURES:
-                    break
+                # Nothing large holds this column.
+                asked[seed] = False
                 continue
             self._keep(made, index)
             assert self.kept is not None
@@ -198,27 +229,67 @@ class Store:
             holds = missing & _held(self._inner(made, columns), 0, columns)
             index[holds] = last
             missing &= ~holds
-        return index
+            asked &= ~holds
+        useful = np.count_nonzero(missing) <= wanted // 2
+        self._pause = 0 if useful else min(2 * self._pause + 1, _PAUSE)
+        self._left = self._pause
+
+    def _make_single(self, columns: Columns, index: Integers, which: Integers) -> None:
+        """Make a region for each of some columns; change `index` where it holds its column."""
+        own = columns.boxes.taken(which)
+        h = float(columns.h.max())
+        lo, hi, p_lo, p_hi = _grown(*_spread(own, 1.0), own.p_lo, own.p_hi, 0.0)
+        trials = self._bounds.with_room(Boxes(lo, hi, p_lo, p_hi, own.t_lo, own.t_hi))
+        low, high = np.empty_like(trials.lo), np.empty_like(trials.lo)
+        waiting = np.arange(len(which))
+        for _ in range(_SINGLE_ROUNDS):
+            now, mine = trials.taken(waiting), own.taken(waiting)
+            low[:, waiting], high[:, waiting] = self._bounds.rates(now)
+            inner = _inner(now, low[:, waiting], high[:, waiting], h, self._tube)
+            out = (mine.lo < inner.lo) | (mine.hi > inner.hi)
+            with np.errstate(invalid="ignore"):
+                down, up = now.lo - inner.lo, inner.hi - now.hi
+                lo = np.where(out, np.fmin(now.lo, mine.lo + 2.0 * down), now.lo)
+                hi = np.where(out, np.fmax(now.hi, mine.hi - 2.0 * up), now.hi)
+            left = out.any(axis=0)
+            waiting = waiting[left]
+            if not len(waiting):
+                break
+            trials.lo[:, waiting], trials.hi[:, waiting] = lo[:, left], hi[:, left]
+        holds = np.ones(len(which), dtype=bool)
+        holds[waiting] = False
+        if not holds.any():
+            return
+        made = self._bounds.regions(trials.taken(holds), low[:, holds], high[:, holds])
+        first = 0 if self.kept is None else len(self.kept)
+        self._append(made)
+        self._single = len(made)
+        index[which[holds]] = first + np.arange(len(made))
 
     def _keep(self, made: Regions, index: Integers) -> None:
         kept = self.kept
-        if kept is None:
-            self.kept = made
-            return
-        if len(kept) >= _MOST:
+        if kept is not None and len(kept) >= _MOST:
             # What the columns at hand use stays.
             used = np.zeros(len(kept), dtype=bool)
             used[index[index >= 0]] = True
             used[len(kept) // 2 :] = True
             place = np.cumsum(used) - 1
             index[index >= 0] = place[index[index >= 0]]
-            kept = kept.taken(used)
-        self.kept = Regions(
-            _joined(kept.boxes, made.boxes),
-            np.concatenate([kept.low, made.low], axis=-1),
-            np.concatenate([kept.high, made.high], axis=-1),
-            np.concatenate([kept.slopes, made.slopes], axis=-1),
-            np.concatenate([kept.bends, made.bends], axis=-1),
+            self.kept = kept.taken(used)
+        self._append(made)
+
+    def _append(self, made: Regions) -> None:
+        kept = self.kept
+        self.kept = (
+            made
+            if kept is None
+            else Regions(
+                _joined(kept.boxes, made.boxes),
+                np.concatenate([kept.low, made.low], axis=-1),
+                np.concatenate([kept.high, made.high], axis=-1),
+                np.concatenate([kept.slopes, made.slopes], axis=-1),
+                np.concatenate([kept.bends, made.bends], axis=-1),
+            )
         )
 
     def _inner(self, regions: Regions, columns: Columns) -> Boxes:
@@ -230,19 +301,21 @@ class Store:
         h, duration = float(columns.h[missing].max()), float(columns.duration[missing].max())
         one = columns.boxes.taken(np.array([seed]))
         room = np.array([*_AHEAD, *[0.0] * len(_FACTORS)]) * duration
+        trials = self._bounds.with_room(trials)
         for turn in range(_ROUNDS):
-            found = self._computed(trials)
-            inner = found.inner(h, self._tube)
-            down, up = trials.lo - inner.lo, inner.hi - trials.hi
+            low, high = self._bounds.rates(trials)
+            inner = _inner(trials, low, high, h, self._tube)
             out = (one.lo < inner.lo) | (one.hi > inner.hi)
-            fastest = np.maximum(np.abs(found.low), np.abs(found.high))
-            more = np.where(np.isfinite(fastest), fastest, 0.0) * room * (turn == 0)
-            if turn and not out.any():
+            if turn == _ROUNDS - 1 or (turn and not out.any()):
                 break
+            down, up = trials.lo - inner.lo, inner.hi - trials.hi
+            fastest = np.maximum(np.abs(low), np.abs(high))
+            more = np.where(np.isfinite(fastest), fastest, 0.0) * room * (turn == 0)
             with np.errstate(invalid="ignore"):
                 lo = np.where(out, np.fmin(trials.lo, one.lo + 2.0 * down), trials.lo) - more
                 hi = np.where(out, np.fmax(trials.hi, one.hi - 2.0 * up), trials.hi) + more
-            trials = Boxes(lo, hi, trials.p_lo, trials.p_hi, trials.t_lo, trials.t_hi)
+            trials = replace(trials, lo=lo, hi=hi)
+        found = self._bounds.regions(trials, low, high)
         need = found.need(h)[self._rows]
         least = columns.least[self._rows]
         reference, best = None, None
@@ -325,6 +398,19 @@ class Store:
         return np.asarray(self._moved)
 
 
+def _inner(box: Boxes, low: Array, high: Array, h: float, tube: Tube | None) -> Boxes:
+    """Return where a step must begin, see `Regions.inner`."""
+    h *= 1.0 + 1e-6  # steps of one length differ by rounding
+    down, up = np.minimum(h * low, 0.0), np.maximum(h * high, 0.0)
+    if tube is not None:
+        rows, growth = tube(h)
+        fastest = np.maximum(np.abs(low[rows]), np.abs(high[rows]))
+        up[rows] = growth @ fastest
+        down[rows] = -up[rows]
+    # Rounding of these sums is far below the region's own margin of 1e-9.
+    return Boxes(box.lo - down, box.hi - up, box.p_lo, box.p_hi, box.t_lo, box.t_hi)
+
+
 def _grown(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple[Array, ...]:
     """Return a box enlarged by a part of its width, and by what rounding needs."""
     out: list[Array] = []
@@ -333,6 +419,12 @@ def _grown(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple
         more = more + 1e-9 * np.maximum(np.abs(a), np.abs(b)) + 1e-300
         out += [a - more, b + more]
     return tuple(out)
+
+
+def _spread(box: Boxes, factor: float) -> tuple[Array, Array]:
+    """Return the ends of boxes of states, enlarged by a factor of their widths on either side."""
+    more = factor * (box.hi - box.lo)
+    return box.lo - more, box.hi + more
 
 
 def _joined(first: Boxes, second: Boxes) -> Boxes:
