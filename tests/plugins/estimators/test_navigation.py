@@ -337,3 +337,16 @@ def test_bad_input(keys: dict[str, Any], message: str) -> None:
 
 def flown(names: tuple[str, ...], keys: dict[str, Any]) -> None:
     stage(names, **keys).run(RecordingContext())
+
+
+@pytest.mark.parametrize("form", ["inertial", "elements"])
+def test_a_start_in_another_form_is_a_start(form: str) -> None:
+    """It says where flights begin as a position does, and cannot stand beside a belief."""
+    given = {
+        "inertial": {"position_m": [2000, 0, 0], "velocity_m_s": [0, 0.1, 0]},
+        "elements": {"semi_major_axis_km": 2, "true_anomaly_deg": 0},
+    }
+    keys = {**NavigationSpec.examples[0], "start": {form: given[form]}}
+    assert getattr(NavigationSpec.model_validate(keys).start, form) is not None
+    with pytest.raises(ValueError, match=r"needs\.belief says where flights begin"):
+        NavigationSpec.model_validate({**keys, "needs": {"belief": "opening"}})
