@@ -18,6 +18,7 @@ from hillsphere.time import Epoch
 
 __all__ = [
     "Centre",
+    "TimedFrame",
     "TurningFrame",
     "place_start",
     "with_placed_start",
@@ -73,6 +74,15 @@ class TurningFrame(Contract, Protocol):
         ...
 
 
+@runtime_checkable
+class TimedFrame(Contract, Protocol):
+    """A plant whose frame and bodies depend on time and not only on states."""
+
+    def turning_frame(self, time_s: float) -> TurningFrame:
+        """Return the frame as it is at a time of the plant's clock."""
+        ...
+
+
 def place_start(
     start: StartFormsSpec, plant: object, others: Mapping[str, float], where: str
 ) -> tuple[Array, Array] | None:
@@ -86,7 +96,7 @@ def place_start(
     start : StartFormsSpec
         The start.
     plant : object
-        A `TurningFrame`.
+        A `TurningFrame`, or a `TimedFrame`, which is taken at the start's ``time_s``.
     others : mapping of str to float
         States that are neither position nor velocity, at the start, SI.
     where : str
@@ -106,12 +116,24 @@ def place_start(
     if form is None:
         return None
     key = f"{where}.{'inertial' if start.inertial else 'elements'}"
+    positions = [v.name for v in getattr(plant, "states", ()) if (v.length, v.time) == (1, 0)]
+    if len(positions) > 3:
+        raise InputError(
+            f"{key}: the plant moves {len(positions) // 3} bodies ({', '.join(positions)}) and "
+            f"this is the start of one; give {where}.position and {where}.velocity, three numbers "
+            "for each in the plant's frame"
+        )
+    if isinstance(plant, TimedFrame):
+        plant = plant.turning_frame(getattr(start, "time_s", 0.0))
     if not isinstance(plant, TurningFrame):
         raise InputError(
             f"{key}: plant {type(plant).__name__} does not say how its frame turns; give "
             f"{where}.position and {where}.velocity in the plant's frame"
         )
-    centres = plant.centres(others)
+    try:
+        centres, rate = plant.centres(others), plant.frame_rate(others)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
     name = form.about or next(iter(centres))
     if name not in centres:
         raise InputError(f"{key}.about: no body {name!r}; the plant has {', '.join(centres)}")
@@ -127,7 +149,7 @@ def place_start(
             raise InputError(f"{key}: {error}") from error
         x = np.concatenate([axes.T @ x[:3], axes.T @ x[3:]])
     r = centre.position_m + x[:3]
-    v = centre.velocity_m_s + x[3:] - np.cross(plant.frame_rate(others), r)
+    v = centre.velocity_m_s + x[3:] - np.cross(rate, r)
     return r, v
 
 

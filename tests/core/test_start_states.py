@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from hillsphere import create
 from hillsphere.closed_loop.specs import StartSpec
@@ -169,6 +171,166 @@ def test_icrf_states_against_the_ephemeris_frame() -> None:
         )  # fmt: skip
         np.testing.assert_allclose(r, x[:3], rtol=0, atol=1e-7)
         np.testing.assert_allclose(v, x[3:], rtol=0, atol=1e-10)
+
+
+ASTEROID: dict[str, Any] = {
+    "name": "ryugu", "primary_gm_m3_s2": 1.32712440018e20, "semi_major_axis_m": 1.78e11,
+    "eccentricity": 0.19, "rotation_rate_rad_s": 2.287e-4, "semi_axes_m": (502.0, 502.0, 438.0),
+}  # fmt: skip
+ANGLES = {"inclination_rad": 0.103, "node_rad": 4.39, "periapsis_rad": 3.69}
+SUN = 1.32712440018e20
+TILT = radians(84381.448 / 3600.0)
+"""Obliquity of the ecliptic J2000, IAU 1976."""
+
+
+def proximity(asteroid: dict[str, Any] | None = None, **keys: Any) -> Any:
+    gravity = create("gravity", "point_mass", gm_m3_s2=30.0)
+    moon = create("body", "asteroid", **ASTEROID, **(ANGLES if asteroid is None else asteroid))
+    return create("plant", "proximity", body=moon, gravity=gravity, **keys)
+
+
+def turned(*angles: tuple[int, float]) -> Array:
+    """Return the product of rotations about the axes with these numbers, (3, 3)."""
+    whole = np.eye(3)
+    for axis, angle in angles:
+        c, s = cos(angle), sin(angle)
+        turn = np.eye(3)
+        i, j = ((1, 2), (2, 0), (0, 1))[axis]
+        turn[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
+        whole = whole @ turn
+    return whole
+
+
+def anomaly_later(start: float, time_s: float) -> tuple[float, float, float]:
+    """Return f, R and ḟ after a time on the asteroid's orbit, by quadrature of dt = R² df/h."""
+    a, e = ASTEROID["semi_major_axis_m"], ASTEROID["eccentricity"]
+    h = sqrt(SUN * a * (1 - e * e))
+
+    def distance(f: float) -> float:
+        return float(a * (1 - e * e) / (1 + e * cos(f)))
+
+    def excess(f: float) -> float:
+        return float(quad(lambda q: distance(q) ** 2 / h, start, f, epsrel=1e-13)[0]) - time_s
+
+    f = brentq(excess, start - 1.0, start + 6.0, xtol=1e-14) if time_s else start
+    return f, distance(f), h / distance(f) ** 2
+
+
+@pytest.mark.parametrize("time_s", [0.0, 4e6])
+def test_an_orbit_about_an_asteroid_in_its_hill_frame(time_s: float) -> None:
+    """The polar circle at its highest point; the frame turns by ḟ of the time of the start."""
+    _, _, rate = anomaly_later(0.7, time_s)
+    keys = {"semi_major_axis_km": 2, "inclination_deg": 60, "true_anomaly_deg": 0}
+    r, v = place(proximity(true_anomaly_rad=0.7), elements=keys, time_s=time_s)
+    np.testing.assert_allclose(r, [2000.0, 0.0, 0.0], rtol=1e-13, atol=1e-9)
+    speed = sqrt(30.0 / 2000.0)
+    expected = [0.0, speed * cos(radians(60)) - rate * 2000.0, speed * sin(radians(60))]
+    np.testing.assert_allclose(v, expected, rtol=1e-11, atol=1e-15)
+
+
+@pytest.mark.parametrize("time_s", [0.0, 4e6])
+def test_a_heliocentric_start_in_the_hill_frame(time_s: float) -> None:
+    """Of a spacecraft at rest relative to the asteroid and 1 km ahead, as the Sun sees it."""
+    f, distance, rate = anomaly_later(0.7, time_s)
+    a, e = ASTEROID["semi_major_axis_m"], ASTEROID["eccentricity"]
+    away = sqrt(SUN / (a * (1 - e * e))) * e * sin(f)
+    r, v = place(
+        proximity(true_anomaly_rad=0.7),
+        inertial={
+            "position_m": [distance, 1000.0, 0.0], "velocity_m_s": [away, rate * distance, 0.0],
+            "about": "sun",
+        },
+        time_s=time_s,
+    )  # fmt: skip
+    # rounding of 1.8e11 m and 30 km/s, and of the anomaly
+    np.testing.assert_allclose(r, [0.0, 1000.0, 0.0], rtol=0, atol=2e-3)
+    np.testing.assert_allclose(v, [rate * 1000.0, 0.0, 0.0], rtol=0, atol=1e-9)
+
+
+def test_stars_seen_from_the_hill_frame() -> None:
+    """Its axes are those of the orbit, Rz(Ω) Rx(i) Rz(ω + f), after the ecliptic's tilt Rx(ε)."""
+    epoch = "2027-06-01T00:00:00"
+    axes = turned(
+        (0, TILT), (2, ANGLES["node_rad"]), (0, ANGLES["inclination_rad"]),
+        (2, ANGLES["periapsis_rad"] + 0.7),
+    )  # fmt: skip
+    rate = anomaly_later(0.7, 0.0)[2]
+    x, u = np.array([900.0, -400.0, 250.0]), np.array([0.01, 0.02, -0.03])
+    form = {
+        "position_m": (axes @ x).tolist(), "velocity_m_s": (axes @ u).tolist(), "axes": "icrf",
+        "epoch": epoch,
+    }  # fmt: skip
+    r, v = place(proximity(true_anomaly_rad=0.7), inertial=form)
+    np.testing.assert_allclose(r, x, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(v, u - np.cross([0, 0, rate], x), rtol=0, atol=1e-14)
+    with pytest.raises(InputError, match="'ryugu' does not say how its orbit stands"):
+        place(proximity({}, true_anomaly_rad=0.7), inertial=form)
+    dated = proximity({**ANGLES, "mean_anomaly_rad": 0.5, "epoch": "2027-05-31T23:00:00"})
+    place(dated, inertial=form, time_s=3600.0)
+    with pytest.raises(InputError, match="the flight begins at 2027-05-31T23:00:00 TDB"):
+        place(dated, inertial=form)
+
+
+def test_elements_about_the_sun() -> None:
+    """Of one body in ecliptic axes: the perihelion of an orbit, Rz(Ω) Rx(i) Rz(ω) x."""
+    one = create("plant", "heliocentric", bodies=[{}], primary_gm_m3_s2=SUN)
+    a, e = 1.5e11, 0.3
+    axes = turned((2, 0.4), (0, 0.2), (2, 1.1))
+    keys = {"node_rad": 0.4, "inclination_rad": 0.2, "periapsis_rad": 1.1, "eccentricity": e}
+    r, v = place(one, elements={"semi_major_axis_m": a, **keys, "true_anomaly_rad": 0})
+    near = a * (1 - e)
+    speed = sqrt(SUN * (1 + e) / near)
+    np.testing.assert_allclose(r, near * axes[:, 0], rtol=1e-13)
+    np.testing.assert_allclose(v, speed * axes[:, 1], rtol=1e-13)
+    # the pole of the Earth's equator of J2000 stands at the obliquity from that of the ecliptic
+    pole, _ = place(
+        one,
+        inertial={
+            "position_m": [0, 0, a], "velocity_m_s": [0, 0, 0], "axes": "icrf",
+            "epoch": "2027-06-01",
+        },
+    )  # fmt: skip
+    np.testing.assert_allclose(pole, [0.0, a * sin(TILT), a * cos(TILT)], rtol=1e-13, atol=1e-3)
+
+
+def test_a_satellite_of_the_earth() -> None:
+    """A frame that does not turn: the start is that of the ellipse, Rz(Ω) Rx(i) Rz(ω) x."""
+    planet = create("body", "planet")
+    gravity = create("gravity", "point_mass", gm_m3_s2=3.986004418e14)
+    orbit = create(
+        "plant", "earth_orbit", body=planet, gravity=gravity, epoch="2027-06-01", frame="gcrs"
+    )
+    keys = {"node_rad": 0.4, "inclination_rad": 0.9, "periapsis_rad": 1.1, "eccentricity": 0.01}
+    axes, near = turned((2, 0.4), (0, 0.9), (2, 1.1)), 7e6 * 0.99
+    speed = sqrt(3.986004418e14 * 1.01 / near)
+    elements = {"semi_major_axis_m": 7e6, **keys, "true_anomaly_rad": 0}
+    r, v = place(orbit, elements=elements)
+    np.testing.assert_allclose(r, near * axes[:, 0], rtol=1e-13)
+    np.testing.assert_allclose(v, speed * axes[:, 1], rtol=1e-13)
+    again = place(orbit, inertial={"position_m": r.tolist(), "velocity_m_s": v.tolist()})
+    np.testing.assert_allclose(np.concatenate(again), [*r, *v], rtol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["proximity", "heliocentric"])
+def test_one_start_for_several_spacecraft_is_refused(kind: str) -> None:
+    several = (
+        proximity(spacecraft=[{}, {}])
+        if kind == "proximity"
+        else create("plant", kind, bodies=[{}, {}])
+    )
+    form = {"semi_major_axis_km": 2, "true_anomaly_deg": 0}
+    with pytest.raises(InputError, match=r"start\.elements: the plant moves 2 bodies \(x1.*three"):
+        create(
+            "stage", "closed_loop", plant=several, law=Idle(), samples=1, start={"elements": form}
+        )
+
+
+def test_an_ellipse_needs_the_bodys_place() -> None:
+    """Without its true anomaly nothing says how fast the frame turns: perihelion is no default."""
+    elliptic = plant("three_body", body(eccentricity=0.2), orbit="elliptic", rotation="locked")
+    form = {"semi_major_axis_km": 60, "true_anomaly_deg": 0}
+    with pytest.raises(InputError, match=r"start\.elements: .* give start\.others\.true_anomaly"):
+        place(elliptic, elements=form)
 
 
 def test_what_cannot_be_placed() -> None:

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from hillsphere.interfaces import Parameter, Scales, Variable
+import numpy as np
+
+from hillsphere.ephemeris import from_equator
+from hillsphere.interfaces import Array, Parameter, Scales, Variable
+from hillsphere.start_states import Centre
 from hillsphere.symbolic import Expr, Params, dot, power, sum_of
+from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY
 from hillsphere_plants.proximity import AU_M
 from hillsphere_plants.proximity_specs import HeliocentricSpec
@@ -56,6 +61,18 @@ class Heliocentric:
     def scales(self) -> Scales:
         """1 au, and a radian of the circular orbit there."""
         return Scales(AU_M, (AU_M**3 / self.spec.primary_gm_m3_s2) ** 0.5)
+
+    def frame_rate(self, others: Mapping[str, float]) -> Array:
+        """Return zero (3,): the frame does not turn."""
+        return np.zeros(3)
+
+    def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
+        """Return the Sun, with its whole attraction: without what radiation pressure takes off."""
+        return {"sun": Centre(self.spec.primary_gm_m3_s2, np.zeros(3), np.zeros(3))}
+
+    def icrf_axes(self, epoch: Epoch) -> Array:
+        """Return the axes of ecliptic and equinox J2000 in the ICRF as columns (3, 3)."""
+        return np.asarray(from_equator(np.eye(3)[:, :, None])[:, :, 0])
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the Sun's gravitational parameter and those of radiation pressure."""

@@ -46,6 +46,7 @@ from hillsphere.symbolic import (
 from hillsphere.symbolic import (
     time as symbolic_time,
 )
+from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY, moon_of, vector
 from hillsphere_plants.proximity_frame import frame_at
 from hillsphere_plants.proximity_orbit import (
@@ -57,6 +58,7 @@ from hillsphere_plants.proximity_orbit import (
     orbit_terms,
 )
 from hillsphere_plants.proximity_specs import ProximitySpec
+from hillsphere_plants.proximity_start import HillFrame
 from hillsphere_plants.tidal import tidal_acceleration
 from hillsphere_plants.turning import turning_motion
 
@@ -334,6 +336,15 @@ class Proximity:
         """
         t = np.atleast_1d(np.asarray(t_s, dtype=float))
         return frame_at(t, self.body, {q.name: q.value for q in self._own} | values)
+
+    def turning_frame(self, time_s: float) -> HillFrame:
+        """Return the Hill frame at a time, about which starts in other forms are placed."""
+        found = self.heliocentric(np.array([time_s]))
+        return HillFrame(
+            (self.body_name, self.body.primary_name), (self.gm_m3_s2, self.primary_gm_m3_s2),
+            found["origin"][:, 0], found["axes"][..., 0], found["rate"][:, 0],
+            self.oriented, None if self.epoch is None else Epoch.parse(self.epoch, "TDB"), time_s,
+        )  # fmt: skip
 
     def anomaly(self, t_s: Array) -> Array:
         """Return the true anomaly f (N,), rad, of the asteroid at times (N,)."""

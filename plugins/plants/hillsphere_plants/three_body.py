@@ -57,6 +57,16 @@ __all__ = [
 _ANOMALY = Variable("true_anomaly", unit="rad")
 
 
+def _given_anomaly(others: Mapping[str, float]) -> float:
+    """Return the true anomaly among the states at a start; `InputError` if it is left out."""
+    if _ANOMALY.name not in others:
+        raise InputError(
+            f"the body's place on its ellipse decides what it means; give start.others."
+            f"{_ANOMALY.name}, also with a reference"
+        )
+    return others[_ANOMALY.name]
+
+
 class ThreeBody(MoonCentred):
     """What all three-body problems share.
 
@@ -238,12 +248,12 @@ class _EllipticMotion(ThreeBody):
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:
         """Return the angular velocity (3,) of the body, rad/s, at its true anomaly."""
-        anomaly = np.array([[others.get(_ANOMALY.name, 0.0)]])
+        anomaly = np.array([[_given_anomaly(others)]])
         return np.array([0.0, 0.0, float(self._orientation(anomaly)[1][0])])
 
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
         """Return the moon, and its primary where it is at the true anomaly."""
-        anomaly = others.get(_ANOMALY.name, 0.0)
+        anomaly = _given_anomaly(others)
         e, n = self.eccentricity, self.mean_motion_rad_s
         root = np.sqrt(1.0 - e * e)
         distance = self.primary_distance_m * root**2 / (1.0 + e * np.cos(anomaly))

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hillsphere import create
+from hillsphere.cli.endings import run
 from hillsphere.errors import HillsphereError
 from hillsphere.interfaces import Array
+from hillsphere.paths import missions_directory
 from hillsphere.plant_model import PlantModel
 from hillsphere.plugins import validate
 from hillsphere.sensor_suite import SensorSuite
@@ -337,3 +340,35 @@ def test_bad_input(keys: dict[str, Any], message: str) -> None:
 
 def flown(names: tuple[str, ...], keys: dict[str, Any]) -> None:
     stage(names, **keys).run(RecordingContext())
+
+
+@pytest.mark.parametrize("form", ["inertial", "elements"])
+def test_a_start_in_another_form_is_a_start(form: str) -> None:
+    """It says where flights begin as a position does, and cannot stand beside a belief."""
+    given = {
+        "inertial": {"position_m": [2000, 0, 0], "velocity_m_s": [0, 0.1, 0]},
+        "elements": {"semi_major_axis_km": 2, "true_anomaly_deg": 0},
+    }
+    keys = {**NavigationSpec.examples[0], "start": {form: given[form]}}
+    assert getattr(NavigationSpec.model_validate(keys).start, form) is not None
+    with pytest.raises(ValueError, match=r"needs\.belief says where flights begin"):
+        NavigationSpec.model_validate({**keys, "needs": {"belief": "opening"}})
+
+
+def test_one_orbit_for_three_spacecraft_is_refused_by_validate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the place in the file; the same start of one spacecraft is valid."""
+    text = (missions_directory() / "bennu-formation.toml").read_text("utf-8")
+    form = "start = { elements = { semi_major_axis_km = 2.6, true_anomaly_deg = 20 } }"
+    text = text.replace("start = { position_m = [0, -2500, 600] }", form)
+    begin = text.index("start = { position_m = [0, -2500, 600, 300,")
+    # the stage of three is like that of one: without a start of its own it takes the other's
+    text = text[:begin] + text[text.index("\n", begin) :]
+    path = tmp_path / "orbits.toml"
+    path.write_text(text, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert run(["validate", str(path)]) == 2
+    told = capsys.readouterr().err.strip()
+    assert told.count("\n") == 0
+    assert "stage.three.start.elements: the plant moves 3 bodies" in told

@@ -10,6 +10,16 @@ References
    as public programs quote its orbits by number or by what its API returns.
 .. [2] github.com/Yuricst/paladin, tests/test_propagator_cr3bp.py: "ID723 in southern halo", with
    the mass ratio of [1]_.
+.. [3] github.com/Omnikar/gravity-sim, src/main.rs (orbits by number, some in its history),
+   with the mass ratios of [1]_.
+.. [4] github.com/jmripic/orbit-gen, version 0.2.0 on PyPI, orbit_gen/setup/presets.py.
+.. [5] github.com/Coorbital-Inc/pumpkyn, src/+pumpkyn/+cr3bp/stabilityIndex.m, with the
+   mass ratio of [1]_.
+.. [6] github.com/SIOSlab/STMInt, examples/NrhoPropError.py: "Gateway Nrho ics", µ = 1/82.30059.
+.. [7] github.com/jared711/nrho-lagrangian-tori, src/cpp/param.cc, in a comment, with the mass
+   ratio of [1]_.
+.. [8] github.com/arunsuresh990/Spacecraft-Trajectory-Design-using-Space-Manifold-Dynamics,
+   MANIFOLDS/PstopGL1toEL2manifoldpi.m, with mass ratios 7.802e-5 and 2.523e-5.
 """
 
 from __future__ import annotations
@@ -19,6 +29,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 from hillsphere import create
 from hillsphere.errors import ConvergenceError
@@ -34,6 +46,8 @@ EARTH_MOON = 1.215058560962404e-2
 SATURN_TITAN = 2.366393158331484e-4
 MARS_PHOBOS = 1.611081404409632e-8
 SUN_EARTH = 3.0542e-6
+SATURN_ENCELADUS = 1.901109735892602e-7
+JUPITER_GANYMEDE, JUPITER_EUROPA = 7.802e-5, 2.523e-5  # not the catalogue's [8]
 
 
 @cache
@@ -135,34 +149,142 @@ def test_retrograde_orbit_840_of_the_earth_and_moon() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "mu", "printed", "period", "high"),
+    ("kind", "point", "mu", "printed", "period"),
     [
-        # Earth-Moon, Lyapunov orbits about L2, number 972
-        ("lyapunov", EARTH_MOON, (1.1192937490150918, 0.0, 0.18122474967618102),
-         3.4181096055680626, 0.1),
-        # Sun-Earth, northern halo orbits about L2, number 1197
-        ("north", SUN_EARTH, (1.0110059685997803, 4.5638537751076817e-3, -1.1344790710813389e-2),
-         3.0803024932763416, 5e-3),
-        # Earth-Moon, southern halo orbits about L2, number 723: near-rectilinear [2]
-        ("south", EARTH_MOON, (1.0134037728554581, -0.17536227281091840, -8.3688427472776439e-2),
-         1.3960732332950263, None),
+        # number 972
+        ("lyapunov", "L2", EARTH_MOON, (1.1192937490150918, 0.0, 0.18122474967618102),
+         3.4181096055680626),
+        # number 468 [3]
+        ("lyapunov", "L1", EARTH_MOON, (6.819333350640226e-1, 0.0, 6.785699388026654e-1),
+         6.111556928682104),
+        # "SE_L2_Small_Lyapunov" [4]
+        ("lyapunov", "L2", SUN_EARTH, (1.0173058431158761, 0.0, -3.5071329991448227e-2),
+         5.5314456810353905),
+        # number 1197
+        ("north", "L2", SUN_EARTH,
+         (1.0110059685997803, 4.5638537751076817e-3, -1.1344790710813389e-2), 3.0803024932763416),
+        # "SE_L2_Northern_Halo" [4]
+        ("north", "L2", SUN_EARTH,
+         (1.0082893998277027, 0.011434182696839030, -0.015179690420484332), 2.7047531095113841),
+        # number 723, near-rectilinear [2]
+        ("south", "L2", EARTH_MOON,
+         (1.0134037728554581, -0.17536227281091840, -8.3688427472776439e-2), 1.3960732332950263),
+        # number 1147, beside the Lyapunov orbits [5]
+        ("north", "L1", EARTH_MOON,
+         (8.2339081983651485e-1, 9.8941366235910004e-4, 1.2634272983881797e-1),
+         2.7430007981241529),
+        # number 928 [3], of the southern branch: z has the other sign
+        ("north", "L1", EARTH_MOON,
+         (8.60129407766971e-1, 1.841529273318465e-1, 2.5380541457638645e-1), 2.3976941611197926),
+        # Gateway's near-rectilinear orbit, of 6.56 days or two of nine in a lunar month [6]
+        ("north", "L2", 1.0 / (81.30059 + 1.0),
+         (1.022021512735817408, 0.182096761524240501, -0.103256341062793816), 1.511111111111111111),
     ],
 )  # fmt: skip
-def test_libration_orbits_of_the_catalogue(
-    kind: str, mu: float, printed: tuple[float, ...], period: float, high: float | None
+def test_libration_orbits_with_a_printed_period(
+    kind: str, point: str, mu: float, printed: tuple[float, ...], period: float
 ) -> None:
-    """The state of the member with the printed period [1]_, at one of its two crossings."""
-    family = libration(kind, mu, high)
+    """The state of the member with that period, at one of its two crossings [1]_."""
+    family = libration(kind, point, mu)
     found = members_at(family.problem, family.branch, family.period, np.array([period]))
     states = crossings(family, found.z, mu)
     misses = np.max(np.abs(states - np.array(printed)[:, None]), axis=0)
     assert misses.min() < 1e-11
 
 
+@pytest.mark.parametrize(
+    ("kind", "point", "mu", "printed", "closed"),
+    [
+        # quoted without number or period [7]
+        ("north", "L2", SATURN_ENCELADUS,
+         (1.0025904252283664, 4.8802791235671040e-3, -5.4593457318909567e-3), 1e-11),
+        # quoted without number or period [3]
+        ("south", "L2", SATURN_TITAN,
+         (1.0146402930203535, -5.197874717887378e-2, -3.743802561661956e-2), 1e-11),
+        # a state that misses the perpendicular crossing by 1e-8, after its own period [8]
+        ("lyapunov", "L1", JUPITER_GANYMEDE, (0.965251234321497, 0.0, 0.046053059097282), 2e-9),
+        # by 4.5e-6, and its period is 2.9e-4 too long: SciPy's correction moves ẏ by 3.7e-8 [8]
+        ("lyapunov", "L2", JUPITER_EUROPA, (1.014011458923152, 0.0, 0.035771034698967), 5e-8),
+    ],
+)  # fmt: skip
+def test_libration_orbits_with_a_printed_state(
+    kind: str, point: str, mu: float, printed: tuple[float, ...], closed: float
+) -> None:
+    """Z and ẏ of the member that crosses at the printed x, as well as the printed state closes.
+
+    Beside it ẏ of SciPy's DOP853 with a shooting of its own from the printed state, at its x.
+    """
+    family = libration(kind, point, mu)
+    n = family.branch.size
+    states = crossings(family, family.branch.z, mu).reshape(3, 2, n)
+    half = int(
+        np.min(np.max(np.abs(states - np.array(printed)[:, None, None]), axis=0), 1).argmin()
+    )
+    place = float(np.max(np.abs(states[:, half] - np.array(printed)[:, None]), axis=0).argmin())
+
+    def beside(u: float) -> Array:
+        z = family.branch.at(family.problem, np.array([u]))
+        return np.asarray(crossings(family, z, mu)[:, half])
+
+    # the secant looks towards the inside of the chain
+    near = 1e-4 if place < n - 1 else -1e-4
+    for _ in range(6):
+        here, there = beside(place), beside(place + near)
+        place -= (here[0] - printed[0]) * near / (there[0] - here[0])
+    found = beside(place)
+    assert found[0] == pytest.approx(printed[0], abs=1e-13)
+    assert found[1:] == pytest.approx(printed[1:], abs=closed)
+    z = family.branch.at(family.problem, np.array([place]))
+    own = by_dop853(
+        mu, printed, float(family.problem.period(z)[0]) * family.plant.scales.time_s * RATE
+    )
+    assert found[1:] == pytest.approx(own[1:], abs=1e-11)
+
+
+def by_dop853(mu: float, printed: tuple[float, ...], period: float) -> Array:
+    """Return x, z and ẏ of the periodic orbit at the printed x, without any code of the families.
+
+    Newton's method on z (of an orbit in space), ẏ and the half-period, by differences.
+    """
+
+    def rates(t: float, s: Array) -> list[float]:
+        x, y, z, u, v, w = s
+        a = (1.0 - mu) * ((x + mu) ** 2 + y * y + z * z) ** -1.5
+        b = mu * ((x - 1.0 + mu) ** 2 + y * y + z * z) ** -1.5
+        ax = 2.0 * v + x - a * (x + mu) - b * (x - 1.0 + mu)
+        return [u, v, w, ax, -2.0 * u + y - (a + b) * y, -(a + b) * z]
+
+    def missed(q: Array) -> Array:
+        *z, vy, half = q
+        start = [printed[0], 0.0, z[0] if z else 0.0, 0.0, vy, 0.0]
+        way = solve_ivp(rates, (0.0, half), start, method="DOP853", rtol=3e-14, atol=1e-16)
+        return np.asarray(way.y[[1, 3, 5] if z else [1, 3], -1])
+
+    begin = np.array([*([printed[1]] if printed[1] else []), printed[2], 0.5 * period])
+    found = np.asarray(fsolve(missed, begin, xtol=1e-14))
+    assert np.max(np.abs(missed(found))) < 1e-12
+    return np.array([printed[0], found[0] if printed[1] else 0.0, found[-2]])
+
+
+HIGHEST = {
+    ("lyapunov", "L2", EARTH_MOON): 0.1,
+    ("lyapunov", "L1", EARTH_MOON): 0.17,
+    ("lyapunov", "L2", SUN_EARTH): 8e-3,
+    ("lyapunov", "L1", JUPITER_GANYMEDE): 6e-3,
+    ("lyapunov", "L2", JUPITER_EUROPA): 0.012,
+    ("north", "L2", SUN_EARTH): 0.012,
+}
+"""Amplitudes of families that need not go on to their ends, in distances: the printed ones and a
+little more."""
+
+
 @cache
-def libration(kind: str, mu: float, high: float | None) -> Family:
-    keys = {"plant": circular(mu), "point": "L2"} | ({} if kind == "lyapunov" else {"branch": kind})
+def libration(kind: str, point: str, mu: float) -> Family:
+    keys = {"plant": circular(mu), "point": point} | (
+        {} if kind == "lyapunov" else {"branch": kind}
+    )
     made: Any = create("orbit_family", "lyapunov" if kind == "lyapunov" else "halo", **keys)
+    high = HIGHEST.get((kind, point, mu))
     found: Family = made.family(None, None if high is None else high * DISTANCE_M, 61)
     return found
 
@@ -173,7 +295,7 @@ def test_halos_go_on_to_the_last_one_that_is_accurate() -> None:
     The Moon's radius is 1737.1 km, the distance 389 703 km. There errors grow over half a period
     to what Newton's iteration is to meet.
     """
-    family = libration("south", EARTH_MOON, None)
+    family = libration("south", "L2", EARTH_MOON)
     z = family.branch.z[:, -1:]
     way = family.problem.flow.trajectory(
         family.problem.state(z), family.problem.period(z), 2 * family.problem.steps

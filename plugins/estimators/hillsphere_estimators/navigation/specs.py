@@ -321,11 +321,16 @@ class NavigationSpec(StageSpec):
                 if not any(p[i : i + 3]):
                     raise rule("start.position_m", f"spacecraft {i // 3 + 1} is at the origin, "
                                 "inside the body; move it off")  # fmt: skip
+        somewhere = self.start.position_m or self.start.inertial or self.start.elements
         if self.needs.belief is not None:
-            if self.start.position_m is not None or self.start.velocity_m_s is not None:
+            if somewhere or self.start.velocity_m_s is not None:
                 raise rule("start", "needs.belief says where flights begin; leave start out")
-        elif self.needs.reference is None and self.start.position_m is None:
-            raise rule("start", "where? give needs.reference, start.position_m or needs.belief")
+        elif self.needs.reference is None and not somewhere:
+            raise rule(
+                "start",
+                "where? give needs.reference, start.position_m, start.inertial, start.elements or "
+                "needs.belief",
+            )
         for time in self.report_at_s:
             if time > self.duration_s:
                 raise rule("report_at_s", f"{time:g} s is after the end, {self.duration_s:g} s")
