@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from hillsphere.campaign.case_classes import (
 from hillsphere.campaign.comparison import paired_failures, planned_draws
 from hillsphere.campaign.pairing import PlannedDraws, matched
 from hillsphere.campaign.statistics import ended, mean_interval, metric_statistics
-from hillsphere.campaign.summary_presentation import present_summary
+from hillsphere.campaign.summary_presentation import check_columns, present_summary
 from hillsphere.campaign.summary_products import CampaignSummary, Claim
 from hillsphere.campaign.summary_specs import WITHOUT_WORST, CampaignSummarySpec, ClaimSpec
 from hillsphere.errors import InputError
@@ -25,6 +26,7 @@ from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable
+from hillsphere.reference import ReferenceTable
 from hillsphere.uncertainty.matching import matched as named
 
 __all__ = ["CampaignSummaryStage", "answered", "summary"]
@@ -41,6 +43,8 @@ class CampaignSummaryStage:
 
     def __init__(self, spec: CampaignSummarySpec) -> None:
         self.spec = spec
+        if spec.reference is not None:
+            check_columns(ReferenceTable.read(spec.reference), Path(spec.reference).name)
 
     def check_needs(self, campaigns: Sequence[object], worst: Sequence[object] = ()) -> None:
         """Refuse claims about campaigns that are not there, or will not see the same draws."""
