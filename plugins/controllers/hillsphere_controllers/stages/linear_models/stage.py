@@ -36,7 +36,11 @@ class LinearModelsStage:
 
     def __init__(self, spec: LinearModelsSpec) -> None:
         self.spec = spec
-        if spec.needs.models is None:
+
+    def check_needs(self, models: object = None) -> None:
+        """Refuse systems that cannot be made or do not connect, where no product is needed."""
+        spec = self.spec
+        if models is None:
             names = [parameter.name for parameter in spec.parameters]
             for point in _points(spec)[:_FORESEEN]:
                 values = dict(zip(names, point, strict=True))
