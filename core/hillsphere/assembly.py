@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -132,12 +133,24 @@ def refused(mission: Mission, node: Node, error: HillsphereError | OSError) -> P
     if where := _key_of_file(error, mission.specs[kind][name]):
         return placed(mission, (kind, name, *where), message)
     if found := _KEYS.match(message):
-        key = (kind, name, *found[1].split("."))
+        key = _as_written(mission, node, found[1].split("."))
         if key in mission.places:
             return placed(mission, key, message[found.end() :])
         if key[:3] in mission.places:
             return placed(mission, key[:3], message)
     return placed(mission, node, message)
+
+
+def _as_written(mission: Mission, node: Node, path: Sequence[str]) -> Key:
+    """Return a key as the mission writes it: ``duration_min`` for ``duration_s``."""
+    part: Any = mission.specs[node[0]][node[1]]
+    written: Key = node
+    for step in path:
+        spellings = type(part).units_by_field().get(step, ()) if isinstance(part, Spec) else ()
+        given = (other for other in spellings if (*written, other) in mission.places)
+        written = (*written, next(given, step))
+        part = getattr(part, step, None)
+    return written
 
 
 def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:

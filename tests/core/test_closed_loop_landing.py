@@ -343,7 +343,7 @@ def test_a_flight_of_its_own_may_differ_from_nominal() -> None:
     assert_allclose(values, flown.values, rtol=1e-12)
     plain = stage(Solid()).run_cases(block(), reference=product)
     assert_array_equal(made.run_cases(block(), reference=product).values, plain.values)
-    with pytest.raises(InputError, match=r"no input plant\.pull"):
+    with pytest.raises(InputError, match=r"no input .plant\.pull"):
         stage(flight_inputs={"plant.pull": 1.0}).run(RecordingContext(), reference=product)
 
 
@@ -481,7 +481,7 @@ def test_figures_of_a_flight_go_on_to_the_contact() -> None:
 def test_a_flight_that_begins_below_ground_is_refused_and_a_case_has_no_history() -> None:
     product = descent()
     made = stage(Solid(), start={"position_m": [10, 0, -5]}, limits={"position_error_m": 5e3})
-    with pytest.raises(InputError, match="ended where it begins, by the plant's event 'impact'"):
+    with pytest.raises(InputError, match="ended where it begins, by 'impact'"):
         made.run(RecordingContext(), reference=product)
     inputs = tuple(f"state.{name}" for name in "xyz")
     batch = block(inputs, np.array([10.0, 0.0, -5.0])[:, None])

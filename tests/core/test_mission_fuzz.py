@@ -1,15 +1,25 @@
-"""Whatever a mission file holds, loading it ends in a mission or in a MissionError."""
+"""Whatever a mission file holds, it ends in a mission or in a message.
+
+Mutated text is loaded; missions with mutated values go through all of ``hillsphere validate``.
+"""
 
 from __future__ import annotations
 
+import io
+import random
+import re
+import shutil
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hillsphere.cli.endings import run
 from hillsphere.mission import MissionError, load_mission
+from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registry, discover
 
 REAL = """\
@@ -177,3 +187,74 @@ def test_mutations_leave_some_missions_sound(
     with pytest.raises(MissionError) as caught:
         load_mission(scratch, registry=REGISTRY)
     assert [p.message[:14] for p in caught.value.problems] == ["nothing to run"]
+
+
+STARTS = (
+    "phobos-hover",
+    "robust-control-demo",
+    "deimos-qso",
+    "assisted-tracking",
+    "bennu-formation",
+)
+"""Packaged missions of many kinds of components that are made in a third of a second."""
+
+WORDS = [
+    "0", "-1", "1", "2", "0.5", "1e-320", "1e-9", "1e6", "1e300", "-1e300", "nan", "inf", "9" * 30,
+    "true", "false", '""', '"x"', '"../x"', "[]", "{}", "[0]", "[1, 2]", "[[1]]", "[0, 0, 0]",
+    "{ a = 1 }", "2027-05-01",
+]  # fmt: skip
+
+_TOKEN = re.compile(r'"[^"\n]*"|(?<![\w.])-?\d[\w.+-]*|\[[^\[\]\n]*\]')
+"""A string, a number, or an array within a line."""
+
+
+def _with_other_values(chance: random.Random, text: str) -> str:
+    """Return a mission with one to three values replaced, or lines left out or doubled."""
+    for _ in range(chance.choice([1, 1, 2, 3])):
+        tokens = [*_TOKEN.finditer(text)]
+        kind = chance.random()
+        if kind < 0.15:
+            lines = text.splitlines(keepends=True)
+            at = chance.randrange(len(lines))
+            lines[at : at + 1] = [] if chance.random() < 0.5 else lines[at : at + 1] * 2
+            text = "".join(lines)
+            continue
+        token = chance.choice(tokens)
+        other = chance.choice(WORDS) if kind < 0.6 else chance.choice(tokens)[0]
+        text = text[: token.start()] + other + text[token.end() :]
+    return text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Directory with the data of the packaged missions."""
+    there = tmp_path_factory.mktemp("values")
+    shutil.copytree(missions_directory() / "data", there / "data")
+    return there
+
+
+def _validate(folder: Path, text: str) -> tuple[int, str]:
+    path = folder / "m.toml"
+    path.write_text(text, "utf-8")
+    told = io.StringIO()
+    with redirect_stdout(told), redirect_stderr(told):
+        code = run(["validate", str(path)])
+    return code, told.getvalue()
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(60), pytest.param(range(60, 1060), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_mutated_values_are_validated(seeds: range, folder: Path) -> None:
+    codes, faults = [], []
+    for seed in seeds:
+        chance = random.Random(seed)
+        mission = chance.choice(STARTS)
+        text = (missions_directory() / f"{mission}.toml").read_text("utf-8")
+        code, told = _validate(folder, _with_other_values(chance, text))
+        codes.append(code)
+        # "cannot make it" is what is said of a plugin's class that raises a raw exception.
+        if code not in (0, 2) or "Traceback" in told or "cannot make it" in told:
+            faults.append(f"seed {seed}, {mission}: code {code}: {told[-600:]}")
+    assert not faults, "\n".join(faults)
+    assert {0, 2} <= set(codes)

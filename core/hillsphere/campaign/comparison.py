@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
 from hillsphere.campaign.comparison_presentation import chosen, present_comparison
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
 from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
+from hillsphere.campaign.pairing import PlannedDraws, matched
+from hillsphere.campaign.stages import Campaign
 from hillsphere.campaign.statistics import ended, mean_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
@@ -24,10 +27,10 @@ __all__ = [
     "CampaignComparisonStage",
     "PairedFailures",
     "compare",
-    "matched",
     "mcnemar",
     "paired_failures",
     "paired_ratio_interval",
+    "planned_draws",
     "signed_rank",
 ]
 
@@ -43,6 +46,18 @@ class CampaignComparisonStage:
 
     def __init__(self, spec: CampaignComparisonSpec) -> None:
         self.spec = spec
+
+    def check_needs(self, campaigns: Sequence[object]) -> None:
+        """Refuse campaigns of which their plans tell that they will not see the same draws."""
+        names = [ref.name for ref in self.spec.needs.campaigns]
+        planned = [planned_draws(campaign) for campaign in campaigns]
+        first, *others = zip(planned, names, strict=True)
+        for draws, name in others:
+            if first[0] is not None and draws is not None:
+                try:
+                    matched(first[0], draws, first[1], name)
+                except InputError as error:
+                    raise InputError(f"needs.campaigns: {error}") from error
 
     def run(self, ctx: Context, campaigns: tuple[CaseTable, ...]) -> CampaignComparison:
         """Compare them.
@@ -74,6 +89,12 @@ class CampaignComparisonStage:
     ) -> Presentation:
         """Show the differences."""
         return present_comparison(product, self.spec.show)
+
+
+def planned_draws(campaign: object) -> PlannedDraws | None:
+    """Return what a campaign will draw; None if that depends on products of earlier stages."""
+    plan = campaign.foreseen if isinstance(campaign, Campaign) else None
+    return None if plan is None else PlannedDraws.of(plan)
 
 
 def compare(
@@ -213,61 +234,6 @@ def paired_failures(
             ]
         ),
     )
-
-
-def matched(a: CaseTable, b: CaseTable, name_a: str, name_b: str) -> tuple[Integers, Integers]:
-    """Return the rows of two campaigns that are pairs, ordered by point and draw.
-
-    Parameters
-    ----------
-    a, b : CaseTable
-        The campaigns.
-    name_a, name_b : str
-        Their names, for messages.
-
-    Returns
-    -------
-    tuple of ndarray of int
-        Row of each pair in a, in b.
-
-    Raises
-    ------
-    InputError
-        If they did not see the same draws, see `compare`.
-    """
-    both = f"campaigns {name_a!r} and {name_b!r}"
-    if a.point_labels != b.point_labels:
-        raise InputError(
-            f"{both} were swept over different points ({len(a.point_labels)} and "
-            f"{len(b.point_labels)}); compare sweeps over the same points"
-        )
-    if len({a.design, b.design}) == 2:
-        raise InputError(f"{both} have different designs, {a.design!r} and {b.design!r}")
-    if a.design == "sobol_indices":  # its samples share their draws
-        keys_a, keys_b = a.case, b.case
-    else:
-        keys_a, keys_b = _keys(a, b)
-    _, rows_a, rows_b = np.intersect1d(keys_a, keys_b, assume_unique=True, return_indices=True)
-    if rows_a.size == 0:
-        raise InputError(f"{both} have no case in common; give both the same draws_as and seed")
-    for name in (n for n in a.inputs if n in b.inputs):
-        of_a = a.input_values[a.inputs.index(name), rows_a]
-        of_b = b.input_values[b.inputs.index(name), rows_b]
-        unlike = np.flatnonzero((of_a != of_b) & ~(np.isnan(of_a) & np.isnan(of_b)))
-        if unlike.size:
-            k = unlike[0]
-            raise InputError(
-                f"{both} did not see the same draws: {name} is {of_a[k]:.17g} in case "
-                f"{a.case[rows_a[k]]} of the one and {of_b[k]:.17g} in case {b.case[rows_b[k]]} of "
-                "the other; give both the same draws_as, seed and dispersions"
-            )
-    return rows_a, rows_b
-
-
-def _keys(a: CaseTable, b: CaseTable) -> tuple[Integers, Integers]:
-    """Return one number for each pair of point and draw."""
-    span = 1 + max(int(t.draw.max()) if t.draw.size else 0 for t in (a, b))
-    return a.point * span + a.draw, b.point * span + b.draw
 
 
 def _paired(

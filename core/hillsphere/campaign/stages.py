@@ -42,10 +42,17 @@ class Campaign(ABC):
     ----------
     spec : CampaignSpec
         With its references bound, but for the stage that is repeated.
+
+    Attributes
+    ----------
+    foreseen : Plan or None
+        The cases as `check` has planned them without any product; None before, and where that
+        cannot be done.
     """
 
     def __init__(self, spec: CampaignSpec) -> None:
         self.spec: Any = spec
+        self.foreseen: Plan | None = None
 
     @abstractmethod
     def plan(self, repeated: Repeated, **needs: Any) -> Plan:
@@ -61,7 +68,7 @@ class Campaign(ABC):
 
     def check(self, repeated: Repeated) -> None:
         """Raise `InputError` if the campaign cannot be planned, before anything runs."""
-        self.plan(repeated)
+        self.foreseen = self.plan(repeated)
 
     def run(self, ctx: Context, *, repeat: Repeated, **needs: Any) -> CaseTable:
         """Compute the cases, and take up what an interrupted run has left.
@@ -88,6 +95,7 @@ class Campaign(ABC):
             If the stage keeps no history that bands name, the cases were not sampled at the same
             times, or the campaign cannot go on, see `hillsphere.campaign.engine`.
         """
+        self.foreseen = None  # it would stay in memory beside the plan with products
         warnings = repeat.warnings()
         repeat = replace(repeat, nominal=None)  # workers need no product of it
         plan = self.plan(repeat, **needs)
@@ -205,7 +213,7 @@ class Sweep(Campaign):
     def check(self, repeated: Repeated) -> None:
         """Raise `InputError` if the campaign cannot be planned, as far as this can be seen yet."""
         if self.spec.needs.rows is None:
-            self.plan(repeated)
+            super().check(repeated)
 
     def plan(
         self,

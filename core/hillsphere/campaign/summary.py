@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,16 +15,18 @@ from hillsphere.campaign.case_classes import (
     is_undecided,
     ratio_of,
 )
-from hillsphere.campaign.comparison import matched, paired_failures
+from hillsphere.campaign.comparison import paired_failures, planned_draws
+from hillsphere.campaign.pairing import PlannedDraws, matched
 from hillsphere.campaign.statistics import ended, mean_interval, metric_statistics
-from hillsphere.campaign.summary_presentation import present_summary
+from hillsphere.campaign.summary_presentation import check_columns, present_summary
 from hillsphere.campaign.summary_products import CampaignSummary, Claim
-from hillsphere.campaign.summary_specs import CampaignSummarySpec, ClaimSpec
+from hillsphere.campaign.summary_specs import WITHOUT_WORST, CampaignSummarySpec, ClaimSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable
+from hillsphere.reference import ReferenceTable
 from hillsphere.uncertainty.matching import matched as named
 
 __all__ = ["CampaignSummaryStage", "answered", "summary"]
@@ -40,6 +43,30 @@ class CampaignSummaryStage:
 
     def __init__(self, spec: CampaignSummarySpec) -> None:
         self.spec = spec
+        if spec.reference is not None:
+            check_columns(ReferenceTable.read(spec.reference), Path(spec.reference).name)
+
+    def check_needs(self, campaigns: Sequence[object], worst: Sequence[object] = ()) -> None:
+        """Refuse claims about campaigns that are not there, or will not see the same draws."""
+        labels = self.spec.labels or tuple(ref.name for ref in self.spec.needs.campaigns)
+        planned = [planned_draws(campaign) for campaign in campaigns]
+        if any(draws is None for draws in planned):
+            return
+        rows, names = _planned_by_point([draws for draws in planned if draws], labels)
+        if worst and len(worst) != len(rows):
+            raise InputError(_miscounted(len(worst), len(rows)))
+        for claim in self.spec.claims:
+            if claim.of == "worst":
+                for label in (claim.above_random, claim.less, claim.than):
+                    if label:
+                        _place(label, names)
+                continue
+            for one in _pairs(claim, names):
+                i, j = _place(one.less, names), _place(one.than, names)
+                try:
+                    matched(rows[i], rows[j], one.less, one.than)
+                except InputError as error:
+                    raise InputError(f"claims: {error}") from error
 
     def run(
         self, ctx: Context, campaigns: tuple[CaseTable, ...], worst: tuple[CaseTable, ...] = ()
@@ -111,10 +138,7 @@ def summary(
     """
     tables, labels = _by_point(tables, labels)
     if worst and len(worst) != len(tables):
-        raise InputError(
-            f"needs.worst: {len(worst)} campaigns of chosen cases for {len(tables)} rows; a sweep "
-            "has one row per point"
-        )
+        raise InputError(_miscounted(len(worst), len(tables)))
     names = [m for m in tables[0].metrics if all(m in table.metrics for table in tables)]
     units = tuple(tables[0].units[tables[0].metrics.index(m)] for m in names)
     found = [{one.name: one for one in metric_statistics(table, level=level)} for table in tables]
@@ -151,6 +175,32 @@ def _number(ratios: Sequence[FailureRatio], which: str) -> Integers:
     return np.array([int(getattr(one, which)) for one in ratios], dtype=np.int64)
 
 
+def _miscounted(worst: int, rows: int) -> str:
+    return (
+        f"needs.worst: {worst} campaigns of chosen cases for {rows} rows; a sweep has one row per "
+        "point"
+    )
+
+
+def _planned_by_point(
+    planned: Sequence[PlannedDraws], labels: Sequence[str]
+) -> tuple[list[PlannedDraws], list[str]]:
+    """Return the same as `_by_point` before anything ran: all points see the same draws."""
+    rows: list[PlannedDraws] = []
+    names: list[str] = []
+    for draws, label in zip(planned, labels, strict=True):
+        points = [f"{label} {_values_of(point)}" for point in draws.point_labels]
+        names += points if len(points) > 1 else [label]
+        same = replace(draws, point_labels=()) if len(points) > 1 else draws
+        rows += [same] * max(len(points), 1)
+    return rows, names
+
+
+def _values_of(point: str) -> str:
+    """Return the values alone of a point that is called by names and values."""
+    return ", ".join(part.rpartition(" = ")[2] for part in point.split(", "))
+
+
 def _by_point(
     tables: Sequence[CaseTable], labels: Sequence[str]
 ) -> tuple[list[CaseTable], list[str]]:
@@ -176,8 +226,7 @@ def _by_point(
                     step_error=None if table.step_error is None else table.step_error[here],
                 )
             )
-            values = [part.rpartition(" = ")[2] for part in point.split(", ")]
-            names.append(f"{label} {', '.join(values)}")
+            names.append(f"{label} {_values_of(point)}")
     return found, names
 
 
@@ -211,15 +260,25 @@ def answered(
     """
     if claim.of == "worst":
         return _of_worst(claim, tables, worst, labels, level)
+    pairs = _pairs(claim, labels)
+    if len(pairs) != 1:
+        return _of_all(claim, [_of_pair(one, tables, labels, level) for one in pairs])
+    return _of_pair(pairs[0], tables, labels, level)
+
+
+def _pairs(claim: ClaimSpec, labels: Sequence[str]) -> list[ClaimSpec]:
+    """Return the claim for each pair of campaigns that it names, one or more."""
     pairs = [
         claim.model_copy(update={"less": less, "than": than})
         for less in _named(claim.less, labels)
         for than in _named(claim.than, labels)
         if less != than
     ]
-    if len(pairs) != 1:
-        return _of_all(claim, [_of_pair(one, tables, labels, level) for one in pairs])
-    return _of_pair(pairs[0], tables, labels, level)
+    if not pairs:
+        raise InputError(
+            f"claims: {claim.less!r} and {claim.than!r} name the same campaign; name two"
+        )
+    return pairs
 
 
 def _of_pair(
@@ -283,10 +342,6 @@ def _left_out(undecided: int, interval: Array, unit: str) -> str:
 
 def _of_all(claim: ClaimSpec, found: Sequence[Claim]) -> Claim:
     """Answer a statement about all pairs of two groups of campaigns."""
-    if not found:
-        raise InputError(
-            f"claims: {claim.less!r} and {claim.than!r} name the same campaign; name two"
-        )
     count = Counter(one.answer for one in found)
     said = ", ".join(f"{k} {answer}" for answer, k in count.most_common())
     differences = [one.difference for one in found]
@@ -308,7 +363,7 @@ def _of_worst(
     level: float,
 ) -> Claim:
     if not worst:
-        raise InputError("claims: of = 'worst' needs campaigns with chosen cases, needs.worst")
+        raise InputError(WITHOUT_WORST)
     if claim.above_random:
         i = _place(claim.above_random, labels)
         random, chosen = ratio_of(tables[i], level), ratio_of(worst[i], level)

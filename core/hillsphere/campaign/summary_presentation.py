@@ -18,7 +18,7 @@ from hillsphere.units import UNITS, unit_text
 if TYPE_CHECKING:
     from hillsphere.campaign.summary_specs import CampaignSummarySpec
 
-__all__ = ["present_summary"]
+__all__ = ["check_columns", "present_summary"]
 
 _COLUMNS = (
     Column("name", "", "campaign and metric"),
@@ -198,15 +198,19 @@ def _undecided_notes(product: CampaignSummary) -> str:
     return f"Undecided cases, which are not counted: {'; '.join(told)}." if told else ""
 
 
-def _beside(
-    rows: list[dict[str, Cell]], reference: ReferenceTable, file: str
-) -> list[dict[str, Cell]]:
+def check_columns(reference: ReferenceTable, file: str) -> None:
+    """Raise `InputError` if a table of published values lacks a column."""
     missing = [key for key in ("campaign", "metric", "mean") if key not in reference.columns]
     if missing:
         raise InputError(
             f"{file}: no column {missing[0]!r}; it needs campaign, metric and mean, and may have "
             "deviation"
         )
+
+
+def _beside(
+    rows: list[dict[str, Cell]], reference: ReferenceTable, file: str
+) -> list[dict[str, Cell]]:
     known = {f"{row['campaign']}, {row['metric']}": row for row in reference.rows}
     made = []
     for row in rows:

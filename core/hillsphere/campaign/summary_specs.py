@@ -10,6 +10,9 @@ from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, opt
 
 __all__ = ["CampaignSummarySpec", "ClaimSpec", "SummaryNeeds"]
 
+WITHOUT_WORST = "of = 'worst' needs campaigns with chosen cases, needs.worst"
+"""What is said of a claim about chosen cases where there are none."""
+
 
 class SummaryNeeds(Spec):
     """The campaigns that stand side by side."""
@@ -112,4 +115,6 @@ class CampaignSummarySpec(StageSpec):
             raise rule("labels", "a label stands twice")
         if self.needs.worst and len(self.needs.worst) != count:
             raise rule("needs", f"worst: {len(self.needs.worst)} for {count} campaigns")
+        if not self.needs.worst and any(claim.of == "worst" for claim in self.claims):
+            raise rule("claims", WITHOUT_WORST)
         return self

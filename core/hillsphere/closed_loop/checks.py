@@ -8,7 +8,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Compensator, SynthesisedLaw
 from hillsphere.simulation import ContinuousLaw, Flights
 
-__all__ = ["begun_after_its_end", "check", "lands"]
+__all__ = ["begun_after_its_end", "check", "ended_at_start", "lands"]
 
 
 def lands(spec: ClosedLoopSpec) -> bool:
@@ -72,15 +72,22 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
 
 
 def begun_after_its_end(flights: Flights) -> None:
-    """Raise if the first flight ended before its law acted, by an event of the plant.
+    """Raise if the first flight ended before its law acted.
 
     Raises
     ------
     InputError
-        If it did: it begins below the ground, or beyond where it has escaped.
+        If it did: it begins below the ground, beyond where it has escaped, or outside of a limit.
+        `hillsphere.closed_loop.foresight` tells it before anything runs where no product of an
+        earlier stage says where the flight begins.
     """
-    if flights.status[0] in ("impact", "escape") and not flights.samples[0]:
-        raise InputError(
-            f"start: the flight has ended where it begins, by the plant's event "
-            f"{flights.cause[0]!r}; begin above the ground, and within the distance of escape"
-        )
+    if flights.status[0] in ("impact", "escape", "constraint") and not flights.samples[0]:
+        raise InputError(ended_at_start("start", flights.cause[0]))
+
+
+def ended_at_start(key: str, cause: str) -> str:
+    """Return what is said of a flight that has ended where it begins."""
+    return (
+        f"{key}: the flight has ended where it begins, by {cause!r}; begin above the ground, and "
+        "within the distance of escape and the limits"
+    )

@@ -11,6 +11,7 @@ import numpy as np
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.closed_loop.checks import begun_after_its_end, check, lands
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.closed_loop.foresight import check_first_step, check_start
 from hillsphere.closed_loop.histories import histories_of, with_rows
 from hillsphere.closed_loop.largest import Largest, PlannedEnd
 from hillsphere.closed_loop.limits import limits_of
@@ -43,6 +44,7 @@ from hillsphere.interfaces import (
     SynthesisedLaw,
 )
 from hillsphere.presentation import Presentation
+from hillsphere.problems import did_you_mean
 from hillsphere.products import ControlDesign, FlightSet
 from hillsphere.simulation import (
     BLOCK,
@@ -123,8 +125,44 @@ class ClosedLoopStage:
         self._actuator = actuator_of(spec.actuator, self.law, len(self.commands))
         self._effectiveness = Effectiveness(self.commands)
         check(spec, self.rows, self.law, self._kind())
+        if not self.commands:
+            kind = type(self.plant).__name__
+            raise InputError(f"law: {kind} has no controls on which {type(self.law).__name__} acts")
+        if spec.duration_s is not None:
+            try:
+                _periods(spec.duration_s, self.law.period_s)
+            except InputError as error:
+                raise InputError(f"duration_s: {error}") from error
         self._start = self._given_start()
+        known = [q.name for q in self.case_inputs()]
+        if unknown := [name for name in spec.flight_inputs if name not in known]:
+            hint = did_you_mean(unknown[0], known, otherwise="there are")
+            raise InputError(f"flight_inputs: no input {unknown[0]!r}{hint}")
         self._known: tuple[FlightSet | None, ControlDesign | None, _Loop] | None = None
+
+    def check_needs(self, reference: object = None, controller: object = None) -> None:
+        """Refuse a start that ends the flight, and a law that takes other values than it sees.
+
+        As far as both are known before anything runs; of a start on a reference `run` tells it.
+        """
+        spec, rows = self.spec, self.rows
+        course = self._held() if spec.needs.reference is None else None
+        x = self._start if course is None else np.where(np.isnan(self._start), course.start,
+                                                        self._start)  # fmt: skip
+        given = spec.flight_inputs
+        moved = [
+            given.get(f"state.{name}", value) + given.get(f"offset.{name}", 0.0)
+            for name, value in zip(rows.names, x.tolist(), strict=True)
+        ]
+        begun = given.get("start_time", spec.start.time_s)
+        values = {
+            name.removeprefix(_PLANT): value
+            for name, value in given.items()
+            if name.startswith(_PLANT)
+        }
+        check_start(self.plant, spec, rows, np.array(moved), begun, values, course)
+        if course is not None:
+            check_first_step(self.law, x[self._seen], begun, len(self.commands))
 
     def case_inputs(self) -> tuple[Parameter, ...]:
         """Return what may differ from case to case, see `ClosedLoopSpec`."""

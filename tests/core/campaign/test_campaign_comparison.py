@@ -13,13 +13,13 @@ from scipy.optimize import minimize_scalar
 from hillsphere.campaign.comparison import (
     CampaignComparisonStage,
     compare,
-    matched,
     mcnemar,
     paired_ratio_interval,
     signed_rank,
 )
 from hillsphere.campaign.comparison_presentation import present_comparison
 from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
+from hillsphere.campaign.pairing import matched
 from hillsphere.campaign.statistics import mean_interval
 from hillsphere.errors import InputError
 from hillsphere.products import CaseTable

@@ -304,7 +304,7 @@ def test_published_values(tmp_path: Path) -> None:
 
 def test_inputs_that_do_not_fit() -> None:
     good = campaign(errors())
-    with pytest.raises(InputError, match="'verify' repeated stage 'hover', but needs"):
+    with pytest.raises(InputError, match="'verify' repeats stage 'hover', but needs"):
         compared(replace(good, stage="hover"))
     with pytest.raises(InputError, match="none of whose metrics"):
         compared(campaign({"dv": np.ones(4)}))

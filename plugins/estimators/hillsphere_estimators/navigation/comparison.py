@@ -38,6 +38,9 @@ class NavigationComparisonStage:
 
     def __init__(self, spec: NavigationComparisonSpec) -> None:
         self.spec = spec
+        if spec.reference is not None:
+            # How many spacecraft there are only the flights tell: then it is read again.
+            published_errors(Path(spec.reference), len(spec.labels))
 
     def run(
         self,
@@ -267,7 +270,7 @@ def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None)
     return tuple(f"spacecraft {i + 1}" for i in range(max(count, 1)))
 
 
-def published_errors(path: Path, sets: int, crafts: int) -> Array:
+def published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
     """Read published errors of navigation.
 
     Parameters
@@ -276,7 +279,7 @@ def published_errors(path: Path, sets: int, crafts: int) -> Array:
         A reference table with the columns case, spacecraft (both counted from 1),
         position_error_m and velocity_error_mm_s.
     sets, crafts : int
-        Numbers S of sets that are compared and C of spacecraft.
+        Numbers S of sets that are compared and C of spacecraft; C left out: what the file says.
 
     Returns
     -------
@@ -288,8 +291,8 @@ def published_errors(path: Path, sets: int, crafts: int) -> Array:
     InputError
         If the file is no reference table of these columns, or a row belongs to no set or craft.
     """
-    found = np.full((2, sets, crafts), np.nan)
     table = ReferenceTable.read(path)
+    rows: list[tuple[int, int, float, float]] = []
     if table.columns != _COLUMNS:
         raise InputError(
             f"{path.name}: must have the columns {', '.join(_COLUMNS)}; it has "
@@ -303,12 +306,18 @@ def published_errors(path: Path, sets: int, crafts: int) -> Array:
                 raise InputError(f"{path.name}, row {number}: {name} must be a number, got {cell}")
             values.append(float(cell))
         case, craft, position_m, velocity_mm_s = values
-        if not (case in range(1, sets + 1) and craft in range(1, crafts + 1)):
+        most = len(table.rows) if crafts is None else crafts
+        if not (case in range(1, sets + 1) and craft in range(1, most + 1)):
+            there = "" if crafts is None else f" and {crafts} spacecraft"
             raise InputError(
                 f"{path.name}, row {number}: case {case:g}, spacecraft {craft:g}; "
-                f"there are {sets} sets and {crafts} spacecraft, counted from 1"
+                f"there are {sets} sets{there}, counted from 1"
             )
-        found[:, int(case) - 1, int(craft) - 1] = position_m, 1e-3 * velocity_mm_s
+        rows.append((int(case) - 1, int(craft) - 1, position_m, 1e-3 * velocity_mm_s))
+    count = max((row[1] + 1 for row in rows), default=0) if crafts is None else crafts
+    found = np.full((2, sets, count), np.nan)
+    for place, one, position, velocity in rows:
+        found[:, place, one] = position, velocity
     return found
 
 

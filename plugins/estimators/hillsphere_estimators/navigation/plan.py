@@ -14,7 +14,7 @@ from hillsphere.products import FlightSet
 from hillsphere_estimators.navigation.parts import Beginnings, prior_sigma, usable_beliefs
 from hillsphere_estimators.navigation.specs import NavigationSpec
 
-__all__ = ["Plan", "check_step", "plan_of"]
+__all__ = ["Plan", "check_step", "given_start", "plan_of"]
 
 _MOST_SAMPLES = 12
 """Samples from which the step map is tried."""
@@ -83,12 +83,7 @@ def plan_of(
     InputError
         If the start has another number of components than the plant, or a belief does not fit.
     """
-    given = np.full(len(rows.names), np.nan)
-    if spec.start.position_m is not None:
-        given[rows.positions] = _checked(spec.start.position_m, "position_m", rows)
-        given[rows.velocities] = 0.0
-    if spec.start.velocity_m_s is not None:
-        given[rows.velocities] = _checked(spec.start.velocity_m_s, "velocity_m_s", rows)
+    given = given_start(spec, rows)
     begin_s, cases = spec.start.time_s, np.zeros(0, dtype=np.int64)
     if belief is not None:
         begin_s, cases = belief.t_s, usable_beliefs(spec, plant, belief)
@@ -104,6 +99,23 @@ def plan_of(
     # a reference and what is believed count time from the same zero
     goal = np.array(course.at(since_s + (0.0 if belief is None else begin_s)))
     return Plan(start, goal, prior_sigma(spec, rows, start), begin_s, cases)
+
+
+def given_start(spec: NavigationSpec, rows: Rows) -> Array:
+    """Return the start as the Spec gives it (n,); NaN where a product of an earlier stage does.
+
+    Raises
+    ------
+    InputError
+        If it has another number of components than the plant.
+    """
+    given = np.full(len(rows.names), np.nan)
+    if spec.start.position_m is not None:
+        given[rows.positions] = _checked(spec.start.position_m, "position_m", rows)
+        given[rows.velocities] = 0.0
+    if spec.start.velocity_m_s is not None:
+        given[rows.velocities] = _checked(spec.start.velocity_m_s, "velocity_m_s", rows)
+    return given
 
 
 def check_step(

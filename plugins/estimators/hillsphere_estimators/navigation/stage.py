@@ -47,7 +47,7 @@ from hillsphere_estimators.navigation.parts import (
     sensors_of,
     true_sensors,
 )
-from hillsphere_estimators.navigation.plan import Plan, check_step, plan_of
+from hillsphere_estimators.navigation.plan import Plan, check_step, given_start, plan_of
 from hillsphere_estimators.navigation.presentation import present_navigation
 from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.scene import aims, proximity_scene, sky_of
@@ -92,6 +92,7 @@ class NavigationStage:
             raise InputError(
                 f"plant: navigation estimates positions and velocities; this one has {other} too"
             )
+        given_start(spec, self.rows)  # which refuses another number of components
         self.law = checked_law(spec, self.plant)
         self._prefix = "plant." if spec.truth.plant is None else "truth.plant."
         self._nominal = {q.name: q for q in self.true_plant.parameters()}

@@ -16,12 +16,20 @@ from hillsphere_tracking.assisted.comparison_statistics import (
     resampled_means,
 )
 
-__all__ = ["age_comparison"]
+__all__ = ["age_comparison", "no_sweep"]
 
 _IN_WORDS = {
     "believed_stations = False": "stations at their true places",
     "believed_stations = True": "stations where they are believed",
 }
+
+
+def no_sweep(campaign: str) -> str:
+    """Say that a campaign cannot tell errors by the age of elements."""
+    return (
+        f"campaign {campaign!r} is no sweep over a number; name one that is, or leave needs.ages "
+        "out"
+    )
 
 
 def age_comparison(
@@ -65,10 +73,7 @@ def age_comparison(
     found = outages_of(table, name)
     numbers = [d for d, unit in enumerate(table.swept_units) if unit]
     if table.points is None or not numbers:
-        raise InputError(
-            f"campaign {name!r} is no sweep over a number; name one that is, or leave needs.ages "
-            "out"
-        )
+        raise InputError(no_sweep(name))
     if baseline not in found.trackers:
         raise InputError(
             f"campaign {name!r} has no tracker {baseline!r}, the baseline; let it have "

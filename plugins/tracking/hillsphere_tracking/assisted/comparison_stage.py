@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hillsphere.campaign.specs import CampaignSpec, MonteCarloSpec, SweepSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable
 from hillsphere.reference import ReferenceTable
-from hillsphere_tracking.assisted.age_statistics import age_comparison
+from hillsphere_tracking.assisted.age_statistics import age_comparison, no_sweep
 from hillsphere_tracking.assisted.comparison_presentation import present_tracking
 from hillsphere_tracking.assisted.comparison_products import COVERED, FRAMES, TrackingComparison
 from hillsphere_tracking.assisted.comparison_specs import TrackingComparisonSpec
@@ -59,8 +60,14 @@ class TrackingComparisonStage:
                     f"{', '.join(self.reference.columns)}"
                 )
 
-    def check_needs(self, tracking: object, **others: object) -> None:
-        """Refuse a baseline that is none of the trackers."""
+    def check_needs(self, tracking: object, campaign: object, **others: object) -> None:
+        """Refuse a baseline that is none of the trackers, and a campaign of another kind."""
+        of = getattr(campaign, "spec", None)
+        if isinstance(of, CampaignSpec):
+            self._check_campaign(of.repeat.name, swept=isinstance(of, SweepSpec))
+        if isinstance(getattr(others.get("ages"), "spec", None), MonteCarloSpec):
+            assert self.spec.needs.ages is not None
+            raise InputError(f"needs.ages: {no_sweep(self.spec.needs.ages.name)}")
         if trackers := getattr(tracking, "trackers", None):  # as `AssistedTrackingStage` has them
             self._check_baseline(tuple(trackers))
 
@@ -188,16 +195,7 @@ class TrackingComparisonStage:
     def _cases(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
         """Return the campaign's metrics, sorted, once it is sure that they are those meant."""
         needs, name = self.spec.needs, self.spec.needs.campaign.name
-        if campaign.stage != needs.tracking.name:
-            raise InputError(
-                f"campaign {name!r} repeated stage {campaign.stage!r}, but needs.tracking is "
-                f"{needs.tracking.name!r}; name the stage that it repeated"
-            )
-        if campaign.swept:
-            raise InputError(
-                f"campaign {name!r} is a sweep; needs.campaign takes one by monte_carlo, "
-                "needs.ages a sweep"
-            )
+        self._check_campaign(campaign.stage, swept=bool(campaign.swept))
         found = outages_of(campaign, name)
         keys = {(tracking.passes[p], o) for p, o in
                 zip(tracking.outage_pass, tracking.outage_names, strict=True)}  # fmt: skip
@@ -208,6 +206,19 @@ class TrackingComparisonStage:
             )
         self._check_baseline(found.trackers)
         return found
+
+    def _check_campaign(self, repeated: str, *, swept: bool) -> None:
+        needs, name = self.spec.needs, self.spec.needs.campaign.name
+        if repeated != needs.tracking.name:
+            raise InputError(
+                f"needs.campaign: campaign {name!r} repeats stage {repeated!r}, but needs.tracking "
+                f"is {needs.tracking.name!r}; name the stage that it repeats"
+            )
+        if swept:
+            raise InputError(
+                f"needs.campaign: campaign {name!r} is a sweep; needs.campaign takes one by "
+                "monte_carlo, needs.ages a sweep"
+            )
 
     def _check_baseline(self, trackers: Sequence[str]) -> None:
         if self.spec.baseline not in trackers:

@@ -204,6 +204,10 @@ class LftSpec(StageSpec):
         ):
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise rule(key, f"the name {twice[0]!r} stands twice")
+        for side in ("outputs", "inputs"):
+            signals = [name for block in self.blocks for name in getattr(block, side)]
+            if twice := sorted({name for name in signals if signals.count(name) > 1}):
+                raise rule("blocks", f"signal {twice[0]!r} belongs to two blocks")
         if both := {bound.parameter for bound in self.bounds} & set(self.known):
             raise rule("known", f"{min(both)!r} has bounds: it is not known")
         return self

@@ -20,6 +20,11 @@ from hillsphere_controllers.stages.linear_models.systems import connected_of, pa
 __all__ = ["LinearModelsStage"]
 
 
+_FORESEEN = 16
+"""Models that are made before anything runs, if no product is needed: faults of systems, files and
+junctions show in the first. More would take the time of the run twice."""
+
+
 class LinearModelsStage:
     """Linear models by what a mission says of their parts.
 
@@ -31,6 +36,15 @@ class LinearModelsStage:
 
     def __init__(self, spec: LinearModelsSpec) -> None:
         self.spec = spec
+
+    def check_needs(self, models: object = None) -> None:
+        """Refuse systems that cannot be made or do not connect, where no product is needed."""
+        spec = self.spec
+        if models is None:
+            names = [parameter.name for parameter in spec.parameters]
+            for point in _points(spec)[:_FORESEEN]:
+                values = dict(zip(names, point, strict=True))
+                connected_of(spec, parts_of(spec, values, spec.period_s))
 
     def run(self, ctx: Context, models: LinearModels | None = None) -> LinearModels:
         """Make the models.
