@@ -323,7 +323,12 @@ def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
 
 def norm(a: Sequence[Scalar]) -> Expr:
     """Euclidean length."""
-    return sqrt(dot(a, a))
+    kind = _overloaded(*a)
+    if kind is None:
+        return sqrt(dot(a, a))
+    # Another arithmetic may know more of a length than of the root of a sum.
+    first, *rest = (kind.of(item) for item in a)
+    return cast(Expr, first.symbolic_norm(*rest))
 
 
 def matvec(matrix: Sequence[Sequence[Scalar]], vector: Sequence[Scalar]) -> tuple[Expr, ...]:

@@ -121,6 +121,27 @@ class Bound(Overloaded):
         """Return the square root."""
         return self**0.5
 
+    def symbolic_norm(self, *others: Bound) -> Bound:
+        """Return the length of a vector x: it changes no faster than x, and bends no more downward.
+
+        At zero it has no derivative, but its slopes stay within ±|ẋ|, and its kink is convex:
+        the second derivative of |x|, (|ẋ|² − (ẋ·x/|x|)²)/|x| + ẍ·x/|x|, is at least −|ẍ|.
+        """
+        x = (self, *others)
+        squared = self**2
+        for part in others:
+            squared = squared + part**2
+        length = squared**0.5
+        if length.rate is not None:
+            speed = _largest([part.rate for part in x])
+            length.rate = np.fmax(length.rate[0], -speed), np.fmin(length.rate[1], speed)
+        if length.rate is not None and length.second is not None:
+            pull = _largest([part.second for part in x])
+            # At zero and at rest the upper bound is 0 · ∞; the lower one must not suffer by it.
+            low, high = np.fmax(length.second[0], -pull), length.second[1]
+            length.second = low, np.where(np.isnan(high), np.inf, high)
+        return length
+
     def symbolic_sin(self) -> Bound:
         """Return the sine."""
         s, c = iv.sin(self.value), iv.cos(self.value)
@@ -238,6 +259,14 @@ def _double(a: _Part) -> _Part:
 
 def _negate(a: _Part) -> _Part:
     return None if a is None else iv.negate(a)
+
+
+def _largest(vector: list[_Part]) -> Array:
+    """Return an upper bound of the length of a vector of intervals."""
+    total: _Part = None
+    for part in vector:
+        total = total if part is None else _add(total, iv.square(part))
+    return np.zeros(()) if total is None else iv.power(total, 0.5)[1]
 
 
 def _known(a: _Part, b: _Part) -> tuple[Interval, _Part]:

@@ -277,7 +277,12 @@ class Simulator:
         if key not in self._proofs:
             system = self.map.system
             self._proofs[key] = EventProof(
-                system.bounded, len(system.events), watched, budget, len(self._run_time)
+                system.bounded,
+                len(system.events),
+                watched,
+                budget,
+                len(self._run_time),
+                system.scale,
             )
         return Watch(
             self.map.system,

@@ -104,6 +104,8 @@ class EventProof:
         of a sub-step decide it.
     fixed : int
         Number of the first run-time parameters, which do not change during a flight.
+    scale : ndarray, shape (rows,)
+        Typical size of the states.
     """
 
     def __init__(
@@ -113,8 +115,10 @@ class EventProof:
         limits: Sequence[Limit],
         monotone: bool,
         fixed: int,
+        scale: Array,
     ) -> None:
         self._bounded, self._events, self._limits = bounded, events, tuple(limits)
+        self._scale = scale
         rows = events + len(limits)
         self.bounded_rows = np.zeros(rows + monotone, dtype=bool)
         self.margins = np.array([*[MARGIN] * events, *(q.margin for q in limits), 0.0])[
@@ -142,7 +146,11 @@ class EventProof:
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore", under="ignore")
     def ready(self, leg: Leg) -> None:
-        """Find out, at a first leg, which rows have bounds at all."""
+        """Find out, at a first leg, which rows have bounds at all.
+
+        Not from the states of that leg: of a flight that starts at rest a speed has no slope, and
+        what is known of a row would depend on what was flown first.
+        """
         if self._tried:
             return
         self._tried = True
@@ -150,19 +158,21 @@ class EventProof:
             self.bounded_rows[-1] = True
         if self._bounded is None:
             return
-        y, p, t = leg.y[:, :1], leg.p[:, :1], leg.t[:1]
-        y = np.where(np.isfinite(y), y, 0.0)
+        y, p, t = _somewhere(self._scale), leg.p[:, :1], leg.t[:1]
         held = [(row, row) for row in p]
         try:
             box = enclose(self._bounded, t, 0.0 * t, y, p, y)
             now = derivatives_within(self._bounded, (t, t), box, held)
             ever = derivatives_within(self._bounded, iv.EVERYTHING, box, held)
+            when, along = Bound((t, t)), boxed(box.lo, box.hi)
+            value = arrays(self._bounded.events(when, along, held), now[0])
         except TypeError:  # an operation of which no bound is known
             self._bounded = None
             return
-        # Of a surface without a slope nothing is known.
-        low, high = now[:2]
-        self.bounded_rows[: self._events] = ~(np.isinf(low) & np.isinf(high)).any(axis=1)
+        # Of a surface without a slope nothing is known, not even its value; an event that is only
+        # singular at some states has bounds elsewhere, and is undecided where it has none.
+        nothing = [np.isneginf(lo) & np.isposinf(hi) for lo, hi in (value, now[:2])]
+        self.bounded_rows[: self._events] = ~(nothing[0] & nothing[1]).any(axis=1)
         for i, limit in enumerate(self._limits, start=self._events):
             self.bounded_rows[i] = limit.lipschitz is not None
         self._timeless = all(np.array_equal(a, b) for a, b in zip(now, ever, strict=True))
@@ -402,6 +412,12 @@ class EventProof:
             with np.errstate(over="ignore", invalid="ignore"):
                 self._tubes[h] = growth(linear.matrix, h)
         return slice(linear.first, linear.first + len(linear.matrix)), self._tubes[h]
+
+
+def _somewhere(scale: Array) -> Array:
+    """Return a state (rows, 1) in which nothing is zero, nor equal to anything else."""
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    return np.asarray(scale * (1.0 + np.arange(1, len(scale) + 1) * golden % 1.0))[:, None]
 
 
 def _side_by_side(parts: Sequence[Any], name: str) -> Array:
