@@ -143,3 +143,25 @@ def test_grazing_flights_end_alike_in_any_company(law: Law, substeps: int) -> No
         4,
     )
     assert {"impact", "completed"} <= set(flights.status)
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_flights_that_touch_a_limit_end_alike_whatever_was_flown_before(substeps: int) -> None:
+    """Which pieces stay open is a matter of their own bounds, not of those of a region."""
+    rng = np.random.default_rng(2)
+    rise, count = rng.uniform(5.0, 39.0, 40), 40
+    below = 10.0 ** rng.uniform(-14.0, -3.0, count)
+    x0 = np.array([ROOF - below - 0.5 * rise**2 / GRAVITY, rise])
+    cases = Cases(x0, p=np.full((1, count), GRAVITY))
+    others = np.array([rng.uniform(100.0, 880.0, 64), rng.uniform(-30.0, 30.0, 64)])
+
+    def loop() -> Simulator:
+        law = Push(0.0, period_s=40.0)
+        return Simulator(Shaft(), law, run_time=["gravity"], limits=[STEEP], substeps=substeps)
+
+    fresh, used = loop(), loop()
+    used.fly(Cases(others, p=rng.uniform(1.0, 9.0, (1, 64))), 1)
+    used.fly(Cases(others, p=rng.uniform(1.9, 2.1, (1, 64))), 2)
+    base = fresh.fly(cases, 1)
+    assert "unresolved" in base.status
+    assert_same(base, used.fly(cases, 1), np.arange(count))

@@ -18,6 +18,7 @@ from hillsphere.dynamics.enclosures import enclose
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Cases, Limit, simulate
+from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
 from hillsphere.symbolic import atan2, cos, exp, power, sin, sqrt
 
 from .test_simulation_ends import CEILING, GRAVITY, Push, Shaft, Steady
@@ -206,3 +207,24 @@ def test_step_errors_follow_the_order_of_the_formula() -> None:
         if true > 1e-13:
             assert 0.1 < errors[-1] / true < 1e3
     assert errors[0] / errors[1] > 20.0
+
+
+def test_a_region_of_one_column_is_none_if_its_tube_is_no_number() -> None:
+    """Two states of a law, of which the second may do anything: 0 · ∞ says nothing of the first."""
+
+    class Anything:
+        def with_room(self, boxes: Boxes) -> Boxes:
+            return boxes
+
+        def rates(self, boxes: Boxes) -> tuple[Array, Array]:
+            most = np.array([[1.0], [np.inf]]) + np.zeros_like(boxes.lo)
+            return -most, most
+
+        def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
+            return Regions(boxes, low, high, np.zeros((4, 1, len(boxes.t_lo))), 0.0 * boxes.lo)
+
+    store = Store(Anything(), np.array([0]), lambda h: (slice(0, 2), h * np.eye(2)))
+    at, none, one = np.ones((2, 1)), np.zeros((0, 1)), np.ones(1)
+    columns = Columns(Boxes(at, at, none, none, one, one), one, one, np.ones((1, 1)))
+    with np.errstate(invalid="ignore"):
+        assert (store.indices(columns) == -1).all()

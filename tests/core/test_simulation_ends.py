@@ -266,3 +266,37 @@ def test_a_lane_that_ended_disturbs_no_other() -> None:
     beside = simulate(Shaft(), IDLE, Cases(x0), 6)
     assert beside.status == ("impact", "completed")
     assert_array_equal(alone.x[:, 0], beside.x[:, 1])
+
+
+def test_what_a_tolerance_leaves_in_doubt_is_each_lanes_own() -> None:
+    """Of the first only the middle of the sample is close to the limit, of the other both ends."""
+
+    def below(t: Array, x: Array, cases: Integers) -> Array:
+        return np.asarray((900.0 - x[0]) / CEILING)
+
+    x0 = np.array([[750.0, 820.0], [20.0, 1.0]])
+    for which in ([0], [0, 1], [1, 0]):
+        flights = simulate(
+            Shaft(), Push(0.0, period_s=20.0), Cases(x0[:, which]), 1,
+            limits=[Limit("roof", below)], tolerance=1e-6,
+        )  # fmt: skip
+        assert set(flights.status) == {"unresolved"}
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_what_comes_close_beyond_the_end_of_a_flight_is_not_in_doubt(substeps: int) -> None:
+    def deep(t: Array, x: Array, cases: Integers) -> Array:
+        return np.asarray((500.0 + x[0]) / CEILING)
+
+    # The first ends by the floor long before it would be deep; the other is close to its limit.
+    x0 = np.array([[60.0, 60.0], [-20.0, -20.0]])
+
+    def low(t: Array, x: Array, cases: Integers) -> Array:
+        return np.where(cases == 1, 0.05, 0.5) + 0.0 * t
+
+    flights = simulate(
+        Shaft(), Push(0.0, period_s=20.0), Cases(x0), 1,
+        limits=[Limit("deep", deep), Limit("low", low)], substeps=substeps,
+    )  # fmt: skip
+    assert flights.status == ("impact", "unresolved")
+    assert flights.cause == ("impact", "low")

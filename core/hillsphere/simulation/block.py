@@ -436,7 +436,7 @@ def _fly(s: Settings, leg: Leg, steps: int) -> tuple[End, Flags | None]:
             np.where(coarse, finer.y, end.y),
             np.where(coarse, finer.t, end.t),
             np.where(coarse, after, before),
-            finer.doubtful if end.doubtful is None else end.doubtful,
+            _of_either(end.doubtful, finer.doubtful, coarse),
             None
             if end.error is None or finer.error is None
             else np.where(coarse, finer.error, end.error),
@@ -451,3 +451,11 @@ def _fly(s: Settings, leg: Leg, steps: int) -> tuple[End, Flags | None]:
         )
         coarse = coarse & ~alike
     return end, coarse
+
+
+def _of_either(before: Integers | None, after: Integers | None, coarse: Flags) -> Integers | None:
+    """Return the rows in doubt of the flights that are kept, lane by lane: None is −1 for all."""
+    if before is None and after is None:
+        return None
+    rows = [np.full(len(coarse), -1) if each is None else each for each in (before, after)]
+    return np.where(coarse, rows[1], rows[0])

@@ -468,6 +468,8 @@ class Watch:
             near = np.abs(known[1] - leg.t) <= 1e-12 * np.maximum(np.abs(leg.t), 1.0)
             if near.all():
                 return known[3]
+            # Lane by lane, so that no lane's last bits depend on the clocks of its neighbours.
+            return np.where(near, known[3], self.values(leg, leg.t, leg.y))
         return self.values(leg, leg.t, leg.y)
 
     def _doubtful(self, least: Array, flying: NDArray[np.bool_]) -> Integers | None:
@@ -528,6 +530,12 @@ class Watch:
             here = Found(found.begin[:, column], found.end[:, column], found.open_at[:, column])
         fell, bad = fell[:, at, lane] & ended, bad[at, lane] & ended
         self._place(end, leg, step, fell & ~bad, bad, here)
+        if doubtful is not None:
+            # Sub-steps are flown on beyond the end of a flight: what comes close there is not its.
+            flew = np.arange(steps + 1)[:, None] <= np.where(ended, at, steps)
+            least = np.where(flew, values, np.inf).min(axis=1)
+            least = np.where(ended, np.minimum(least, self.values(leg, end.t, end.y)), least)
+            end = replace(end, doubtful=self._doubtful(least, flying))
         return end
 
     def _certain(

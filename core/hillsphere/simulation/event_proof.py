@@ -317,9 +317,9 @@ class EventProof:
             box = enclose(self._bounded, begin, length, now.y0, p, now.y1)
             when = (np.minimum(begin, begin + length), np.maximum(begin, begin + length))
             held = [(row, row) for row in p]
-            own = np.array(self._slopes(when, box, held, ~box.holds, self._bounded))
-            out[0::2][:, :, sharp] = np.fmax(out[0::2][:, :, sharp], own[0::2])
-            out[1::2][:, :, sharp] = np.fmin(out[1::2][:, :, sharp], own[1::2])
+            # Alone, not with those of the region: which pieces stay open in the end, and so where
+            # a flight is unresolved, must not depend on the regions that others left behind.
+            out[:, :, sharp] = self._slopes(when, box, held, ~box.holds, self._bounded)
         return out[0], out[1], out[2], out[3]
 
     # ------------------------------------------------------------------------------------- bounds

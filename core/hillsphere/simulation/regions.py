@@ -246,7 +246,8 @@ class Store:
             now, mine = trials.taken(waiting), own.taken(waiting)
             low[:, waiting], high[:, waiting] = self._bounds.rates(now)
             inner = _inner(now, low[:, waiting], high[:, waiting], h, self._tube)
-            out = (mine.lo < inner.lo) | (mine.hi > inner.hi)
+            # What is not a number, 0 · ∞ in a tube, proves nothing.
+            out = ~((mine.lo >= inner.lo) & (mine.hi <= inner.hi))
             with np.errstate(invalid="ignore"):
                 down, up = now.lo - inner.lo, inner.hi - now.hi
                 lo = np.where(out, np.fmin(now.lo, mine.lo + 2.0 * down), now.lo)
