@@ -14,7 +14,7 @@ import pytest
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Cases, CommandSteps, Simulator
 from hillsphere.simulation.quick_look import QuickLook
-from hillsphere.symbolic import Expr, Params
+from hillsphere.symbolic import Expr, Params, power
 
 from .test_simulation_ends import CEILING, GRAVITY, Push, Shaft, Steady
 
@@ -146,3 +146,32 @@ def test_what_is_known_of_a_command_is_not_known_of_another(
     every = np.ones((1, 1, 64), dtype=bool)
     monkeypatch.setattr(QuickLook, "_departure", lambda *_: every)
     assert hover_then_jump(law) == "completed"
+
+
+class Steepening(Shaft):
+    """A shaft with a pull that grows with the fourth power of the height."""
+
+    def derivative(
+        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
+    ) -> tuple[Expr, ...]:
+        return (x[1], u[0] - p["gravity"] * power(x[0] / 500.0, 4.0))
+
+
+def throw_after_a_calm_flight() -> str:
+    """Fly where the pull is weak; then throw something over the ceiling and back in a sample."""
+    loop = Simulator(Steepening(), Push(0.0, period_s=4.5))
+    assert loop.fly(Cases(np.array([[100.0], [0.0]])), 1).status == ("completed",)
+    return loop.fly(Cases(np.array([[CEILING - 60.0], [60.0]])), 1).status[0]
+
+
+def test_what_is_known_of_a_place_is_not_known_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert throw_after_a_calm_flight() == "escape"
+    look = QuickLook._of
+
+    def anywhere(self: QuickLook, *given: Any) -> Any:
+        known = look(self, *given)
+        known.half = known.half + np.inf
+        return known
+
+    monkeypatch.setattr(QuickLook, "_of", anywhere)
+    assert throw_after_a_calm_flight() == "completed"
