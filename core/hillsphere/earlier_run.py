@@ -200,7 +200,10 @@ class EarlierRun:
                 raise read_fault(path, error.__cause__) from error
             raise
         if digest != self.manifest["stages"].get(stage, {}).get("product"):
-            raise InputError(f"{path.name}: is not the file that the run wrote")
+            raise InputError(
+                f"{path}: is not the file that the run wrote; it is damaged or was replaced: "
+                "restore it, or run the mission again"
+            )
         product = load_product(path)
         if not isinstance(product, expected):
             raise InputError(f"{path.name}: holds a {type(product).__name__}")

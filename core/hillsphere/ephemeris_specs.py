@@ -51,9 +51,11 @@ class SpiceOrbitSpec(Spec):
     name: str = option("name used in figures", default="body", min_length=1)
     kernel: DataPath = data_path("SPK kernel (.bsp) that holds the body, and what it is given from")
     target: str = option(
-        "the body: its NAIF number, or a name that SPICE knows", min_length=1, max_length=40
+        'the body: its NAIF number in quotes ("401"), or a name that SPICE knows',
+        min_length=1,
+        max_length=40,
     )
     centre: str = option(
-        "what its states count from, by number or name; for a place in the Solar System the Sun",
+        "what its states count from, likewise; for a place in the Solar System the Sun",
         default="10", min_length=1, max_length=40,
     )  # fmt: skip

@@ -72,8 +72,10 @@ class KeplerianStartSpec(_InertialSpec):
 
     @model_validator(mode="after")
     def _one_anomaly(self) -> Self:
-        if (self.true_anomaly_rad is None) == (self.mean_anomaly_rad is None):
-            raise rule("true_anomaly_rad", "give one of true_anomaly and mean_anomaly")
+        if self.true_anomaly_rad is None and self.mean_anomaly_rad is None:
+            raise rule("true_anomaly_rad", "where? give true_anomaly or mean_anomaly")
+        if self.true_anomaly_rad is not None and self.mean_anomaly_rad is not None:
+            raise rule("mean_anomaly_rad", "true_anomaly says it already; give one of the two")
         return self
 
 

@@ -416,7 +416,7 @@ def test_a_case_that_raised_shows_where(broken: Runner) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert lines[1:4] == [
-        "  failed: error (ArithmeticError)",
+        "  undecided (computation): error (ArithmeticError)",
         "  ArithmeticError: the wave broke",
         "  the same as in the run, to the last bit",
     ]
@@ -430,7 +430,7 @@ def test_a_case_that_killed_its_worker_says_so_again(broken: Runner) -> None:
     done = broken("rerun", "out", *AGAIN, "--case", "65")
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
-    assert lines[1] == "  failed: killed"
+    assert lines[1] == "  undecided (computation): killed"
     assert re.fullmatch("  its worker ended: .*9.*", lines[2])
     assert lines[3] == "  the same as in the run, to the last bit"
 

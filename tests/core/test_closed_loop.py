@@ -546,7 +546,7 @@ def test_units_of_variables() -> None:
         ({"plant": Clocked()}, "start.others: give the value of angle"),
         ({"target": None}, "where\\? give target.position_m"),
         ({"samples": None}, "how long\\? give a duration"),
-        ({"duration_s": 5, "samples": 3}, "duration_s says it already"),
+        ({"duration_s": 5, "samples": 3}, "the duration says it already"),
         ({"follow": "circle"}, "needs.reference, which is not given"),
         ({"sees": ["x", "x"]}, "a value stands twice"),
         ({"tolerance": 1e-9, "substeps": 600}, "at least twice substeps"),

@@ -30,6 +30,7 @@ __all__ = [
     "ratio_interval",
     "ratio_of",
     "undecided_sentence",
+    "what_left_it_undecided",
 ]
 
 LEVEL = 0.95
@@ -53,6 +54,22 @@ is beyond the limit, or could turn the verdict), ``unresolved`` (an event could 
 ``not_finite`` (a metric is no number). ``input``: a draw that means nothing, such as a negative
 density. ``computation``: the case raised, or cost its worker.
 """
+
+_MEANINGS = {
+    "step_size": "the smallest steps missed the tolerance; allow more steps or a larger tolerance",
+    "step_error": "the estimated step error is beyond its limit (largest_step_error), or could "
+    "turn what is required; take more steps (substeps, or a tolerance)",
+    "unresolved": "it could not be proved whether the event that is named as the cause happened "
+    "between two steps; take more steps (substeps)",
+    "not_finite": "a metric is no finite number",
+    "input": "the values drawn mean nothing, such as a negative density; narrow or truncate the "
+    "dispersion (truncate_sigmas)",
+    "error": "the computation stopped with an error, which the message names",
+    "memory": "the computation ran out of memory",
+    "killed": "its process was killed or ended by itself",
+    "time_limit": "it took longer than block_limit",
+}
+"""What each status of `UNDECIDED` says to a reader, and the remedy where the mission has one."""
 
 Flags = NDArray[np.bool_]
 
@@ -87,6 +104,12 @@ def case_class(status: str, failed: bool) -> str:
     if status in UNDECIDED:
         return f"undecided ({UNDECIDED[status]})"
     return "failure" if failed else "success"
+
+
+def what_left_it_undecided(status: Iterable[str] | NDArray[np.str_]) -> str:
+    """Say what each status of an undecided case means, once each; ``""`` if none is there."""
+    present = {str(word) for word in status}
+    return "; ".join(f"{word}: {said}" for word, said in _MEANINGS.items() if word in present)
 
 
 def ratio_interval(count: ArrayLike, total: ArrayLike, level: float = LEVEL) -> Array:

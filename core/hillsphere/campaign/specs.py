@@ -88,7 +88,7 @@ class CampaignSpec(StageSpec):
     block_limit_s: float | None = quantity(
         "time",
         "wall-clock time for a block of 64 cases, after which its worker is stopped; the case that "
-        "takes too long counts as failed; left out: no limit",
+        "takes too long is undecided; left out: no limit",
         default=None,
         gt=0,
     )

@@ -13,6 +13,7 @@ from hillsphere.campaign.case_classes import (
     is_undecided,
     ratio_at_points,
     undecided_sentence,
+    what_left_it_undecided,
 )
 from hillsphere.campaign.sensitivity import (
     LEAST_FOR_CORRELATION,
@@ -48,7 +49,10 @@ __all__ = [
 MOST_ROWS = 500
 """Rows of the tables that grow with the campaign; the export has all of it."""
 
-_INTERVALS = "Ends _low and _high are those of {level:g} % confidence intervals, each by itself."
+_INTERVALS = (
+    "“At least” and “at most” are the ends of {level:g} % confidence intervals, each by itself "
+    "(columns _low and _high of the CSV file)."
+)
 
 
 def number(value: float) -> float | None:
@@ -188,8 +192,12 @@ def failed_table(table: CaseTable) -> Table:
 
 def undecided_table(table: CaseTable) -> Table:
     """Return the first undecided cases with what left them so."""
-    note = "Neither successes nor failures: no ratio and no statistics counts them."
-    return _cases_table("Undecided cases", table, is_undecided(table.status), [note])
+    left = is_undecided(table.status)
+    notes = [
+        "Neither successes nor failures: no ratio and no statistics counts them.",
+        f"What the statuses mean: {what_left_it_undecided(table.status)}.",
+    ]
+    return _cases_table("Undecided cases", table, left, notes)
 
 
 def _cases_table(

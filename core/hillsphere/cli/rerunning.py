@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.campaign.block_outcome import BlockOutcome
+from hillsphere.campaign.case_classes import case_class
 from hillsphere.cli.endings import ExitCode
 from hillsphere.cli.output import number, write, write_json, write_table
 from hillsphere.plugins import Registry
@@ -88,7 +89,9 @@ def _show(found: Rerun) -> None:
 
 def _ending(row: BlockOutcome) -> str:
     cause = f" ({row.cause[0]})" if row.cause[0] else ""
-    return f"{'failed' if row.failed[0] else 'succeeded'}: {row.status[0]}{cause}"
+    judged = case_class(str(row.status[0]), bool(row.failed[0]))
+    word = {"failure": "failed", "success": "succeeded"}.get(judged, judged)
+    return f"{word}: {row.status[0]}{cause}"
 
 
 def _plain(found: Rerun) -> dict[str, Any]:

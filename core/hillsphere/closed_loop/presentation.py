@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.campaign.case_classes import UNDECIDED
+from hillsphere.campaign.case_classes import UNDECIDED, what_left_it_undecided
 from hillsphere.closed_loop.figures import (
     draw_accelerations,
     draw_command,
@@ -115,7 +115,12 @@ def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
     return [
         f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
         "case 0 of a campaign. The largest errors and commands are those over the flight, between "
-        "samples too." + _overtime(spec) + _inputs(spec)
+        "samples too; the largest command is what the law asks for, before the actuator limits it. "
+        "Firings are the samples at which something other than zero was done (of a continuous law "
+        "all); early is how long before its planned end the flight ended."
+        + _overtime(spec)
+        + _inputs(spec),
+        "The estimated step error is in the plant's natural units of length and velocity.",
     ]
 
 
@@ -152,6 +157,8 @@ def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
         f"{values['largest_position_error']:.4g} m from its reference{counted}, with "
         f"{values['dv']:.4g} m/s of Δv."
     ]
+    if meaning := what_left_it_undecided([product.status]):
+        sentences.append(f"Meaning of {meaning}.")
     return [*sentences, *warnings_of(product)]
 
 

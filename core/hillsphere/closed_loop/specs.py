@@ -291,8 +291,9 @@ class ClosedLoopSpec(StageSpec):
     )
     method: Literal["rk6", "dop853"] = option("formula of the step map", default="dop853")
     substeps: int = option(
-        "steps of the step map between two samples; events are watched at their ends; a "
-        "reference's command that changes in between has at least one for each of its steps",
+        "steps of the step map between two samples; events are decided between "
+        "their ends too; a reference's command that changes in between has at least one for each "
+        "of its steps",
         default=1,
         ge=1,
         le=100_000,
@@ -363,7 +364,7 @@ class ClosedLoopSpec(StageSpec):
         if not given and place is None and start is None:
             raise rule("target", "where? give target.position_m, start.position_m or both")
         if self.duration_s is not None and self.samples is not None:
-            raise rule("samples", "duration_s says it already; give one of the two")
+            raise rule("samples", "the duration says it already; give one of the two")
         if self.duration_s is None and self.samples is None and not given:
             raise rule("duration_s", "how long? give a duration or the number of samples")
         if self.overtime_s and not given:

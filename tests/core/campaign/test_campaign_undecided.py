@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.campaign.case_classes import case_class, failure_ratio, ratio_of
+from hillsphere.campaign.case_classes import (
+    UNDECIDED,
+    case_class,
+    failure_ratio,
+    ratio_of,
+    what_left_it_undecided,
+)
 from hillsphere.campaign.comparison import paired_failures
 from hillsphere.campaign.stopping import StopCriteria
+from hillsphere.campaign.tables import undecided_table
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
 
@@ -59,6 +66,17 @@ def test_ratio_is_over_decided_cases_and_beside_it_stands_the_range(status: str)
     assert_allclose(found.value, 3 / 16)
     assert_allclose(found.range, [3 / 20, 7 / 20])
     assert case_class(status, True).startswith("undecided (")
+
+
+@pytest.mark.parametrize("status", list(UNDECIDED))
+def test_every_status_of_an_undecided_case_is_explained(status: str) -> None:
+    (_, _, explained) = undecided_table(with_statuses([0], [5, 6], status)).notes
+    assert explained.startswith(f"What the statuses mean: {status}: ")
+    assert "; completed" not in explained
+
+
+def test_statuses_of_decided_cases_need_no_explanation() -> None:
+    assert what_left_it_undecided(["completed", "impact"]) == ""
 
 
 def test_decided_cases_alone_have_one_interval() -> None:
