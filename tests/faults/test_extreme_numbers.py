@@ -19,8 +19,8 @@ HOVER = Path(__file__).parent / "missions/hover.toml"
         # The mean motion, which is divided by, is less than the least floating-point number.
         ("body.moon.primary_gm_km3_s2=1e-320", 2, "primary_gm_km3_s2: must be ≥ 1e-29 km³/s², got"),
         (
-            "compensator.direct.period_s=1e-30", 1,
-            "stage 'hover' failed: a flight of 7980 s has 7.98e+33 periods of 1e-30 s of its law; ",
+            "compensator.direct.period_s=1e-30", 2,
+            "a flight of 7980 s has 7.98e+33 periods of 1e-30 s of its law; ",
         ),
     ],
 )  # fmt: skip

@@ -11,7 +11,7 @@ from hillsphere.simulation.actuators import Thruster
 from hillsphere.simulation.block import BLOCK
 from hillsphere.simulation.cases import Cases
 from hillsphere.simulation.driver import Simulator, simulate
-from hillsphere.simulation.ends import Limit
+from hillsphere.simulation.legs import Limit
 from hillsphere.simulation.navigation import NavigationErrors, PerfectNavigation, SeenStates
 from hillsphere.simulation.outcomes import STATUSES, Flights, History
 from hillsphere.simulation.protocols import (

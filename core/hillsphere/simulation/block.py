@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.acting import Act, Done, Extra
-from hillsphere.simulation.ends import End, Held, Leg, Watch
+from hillsphere.simulation.ends import Watch
+from hillsphere.simulation.legs import End, Held, Leg
 from hillsphere.simulation.protocols import Navigation, Reference
 
 __all__ = [

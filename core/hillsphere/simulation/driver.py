@@ -16,9 +16,10 @@ from hillsphere.seeds import draws
 from hillsphere.simulation.acting import Act, ByEquations, ByHold, ByImpulse
 from hillsphere.simulation.block import BLOCK, CAUSES, Part, Recorder, Result, Settings, fly_block
 from hillsphere.simulation.cases import Batch, Cases, batch_of
-from hillsphere.simulation.ends import Limit, Watch
+from hillsphere.simulation.ends import Watch
 from hillsphere.simulation.event_proof import EventProof
 from hillsphere.simulation.flow import compiled, compiled_loop, velocity_rows
+from hillsphere.simulation.legs import Limit
 from hillsphere.simulation.navigation import PerfectNavigation
 from hillsphere.simulation.outcomes import Flights
 from hillsphere.simulation.protocols import (

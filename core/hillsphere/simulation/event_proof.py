@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,11 @@ from hillsphere.dynamics.enclosures import (
 from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.law_bounds import LawBounds, WithoutEffort
+from hillsphere.simulation.legs import Leg, Limit, Nodes
 from hillsphere.simulation.quick_look import QuickLook
 from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
 
-if TYPE_CHECKING:
-    from hillsphere.simulation.ends import Leg, Limit
-
-__all__ = ["EventProof", "Nodes"]
+__all__ = ["EventProof"]
 
 _COMMAND = 0.1
 """Least room for a command, in units of the plant's scales: a tenth of its typical attraction."""
@@ -54,28 +52,6 @@ class _View:
     y: Array
     p_lo: Array
     p_hi: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Nodes:
-    """A leg that was flown, by the ends of its sub-steps.
-
-    Parameters
-    ----------
-    leg : Leg
-        The leg.
-    h : ndarray, shape (B,)
-        Length of the sub-steps.
-    y : ndarray, shape (rows, steps + 1, B)
-        States at their ends.
-    values : ndarray, shape (E, steps + 1, B)
-        Events there.
-    """
-
-    leg: Leg
-    h: Array
-    y: Array
-    values: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +11,8 @@ from numpy.typing import NDArray
 from hillsphere.dynamics.proof import ROUNDING
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.command_bounds import AffineLaw
+from hillsphere.simulation.legs import Held, Leg
 from hillsphere.simulation.regions import Boxes, Columns, Regions, Store, Tube
-
-if TYPE_CHECKING:
-    from hillsphere.simulation.ends import Held, Leg
 
 __all__ = ["QuickLook"]
 
