@@ -45,7 +45,7 @@ class Stepper(Protocol):
     def error(self, squares: Array) -> Array:
         """Return estimates (…, N) of the errors of steps from what they wrote, (…, 2, N).
 
-        Of all states, as a Euclidean length, in units of ``system.scale``.
+        Of all states, as a Euclidean length, in units of ``system.errors_in``.
         """
         ...
 
@@ -105,7 +105,7 @@ class CompiledStep:
             if numbered:
                 rate = substitute(rate, numbered)
             held = self._terms.at_nodes(len(names) + 1) if self._terms else {}
-            step = _compose(y, rate, tableau, h, held, system.scale if errors else None)
+            step = _compose(y, rate, tableau, h, held, system if errors else None)
             return _hy.cfunc(step, vars=list(y), compact_mode=compact)
 
         n = len(system.x)
@@ -121,7 +121,7 @@ class CompiledStep:
         }
         if errors:
             weights = [one.tolist() for one in tableau.errors]
-            options["errors"] = [*weights, system.scale.tolist()]
+            options["errors"] = [*weights, system.errors_in.tolist(), list(system.passing)]
         self._function: Any = kept_function(options, (*system.x, *system.rhs), compiled)
         self.needs_time: bool = self._function.is_time_dependent or self._terms is not None
 
@@ -214,12 +214,12 @@ def _compose(
     tableau: Tableau,
     h: Expr,
     held: Mapping[float, Mapping[Expr, Expr]],
-    scale: Array | None,
+    measured: System | None,
 ) -> list[Expr]:
     """Return the state after one step as expressions of the state before it.
 
     `held` says of each node what terms of time are there; it is empty if none stand apart. With a
-    `scale` of the states the squares of both embedded estimates follow.
+    system in whose scales errors are measured the squares of both embedded estimates follow.
     """
     slopes: list[tuple[Expr, ...]] = []
     for i, node in enumerate(tableau.c.tolist()):
@@ -233,13 +233,15 @@ def _compose(
         slopes.append(substitute(rate, table) if table else tuple(rate))
     final = _weights(tableau.b)
     step = [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
-    if scale is None:
+    if measured is None:
         return step
     for weights in tableau.errors:
         parts = [
             h * sum_of([w / size * slopes[m][j] for m, w in _weights(weights)])
-            for j, size in enumerate(scale.tolist())
+            for j, size in enumerate(measured.errors_in.tolist())
         ]
+        for j in measured.passing:
+            parts[j] = h * parts[j]
         step.append(sum_of([part * part for part in parts]))
     return step
 
@@ -272,7 +274,7 @@ class ArrayStages:
         self._columns = self._n + len(parameters) if derivatives else 0
         self._functions = Derivatives(system, parameters)
         self.rows = self._n * (1 + self._columns)
-        self._scale = system.scale
+        self._scale, self._passing = system.errors_in, list(system.passing)
 
     def bind(self, h: Array, p: Array) -> Advance:
         """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
@@ -293,6 +295,7 @@ class ArrayStages:
                 total = np.zeros_like(slopes[0][: self._n])
                 for m, w in _weights(weights):
                     total += (w * h) * slopes[m][: self._n]
+                total[self._passing] *= h
                 np.sum((total / size) ** 2, axis=0, out=out[i])
 
         return measured

@@ -84,6 +84,11 @@ class System:
     scale : ndarray, shape (n,)
         Typical size of each state in the system's units; ones if it is normalised. Differences
         are measured in it.
+    error_scale : ndarray, shape (n,), or None
+        In what the estimated errors of steps are measured; `scale` if None.
+    passing : tuple of int
+        Rows whose errors act on the others for about one step only: `error_scale` is one per unit
+        of time, and they are multiplied by the step.
     time_unit_s : float
         Unit of time, s; 1 if the system is physical.
     frame : str
@@ -114,12 +119,19 @@ class System:
     scale: Array
     time_unit_s: float
     frame: str
+    error_scale: Array | None = None
+    passing: tuple[int, ...] = ()
     mirrors: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     external: External | None = None
     switches: tuple[Expr, ...] = ()
     event_terms: tuple[tuple[Expr, ...], Terms] | None = None
     time_terms: Mapping[str, Expr] = field(default_factory=dict)
     bounded: Bounded | None = None
+
+    @property
+    def errors_in(self) -> Array:
+        """In what the estimated errors of steps are measured (n,)."""
+        return self.scale if self.error_scale is None else self.error_scale
 
     @property
     def run_time_names(self) -> tuple[str, ...]:

@@ -335,11 +335,16 @@ class EventProof:
         kept = leg.p[: law.plant.parameters]
         return _View(y[self.rows], np.concatenate([kept, lo]), np.concatenate([kept, hi]))
 
-    def with_room(self, boxes: Boxes) -> Boxes:
-        """Give boxes room in time, and for commands a tenth of the plant's typical attraction."""
+    def with_room(self, boxes: Boxes, once: bool = False) -> Boxes:
+        """Give boxes room in time, and for commands a tenth of the plant's typical attraction.
+
+        Those that serve once keep their times.
+        """
         count = len(boxes.t_lo)
         if self._timeless:
             t_lo, t_hi = np.full(count, -np.inf), np.full(count, np.inf)
+        elif once:
+            t_lo, t_hi = boxes.t_lo, boxes.t_hi
         else:
             wide = _WINDOW * (boxes.t_hi - boxes.t_lo)
             t_lo, t_hi = boxes.t_lo - 0.01 * wide, boxes.t_hi + wide

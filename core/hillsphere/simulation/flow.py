@@ -14,7 +14,7 @@ from hillsphere.dynamics.enclosures import LinearRows
 from hillsphere.dynamics.system import PlantBounds
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Plant, Variable
-from hillsphere.simulation.command_bounds import affine_law
+from hillsphere.simulation.command_bounds import AffineLaw, affine_law
 from hillsphere.simulation.law_bounds import LawBounds, law_matrix
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import (
@@ -171,13 +171,15 @@ def closed_system(
     kept = base.run_time[: len(base.run_time) - p]
     matrix = law_matrix(law, law.inputs)
     inner = PlantBounds(plant, kept, False, base.unit, base.time_unit_s)
+    affine = affine_law(law, inner, len(kept))
+    law_scale, passing = _law_errors(plant, law, affine, len(names))
     bounded = LawBounds(
         inner,
         law,
         len(kept),
         thrust_vectors(p),
         None if matrix is None else LinearRows(len(names), matrix),
-        affine_law(law, inner, len(kept)),
+        affine,
     )
     closed = replace(
         base,
@@ -188,11 +190,31 @@ def closed_system(
         integral=None,
         unit=np.ones(len(names) + len(own) + 1),
         scale=np.concatenate([base.scale, plant.scales.of(law.states), [1.0]]),
+        error_scale=np.concatenate([base.scale, law_scale, [1.0]]),
+        passing=passing,
         mirrors={},
         external=_widened(base, len(own) + 1),
         bounded=bounded,
     )
     return closed, tuple(total)
+
+
+def _law_errors(
+    plant: Plant, law: ContinuousLaw, affine: AffineLaw | None, first: int
+) -> tuple[Array, tuple[int, ...]]:
+    """Return the scale in which errors of a law's states are measured, and which are passing.
+
+    A Runge-Kutta formula errs where a time constant of the law is about the step, so that the error
+    has gone some steps later. Of a law that is linear in its states, and whose states have no size
+    of their own, it is measured by what it commands meanwhile: in units of the plant's typical
+    acceleration times its unit of time.
+    """
+    if affine is None or not len(law.states):
+        return plant.scales.of(law.states), ()
+    gain = np.abs(affine.c[:, : len(law.states)]) / plant.scales.of(plant.controls)[:, None]
+    # A state that commands nothing is not measured.
+    scale = plant.scales.time_s / np.maximum(gain.max(axis=0, initial=0.0), 1e-100)
+    return scale, tuple(range(first, first + len(law.states)))
 
 
 def _effort(done: Sequence[Expr]) -> Expr:

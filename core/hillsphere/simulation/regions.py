@@ -36,6 +36,8 @@ _ROUNDS = 3
 """Enlargements of a trial region that the sub-steps may leave."""
 _SINGLE_ROUNDS = 6
 """The same for the region of one column; only those that do not hold theirs yet are tried again."""
+_TIMES = 8
+"""Fewest columns a time, on average, for which one region for all of a time is tried."""
 _SEEDS = 2
 """Large regions that are tried for the columns of one leg. More would cost more than one for each
 column."""
@@ -153,8 +155,8 @@ class Columns:
 class Bounds(Protocol):
     """What computes bounds in boxes."""
 
-    def with_room(self, boxes: Boxes) -> Boxes:
-        """Give boxes room in time and for commands."""
+    def with_room(self, boxes: Boxes, once: bool = False) -> Boxes:
+        """Give boxes room for commands and, unless they serve once, in time."""
         ...
 
     def rates(self, boxes: Boxes) -> tuple[Array, Array]:
@@ -184,7 +186,7 @@ class Store:
     def __init__(self, bounds: Bounds, rows: Integers, tube: Tube | None) -> None:
         self._bounds, self._rows, self._tube = bounds, rows, tube
         self.kept: Regions | None = None
-        # How many of those at the end are of one column each.
+        # How many of those at the end serve once.
         self._single = 0
         self._pause = self._left = 0
         self._moved: Array | None = None
@@ -205,8 +207,19 @@ class Store:
         if missing.any():
             self._make_large(columns, index, missing)
         if missing.any():
-            self._make_single(columns, index, np.flatnonzero(missing))
+            self._make_by_time(columns, index, missing)
+        if missing.any():
+            which = np.flatnonzero(missing)
+            self._make_own(columns, index, which, np.arange(len(which)))
         return index
+
+    def _make_by_time(self, columns: Columns, index: Integers, missing: Flags) -> None:
+        """Make one region for all columns of one time; change `index` and `missing`."""
+        which = np.flatnonzero(missing)
+        times, group = np.unique(columns.boxes.t_lo[which], return_inverse=True)
+        if 1 < len(times) <= len(which) // _TIMES:
+            self._make_own(columns, index, which, group)
+            missing &= index < 0
 
     def _make_large(self, columns: Columns, index: Integers, missing: Flags) -> None:
         """Make large regions for columns that have none; change `index` and `missing`."""
@@ -234,14 +247,24 @@ class Store:
         self._pause = 0 if useful else min(2 * self._pause + 1, _PAUSE)
         self._left = self._pause
 
-    def _make_single(self, columns: Columns, index: Integers, which: Integers) -> None:
-        """Make a region for each of some columns; change `index` where it holds its column."""
-        own = columns.boxes.taken(which)
-        h = float(columns.h.max())
+    def _make_own(
+        self, columns: Columns, index: Integers, which: Integers, group: Integers
+    ) -> None:
+        """Make regions for groups of some columns, for once; change `index` where they serve.
+
+        Parameters
+        ----------
+        columns, index
+            Columns, and the numbers of their regions.
+        which, group : ndarray of int, shape (N,)
+            Some columns; the number of the group of each, all from zero on.
+        """
+        own = _hulls(columns.boxes.taken(which), group)
+        h, count = float(columns.h.max()), len(own.t_lo)
         lo, hi, p_lo, p_hi = _grown(*_spread(own, 1.0), own.p_lo, own.p_hi, 0.0)
-        trials = self._bounds.with_room(Boxes(lo, hi, p_lo, p_hi, own.t_lo, own.t_hi))
+        trials = self._bounds.with_room(Boxes(lo, hi, p_lo, p_hi, own.t_lo, own.t_hi), once=True)
         low, high = np.empty_like(trials.lo), np.empty_like(trials.lo)
-        waiting = np.arange(len(which))
+        waiting = np.arange(count)
         for _ in range(_SINGLE_ROUNDS):
             now, mine = trials.taken(waiting), own.taken(waiting)
             low[:, waiting], high[:, waiting] = self._bounds.rates(now)
@@ -257,15 +280,21 @@ class Store:
             if not len(waiting):
                 break
             trials.lo[:, waiting], trials.hi[:, waiting] = lo[:, left], hi[:, left]
-        holds = np.ones(len(which), dtype=bool)
+        holds = np.ones(count, dtype=bool)
         holds[waiting] = False
         if not holds.any():
             return
         made = self._bounds.regions(trials.taken(holds), low[:, holds], high[:, holds])
+        place = np.cumsum(holds) - 1
+        serves = holds[group]
+        if count < len(which):
+            # A region that decides no event of a column is left for one of its own.
+            need = made.need(h)[self._rows][:, np.where(serves, place[group], 0)]
+            serves &= (columns.least[self._rows][:, which] > need).all(axis=0)
         first = 0 if self.kept is None else len(self.kept)
         self._append(made)
-        self._single = len(made)
-        index[which[holds]] = first + np.arange(len(made))
+        self._single += len(made)
+        index[which[serves]] = first + place[group[serves]]
 
     def _keep(self, made: Regions, index: Integers) -> None:
         kept = self.kept
@@ -420,6 +449,17 @@ def _grown(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple
         more = more + 1e-9 * np.maximum(np.abs(a), np.abs(b)) + 1e-300
         out += [a - more, b + more]
     return tuple(out)
+
+
+def _hulls(boxes: Boxes, group: Integers) -> Boxes:
+    """Return the smallest boxes that hold groups, numbered from zero, of some boxes."""
+    order = np.argsort(group, kind="stable")
+    begins = np.searchsorted(group[order], np.arange(int(group.max()) + 1))
+    sides = []
+    for f in fields(boxes):
+        by = np.minimum if f.name.endswith("lo") else np.maximum
+        sides.append(by.reduceat(getattr(boxes, f.name)[..., order], begins, axis=-1))
+    return Boxes(*sides)
 
 
 def _spread(box: Boxes, factor: float) -> tuple[Array, Array]:
