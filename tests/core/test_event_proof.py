@@ -213,7 +213,7 @@ def test_a_region_of_one_column_is_none_if_its_tube_is_no_number() -> None:
     """Two states of a law, of which the second may do anything: 0 · ∞ says nothing of the first."""
 
     class Anything:
-        def with_room(self, boxes: Boxes) -> Boxes:
+        def with_room(self, boxes: Boxes, once: bool = False) -> Boxes:
             return boxes
 
         def rates(self, boxes: Boxes) -> tuple[Array, Array]:
