@@ -8,7 +8,7 @@ from typing import Any
 from hillsphere.atomic import output_place
 from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
 from hillsphere.earlier_run import EarlierRun
-from hillsphere.errors import InputError
+from hillsphere.errors import InputError, UnknownComponentError
 from hillsphere.plugins import Registry
 from hillsphere.products import CaseTable
 from hillsphere.rerun import one_campaign
@@ -49,7 +49,7 @@ def export_cases(
     """
     earlier = EarlierRun.open(run)
     stages: dict[str, Any] = earlier.manifest["mission"].get("stage", {})
-    specs = {key: registry.get("stage", table["type"]).load_spec() for key, table in stages.items()}
+    specs = {key: _spec_of(run, key, table["type"], registry) for key, table in stages.items()}
     tables = [
         key
         for key, spec in specs.items()
@@ -77,3 +77,11 @@ def export_cases(
             f"{paths[-1]} cannot be written: {error.strerror or error}; choose another with --out"
         ) from error
     return tuple(paths)
+
+
+def _spec_of(run: Path, key: str, type_: str, registry: Registry) -> Any:
+    """Return the Spec of a stage of a run."""
+    try:
+        return registry.get("stage", type_).load_spec()
+    except UnknownComponentError as error:
+        raise InputError(f"{run / 'manifest.json'}: stage {key!r}: {error}") from error
