@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
+from hillsphere.closed_loop import stage as closed_loop_stage
 from hillsphere.closed_loop.metrics import METRICS
 from hillsphere.closed_loop.parts import unit_of
 from hillsphere.closed_loop.specs import ClosedLoopSpec
@@ -349,6 +351,32 @@ def test_requirements_fail_a_flight_that_ends_well() -> None:
     assert found.status[0] == "completed"
     assert found.cause[0] == ""
     assert_array_equal(found.values, plain.values)
+
+
+def test_a_loose_estimate_is_replaced_by_a_flight_with_half_the_steps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What estimates a thousand times too large leave open is decided by flying it again."""
+    reached = float(metric(stage(start=START).run_cases(block()), "final_position_error")[0])
+    estimates = closed_loop_stage.metric_errors
+
+    def loose(*given: Any, **keys: Any) -> Array:
+        return np.full_like(estimates(*given, **keys), 0.1 * reached)
+
+    monkeypatch.setattr(closed_loop_stage, "metric_errors", loose)
+    for most, status in ((0.95, "requirement"), (1.05, "completed")):
+        made = stage(start=START, require={"final_position_error_m": most * reached})
+        found = made.run_cases(block())
+        assert set(found.status) == {status}
+    # Where half the steps give something else, it stays open.
+    fly = ClosedLoopStage._fly
+
+    def other(self: ClosedLoopStage, *given: Any, finer: bool = False, **keys: Any) -> Any:
+        flights, largest = fly(self, *given, finer=finer, **keys)
+        return (replace(flights, x=flights.x + 0.1 * reached) if finer else flights), largest
+
+    monkeypatch.setattr(ClosedLoopStage, "_fly", other)
+    assert set(made.run_cases(block()).status) == {"step_error"}
 
 
 def test_limits_end_a_flight_where_they_are_crossed() -> None:

@@ -314,8 +314,8 @@ class ClosedLoopSpec(StageSpec):
     limits: LimitsSpec = option("what ends a flight early", default=LimitsSpec())
     largest_step_error: float = option(
         "estimated step error, in the plant's natural units, beyond which a flight is undecided, "
-        "neither success nor failure; a smaller one leaves a flight undecided only where it could "
-        "turn what is required",
+        "neither success nor failure; where a smaller one could turn what is required, a flight "
+        "with half the steps decides it, or leaves it undecided",
         # With a thousandth of the plant's natural size no metric has three digits left, which are
         # the fewest that tables show; what is required is guarded by its own margin.
         default=1e-3,
