@@ -175,6 +175,38 @@ class EarlierRun:
             + f"\nundo that, or begin a new run: {record.command()}"
         )
 
+    def has_its_products(self) -> bool:
+        """Say whether the files of all products are those that the run wrote.
+
+        Raises
+        ------
+        StageError
+            If one cannot be read just now.
+        """
+        try:
+            for stage, entry in self.manifest["stages"].items():
+                if entry.get("product"):
+                    self._checked(stage)
+        except InputError:
+            return False
+        return True
+
+    def _checked(self, stage: str) -> Path:
+        """Return the file of a product; refuse one that the run did not write."""
+        path = self.directory.path / f"{stage}.npz"
+        try:
+            digest = file_digest(path, follow_links=False)
+        except InputError as error:
+            if isinstance(error.__cause__, OSError):
+                raise read_fault(path, error.__cause__) from error
+            raise
+        if digest != self.manifest["stages"].get(stage, {}).get("product"):
+            raise InputError(
+                f"{path}: is not the file that the run wrote; it is damaged or was replaced: "
+                "restore it, or run the mission again"
+            )
+        return path
+
     def product(self, stage: str, expected: type) -> Any:
         """Return the product of a stage that this run has stored.
 
@@ -192,18 +224,7 @@ class EarlierRun:
         StageError
             If it cannot be read just now.
         """
-        path = self.directory.path / f"{stage}.npz"
-        try:
-            digest = file_digest(path, follow_links=False)
-        except InputError as error:
-            if isinstance(error.__cause__, OSError):
-                raise read_fault(path, error.__cause__) from error
-            raise
-        if digest != self.manifest["stages"].get(stage, {}).get("product"):
-            raise InputError(
-                f"{path}: is not the file that the run wrote; it is damaged or was replaced: "
-                "restore it, or run the mission again"
-            )
+        path = self._checked(stage)
         product = load_product(path)
         if not isinstance(product, expected):
             raise InputError(f"{path.name}: holds a {type(product).__name__}")

@@ -196,6 +196,17 @@ def test_a_finished_run_has_nothing_left_to_do(whole: Runner) -> None:
     assert (whole.directory / "out" / "manifest.json").read_bytes() == before
 
 
+def test_a_torn_product_of_a_finished_run_is_computed_again(whole: Runner) -> None:
+    product = whole.directory / "out" / "wave.npz"
+    sound = product.read_bytes()
+    product.write_bytes(sound[:-100])
+    done = whole("resume", "out", *AGAIN, "--workers", "0")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "nothing is left to do" not in done.stdout
+    assert product.read_bytes() == sound
+    assert "its product is damaged and computed again" in (product.parent / "log.txt").read_text()
+
+
 def test_a_changed_mission_is_refused(hillsphere: Runner) -> None:
     process = hillsphere.start("run", "waves.toml", *SLOW, "--out", "out", "--workers", "1")
     hillsphere.until(process, lambda: hillsphere.kept("out") >= 1)

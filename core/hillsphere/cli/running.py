@@ -95,7 +95,8 @@ def resume_and_show(
     """
     earlier = EarlierRun.open(run)
     name = str(earlier.manifest["mission"].get("name"))
-    if earlier.state == "finished":
+    # A product that was damaged since is computed again.
+    if earlier.state == "finished" and earlier.has_its_products():
         if json:
             keys = ("mission", "verdict", "metrics")
             _write_summary(read_record(run / "summary.json", keys), run)
