@@ -14,25 +14,14 @@ from hillsphere.dynamics.taylor_batches import TaylorBatches
 from hillsphere.interfaces import Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params
 
+from .test_dynamics_brackets import Throw as Thrown
+
 RNG_SEED = 11
 
 
 @dataclass(frozen=True)
-class Throw:
+class Throw(Thrown):
     """z̈ = −1 below a ceiling at z = 1; the top is v²/2 above the start."""
-
-    frame = "inertial"
-    states = (Variable("z", 1), Variable("v", 1, -1))
-    controls: tuple[Variable, ...] = ()
-    scales = Scales(1.0, 1.0)
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        return ()
-
-    def derivative(
-        self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
-    ) -> tuple[Expr, ...]:
-        return (x[1], 0.0 * x[0] - 1.0)
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
         return {"ceiling": 1.0 - x[0], "floor": x[0] - 1.0}
