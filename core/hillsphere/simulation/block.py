@@ -304,9 +304,9 @@ class _Block:
     def leg(self, k: int, now: Done) -> None:
         """Fly to the next sample."""
         part, flying = self._part, self.flying
-        held = self._held(now)
+        held = self._divide(now)
         self._flown.clear()
-        if not self._glided(held):
+        if not self._fly_at_once(held):
             for one in held:
                 if self.over:
                     break
@@ -317,7 +317,7 @@ class _Block:
         if not self._even:
             self._alone(self.flying & (k + 1 < part.samples))
 
-    def _held(self, now: Done) -> list[Held]:
+    def _divide(self, now: Done) -> list[Held]:
         """Return the parts of the time until the next sample, by what is held in each."""
         period, substeps = self._part.period, self._s.substeps
         if not now.later:
@@ -332,7 +332,7 @@ class _Block:
             held.append(Held(begin, share * period, p, one.rate, _share(substeps, share)))
         return held
 
-    def _glided(self, held: Sequence[Held]) -> bool:
+    def _fly_at_once(self, held: Sequence[Held]) -> bool:
         """Fly all parts at once, if that is proved to end no flight; say whether it was."""
         if len(held) == 1 or self._s.tolerance is not None:
             return False
@@ -340,7 +340,7 @@ class _Block:
         for one in held[:-1]:
             dv = self._after(dv, one, one.end)
         first, last = self._leg_of(held[0], self._dv), self._leg_of(held[-1], dv)
-        flown = self._s.watch.glide(first, held, last)
+        flown = self._s.watch.fly_at_once(first, held, last)
         if flown is None:
             return False
         self._y, self._dv = flown.y, self._after(dv, held[-1], held[-1].end)

@@ -126,7 +126,7 @@ class Watch:
         proof.ready(leg)
         held = Held(leg.t, leg.period, leg.p, leg.rate, steps)
         flown, h, t = self._flow(held, leg.y)
-        y, errors = self._parted(flown)
+        y, errors = self._split_off_errors(flown)
         nodes = y.transpose(1, 0, 2)
         before, end = self._at_start(leg), leg.frozen(y[-1])
         after = self.values(leg, t, y[-1])
@@ -153,7 +153,7 @@ class Watch:
         nodes = np.ascontiguousarray(nodes)
         return self._settle(_Flown(leg, h, nodes, values.transpose(1, 0, 2), errors), doubtful)
 
-    def glide(self, leg: Leg, parts: Sequence[Held], last: Leg) -> Sample | None:
+    def fly_at_once(self, leg: Leg, parts: Sequence[Held], last: Leg) -> Sample | None:
         """Fly all parts between two samples, if it is proved at once that no flight ends in them.
 
         Parameters
@@ -176,7 +176,7 @@ class Watch:
         sum_of_all, t = 0.0, leg.t
         for part in parts:
             flown, _, t = self._flow(part, y)
-            states, error = self._parted(flown)
+            states, error = self._split_off_errors(flown)
             begins.append(y)
             y = states[-1]
             nodes.append(states.transpose(1, 0, 2))
@@ -192,7 +192,7 @@ class Watch:
             if self._left:
                 self._left -= 1
                 return None
-            proved = self._proved(leg, parts, nodes)
+            proved = self._is_proved(leg, parts, nodes)
             self._pause = 0 if proved else min(2 * self._pause + 1, _PAUSE)
             self._left = self._pause
             if not proved:
@@ -200,7 +200,7 @@ class Watch:
         self._known = (end, t, leg.cases, after)
         return Sample(end, t, errors, nodes)
 
-    def _proved(self, leg: Leg, parts: Sequence[Held], nodes: Sequence[Array]) -> bool:
+    def _is_proved(self, leg: Leg, parts: Sequence[Held], nodes: Sequence[Array]) -> bool:
         """Say whether the ends of all sub-steps of all parts prove that no flight ends in them."""
         flown: list[Nodes] = []
         for part, y in zip(parts, nodes, strict=True):
@@ -251,7 +251,7 @@ class Watch:
             t = part.t + j * h
         return flown, h, t
 
-    def _parted(self, flown: Array) -> tuple[Array, Array]:
+    def _split_off_errors(self, flown: Array) -> tuple[Array, Array]:
         """Return states (steps + 1, rows, B) and errors (steps, B) of what was flown."""
         return flown[:, :-2], self._stepper.error(flown[1:, -2:])
 
