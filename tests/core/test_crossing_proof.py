@@ -83,8 +83,8 @@ def test_a_moving_plane_that_is_just_touched(event: str, steps: int, sense: floa
     found = StepMap(system(PLANES)).locate(event, x0, end, steps, t0=t0)
     assert found.resolved.all()
     assert_array_equal(found.found, np.isfinite(expected))
-    # At the end of the flight the formula errs by 2.4e-7 in four steps, and by 1e-15 in forty; where
-    # the height has a slope of √(2 · 1e-5 · 0.5) that is a time three hundred times as large.
+    # At the end of the flight the formula errs by 2.4e-7 in four steps, and by 1e-15 in forty.
+    # Where the height has a slope of √(2 · 1e-5 · 0.5) that is a time three hundred times as large.
     assert_allclose(found.time, t0 + expected, rtol=0, atol=8e-5 if steps == 4 else 1e-12)
 
 
