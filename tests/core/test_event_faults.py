@@ -92,13 +92,14 @@ def test_a_chain_of_open_pieces_without_end_is_seen(monkeypatch: pytest.MonkeyPa
     x0 = np.array([ROOF + 0.01 - 0.5 * rise**2 / GRAVITY, rise])
     limit = replace(STEEP, drift=0.2)
 
-    def statuses() -> set[str]:
+    def ends() -> set[tuple[str, str]]:
         law = Push(0.0, period_s=40.0)
-        return set(simulate(Shaft(), law, Cases(x0), 1, limits=[limit]).status)
+        flights = simulate(Shaft(), law, Cases(x0), 1, limits=[limit])
+        return set(zip(flights.status, flights.cause, strict=True))
 
-    assert statuses() == {"unresolved"}
+    assert ends() == {("unresolved", "roof")}
     monkeypatch.setattr(proof, "_LEADING", 10**9)
-    assert "constraint" in statuses()
+    assert ("constraint", "roof") in ends()
 
 
 def test_a_tube_too_narrow_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
