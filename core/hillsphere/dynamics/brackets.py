@@ -44,6 +44,8 @@ __all__ = ["Brackets", "ProvedBrackets"]
 _PIECES, _EACH = 4096, 4
 """Undecided pieces, and for each step looked at, beyond which a search is given up. A crossing
 leaves two or three of its step in each round of halvings."""
+_BESIDE = 64
+"""Undecided pieces on either side of a zero that count as part of it: bounds 64 times too steep."""
 
 Halve = Callable[[Array, Array], tuple[Array, Array]]
 """States (n, K) at the start of a step and times (K,) since → states (n, K), values (m, K)."""
@@ -210,11 +212,12 @@ class ProvedBrackets:
             reach = 0.5 * np.repeat(reach[:, left], 2, axis=1)
         crosses = waiting & count_crossings(pieces.g0, pieces.g1, 0, from_zero=False)
         keep(crosses, pieces)
+        widest = np.abs(pieces.end - pieces.begin).max(initial=0.0)
+        beside = np.full(int(pieces.lane.max(initial=0)) + 1, (_BESIDE + 0.5) * widest)
         for row, across in zip(waiting, crosses, strict=True):
-            rest = row & ~across
-            lost = (
-                rest & ~leading(row, across, pieces) & ~leading(row, across, _reversed(pieces, h))
-            )
+            before = leading(row, across, pieces, beside)
+            after = leading(row, across, _reversed(pieces, h), beside)
+            lost = row & ~across & ~before & ~after
             resolved[pieces.lane[lost] % lanes] = False
 
         def joined(name: str) -> Any:

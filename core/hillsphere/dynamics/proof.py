@@ -61,11 +61,11 @@ MARGIN = 0.1
 """Value above which an event that offers no bound is taken for far from zero, unless it says
 otherwise. Events are without dimension and of order one: a tenth is 5 % of the radius of a body."""
 _BLUR = 13
-"""Halvings after which undecided pieces that lead to a change of sign are not halved any more: the
-time of the crossing is known to 1e-4 of a sub-step for each of them, and exactly if the event falls
-throughout."""
-_LEADING = 64
-"""Undecided pieces before a crossing that count as part of it: bounds 64 times too steep."""
+"""Halvings after which undecided pieces that lead to a change of sign need not be halved any more."""
+_LEADING = 2.0**-7
+"""Part of a sub-step that may lead undecided to a change of sign and count as part of the crossing:
+its time is known to this, and exactly if the event falls throughout. At `_BLUR` that is enough for
+bounds 64 times too steep, at the last halvings for ones 4096 times too steep."""
 _WIDTH = 64
 """Pieces are filled up to a multiple of this, so that no piece's last bits depend on how many
 others there are."""
@@ -225,6 +225,9 @@ def search(
             elif not sure and at < open_at[row, lane]:
                 open_at[row, lane] = at
 
+    # How long the sub-steps are.
+    whole = np.zeros(lanes)
+    whole[pieces.lane] = np.abs(pieces.end - pieces.begin)
     turns = [(0, pieces, wanted.copy())]
     while turns:
         depth, pieces, waiting = turns.pop()
@@ -254,7 +257,7 @@ def search(
             crosses &= rest
             if depth < _BLUR and depth < DEPTH:
                 continue
-            leads = crosses | leading(rest, crosses, pieces)
+            leads = crosses | leading(rest, crosses, pieces, _LEADING * whole)
             if depth == DEPTH:
                 keep(row, crosses, pieces, True)
                 keep(row, rest & ~leads, pieces, False)
@@ -302,24 +305,28 @@ def _shared(
     return [(depth, halved(pieces, halve), np.repeat(waiting, 2, axis=1))]
 
 
-def leading(rest: Flags, crosses: Flags, pieces: Pieces) -> Flags:
+def leading(rest: Flags, crosses: Flags, pieces: Pieces, longest: Array) -> Flags:
     """Say which undecided pieces lead without a gap to one in which the event changes its sign.
 
     A bound that does not know the sign of the derivative leaves some pieces beside every crossing
-    undecided, in proportion to how loose it is. They only blur the time of the crossing.
+    undecided, in proportion to how loose it is. They only blur the time of the crossing, if they
+    begin no longer than `longest`, by lane, before the piece in which it is.
     """
     leads = np.zeros(len(rest), dtype=bool)
     if not crosses.any():
         return leads
     order = np.lexsort((np.abs(pieces.begin), pieces.lane))
-    since = 0
+    until = 0.0
     for before, after in zip(order[-2::-1].tolist(), order[:0:-1].tolist(), strict=True):
-        joined = (
-            pieces.lane[before] == pieces.lane[after] and pieces.end[before] == pieces.begin[after]
-        )
-        since = since + 1 if leads[after] else 0
+        lane = pieces.lane[before]
+        joined = lane == pieces.lane[after] and pieces.end[before] == pieces.begin[after]
+        if crosses[after]:
+            until = abs(pieces.begin[after])
         leads[before] = (
-            rest[before] and joined and (crosses[after] or (leads[after] and since < _LEADING))
+            rest[before]
+            and joined
+            and (crosses[after] or leads[after])
+            and until - abs(pieces.begin[before]) <= longest[lane]
         )
     return leads
 
