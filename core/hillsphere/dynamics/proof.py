@@ -61,11 +61,11 @@ MARGIN = 0.1
 """Value above which an event that offers no bound is taken for far from zero, unless it says
 otherwise. Events are without dimension and of order one: a tenth is 5 % of the radius of a body."""
 _BLUR = 13
-"""Halvings after which undecided pieces that lead to a change of sign need not be halved any more."""
+"""Halvings after which undecided pieces that lead to a change of sign may stay undecided."""
 _LEADING = 2.0**-7
-"""Part of a sub-step that may lead undecided to a change of sign and count as part of the crossing:
-its time is known to this, and exactly if the event falls throughout. At `_BLUR` that is enough for
-bounds 64 times too steep, at the last halvings for ones 4096 times too steep."""
+"""Part of a sub-step that may lead undecided to a change of sign, and count as part of the
+crossing: its time is known to this, and exactly if the event falls throughout. At `_BLUR` it is
+enough for bounds 64 times too steep, at the last halvings for ones 4096 times too steep."""
 _WIDTH = 64
 """Pieces are filled up to a multiple of this, so that no piece's last bits depend on how many
 others there are."""

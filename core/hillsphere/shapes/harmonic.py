@@ -14,7 +14,14 @@ from hillsphere.formats.shape_harmonics import read_shape_harmonics
 from hillsphere.interfaces import Array
 from hillsphere.shapes.specs import METRES, HarmonicShapeSpec
 from hillsphere.shapes.sphere import unit_vectors
-from hillsphere.symbolic import Expr, Vec3, norm, spherical_harmonics_potential, variables
+from hillsphere.symbolic import (
+    Expr,
+    Vec3,
+    gradient,
+    norm,
+    spherical_harmonics_potential,
+    variables,
+)
 
 __all__ = ["HarmonicShape"]
 
@@ -75,20 +82,31 @@ class HarmonicShape:
     def steepest_per_m(self) -> float:
         r"""Lipschitz constant of the surface function, 1/m; infinite if the series gives none.
 
-        The slope of \|r\|/R is 1/R along the ray and R′/R² across it. By Cauchy's inequality and
-        the addition theorem (Σ over m of the squared slopes of P̄nm cos mλ, P̄nm sin mλ on the unit
-        sphere is n(n+1)(2n+1)) R′ ≤ Σ √(n(n+1)(2n+1)) (Σ C̄² + S̄²)^½. R is at least that of the
-        nearest point of a 1° grid, at most 0.71° away, less R′ times that angle.
+        The slope of \|r\|/R is 1/R along the ray and \|∇R\|/R² across it, with the gradient on the
+        unit sphere. Both are known on a grid. Between its points, at most an angle δ away, \|∇R\|
+        is larger by at most δ times the largest second derivative, and R smaller by at most δ times
+        the largest slope. The former is at most Σ √((k − 1) k (2n + 1)) (Σ C̄² + S̄²)^½ with
+        k = n(n + 1), by Cauchy's inequality: over the functions of a degree n, the squares of the
+        gradients sum up to k(2n + 1) everywhere (addition theorem), so that by Bochner's formula,
+        ½Δ\|∇Y\|² = \|∇∇Y\|² + ∇Y·∇ΔY + \|∇Y\|², those of the second derivatives do to
+        (k − 1) k (2n + 1).
         """
         squares = np.zeros(self.degree + 1)
         for (n, _), (c, s) in self._pairs.items():
             if n <= self.degree:
                 squares[n] += c * c + s * s
-        degrees = np.arange(self.degree + 1)
-        each = np.sqrt(degrees * (degrees + 1) * (2 * degrees + 1) * squares)
-        slope = float(np.sum(each))
-        least = self._least - np.radians(0.5 * np.sqrt(2.0)) * slope
-        return float(np.hypot(1.0 / least, slope / least**2)) if least > 0.0 else np.inf
+        k = np.arange(self.degree + 1) * np.arange(1, self.degree + 2)
+        each = np.maximum(k - 1, 0) * k * (2 * np.arange(self.degree + 1) + 1) * squares
+        second = float(np.sum(np.sqrt(each)))
+        grid = unit_vectors(np.linspace(-90, 90, 361), np.linspace(0, 359.5, 720))
+        values = self._with_slopes(grid)
+        away = np.radians(0.25 * np.sqrt(2.0))  # half the diagonal of half a degree, at most
+        slope = np.sqrt(np.sum(values[1:] ** 2, axis=0)) + away * second
+        radius = values[0] - away * slope
+        if not radius.min() > 0.0:
+            return np.inf
+        # Rounding of the series is far below a part in 10⁹.
+        return float(np.hypot(1.0 / radius, slope / radius**2).max() * (1.0 + 1e-9))
 
     def surface(self, r: Vec3) -> Expr:
         """Return |r|/R(φ, λ) − 1."""
@@ -113,6 +131,13 @@ class HarmonicShape:
     def _compiled(self) -> ArrayFunction:
         x, y, z = _PLAIN
         return ArrayFunction([self._radius((x, y, z))[1]], _PLAIN)
+
+    def _with_slopes(self, directions: Array) -> Array:
+        """Return R and its gradient on the unit sphere, m, along unit vectors (3, N): (4, N)."""
+        x, y, z = _PLAIN
+        radius = self._radius((x, y, z))[1]
+        # It depends on the direction alone, so that its gradient in space is that on the sphere.
+        return ArrayFunction([radius, *gradient(radius, _PLAIN)], _PLAIN)(directions)
 
 
 def _rows(spec: HarmonicShapeSpec) -> tuple[Coefficient, ...]:
