@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
 from hillsphere.closed_loop import stage as closed_loop_stage
-from hillsphere.closed_loop.metrics import METRICS
+from hillsphere.closed_loop.metrics import METRICS, metric_errors
 from hillsphere.closed_loop.parts import unit_of
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.closed_loop.stage import ClosedLoopStage
@@ -358,10 +358,9 @@ def test_a_loose_estimate_is_replaced_by_a_flight_with_half_the_steps(
 ) -> None:
     """What estimates a thousand times too large leave open is decided by flying it again."""
     reached = float(metric(stage(start=START).run_cases(block()), "final_position_error")[0])
-    estimates = closed_loop_stage.metric_errors
 
     def loose(*given: Any, **keys: Any) -> Array:
-        return np.full_like(estimates(*given, **keys), 0.1 * reached)
+        return np.full_like(metric_errors(*given, **keys), 0.1 * reached)
 
     monkeypatch.setattr(closed_loop_stage, "metric_errors", loose)
     for most, status in ((0.95, "requirement"), (1.05, "completed")):
