@@ -13,7 +13,7 @@ from hillsphere.ranges import BODY_RADIUS_M, ORBIT_RADIUS_M, ROTATION_RAD_S
 from hillsphere.spec import Ref, Spec, Vector3, option, quantity, reference, rule
 
 if TYPE_CHECKING:
-    from hillsphere.interfaces import ArraySurface, Surface
+    from hillsphere.interfaces.surface import ArraySurface, Surface
 
 __all__ = ["AsteroidSpec", "Moon", "MoonSpec", "OrbitingBody", "Orientation", "SurfacedBody"]
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Channel
+from hillsphere.interfaces.sensing import Channel
 
 __all__ = ["Belief", "Innovation", "MeasurementSet"]
 

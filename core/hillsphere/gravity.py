@@ -14,17 +14,13 @@ from typing import TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import EVERYTHING
 from hillsphere.errors import ConvergenceError, InputError
-from hillsphere.interfaces import (
-    Array,
-    ArrayGravityModel,
-    BoundedGravity,
-    GravityModel,
-    Parameter,
-)
+from hillsphere.interfaces.gravity import ArrayGravityModel, BoundedGravity, GravityModel
+from hillsphere.interfaces.quantities import Parameter
 from hillsphere.ranges import GM_M3_S2
 from hillsphere.symbolic import (
     Expr,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 from hillsphere.presentation import PALETTE, Figure
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.bodies import Orientation
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.time import J2000, Epoch
 
 __all__ = ["RotatingFrame"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 from hillsphere.lti import LtiSystem
 
 __all__ = ["LinearModels", "UncertainModel", "UncertainModels"]

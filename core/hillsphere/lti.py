@@ -16,8 +16,8 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 
 __all__ = ["LtiSystem", "named", "real_matrix"]
 

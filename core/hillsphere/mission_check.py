@@ -13,7 +13,7 @@ from typing import Any
 
 from hillsphere.assembly import Assembly, placed, refused
 from hillsphere.errors import InputError, PluginError
-from hillsphere.interfaces import CaseStage, NeedsCheck
+from hillsphere.interfaces.stages import CaseStage, NeedsCheck
 from hillsphere.mission import Mission
 from hillsphere.problems import MissionError, Problem
 from hillsphere.uncertainty.unused import check_dispersion

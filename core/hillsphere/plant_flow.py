@@ -14,8 +14,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import Derivatives, StepMap, System, system, tableau
-from hillsphere.interfaces import Array, Plant
+from hillsphere.interfaces.plant import Plant
 from hillsphere.simulation.flow import closed_system
 from hillsphere.simulation.protocols import ContinuousLaw
 

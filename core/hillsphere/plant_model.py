@@ -9,8 +9,10 @@ from typing import Self
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers, Plant, Scene
+from hillsphere.interfaces.plant import Plant
+from hillsphere.interfaces.sensing import Scene
 from hillsphere.plant_flow import PlantFlow
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation.flow import velocity_rows

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere.product_codec import load_product, save_product
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers, Scene, Sensor
+from hillsphere.interfaces.sensing import Scene, Sensor
 from hillsphere.seeds import draws
 
 __all__ = ["constants", "record"]

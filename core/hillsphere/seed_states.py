@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Integers
+from hillsphere.arrays import Integers
 
 __all__ = ["generators"]
 

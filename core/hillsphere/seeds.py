@@ -6,7 +6,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 
 __all__ = ["draws", "name_key"]
 

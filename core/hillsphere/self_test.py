@@ -10,9 +10,10 @@ from math import cos, pi, sin, sqrt
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import ArrayFunction, StepMap, Taylor, system
 from hillsphere.errors import PropagationError
-from hillsphere.interfaces import Array, Parameter, Scales, Variable
+from hillsphere.interfaces.quantities import Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params, variables
 from hillsphere.symbolic import sin as sine
 

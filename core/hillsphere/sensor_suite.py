@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
 from hillsphere.estimation import MeasurementSet
-from hillsphere.interfaces import Array, Channel, Scene, Sensor
+from hillsphere.interfaces.sensing import Channel, Scene, Sensor
 
 __all__ = ["CommonScene", "SensorSuite"]
 

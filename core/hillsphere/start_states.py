@@ -8,10 +8,10 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.contracts import Contract
 from hillsphere.ephemeris import mean_from_true, states_of_elements
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.spec import Spec
 from hillsphere.start_specs import InertialStartSpec, KeplerianStartSpec, StartFormsSpec
 from hillsphere.time import Epoch

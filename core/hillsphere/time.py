@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 
 __all__ = ["J2000", "SCALES", "Epoch"]
 

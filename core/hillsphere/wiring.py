@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hillsphere.assembly import placed
 from hillsphere.errors import InputError, PluginError
-from hillsphere.interfaces import CaseStage
+from hillsphere.interfaces.stages import CaseStage
 from hillsphere.mission import Mission
 from hillsphere.plugins import load_object
 from hillsphere.problems import MissionError, Problem, with_article

@@ -22,7 +22,7 @@ from hillsphere.campaign.executors.sending import Unsendable
 from hillsphere.campaign.executors.worker import told
 from hillsphere.campaign.tasks import Crew, Failed, Finished, Job, Lost
 from hillsphere.errors import HillsphereError, StageError
-from hillsphere.interfaces import Context
+from hillsphere.interfaces.stages import Context
 from hillsphere.stray_processes import end_child_of
 
 __all__ = ["Divisible", "Workers"]

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.cases import Histories
 from hillsphere.errors import StageError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.products import Bands, Lines, LinesToEnds
 
 __all__ = ["Parts", "bands_of", "lines_of"]

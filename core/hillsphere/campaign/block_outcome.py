@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.cases import Flags, Histories
 from hillsphere.errors import StageError
-from hillsphere.interfaces import Array, Integers
 
 __all__ = ["BlockOutcome", "divided", "joined", "lost_rows", "named_alike", "reordered"]
 

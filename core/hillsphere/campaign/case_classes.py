@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betaincinv
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 
 __all__ = [
     "LEVEL",

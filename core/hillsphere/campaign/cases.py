@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.uncertainty.matching import matched
 
 __all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "kept_histories"]

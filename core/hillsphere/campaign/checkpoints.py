@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.atomic import PART_SUFFIX
 from hillsphere.campaign.block_outcome import BlockOutcome, divided, joined
 from hillsphere.campaign.cases import Histories
 from hillsphere.errors import InputError, StageError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.product_codec import load_product, save_product
 
 __all__ = ["Checkpoint", "Checkpoints"]

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtri
 from scipy.stats import binomtest, wilcoxon
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
 from hillsphere.campaign.comparison_presentation import chosen, present_comparison
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
@@ -18,7 +19,7 @@ from hillsphere.campaign.pairing import PlannedDraws, matched
 from hillsphere.campaign.stages import Campaign
 from hillsphere.campaign.statistics import ended, mean_interval
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Context, Integers
+from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.case_classes import LEVEL, failure_ratio
-from hillsphere.interfaces import Array, Integers
 
 __all__ = ["Convergence", "convergence_of_failures", "convergence_of_mean"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.arrays import Integers
 from hillsphere.campaign.case_classes import is_undecided, ratio_at_points, ratio_interval
-from hillsphere.interfaces import Integers
 from hillsphere.presentation import Cell, Column, Table
 from hillsphere.products import CaseTable
 

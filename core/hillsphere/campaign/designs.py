@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from scipy.stats import qmc
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.seed_states import generators
 from hillsphere.seeds import name_key
 

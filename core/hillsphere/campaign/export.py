@@ -13,11 +13,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.atomic import replacing
 from hillsphere.campaign.case_classes import case_class, decided_failures, is_undecided
 from hillsphere.campaign.tables import percentile
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.products import Bands, CaseTable
 
 __all__ = ["export_bands_csv", "export_csv", "export_netcdf"]

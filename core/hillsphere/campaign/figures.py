@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.convergence import Convergence
 from hillsphere.campaign.sensitivity import Explanatory, RankCorrelations, SobolIndices
 from hillsphere.campaign.statistics import MetricStatistics
-from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 
 if TYPE_CHECKING:

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.arrays import Integers
 from hillsphere.campaign.block_outcome import BlockOutcome, joined, lost_rows, reordered
 from hillsphere.campaign.case_classes import is_undecided
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.errors import InputError, StageError
-from hillsphere.interfaces import CaseStage, Integers
+from hillsphere.interfaces.stages import CaseStage
 from hillsphere.product_codec import canonical
 from hillsphere.uncertainty.matching import matched
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.band_figures import MOST_PANELS, draw_bands
 from hillsphere.campaign.case_classes import decided_failures, is_undecided
 from hillsphere.campaign.figures import grid_of, grid_size, labelled, legend_below
 from hillsphere.history import time_unit
-from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure
 from hillsphere.products import Bands, CaseTable, Lines, LinesToEnds
 

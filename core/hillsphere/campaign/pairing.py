@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.plan import Plan
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 
 __all__ = ["Drawn", "PlannedDraws", "matched"]
 

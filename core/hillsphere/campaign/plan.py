@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.cases import LANES, CaseBatch
 from hillsphere.campaign.designs import Design
 from hillsphere.campaign.repeated import Repeated
 from hillsphere.campaign.swept import Swept
-from hillsphere.interfaces import Array, Integers
 from hillsphere.products import Ladder
 from hillsphere.uncertainty.dispersed import Dispersed, Quantity
 

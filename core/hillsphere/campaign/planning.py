@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Integers
 from hillsphere.assembly import Assembly
 from hillsphere.campaign.designs import Design, DesignName
 from hillsphere.campaign.plan import Plan, Variant
 from hillsphere.campaign.repeated import Repeated
 from hillsphere.campaign.swept import MOST_POINTS, Swept, no_sweep
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Dispersion, Integers, Parameter
+from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.quantities import Parameter
 from hillsphere.mission_links import topological
 from hillsphere.problems import did_you_mean, shown
 from hillsphere.spec import UNITS, Spec

@@ -11,7 +11,8 @@ from hillsphere.campaign.isolation import BlockOutcome, compute
 from hillsphere.campaign.tasks import Task
 from hillsphere.errors import InputError
 from hillsphere.faults import faults_of
-from hillsphere.interfaces import CaseStage, Parameter
+from hillsphere.interfaces.quantities import Parameter
+from hillsphere.interfaces.stages import CaseStage
 from hillsphere.mission import Mission
 from hillsphere.mission_links import linked_to
 from hillsphere.problems import did_you_mean, format_key

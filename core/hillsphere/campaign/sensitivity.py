@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 from scipy.stats import norm, rankdata, tiecorrect
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.case_classes import LEVEL, decided_failures, is_undecided
 from hillsphere.campaign.statistics import ended
-from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
 
 __all__ = [

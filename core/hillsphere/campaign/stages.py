@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+from hillsphere.arrays import Integers
 from hillsphere.campaign.bands import Parts, bands_of, lines_of
 from hillsphere.campaign.cases import Histories
 from hillsphere.campaign.checkpoints import Checkpoints
@@ -24,7 +25,7 @@ from hillsphere.campaign.stopping import StopCriteria
 from hillsphere.campaign.swept import Swept, case_list, crossed, grid, listed, sampled
 from hillsphere.campaign.table import table_of
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Context, Integers
+from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseList, CaseTable
 from hillsphere.uncertainty.matching import matched

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 from scipy.stats import binom, trim_mean
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
-from hillsphere.interfaces import Array, Integers
 from hillsphere.products import CaseTable
 
 __all__ = [

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.case_classes import (
     LEVEL,
     decided_failures,
@@ -17,7 +18,6 @@ from hillsphere.campaign.case_classes import (
     is_undecided,
 )
 from hillsphere.errors import StageError
-from hillsphere.interfaces import Array
 from hillsphere.problems import did_you_mean
 
 __all__ = ["Block", "StopCriteria"]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.case_classes import (
     FailureRatio,
     failure_ratio,
@@ -22,7 +23,7 @@ from hillsphere.campaign.summary_presentation import check_columns, present_summ
 from hillsphere.campaign.summary_products import CampaignSummary, Claim
 from hillsphere.campaign.summary_specs import WITHOUT_WORST, CampaignSummarySpec, ClaimSpec
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Context, Integers
+from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import CaseTable

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.figures import grid_of, labelled
-from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import PALETTE
 from hillsphere.products import CaseTable
 

@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.designs import factorial, space_filling
 from hillsphere.campaign.specs import RangeSpec
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.products import CaseList, Ladder
 from hillsphere.uncertainty.samples import read_columns
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 
 __all__ = ["hermite_points", "largest_square", "slope_points"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hillsphere.closed_loop.course import Rows
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Compensator, SynthesisedLaw
+from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.simulation import ContinuousLaw, Flights
 
 __all__ = ["begun_after_its_end", "check", "ended_at_start", "lands"]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError, StageError
-from hillsphere.interfaces import Array, Plant
+from hillsphere.interfaces.plant import Plant
 from hillsphere.products import FlightSet
 from hillsphere.simulation import CommandSteps
 from hillsphere.simulation.flow import thrust_vectors, velocity_rows

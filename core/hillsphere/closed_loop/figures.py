@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.ndimage import zoom
 
+from hillsphere.arrays import Array
 from hillsphere.closed_loop.histories import NOWHERE
 from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 
 if TYPE_CHECKING:

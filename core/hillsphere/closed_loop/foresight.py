@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.closed_loop.checks import ended_at_start
 from hillsphere.closed_loop.course import Course, Rows, course_at
 from hillsphere.closed_loop.limits import limits_of
 from hillsphere.closed_loop.specs import ClosedLoopSpec
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import HillsphereError, InputError
-from hillsphere.interfaces import Array, Compensator, ExternalEvents, Plant, SynthesisedLaw
+from hillsphere.interfaces.control import Compensator, SynthesisedLaw
+from hillsphere.interfaces.plant import ExternalEvents, Plant
 from hillsphere.simulation import ContinuousLaw
 from hillsphere.symbolic import constant, time, variable
 

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.cases import Histories, kept_histories
 from hillsphere.closed_loop.course import Rows
-from hillsphere.interfaces import Array
 from hillsphere.simulation import Flights
 from hillsphere.simulation.flow import thrust_vectors
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.closed_loop.between import hermite_points, largest_square, slope_points
 from hillsphere.closed_loop.course import Course, Rows
-from hillsphere.interfaces import Array
 from hillsphere.simulation import BLOCK, Moment
 from hillsphere.simulation.block import Follower, Passage, Recorder
 from hillsphere.simulation.flow import thrust_vectors

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.closed_loop.course import Course, Rows
 from hillsphere.closed_loop.specs import LimitsSpec
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Limit
 
 __all__ = ["limits_of"]

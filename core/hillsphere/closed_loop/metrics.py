@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.case_classes import is_undecided
 from hillsphere.closed_loop.course import Rows
 from hillsphere.closed_loop.largest import Largest
 from hillsphere.closed_loop.specs import RequirementsSpec
-from hillsphere.interfaces import Array
 from hillsphere.simulation import Flights
 
 __all__ = [

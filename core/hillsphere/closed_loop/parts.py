@@ -7,11 +7,14 @@ from math import inf
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.cases import CaseBatch
 from hillsphere.closed_loop.course import Rows
 from hillsphere.closed_loop.specs import ActuatorSpec, NavigationSpec
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Compensator, Parameter, Plant, Variable
+from hillsphere.interfaces.control import Compensator
+from hillsphere.interfaces.plant import Plant
+from hillsphere.interfaces.quantities import Parameter, Variable
 from hillsphere.simulation import (
     ContinuousLaw,
     Navigation,

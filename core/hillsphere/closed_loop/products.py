@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 
 __all__ = ["ClosedLoopFlight"]
 

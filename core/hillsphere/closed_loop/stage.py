@@ -8,6 +8,7 @@ from math import ceil, floor
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
 from hillsphere.closed_loop.checks import begun_after_its_end, check, lands
 from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
@@ -35,14 +36,10 @@ from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.closed_loop.specs import MOST_SAMPLES, ClosedLoopSpec
 from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.errors import InputError
-from hillsphere.interfaces import (
-    Array,
-    Compensator,
-    Context,
-    Parameter,
-    Plant,
-    SynthesisedLaw,
-)
+from hillsphere.interfaces.control import Compensator, SynthesisedLaw
+from hillsphere.interfaces.plant import Plant
+from hillsphere.interfaces.quantities import Parameter
+from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.problems import did_you_mean
 from hillsphere.products import ControlDesign, FlightSet

@@ -7,8 +7,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.contracts import Contract
-from hillsphere.interfaces import Array, ArraySurface, Plant, Surface
+from hillsphere.interfaces.plant import Plant
+from hillsphere.interfaces.surface import ArraySurface, Surface
 
 __all__ = ["Surroundings"]
 

@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics.stages import Advance
 from hillsphere.dynamics.system import System
 from hillsphere.dynamics.tableaux import Tableau
 from hillsphere.dynamics.variational import Derivatives
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 
 __all__ = ["AdaptiveStages"]
 

@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.intervals import Interval
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import Overloaded, number_in
 
 __all__ = ["Bound"]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.enclosures import (
     Bounded,
@@ -36,7 +37,6 @@ from hillsphere.dynamics.proof import (
     padded,
 )
 from hillsphere.dynamics.system import System
-from hillsphere.interfaces import Array, Integers
 from hillsphere.symbolic import Expr
 
 __all__ = ["Brackets", "ProvedBrackets"]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hillsphere._heyoka import heyoka as _hy
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, parameter, parameter_names, variable_names
 
 __all__ = ["ArrayFunction", "Terms"]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics.enclosures import (
     Bounded,
     Enclosure,
@@ -27,7 +28,6 @@ from hillsphere.dynamics.proof import (
     search,
 )
 from hillsphere.dynamics.root_finding import bracketed_roots
-from hillsphere.interfaces import Array, Integers
 
 __all__ = ["Crossing", "first_crossing"]
 

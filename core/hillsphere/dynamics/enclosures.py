@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import Interval
-from hillsphere.interfaces import Array
 
 __all__ = [
     "Bounded",

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.enclosures import Bounded, LinearRows
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import System
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import (
     Expr,
     jacobian,

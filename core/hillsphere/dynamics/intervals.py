@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 
 __all__ = [
     "EVERYTHING", "Interval", "add", "atan2", "cos", "hull", "magnitude", "monotone", "multiply",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError, PropagationError
-from hillsphere.interfaces import Array
 
 __all__ = ["initial_derivatives", "per_lane", "refuse_non_finite", "start_states"]
 

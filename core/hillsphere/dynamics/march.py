@@ -8,11 +8,11 @@ from operator import index
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics.lanes import initial_derivatives, per_lane, start_states
 from hillsphere.dynamics.stages import Advance, Stepper
 from hillsphere.dynamics.system import System
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 
 __all__ = ["March"]
 

@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 
 __all__ = [
     "DEPTH",

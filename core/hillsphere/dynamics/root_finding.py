@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 
 __all__ = ["bracketed_roots"]
 

@@ -8,13 +8,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from hillsphere._heyoka import heyoka as _hy
+from hillsphere.arrays import Array
 from hillsphere.compile_cache import kept_function
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.system import System
 from hillsphere.dynamics.tableaux import Tableau
 from hillsphere.dynamics.variational import Derivatives, variational_equations
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, parameter, substitute, sum_of, variable
 
 __all__ = ["ArrayStages", "CompiledStep", "Stepper"]

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics.adaptive import AdaptiveStages
 from hillsphere.dynamics.compiled import ArrayFunction
 from hillsphere.dynamics.crossing import Crossing, first_crossing
@@ -20,7 +21,6 @@ from hillsphere.dynamics.step_doubling import fewest_steps
 from hillsphere.dynamics.system import System
 from hillsphere.dynamics.tableaux import tableau
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr
 
 __all__ = ["StepMap"]

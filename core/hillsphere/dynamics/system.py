@@ -9,23 +9,22 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.compiled import ArrayFunction, Terms, spread
 from hillsphere.dynamics.enclosures import Bounded, LinearRows
 from hillsphere.dynamics.intervals import Interval, multiply, point
 from hillsphere.errors import InputError
-from hillsphere.interfaces import (
-    Array,
+from hillsphere.interfaces.plant import (
     ConservedQuantity,
     ExternalEvents,
     ExternalInputs,
     MirrorSymmetry,
-    Parameter,
     PiecewisePlant,
     Plant,
     TimedPlant,
-    Variable,
 )
+from hillsphere.interfaces.quantities import Parameter, Variable
 from hillsphere.symbolic import (
     Expr,
     Params,

@@ -21,8 +21,8 @@ from math import sqrt
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 
 __all__ = ["DOP853", "RK6", "Tableau", "tableau"]
 

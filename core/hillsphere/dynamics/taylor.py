@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hillsphere._heyoka import heyoka as _hy
+from hillsphere.arrays import Array
 from hillsphere.dynamics.lanes import (
     initial_derivatives,
     per_lane,
@@ -20,7 +21,6 @@ from hillsphere.dynamics.system import System
 from hillsphere.dynamics.taylor_batches import TaylorBatches
 from hillsphere.dynamics.variational import variational_equations
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, parameter, substitute
 
 __all__ = ["Flight", "Taylor"]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere._heyoka import heyoka as _hy
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 from hillsphere.symbolic import Expr
 
 __all__ = ["Ends", "TaylorBatches"]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics.compiled import ArrayFunction, each
 from hillsphere.dynamics.system import System
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, is_zero, jacobian, parameter, sum_of, variable
 
 __all__ = ["Derivatives", "variational_equations"]

@@ -14,8 +14,8 @@ from math import cos, inf, isfinite, pi, sin
 import erfa
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 
 __all__ = ["WGS84", "Ellipsoid", "Station", "ecef", "geodetic"]
 

@@ -22,8 +22,8 @@ from typing import Protocol
 import erfa
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 

@@ -27,9 +27,9 @@ from typing import Literal, TypeAlias, get_args
 import erfa
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation, tai_of
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 __all__ = [

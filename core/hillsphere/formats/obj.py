@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.formats.coefficients import LineReader
-from hillsphere.interfaces import Array, Integers
 
 __all__ = ["read_obj"]
 

@@ -19,8 +19,8 @@ from math import isfinite, nan
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.time import SCALES, Epoch
 
 __all__ = ["INERTIAL_FRAMES", "OemSegment", "read_oem", "write_oem"]

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
 from hillsphere.formats.tdm_records import (
     SCALAR,
@@ -30,7 +31,6 @@ from hillsphere.formats.tdm_records import (
     TdmRecord,
     tdm_records,
 )
-from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 __all__ = ["Series", "TdmMeta", "TdmSegment", "read_tdm", "write_tdm"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 from hillsphere.shapes.specs import EllipsoidShapeSpec
 from hillsphere.symbolic import Expr, Vec3, sum_of
 

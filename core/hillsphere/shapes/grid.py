@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
 from hillsphere.formats.coefficients import LineReader
-from hillsphere.interfaces import Array
 from hillsphere.shapes.specs import METRES, GridShapeSpec
 from hillsphere.shapes.sphere import unit_vectors
 

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
 from hillsphere.formats.coefficients import Coefficient
 from hillsphere.formats.shape_harmonics import read_shape_harmonics
-from hillsphere.interfaces import Array
 from hillsphere.shapes.specs import METRES, HarmonicShapeSpec
 from hillsphere.shapes.sphere import unit_vectors
 from hillsphere.symbolic import (

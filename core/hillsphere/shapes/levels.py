@@ -7,10 +7,11 @@ from typing import cast
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.intervals import EVERYTHING
-from hillsphere.interfaces import Array, ArraySurface, SlopedSurface, Surface
+from hillsphere.interfaces.surface import ArraySurface, SlopedSurface, Surface
 from hillsphere.symbolic import Expr, Vec3, gradient, sqrt, sum_of, variables
 
 __all__ = ["level_of", "level_within", "normals_of"]

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 
 __all__ = ["Mesh"]
 

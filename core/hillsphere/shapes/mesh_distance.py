@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 from hillsphere.shapes.mesh import Mesh
 
 __all__ = ["surface_distances"]

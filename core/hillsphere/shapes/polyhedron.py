@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
 from hillsphere.formats.obj import read_obj
-from hillsphere.interfaces import Array, Integers
 from hillsphere.shapes.mesh import Mesh
 from hillsphere.shapes.mesh_distance import surface_distances
 from hillsphere.shapes.rays import RayTable

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 from hillsphere.shapes.mesh import Mesh
 
 __all__ = ["RayTable"]

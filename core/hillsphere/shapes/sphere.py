@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 
 __all__ = ["icosphere", "unit_vectors"]
 

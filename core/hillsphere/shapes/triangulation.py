@@ -6,8 +6,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.contracts import Contract
-from hillsphere.interfaces import Array
 from hillsphere.shapes.mesh import Mesh
 from hillsphere.shapes.sphere import icosphere
 

@@ -8,9 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Compensator
+from hillsphere.interfaces.control import Compensator
 from hillsphere.simulation.flow import thrust_vectors
 from hillsphere.simulation.protocols import Actuator, CommandSteps, ContinuousLaw
 

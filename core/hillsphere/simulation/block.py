@@ -10,8 +10,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.acting import Act, Done, Extra
 from hillsphere.simulation.ends import Watch
 from hillsphere.simulation.legs import End, Held, Leg

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics.compiled import spread
 from hillsphere.dynamics.lanes import per_lane
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers, Parameter
+from hillsphere.interfaces.quantities import Parameter
 
 __all__ = ["Batch", "Cases", "batch_of"]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.enclosures import LinearRows, growth
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import PlantBounds
-from hillsphere.interfaces import Array
 from hillsphere.simulation.protocols import ContinuousLaw
 
 __all__ = ["AffineLaw", "PlantUnderCommand", "affine_law"]

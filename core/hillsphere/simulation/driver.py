@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import StepMap
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Compensator, Plant
+from hillsphere.interfaces.control import Compensator
+from hillsphere.interfaces.plant import Plant
 from hillsphere.seeds import draws
 from hillsphere.simulation.acting import Act, ByEquations, ByHold, ByImpulse
 from hillsphere.simulation.block import BLOCK, CAUSES, Part, Recorder, Result, Settings, fly_block

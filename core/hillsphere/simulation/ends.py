@@ -9,6 +9,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics import ArrayFunction, System, bracketed_roots
 from hillsphere.dynamics.proof import (
     DEPTH,
@@ -21,7 +22,6 @@ from hillsphere.dynamics.proof import (
 )
 from hillsphere.dynamics.stages import Stepper
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.event_proof import EventProof
 from hillsphere.simulation.legs import End, Held, Leg, Limit, Nodes, Sample
 from hillsphere.simulation.outcomes import status_of_event

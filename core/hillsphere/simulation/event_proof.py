@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.enclosures import (
@@ -21,7 +22,6 @@ from hillsphere.dynamics.enclosures import (
     growth,
 )
 from hillsphere.dynamics.proof import MARGIN, ROUNDING, Pieces, Slopes
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.law_bounds import LawBounds, WithoutEffort
 from hillsphere.simulation.legs import Leg, Limit, Nodes
 from hillsphere.simulation.quick_look import QuickLook

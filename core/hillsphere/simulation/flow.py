@@ -9,11 +9,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import ArrayFunction, External, StepMap, System, system
 from hillsphere.dynamics.enclosures import LinearRows
 from hillsphere.dynamics.system import PlantBounds
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Parameter, Plant, Variable
+from hillsphere.interfaces.plant import Plant
+from hillsphere.interfaces.quantities import Parameter, Variable
 from hillsphere.simulation.command_bounds import AffineLaw, affine_law
 from hillsphere.simulation.law_bounds import LawBounds, law_matrix
 from hillsphere.simulation.protocols import ContinuousLaw

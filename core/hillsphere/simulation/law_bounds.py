@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.dynamics import intervals as iv
 from hillsphere.dynamics.bounds import Bound
 from hillsphere.dynamics.enclosures import LinearRows
 from hillsphere.dynamics.intervals import Interval
 from hillsphere.dynamics.system import PlantBounds
-from hillsphere.interfaces import Array
 from hillsphere.simulation.command_bounds import AffineLaw
 from hillsphere.simulation.protocols import ContinuousLaw
 from hillsphere.symbolic import norm

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics.proof import MARGIN
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.outcomes import STATUSES
 
 __all__ = ["End", "Held", "Leg", "Limit", "Nodes", "Sample"]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.simulation.protocols import Navigation
 
 __all__ = ["NavigationErrors", "PerfectNavigation", "SeenStates"]

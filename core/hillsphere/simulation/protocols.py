@@ -12,9 +12,10 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.contracts import Contract
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers, Variable
+from hillsphere.interfaces.quantities import Variable
 from hillsphere.symbolic import Expr
 
 __all__ = ["Actuator", "CommandSteps", "ContinuousLaw", "KnownPoles", "Navigation", "Reference"]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.dynamics.proof import ROUNDING
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.command_bounds import AffineLaw
 from hillsphere.simulation.legs import Held, Leg
 from hillsphere.simulation.regions import Boxes, Columns, Regions, Store, Tube

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hillsphere.interfaces import Array
+from hillsphere.arrays import Array
 from hillsphere.simulation.block import Moment, Recorder
 from hillsphere.simulation.outcomes import History
 

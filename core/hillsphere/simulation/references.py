@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.arrays import Array, Integers
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation.protocols import CommandSteps
 
 __all__ = ["FixedReference", "PhaseReference", "SampledReference", "ZeroReference"]

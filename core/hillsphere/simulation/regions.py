@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array, Integers
+from hillsphere.arrays import Array, Integers
 
 __all__ = ["Bounds", "Boxes", "Columns", "Regions", "Store"]
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.campaign.repeated import Repeated
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Dispersion, Parameter
+from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.quantities import Parameter
 from hillsphere.uncertainty.matching import matched
 
 __all__ = ["Dispersed", "Group", "Quantity", "quantities_of", "resolve"]

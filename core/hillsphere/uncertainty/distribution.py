@@ -11,8 +11,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from scipy.special import ndtri
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.uncertainty.copula import copula_covariance, correlated_factor
 from hillsphere.uncertainty.specs import ContinuousSpec, DispersionSpec
 from hillsphere.units import UNITS

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.regular_files import read_text
 from hillsphere.uncertainty.distribution import require_count, si_unit
 from hillsphere.uncertainty.specs import SamplesSpec

@@ -8,8 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from hillsphere.arrays import Array
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Array, Dispersion, Parameter
+from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.quantities import Parameter
 from hillsphere.uncertainty.matching import matched
 
 __all__ = ["Parametric", "Uncertain", "uncertain"]

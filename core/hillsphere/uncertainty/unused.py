@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hillsphere.errors import InputError
-from hillsphere.interfaces import Dispersion, Parameter
+from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.quantities import Parameter
 from hillsphere.uncertainty.matching import matched
 
 __all__ = ["check_dispersion"]

@@ -1,0 +1,87 @@
+"""The interfaces between the core and its plugins: one small Protocol per kind.
+
+A component is made from its bound `Spec` and holds configuration, no hidden state. N is always
+the number of independent cases, the last axis of an array. Interfaces of kinds that no plugin
+fills yet appear here together with the first one that does.
+"""
+
+from __future__ import annotations
+
+from hillsphere.arrays import Array, Integers
+from hillsphere.interfaces.control import Compensator, SynthesisedLaw
+from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.estimation import (
+    ConsiderModel,
+    EstimationModel,
+    Estimator,
+    LinearisedModel,
+)
+from hillsphere.interfaces.gravity import (
+    ArrayGravityModel,
+    BoundedGravity,
+    GravityModel,
+    Piecewise,
+    SeriesGravity,
+)
+from hillsphere.interfaces.guidance import Guidance, GuidanceTask, GuidedFlight
+from hillsphere.interfaces.orbits import OrbitFamily, OrbitProblem
+from hillsphere.interfaces.plant import (
+    ConservedQuantity,
+    ExternalEvents,
+    ExternalInputs,
+    MirrorSymmetry,
+    PiecewisePlant,
+    Plant,
+    TimedPlant,
+)
+from hillsphere.interfaces.quantities import Parameter, Scales, Variable
+from hillsphere.interfaces.sensing import Channel, Scene, Sensor, StationSensor
+from hillsphere.interfaces.stages import CaseStage, Context, NeedsCheck, Stage
+from hillsphere.interfaces.surface import ArraySurface, Enclosed, SlopedSurface, Surface
+from hillsphere.interfaces.tracking import State, Tracker
+
+__all__ = [
+    "Array",
+    "ArrayGravityModel",
+    "ArraySurface",
+    "BoundedGravity",
+    "CaseStage",
+    "Channel",
+    "Compensator",
+    "ConservedQuantity",
+    "ConsiderModel",
+    "Context",
+    "Dispersion",
+    "Enclosed",
+    "EstimationModel",
+    "Estimator",
+    "ExternalEvents",
+    "ExternalInputs",
+    "GravityModel",
+    "Guidance",
+    "GuidanceTask",
+    "GuidedFlight",
+    "Integers",
+    "LinearisedModel",
+    "MirrorSymmetry",
+    "NeedsCheck",
+    "OrbitFamily",
+    "OrbitProblem",
+    "Parameter",
+    "Piecewise",
+    "PiecewisePlant",
+    "Plant",
+    "Scales",
+    "Scene",
+    "Sensor",
+    "SeriesGravity",
+    "SlopedSurface",
+    "Stage",
+    "State",
+    "StationSensor",
+    "Surface",
+    "SynthesisedLaw",
+    "TimedPlant",
+    "Tracker",
+    "Variable",
+]

@@ -1,0 +1,71 @@
+"""Numbers and variables of models, and the units in which they are of order one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.arrays import Array
+
+__all__ = ["Parameter", "Scales", "Variable"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number in a model's equations that may become a run-time parameter.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the model, e.g. ``"gm"`` or ``"C2,0"``.
+    value : float
+        Nominal value, SI.
+    unit : str
+        E.g. ``"m3/s2"``, ``"-"``.
+    positive : bool
+        Whether only values above zero mean anything: a case of a campaign that draws another is
+        not computed.
+    """
+
+    name: str
+    value: float
+    unit: str = "-"
+    positive: bool = False
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A state or control of a plant.
+
+    Parameters
+    ----------
+    name : str
+        Unique within the plant.
+    length, time : int
+        Exponents of its dimension: a speed is ``Variable("vx", 1, -1)``. They fix the unit and
+        the factor between physical and normalised values.
+    frame : str
+        Frame in which it is expressed; ``""`` for the plant's own.
+    unit : str
+        Overrides the unit that follows from the exponents (``"rad"`` for an angle).
+    """
+
+    name: str
+    length: int = 0
+    time: int = 0
+    frame: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units of length and time in which a plant's numbers are of order one."""
+
+    length_m: float
+    time_s: float
+
+    def of(self, variables: Sequence[Variable]) -> Array:
+        """SI size of one normalised unit of each variable, shape (n,)."""
+        return np.array([self.length_m**v.length * self.time_s**v.time for v in variables])
