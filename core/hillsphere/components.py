@@ -150,6 +150,13 @@ def hillsphere_components() -> list[Component]:
             "campaigns side by side, beside published values, with answers to what is claimed",
         ),
         Component(
+            "command",
+            "export",
+            "hillsphere.campaign.export_command:app",
+            "",
+            "Write the cases of a campaign to a file for other programs.",
+        ),
+        Component(
             "executor",
             "serial",
             "hillsphere.campaign.executors.serial:Serial",
@@ -167,7 +174,7 @@ def hillsphere_components() -> list[Component]:
             "executor",
             "dask",
             "hillsphere.campaign.executors.dask:Dask",
-            "hillsphere.campaign.executors.specs:DaskSpec",
+            "hillsphere.campaign.executors.dask_specs:DaskSpec",
             "in workers of dask.distributed, here or on a cluster",
         ),
     ]

@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from hillsphere.spec import Spec, Vector3, option, quantity, rule
 
-__all__ = ["InertialStartSpec", "KeplerianStartSpec", "StartFormsSpec"]
+__all__ = ["InertialStartSpec", "KeplerianStartSpec", "StartFormsSpec", "StartSpec"]
 
 
 class _InertialSpec(Spec):
@@ -104,3 +104,27 @@ class StartFormsSpec(Spec):
                 "(in the plant's frame), inertial and elements",
             )
         return self
+
+
+class StartSpec(StartFormsSpec):
+    """Where and when a flight begins."""
+
+    position_m: tuple[float, ...] | None = quantity(
+        "length",
+        "positions in the plant's frame, one per state that is a length, in their order; left out: "
+        "those of the reference",
+        default=None,
+        min_length=1,
+    )
+    velocity_m_s: tuple[float, ...] | None = quantity(
+        "speed",
+        "velocities, likewise; left out: those of the reference",
+        default=None,
+        min_length=1,
+    )
+    others: dict[str, float] = option(
+        "values of states that are neither position nor velocity, by name, SI "
+        "(true_anomaly = 0.5); left out: those of the reference",
+        default={},
+    )
+    time_s: float = quantity("time", "time at the start", default=0.0)

@@ -11,12 +11,12 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from hillsphere import create
-from hillsphere.closed_loop.specs import StartSpec
 from hillsphere.dynamics import StepMap, system
 from hillsphere.ephemeris import anomaly_from_mean, mean_from_true
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.inertial import RotatingFrame
 from hillsphere.interfaces import Array
+from hillsphere.start_specs import StartSpec
 from hillsphere.start_states import place_start, with_placed_start
 from hillsphere.time import Epoch
 

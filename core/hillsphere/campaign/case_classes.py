@@ -24,6 +24,7 @@ __all__ = [
     "FailureRatio",
     "case_class",
     "decided_failures",
+    "ended",
     "failure_ratio",
     "is_undecided",
     "ratio_at_points",
@@ -97,6 +98,12 @@ def is_undecided(status: Iterable[str] | NDArray[np.str_]) -> Flags:
 def decided_failures(table: Judged) -> Flags:
     """Return which cases (N,) are decided and failed."""
     return np.asarray(table.failed & ~is_undecided(table.status))
+
+
+def ended(table: Judged) -> Flags:
+    """Return which cases (N,) came to their end: a success, or short of a requirement."""
+    sound = ~table.failed | (table.status == "requirement")
+    return np.asarray(sound & ~is_undecided(table.status))
 
 
 def case_class(status: str, failed: bool) -> str:

@@ -11,13 +11,13 @@ from scipy.special import ndtri
 from scipy.stats import binomtest, wilcoxon
 
 from hillsphere.arrays import Array, Integers
-from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
+from hillsphere.campaign.case_classes import LEVEL, ended, is_undecided, ratio_interval
 from hillsphere.campaign.comparison_presentation import chosen, present_comparison
 from hillsphere.campaign.comparison_products import CampaignComparison, PairedMetrics
 from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
 from hillsphere.campaign.pairing import PlannedDraws, matched
 from hillsphere.campaign.stages import Campaign
-from hillsphere.campaign.statistics import ended, mean_interval
+from hillsphere.campaign.statistics import mean_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation

@@ -15,7 +15,8 @@ from hillsphere.assembly import Assembly
 from hillsphere.campaign.designs import Design, DesignName
 from hillsphere.campaign.plan import Plan, Variant
 from hillsphere.campaign.repeated import Repeated
-from hillsphere.campaign.swept import MOST_POINTS, Swept, no_sweep
+from hillsphere.campaign.sweep_points import MOST_POINTS
+from hillsphere.campaign.swept import Swept, no_sweep
 from hillsphere.errors import InputError
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter

@@ -14,6 +14,7 @@ from hillsphere.campaign.case_classes import (
     LEVEL,
     UNDECIDED,
     decided_failures,
+    ended,
     is_undecided,
     ratio_at_points,
     ratio_of,
@@ -39,7 +40,7 @@ from hillsphere.campaign.sensitivity import (
     rank_correlations,
     sobol_of,
 )
-from hillsphere.campaign.statistics import MetricStatistics, ended, metric_statistics
+from hillsphere.campaign.statistics import MetricStatistics, metric_statistics
 from hillsphere.campaign.sweep_figures import PointValues, draw_sweep, points_of
 from hillsphere.campaign.tables import (
     class_table,

@@ -11,8 +11,7 @@ from scipy.special import ndtri, stdtr
 from scipy.stats import norm, rankdata, tiecorrect
 
 from hillsphere.arrays import Array
-from hillsphere.campaign.case_classes import LEVEL, decided_failures, is_undecided
-from hillsphere.campaign.statistics import ended
+from hillsphere.campaign.case_classes import LEVEL, decided_failures, ended, is_undecided
 from hillsphere.products import CaseTable
 
 __all__ = [

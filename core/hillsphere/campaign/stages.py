@@ -9,6 +9,7 @@ from typing import Any
 
 from hillsphere.arrays import Integers
 from hillsphere.campaign.bands import Parts, bands_of, lines_of
+from hillsphere.campaign.case_classes import ended
 from hillsphere.campaign.cases import Histories
 from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.crossings import crossing_table
@@ -20,9 +21,9 @@ from hillsphere.campaign.presentation import present_campaign
 from hillsphere.campaign.repeated import Repeated, RepeatedWork
 from hillsphere.campaign.sensitivity import independent_cases
 from hillsphere.campaign.specs import CampaignSpec, MonteCarloSpec, RangeSpec, SweepSpec
-from hillsphere.campaign.statistics import ended
 from hillsphere.campaign.stopping import StopCriteria
-from hillsphere.campaign.swept import Swept, case_list, crossed, grid, listed, sampled
+from hillsphere.campaign.sweep_points import case_list, crossed, grid, listed, sampled
+from hillsphere.campaign.swept import Swept
 from hillsphere.campaign.table import table_of
 from hillsphere.errors import InputError
 from hillsphere.interfaces.stages import Context

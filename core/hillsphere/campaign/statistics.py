@@ -19,7 +19,7 @@ from scipy.special import ndtri, stdtrit
 from scipy.stats import binom, trim_mean
 
 from hillsphere.arrays import Array, Integers
-from hillsphere.campaign.case_classes import LEVEL, is_undecided, ratio_interval
+from hillsphere.campaign.case_classes import LEVEL, ended, is_undecided, ratio_interval
 from hillsphere.products import CaseTable
 
 __all__ = [
@@ -30,7 +30,6 @@ __all__ = [
     "classes",
     "describe",
     "deviation_interval",
-    "ended",
     "mean_interval",
     "metric_statistics",
     "quantile_interval",
@@ -229,12 +228,6 @@ def _note(n: int) -> str:
     if n < LEAST_FOR_DEVIATION:
         return f"fewer than {LEAST_FOR_DEVIATION} cases: no interval of the standard deviation"
     return ""
-
-
-def ended(table: CaseTable) -> NDArray[np.bool_]:
-    """Return which cases (N,) came to their end: a success, or short of a requirement."""
-    sound = ~table.failed | (table.status == "requirement")
-    return np.asarray(sound & ~is_undecided(table.status))
 
 
 def metric_statistics(

@@ -12,13 +12,14 @@ import numpy as np
 from hillsphere.arrays import Array, Integers
 from hillsphere.campaign.case_classes import (
     FailureRatio,
+    ended,
     failure_ratio,
     is_undecided,
     ratio_of,
 )
 from hillsphere.campaign.comparison import paired_failures, planned_draws
 from hillsphere.campaign.pairing import PlannedDraws, matched
-from hillsphere.campaign.statistics import ended, mean_interval, metric_statistics
+from hillsphere.campaign.statistics import mean_interval, metric_statistics
 from hillsphere.campaign.summary_presentation import check_columns, present_summary
 from hillsphere.campaign.summary_products import CampaignSummary, Claim
 from hillsphere.campaign.summary_specs import WITHOUT_WORST, CampaignSummarySpec, ClaimSpec

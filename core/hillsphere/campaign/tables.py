@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hillsphere.campaign.case_classes import (
     case_class,
     decided_failures,
+    ended,
     is_undecided,
     ratio_at_points,
     undecided_sentence,
@@ -21,12 +22,7 @@ from hillsphere.campaign.sensitivity import (
     SobolIndices,
     too_few_failures,
 )
-from hillsphere.campaign.statistics import (
-    MetricStatistics,
-    classes,
-    ended,
-    metric_statistics,
-)
+from hillsphere.campaign.statistics import MetricStatistics, classes, metric_statistics
 from hillsphere.presentation import Cell, Column, Table
 from hillsphere.products import CaseTable
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,16 +18,7 @@ from hillsphere.cli.application import (
     load,
     registry_of,
 )
-from hillsphere.cli.output import write
 from hillsphere.errors import InputError
-
-
-class ExportFormat(StrEnum):
-    """Formats of exported cases."""
-
-    csv = "csv"
-    netcdf = "netcdf"
-
 
 RunName = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
@@ -160,24 +150,3 @@ def rerun(
         run, case, stage=stage, mission=mission, allow_path=allow_path,
         registry=registry_of(strict_plugins), json=json,
     )  # fmt: skip
-
-
-@app.command()
-def export(
-    run: RunName,
-    stage: StageName = None,
-    format_: Annotated[
-        ExportFormat, typer.Option("--format", help="Text with every digit, or netCDF.")
-    ] = ExportFormat.csv,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="By default in the run directory, named by the stage."),
-    ] = None,
-) -> None:
-    """Write the cases of a campaign to a file for other programs."""
-    from hillsphere.cli.exporting import export_cases
-
-    registry = registry_of(strict=False)
-    paths = export_cases(run, stage=stage, format_=format_.value, out=out, registry=registry)
-    for path in paths:
-        write(str(path))

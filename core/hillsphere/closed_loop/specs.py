@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
-from hillsphere.start_specs import StartFormsSpec
+from hillsphere.start_specs import StartSpec
 
 __all__ = [
     "ActuatorSpec",
@@ -16,7 +16,6 @@ __all__ = [
     "LimitsSpec",
     "NavigationSpec",
     "RequirementsSpec",
-    "StartSpec",
     "TargetSpec",
 ]
 
@@ -38,30 +37,6 @@ class ClosedLoopNeeds(Spec):
         "the controller of a law that waits for one, from a synthesis",
         default=None,
     )
-
-
-class StartSpec(StartFormsSpec):
-    """Where and when a flight begins."""
-
-    position_m: tuple[float, ...] | None = quantity(
-        "length",
-        "positions in the plant's frame, one per state that is a length, in their order; left out: "
-        "those of the reference",
-        default=None,
-        min_length=1,
-    )
-    velocity_m_s: tuple[float, ...] | None = quantity(
-        "speed",
-        "velocities, likewise; left out: those of the reference",
-        default=None,
-        min_length=1,
-    )
-    others: dict[str, float] = option(
-        "values of states that are neither position nor velocity, by name, SI "
-        "(true_anomaly = 0.5); left out: those of the reference",
-        default={},
-    )
-    time_s: float = quantity("time", "time at the start", default=0.0)
 
 
 class TargetSpec(Spec):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hillsphere.campaign.crossings import crossing_table, crossings
-from hillsphere.campaign.swept import crossed, grid, listed
+from hillsphere.campaign.sweep_points import crossed, grid, listed
 from hillsphere.errors import InputError
 from hillsphere.products import CaseList, CaseTable, Ladder
 

@@ -25,9 +25,10 @@ from hillsphere.campaign.checkpoints import Checkpoints
 from hillsphere.campaign.engine import run_campaign
 from hillsphere.campaign.executors import dask, dask_workers
 from hillsphere.campaign.executors.dask import Dask
+from hillsphere.campaign.executors.dask_specs import DaskSpec
 from hillsphere.campaign.executors.pool import ONE_THREAD, Pool
 from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import DaskSpec, PoolSpec, SerialSpec
+from hillsphere.campaign.executors.specs import PoolSpec, SerialSpec
 from hillsphere.campaign.tasks import Task
 from hillsphere.errors import InputError, StageError
 

@@ -18,7 +18,8 @@ from hillsphere.campaign.plan import Plan
 from hillsphere.campaign.planning import plan_of
 from hillsphere.campaign.repeated import Repeated
 from hillsphere.campaign.specs import MonteCarloSpec, RangeSpec, SweepSpec
-from hillsphere.campaign.swept import Swept, case_list, grid, listed, sampled
+from hillsphere.campaign.sweep_points import case_list, grid, listed, sampled
+from hillsphere.campaign.swept import Swept
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Integers
 from hillsphere.products import CaseList, load_product, save_product

@@ -36,7 +36,7 @@ from hillsphere.processors import processors
 from hillsphere.signals import child_groups
 
 if TYPE_CHECKING:
-    from hillsphere.campaign.executors.specs import DaskSpec
+    from hillsphere.campaign.executors.dask_specs import DaskSpec
 
 __all__ = ["Dask", "DaskCrew"]
 

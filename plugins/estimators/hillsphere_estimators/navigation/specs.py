@@ -8,7 +8,6 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.closed_loop.specs import StartSpec
 from hillsphere.spec import (
     Pair,
     Ref,
@@ -20,6 +19,7 @@ from hillsphere.spec import (
     reference,
     rule,
 )
+from hillsphere.start_specs import StartSpec
 from hillsphere_estimators.sensor_fit import noiseless, two_dates, unseen
 
 __all__ = [

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hillsphere.campaign.statistics import ended
+from hillsphere.campaign.case_classes import ended
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable

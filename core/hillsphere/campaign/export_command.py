@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from hillsphere.atomic import output_place
 from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
+from hillsphere.cli.application import registry_of
+from hillsphere.cli.output import write
 from hillsphere.earlier_run import EarlierRun
 from hillsphere.errors import InputError, UnknownComponentError
 from hillsphere.plugins import Registry
 from hillsphere.products import CaseTable
 from hillsphere.rerun import one_campaign
 
-__all__ = ["export_cases"]
+__all__ = ["app", "export_cases"]
+
+app = typer.Typer(add_completion=False, rich_markup_mode=None)
+
+
+class ExportFormat(StrEnum):
+    """Formats of exported cases."""
+
+    csv = "csv"
+    netcdf = "netcdf"
+
 
 _TABLE = f"{CaseTable.__module__}:{CaseTable.__qualname__}"
 _SUFFIXES = {"csv": ".csv", "netcdf": ".nc"}
@@ -85,3 +100,25 @@ def _spec_of(run: Path, key: str, type_: str, registry: Registry) -> Any:
         return registry.get("stage", type_).load_spec()
     except UnknownComponentError as error:
         raise InputError(f"{run / 'manifest.json'}: stage {key!r}: {error}") from error
+
+
+@app.command()
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")],
+    stage: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Campaign; needed if the mission has several."),
+    ] = None,
+    format_: Annotated[
+        ExportFormat, typer.Option("--format", help="Text with every digit, or netCDF.")
+    ] = ExportFormat.csv,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="By default in the run directory, named by the stage."),
+    ] = None,
+) -> None:
+    """Write the cases of a campaign to a file for other programs."""
+    registry = registry_of(strict=False)
+    paths = export_cases(run, stage=stage, format_=format_.value, out=out, registry=registry)
+    for path in paths:
+        write(str(path))
