@@ -362,7 +362,7 @@ NO_READERS = {
     "hillsphere.campaign.executors.pool": "pipes to its own processes",
     "hillsphere.campaign.executors.worker": "pipes from its own process",
     "hillsphere.campaign.export": "writes",
-    "hillsphere.campaign.export_command": RUN_DIRECTORY,
+    "hillsphere.campaign.export": RUN_DIRECTORY,
     "hillsphere.cli.running": RUN_DIRECTORY,
     "hillsphere.cli.streams": "/dev/null",
     "hillsphere.compile_cache": "own entries behind a check of their owner; test_compile_cache.py",
