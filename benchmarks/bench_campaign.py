@@ -25,27 +25,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from hillsphere import components
-from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import PoolSpec, SerialSpec
-from hillsphere.campaign.plan import Plan
-from hillsphere.campaign.planning import plan_of
-from hillsphere.campaign.repeated import Repeated, RepeatedWork
-from hillsphere.campaign.table import table_of
-from hillsphere.campaign.tasks import Executor
-from hillsphere.closed_loop.stage import ClosedLoopStage
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
+from hillsphere.cases.plan import Plan
+from hillsphere.cases.repeated import Repeated, RepeatedWork
 from hillsphere.dynamics import system
 from hillsphere.interfaces import Context, Parameter
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
+from hillsphere.interfaces.tasks import Executor
 from hillsphere.mission import Mission, load_mission
-from hillsphere.pipeline import run_mission
 from hillsphere.plugins import Component, Registry, hookimpl
+from hillsphere.plugins import builtin as components
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
+from hillsphere.runs.pipeline import run_mission
 from hillsphere.spec import StageSpec
+from hillsphere_campaigns.case_plan import plan_of
+from hillsphere_campaigns.case_table import table_of
+from hillsphere_flight.closed_loop import ClosedLoopStage
 
 Array = NDArray[np.float64]
 INPUTS, METRICS = 24, 7

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from hillsphere import create
 from hillsphere.dynamics import tableau
 from hillsphere.estimation import Belief, MeasurementSet
-from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
+from hillsphere_estimators.plant_model import PlantModel
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 from hillsphere_estimators.unscented import BatchedUnscented
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from hillsphere.bodies import Moon, MoonSpec
 from hillsphere.dynamics import system
+from hillsphere.model.bodies import Moon, MoonSpec
 from hillsphere.simulation import BLOCK, Cases, Simulator
 from hillsphere.spec import Ref
 from hillsphere_controllers.specs import StateSpaceSpec

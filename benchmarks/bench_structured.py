@@ -25,8 +25,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.specs import PoolSpec
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.lti import LtiSystem
 from hillsphere.testing import RecordingContext
 from hillsphere_controllers.structured.requirements import DesignPlant

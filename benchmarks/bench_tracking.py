@@ -24,14 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 from skyfield.api import EarthSatellite, load, wgs84
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import OrientationTable
-from hillsphere.earth.rotation import earth_angle, to_earth_fixed
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import OrientationTable
+from hillsphere.model.earth.rotation import earth_angle, to_earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import propagated, secular_rates, states
-from hillsphere_tracking.pass_masks import HorizonMask
-from hillsphere_tracking.passes import find_passes
+from hillsphere_tracking.passes.masks import HorizonMask
+from hillsphere_tracking.passes.passes import find_passes
 from hillsphere_tracking.satellites import orbits_of
 from hillsphere_tracking.topocentric import angles
 from hillsphere_tracking.trackers.average import Average

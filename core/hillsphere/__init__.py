@@ -9,12 +9,12 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hillsphere import stray_processes
+from hillsphere.base import stray_processes
 
 if TYPE_CHECKING:
-    from hillsphere.mission import load_mission
-    from hillsphere.pipeline import resume_run, run_mission
-    from hillsphere.plugins import create
+    from hillsphere.mission.load import load_mission
+    from hillsphere.plugins.registry import create
+    from hillsphere.runs.pipeline import resume_run, run_mission
 
 __all__ = ["__version__", "create", "load_mission", "resume_run", "run_mission"]
 __version__ = "0.1.0"
@@ -22,8 +22,8 @@ __version__ = "0.1.0"
 _LAZY = {
     "create": "hillsphere.plugins",
     "load_mission": "hillsphere.mission",
-    "resume_run": "hillsphere.pipeline",
-    "run_mission": "hillsphere.pipeline",
+    "resume_run": "hillsphere.runs.pipeline",
+    "run_mission": "hillsphere.runs.pipeline",
 }
 
 

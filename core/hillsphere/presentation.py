@@ -1,245 +1,28 @@
-"""What a stage shows of its result: metrics, tables and figures, without drawing anything yet."""
+"""What a stage shows of its result: metrics, tables and figures, without drawing anything yet.
 
-from __future__ import annotations
-
-import math
-import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from decimal import Decimal
-from typing import TYPE_CHECKING, TypeAlias
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
-__all__ = [
-    "PALETTE", "Cell", "Column", "Figure", "Metric", "Presentation", "Printed", "Table",
-    "presentation_faults",
-]  # fmt: skip
-
-_IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,99}")
-_FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,80}(\.[a-z0-9]{1,8}){1,2}")
-_DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-
-Cell: TypeAlias = float | int | str | bool | None
-
-PALETTE: Mapping[str, str] = {
-    "blue": "#0072B2",
-    "vermillion": "#D55E00",
-    "green": "#009E73",
-    "purple": "#CC79A7",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "black": "#000000",
-    "yellow": "#F0E442",
-}
-"""Colours that survive colour-blindness (Okabe and Ito, 2008).
-
-A figure that names no colours takes them by itself in this order (but for yellow, which is too
-light for a line); name one where a colour means a thing.
+The public names of `hillsphere.show.presentation`.
 """
 
+from hillsphere.show.presentation import (
+    PALETTE,
+    Cell,
+    Column,
+    Figure,
+    Metric,
+    Presentation,
+    Printed,
+    Table,
+    presentation_faults,
+)
 
-class Printed(float):
-    """A number as a paper prints it: its value, and how many digits it claims.
-
-    It behaves as a float everywhere; in a table it stands in a ``*_paper`` column beside the
-    computed one, and the report says whether the two agree to the printed digit.
-
-    Parameters
-    ----------
-    text : str
-        The number as printed, e.g. ``"7.10"``; a typographic minus is understood.
-
-    Raises
-    ------
-    ValueError
-        If it is not a finite decimal number.
-    """
-
-    text: str
-
-    def __new__(cls, text: str) -> Printed:
-        """Read the number."""
-        plain = text.strip().replace("\u2212", "-")
-        if not _DECIMAL.fullmatch(plain):
-            raise ValueError(f"not a decimal number: {text!r}")
-        made = super().__new__(cls, plain)
-        if not math.isfinite(made):
-            raise ValueError(f"too large: {text!r}")
-        made.text = plain
-        return made
-
-    def __reduce__(self) -> tuple[type[Printed], tuple[str]]:
-        return Printed, (self.text,)
-
-    @property
-    def last_digit(self) -> float:
-        """One unit of the last printed digit: 0.01 of ``"7.10"``."""
-        return float(f"1e{self._exponent}")
-
-    @property
-    def _exponent(self) -> int:
-        mantissa, _, exponent = self.text.lower().partition("e")
-        return int(exponent or 0) - len(mantissa.partition(".")[2])
-
-    def difference(self, value: float) -> float:
-        """Return value − printed in units of the last printed digit."""
-        # Scaled in decimal: in binary 39.45 − 39.4 is 0.0500…04, half a unit and a bit.
-        return float((Decimal(repr(float(value))) - Decimal(self.text)).scaleb(-self._exponent))
-
-    def agrees(self, value: float) -> bool:
-        """Whether the value, rounded to the printed digit, is the printed number."""
-        return math.isfinite(value) and abs(self.difference(value)) <= 0.5
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One number of a result with its unit (``"-"`` where it has none)."""
-
-    value: float | int | bool | str
-    unit: str = "-"
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a table.
-
-    Parameters
-    ----------
-    name : str
-        Key of its cells, with the unit as suffix where it has one (``"x0_km"``). A column
-        ``NAME_paper`` holds what a paper gives for the column ``NAME``.
-    unit : str
-        ``"-"`` for numbers without unit, ``""`` for text.
-    label : str
-        Heading in the report; by default the name without the unit's suffix.
-    digits : int
-        Significant digits shown in the report; files always hold the full number.
-    """
-
-    name: str
-    unit: str = "-"
-    label: str = ""
-    digits: int = 8
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of a result.
-
-    Parameters
-    ----------
-    title : str
-        Heading in the report.
-    columns : sequence of Column
-        In order.
-    rows : sequence of mapping
-        Column name to cell; a missing cell is ``None``. Nothing is rounded here.
-    notes : sequence of str
-        What a reader must know: source of the ``*_paper`` columns, why a value differs.
-    """
-
-    title: str
-    columns: Sequence[Column]
-    rows: Sequence[Mapping[str, Cell]]
-    notes: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A figure of a result.
-
-    Parameters
-    ----------
-    title : str
-        Heading in the report.
-    draw : callable
-        ``draw(figure)`` fills an empty `matplotlib.figure.Figure`; matplotlib is imported only
-        when a report is made.
-    caption : str
-        What is to be seen.
-    size_in : tuple of float
-        Width and height in inches.
-    """
-
-    title: str
-    draw: Callable[[MatplotlibFigure], None]
-    caption: str = ""
-    size_in: tuple[float, float] = (7.0, 4.5)
-
-
-@dataclass(frozen=True)
-class Presentation:
-    """Everything that a stage shows.
-
-    Parameters
-    ----------
-    metrics, tables, figures : mapping
-        By identifier (lower case, underscores), which names the file too. Where two stages of a
-        mission use the same one, the later is called ``IDENTIFIER_STAGE``.
-    verdict : sequence of str
-        Sentences for the head of the report, model-validity warnings among them.
-    files : mapping
-        Further text files by name (``"qso.oem"``), for other programs to read.
-    """
-
-    metrics: Mapping[str, Metric] = field(default_factory=dict)
-    tables: Mapping[str, Table] = field(default_factory=dict)
-    figures: Mapping[str, Figure] = field(default_factory=dict)
-    verdict: Sequence[str] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
-
-
-def presentation_faults(presentation: Presentation) -> list[str]:
-    """Say what is wrong with a presentation, a sentence each; an empty list if nothing is.
-
-    Parameters
-    ----------
-    presentation : Presentation
-        What a stage shows.
-
-    Returns
-    -------
-    list of str
-        An identifier that cannot name a file, a table with a column twice, a cell without a
-        column, or a value that is no number, text or ``None``.
-    """
-    faults = []
-    for what, group in (
-        ("metric", presentation.metrics),
-        ("table", presentation.tables),
-        ("figure", presentation.figures),
-    ):
-        faults += [
-            f"{what} {name!r}: an identifier is lower-case letters, digits and underscores"
-            for name in group
-            if not _IDENTIFIER.fullmatch(name)
-        ]
-    faults += [
-        f"file {name!r}: its name must be letters, digits, '-', '_' and '.', with a suffix"
-        for name in presentation.files
-        if not _FILE.fullmatch(name)
-    ]
-    for name, metric in presentation.metrics.items():
-        if not _is_cell(metric.value):
-            faults.append(f"metric {name!r}: its value is a {type(metric.value).__name__}")
-    for name, table in presentation.tables.items():
-        columns = [column.name for column in table.columns]
-        if len(set(columns)) < len(columns):
-            faults.append(f"table {name!r}: a column stands twice in {columns}")
-        for index, row in enumerate(table.rows):
-            if extra := sorted(set(row) - set(columns)):
-                faults.append(f"table {name!r}, row {index}: no column is called {extra}")
-            faults += [
-                f"table {name!r}, row {index}: {key} is a {type(value).__name__}"
-                for key, value in row.items()
-                if not _is_cell(value)
-            ]
-    return faults
-
-
-def _is_cell(value: object) -> bool:
-    # numpy's scalars have a dtype and no axis; numpy itself is not imported here.
-    scalar = hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0
-    return value is None or scalar or isinstance(value, float | int | str | bool)
+__all__ = [
+    "PALETTE",
+    "Cell",
+    "Column",
+    "Figure",
+    "Metric",
+    "Presentation",
+    "Printed",
+    "Table",
+    "presentation_faults",
+]

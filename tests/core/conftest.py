@@ -187,7 +187,7 @@ gravity.brick.density_kg_m3 = 3000.0
 @pytest.fixture(scope="session")
 def toys() -> Registry:
     """Registry of the toys and of the core's own components."""
-    from hillsphere import components
+    from hillsphere.plugins import builtin as components
 
     registry = Registry()
     registry.add_plugin("hillsphere", components)

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere import create
-from hillsphere.earth.orientation import OrientationTable
+from hillsphere.base.orientation import OrientationTable
+from hillsphere.base.paths import missions_directory
 from hillsphere.formats.icgem import read_icgem
 from hillsphere.formats.obj import read_obj
 from hillsphere.formats.oem import OemSegment, read_oem, write_oem
@@ -25,17 +26,16 @@ from hillsphere.formats.tdm import read_tdm
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.mission import load_mission
-from hillsphere.paths import missions_directory
 from hillsphere.products import PeriodicOrbits, load_product, save_product
-from hillsphere.reference import ReferenceTable
+from hillsphere.show.reference import ReferenceTable
 from hillsphere.time import Epoch
 from hillsphere.uncertainty.samples import read_columns
 from hillsphere_controllers.stages.linear_models.systems import system_from_file
-from hillsphere_estimators.navigation.comparison import published_errors
+from hillsphere_estimators.navigation_comparison.stage import published_errors
 from hillsphere_tracking.live.feed import Recorded
 from hillsphere_tracking.live.inputs import input_of
 from hillsphere_tracking.memory import read_memory
-from hillsphere_tracking.pass_sources import orbits_of_file
+from hillsphere_tracking.passes.sources import orbits_of_file
 from hillsphere_tracking.pointing.pass_log import read_pass_log
 
 __all__ = ["NO_READERS", "READERS", "Reader"]
@@ -301,13 +301,13 @@ def _measured(path: Path) -> None:
 FORMATS = "hillsphere.formats."
 READERS = (
     Reader("mission", "small.toml", _text(MISSION), load_mission,
-           ("hillsphere.toml_source", "hillsphere.toml_scan")),
+           ("hillsphere.mission.toml_source", "hillsphere.mission.toml_scan")),
     Reader("reference", "table.csv", _copy("phobos-3d-qso-table3.csv"), ReferenceTable.read,
-           ("hillsphere.reference",)),
+           ("hillsphere.show.reference",)),
     Reader("columns", "rows.csv", _text(COLUMNS), read_columns,
            ("hillsphere.uncertainty.samples",)),
     Reader("orientation", "finals.data", _orientation, OrientationTable.read,
-           ("hillsphere.earth.orientation",)),
+           ("hillsphere.base.orientation",)),
     Reader("icgem", "field.gfc", _copy("phobos-gravity-degree4.gfc"), read_icgem,
            (FORMATS + "icgem", FORMATS + "coefficients")),
     Reader("shadr", "field.tab", _text(SHADR), read_shadr, (FORMATS + "shadr",)),
@@ -317,30 +317,30 @@ READERS = (
     Reader("obj", "mesh.obj", _text(OCTAHEDRON), read_obj, (FORMATS + "obj",)),
     Reader("polyhedron", "mesh.obj", _text(OCTAHEDRON),
            lambda path: create("shape", "polyhedron", file=str(path), length_unit="km"),
-           ("hillsphere.shapes.polyhedron",)),
+           ("hillsphere.model.shapes.polyhedron",)),
     Reader("shape_harmonics", "shape.tab", _copy("eros-shape-degree8.tab"), read_shape_harmonics,
            (FORMATS + "shape_harmonics",)),
     Reader("harmonic_shape", "shape.tab", _copy("eros-shape-degree8.tab"),
            lambda path: create("shape", "harmonics", file=str(path), length_unit="km"),
-           ("hillsphere.shapes.harmonic",)),
+           ("hillsphere.model.shapes.harmonic",)),
     Reader("grid", "grid.txt", _text(GRID),
            lambda path: create("shape", "grid", file=str(path), length_unit="km"),
-           ("hillsphere.shapes.grid",)),
+           ("hillsphere.model.shapes.grid",)),
     Reader("oem", "flight.oem", _oem, _of_text(read_oem), (FORMATS + "oem",), of_text=True),
     Reader("tdm", "pass.tdm", _text(TDM), _of_text(read_tdm),
            (FORMATS + "tdm", FORMATS + "tdm_records", FORMATS + "tdm_entries"), of_text=True),
     Reader("tdm_xml", "pass.xml", _text(TDM_XML), _of_text(read_tdm), (FORMATS + "tdm_entries",),
            of_text=True),
-    Reader("product", "family.npz", _product, load_product, ("hillsphere.product_codec",), True),
-    Reader("system_npz", "system.npz", _npz, system_from_file,
+    Reader("product", "family.npz", _product, load_product, ("hillsphere.products.product_codec",),
+    True), Reader("system_npz", "system.npz", _npz, system_from_file,
            ("hillsphere_controllers.stages.linear_models.systems",), True),
     Reader("system_product", "design.npz", _system_product, system_from_file,
            ("hillsphere_controllers.stages.linear_models.systems",), True),
     Reader("published", "table4.csv", _copy("apophis-formation-table4.csv"),
            lambda path: published_errors(path, 9, 9),
-           ("hillsphere_estimators.navigation.comparison",)),
+           ("hillsphere_estimators.navigation_comparison.stage",)),
     Reader("tle", "two-line.txt", _text(TLE), orbits_of_file,
-           ("hillsphere_tracking.pass_sources", "hillsphere_tracking.tle")),
+           ("hillsphere_tracking.passes.sources", "hillsphere_tracking.tle")),
     Reader("omm", "orbit.omm", _text(OMM), orbits_of_file, ("hillsphere_tracking.omm",)),
     Reader("omm_xml", "orbit.xml", _text(OMM_XML), orbits_of_file, ("hillsphere_tracking.omm",)),
     Reader("memory", "stations.json", _memory, read_memory, ("hillsphere_tracking.memory",)),
@@ -353,28 +353,28 @@ READERS = (
 
 RUN_DIRECTORY = "a run directory, not a single file: test_resume.py, test_store.py"
 NO_READERS = {
-    "hillsphere.atomic": "writes",
-    "hillsphere.cached_files": "takes digests, parses nothing",
+    "hillsphere.base.atomic": "writes",
+    "hillsphere.base.cached_files": "takes digests, parses nothing",
     "hillsphere.cli.endings": "writes the log of an internal error",
-    "hillsphere.json_files": RUN_DIRECTORY,
-    "hillsphere.npz": "read through product_codec, which stands in the table",
-    "hillsphere.regular_files": "opens files for the readers, parses nothing",
-    "hillsphere.campaign.executors.pool": "pipes to its own processes",
-    "hillsphere.campaign.executors.worker": "pipes from its own process",
-    "hillsphere.campaign.export": RUN_DIRECTORY + "; writes",
+    "hillsphere.base.json_files": RUN_DIRECTORY,
+    "hillsphere.base.npz": "read through product_codec, which stands in the table",
+    "hillsphere.base.regular_files": "opens files for the readers, parses nothing",
+    "hillsphere.cases.executors.pool": "pipes to its own processes",
+    "hillsphere.cases.executors.worker": "pipes from its own process",
+    "hillsphere_campaigns.export": RUN_DIRECTORY + "; writes",
     "hillsphere.cli.running": RUN_DIRECTORY,
     "hillsphere.cli.streams": "/dev/null",
-    "hillsphere.compile_cache": "own entries behind a check of their owner; test_compile_cache.py",
-    "hillsphere.doctor": "the system's list of mounts",
-    "hillsphere.earlier_run": RUN_DIRECTORY,
-    "hillsphere.pipeline": RUN_DIRECTORY,
-    "hillsphere.report": "the package's own style sheet",
-    "hillsphere.rerun": RUN_DIRECTORY,
-    "hillsphere.spice_kernel": "judges the head and the records of a kernel; test_spice.py",
-    "hillsphere.spice": "starts the process that reads kernels; test_spice.py",
-    "hillsphere.spice_process": "CSPICE, which ends this process at some kernels; test_spice.py",
-    "hillsphere.store": "appends to the log",
+    "hillsphere.symbolic.compile_cache": "own entries, owner checked; test_compile_cache.py",
+    "hillsphere.cli.doctor": "the system's list of mounts",
+    "hillsphere.runs.earlier_run": RUN_DIRECTORY,
+    "hillsphere.runs.pipeline": RUN_DIRECTORY,
+    "hillsphere.show.report": "the package's own style sheet",
+    "hillsphere.runs.rerun": RUN_DIRECTORY,
+    "hillsphere.model.spice_kernel": "judges the head and the records of a kernel; test_spice.py",
+    "hillsphere.model.spice": "starts the process that reads kernels; test_spice.py",
+    "hillsphere.model.spice_process": "CSPICE, ends its process at some kernels; test_spice.py",
+    "hillsphere.runs.store": "appends to the log",
     "hillsphere_controllers.systems.exchange": "MATLAB's files; test_mat_file.py",
-    "hillsphere.workers": "copies an error of its own",
+    "hillsphere.runs.workers": "copies an error of its own",
 }
 """Modules that open or parse something which is no single input file, and what it is."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from hillsphere.assembly import Assembly, build
 from hillsphere.errors import InputError
 from hillsphere.mission import Mission, load_mission
 from hillsphere.plugins import Registry
-from hillsphere.reference import ReferenceTable
+from hillsphere.runs.assembly import Assembly, build
+from hillsphere.show.reference import ReferenceTable
 
 
 def _mission(path: Path, toys: Registry, text: str) -> Mission:

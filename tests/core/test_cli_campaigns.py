@@ -25,7 +25,7 @@ from tests.core.wave_missions import WAVES, waves_mission
 
 from hillsphere.cli.endings import run
 from hillsphere.plugins import default_registry
-from hillsphere.product_codec import load_product
+from hillsphere.products.product_codec import load_product
 
 MISSION = waves_mission(130)
 AGAIN = ("--mission", "waves.toml")

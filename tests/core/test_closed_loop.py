@@ -11,18 +11,18 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
-from hillsphere.closed_loop import stage as closed_loop_stage
-from hillsphere.closed_loop.metrics import METRICS, metric_errors
-from hillsphere.closed_loop.parts import unit_of
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.closed_loop.stage import ClosedLoopStage
 from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array, CaseStage, Parameter, Scales, Variable
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults
 from hillsphere.plugins import validate
 from hillsphere.products import FlightSet, Trajectories
 from hillsphere.symbolic import Expr, Params
 from hillsphere.testing import RecordingContext, check_case_stage, check_presentation, check_stage
+from hillsphere_flight import closed_loop as closed_loop_stage
+from hillsphere_flight.closed_loop import ClosedLoopStage
+from hillsphere_flight.metrics import METRICS, metric_errors
+from hillsphere_flight.parts import unit_of
+from hillsphere_flight.specs import ClosedLoopSpec
 
 PERIOD, KP, KD = 10.0, 4e-3, 0.08
 

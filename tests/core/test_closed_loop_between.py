@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.closed_loop.between import hermite_points, largest_square, slope_points
+from hillsphere_flight.between import hermite_points, largest_square, slope_points
 
 
 def test_parabola_of_a_held_command_has_its_exact_vertex() -> None:

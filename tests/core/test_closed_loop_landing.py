@@ -10,17 +10,17 @@ import pytest
 from matplotlib.figure import Figure as Canvas
 from numpy.testing import assert_allclose, assert_array_equal
 
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
-from hillsphere.closed_loop.course import Rows, course_along
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.closed_loop.stage import ClosedLoopStage
-from hillsphere.closed_loop.surroundings import Surroundings
+from hillsphere.engine.course import Rows, course_along
+from hillsphere.engine.surroundings import Surroundings
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults
 from hillsphere.plugins import validate
 from hillsphere.products import FlightSet, Trajectories
 from hillsphere.symbolic import Expr, Params
 from hillsphere.testing import RecordingContext, check_case_stage, check_presentation
+from hillsphere_flight.closed_loop import ClosedLoopStage
+from hillsphere_flight.specs import ClosedLoopSpec
 
 PERIOD, KP, KD = 60.0, 1e-4, 0.012
 GRID_S = 20.0

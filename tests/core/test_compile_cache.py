@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere import compile_cache
-from hillsphere._heyoka import heyoka
-from hillsphere.cached_files import drop_oldest
-from hillsphere.compile_cache import kept_function
+from hillsphere.base.cached_files import drop_oldest
 from hillsphere.dynamics import StepMap, system
 from hillsphere.interfaces import Parameter, Scales, Variable
-from hillsphere.symbolic import Expr, Params, norm, sin, variables
+from hillsphere.symbolic import Expr, Params, compile_cache, norm, sin, variables
+from hillsphere.symbolic._heyoka import heyoka
+from hillsphere.symbolic.compile_cache import kept_function
 
 X, Y = variables("x", "y")
 EQUATIONS = (X, Y, Y, -1.0 * sin(X))
@@ -273,7 +272,7 @@ PROCESS = """
 import sys
 from pathlib import Path
 from hillsphere import compile_cache
-from hillsphere._heyoka import heyoka
+from hillsphere.symbolic._heyoka import heyoka
 from hillsphere.symbolic import sin, variables
 compile_cache._directory = lambda: Path(sys.argv[1])
 compile_cache.WORTH_S = 0.0

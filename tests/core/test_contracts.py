@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.earth.rotation import earth_fixed
 from hillsphere.interfaces import Array, GuidanceTask
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.plugins import Registered, Registry, default_registry
 from hillsphere.testing import (
     check_case_stage,
@@ -31,7 +31,10 @@ from hillsphere.testing import (
 )
 from hillsphere.time import Epoch
 
-PLUGINS = ["hillsphere.components", *(p.value for p in metadata.entry_points(group="hillsphere"))]
+PLUGINS = [
+    "hillsphere.plugins.builtin",
+    *(p.value for p in metadata.entry_points(group="hillsphere")),
+]
 COMPONENTS = [r for r in default_registry() if r.component.kind != "command"]
 
 

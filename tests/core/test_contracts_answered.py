@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.interfaces import (
     CaseStage,
     Compensator,
@@ -26,8 +26,8 @@ from hillsphere.plugins import KINDS, create, default_registry
 from hillsphere.spec import Ref
 from hillsphere.testing import example, examples
 from hillsphere.time import Epoch
-from hillsphere_estimators.refinement.scenes import orbit_of, starts
-from hillsphere_estimators.refinement.specs import GeometrySpec
+from hillsphere_estimators.orbit_refinement.scenes import orbit_of, starts
+from hillsphere_estimators.orbit_refinement.specs import GeometrySpec
 from hillsphere_sensors.body_surface import BodySurface
 from hillsphere_sensors.heliocentric import heliocentric_scene
 from hillsphere_tracking.live.calibration import _estimates
@@ -68,7 +68,7 @@ def test_every_protocol_that_is_checked_at_run_time_is_a_contract() -> None:
     protocols = _protocols()
     assert len(protocols) > 40
     plain = [p.__qualname__ for p in protocols if not issubclass(type(p), type(Contract))]
-    assert not plain, "derive them from hillsphere.contracts.Contract"
+    assert not plain, "derive them from hillsphere.base.contracts.Contract"
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "command"])

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hillsphere import doctor, self_test
-from hillsphere.doctor import Finding, examine, file_system
+from hillsphere.cli import doctor, self_test
+from hillsphere.cli.doctor import Finding, examine, file_system
 from hillsphere.errors import PropagationError
 from hillsphere.plugins import Component, Registry, hookimpl
 
@@ -62,7 +62,7 @@ def test_broken_and_disabled_plugins() -> None:
             """Return one whose class is nowhere, and a command."""
             return [
                 Component(
-                    "gravity", "gone", "no_module:Gone", "hillsphere.bodies:MoonSpec", "gone"
+                    "gravity", "gone", "no_module:Gone", "hillsphere.model.bodies:MoonSpec", "gone"
                 ),
                 Component("command", "here", "hillsphere.cli.commands:app", "", "here"),
             ]

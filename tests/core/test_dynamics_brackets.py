@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hillsphere.dynamics import Brackets, ProvedBrackets, StepMap, System, system
-from hillsphere.dynamics.expression_bounds import bounds_of_event
+from hillsphere.engine.dynamics.expression_bounds import bounds_of_event
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params, exp
 

@@ -10,10 +10,10 @@ from typing import Any, Literal, cast
 import numpy as np
 import pytest
 
+from hillsphere.cli.self_test import kepler_state
 from hillsphere.dynamics import Derivatives, StepMap, System, Taylor, system
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
-from hillsphere.self_test import kepler_state
 from hillsphere.symbolic import Expr, Params, cos, dot, exp, norm, sin, variable
 
 Law = Callable[[tuple[Expr, ...], tuple[Expr, ...], Expr, Params], tuple[Expr, ...]]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hillsphere.cli.self_test import KeplerPlant, kepler_state
 from hillsphere.dynamics import Flight, StepMap, Taylor, system
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Parameter, Scales, Variable
-from hillsphere.self_test import KeplerPlant, kepler_state
 from hillsphere.symbolic import Expr, Params, cos, dot, exp, greater, norm, select, sin
 
 Watched = Mapping[str, Callable[[tuple[Expr, ...], Expr], Expr]]

@@ -6,9 +6,9 @@ import platform
 
 import pytest
 
-from hillsphere import environment as module
-from hillsphere.campaign.executors import dask_workers
-from hillsphere.environment import environment
+from hillsphere.base import environment as module
+from hillsphere.base.environment import environment
+from hillsphere_dask import dask_workers
 
 
 def test_the_c_library_and_chosen_kernels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:

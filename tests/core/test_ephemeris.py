@@ -11,10 +11,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from hillsphere import create
-from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.earth.sun_moon import sun_position
-from hillsphere.ephemeris import (
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
+from hillsphere.model.ephemeris import (
     KeplerOrbit,
     anomaly_from_mean,
     from_equator,
@@ -22,11 +23,10 @@ from hillsphere.ephemeris import (
     kepler_step,
     states_of_elements,
 )
-from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.symbolic import eccentric_anomaly, variables
 from hillsphere.testing import example
 from hillsphere.time import Epoch
+from hillsphere_plants.sun_moon import sun_position
 
 AU = 1.495978707e11
 ELEMENTS = np.array(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from hillsphere.dynamics.system import PlantBounds
+from hillsphere.engine.dynamics.system import PlantBounds
+from hillsphere.engine.simulation.command_bounds import AffineLaw, affine_law
+from hillsphere.engine.simulation.flow import closed_system
 from hillsphere.interfaces import Array, Variable
-from hillsphere.simulation.command_bounds import AffineLaw, affine_law
-from hillsphere.simulation.flow import closed_system
 from hillsphere.symbolic import Expr
 
 from .test_simulation_ends import Shaft

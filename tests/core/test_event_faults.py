@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.dynamics import proof
-from hillsphere.dynamics.enclosures import growth
+from hillsphere.engine.dynamics import proof
+from hillsphere.engine.dynamics.enclosures import growth
+from hillsphere.engine.simulation import command_bounds, regions
+from hillsphere.engine.simulation.event_proof import EventProof
+from hillsphere.engine.simulation.quick_look import QuickLook
 from hillsphere.interfaces import Array
-from hillsphere.simulation import Cases, Simulator, command_bounds, regions, simulate
-from hillsphere.simulation.event_proof import EventProof
-from hillsphere.simulation.quick_look import QuickLook
+from hillsphere.simulation import Cases, Simulator, simulate
 
 from .test_event_bytes import ROOF, STEEP
 from .test_event_commands import test_bounds_contain_dense_commands as check_commands

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hillsphere.engine.simulation.quick_look import QuickLook
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Cases, CommandSteps, Simulator
-from hillsphere.simulation.quick_look import QuickLook
 from hillsphere.symbolic import Expr, Params, power
 
 from .test_simulation_ends import CEILING, GRAVITY, Push, Shaft, Steady

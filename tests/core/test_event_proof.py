@@ -12,13 +12,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from hillsphere import create
 from hillsphere.dynamics import StepMap, Taylor, system
-from hillsphere.dynamics import intervals as iv
-from hillsphere.dynamics.bounds import Bound
-from hillsphere.dynamics.enclosures import enclose
+from hillsphere.engine.dynamics import intervals as iv
+from hillsphere.engine.dynamics.bounds import Bound
+from hillsphere.engine.dynamics.enclosures import enclose
+from hillsphere.engine.simulation.regions import Boxes, Columns, Regions, Store
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
 from hillsphere.simulation import Cases, Limit, simulate
-from hillsphere.simulation.regions import Boxes, Columns, Regions, Store
 from hillsphere.symbolic import atan2, cos, exp, power, sin, sqrt
 
 from .test_simulation_ends import CEILING, GRAVITY, Push, Shaft, Steady

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.dynamics import intervals as iv
-from hillsphere.dynamics.bounds import Bound
+from hillsphere.engine.dynamics import intervals as iv
+from hillsphere.engine.dynamics.bounds import Bound
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.simulation import Cases, Flights, Simulator
 from hillsphere.symbolic import Expr, Params, norm, sqrt

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from hillsphere import create
-from hillsphere.bodies import Moon, MoonSpec
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array, Integers, Parameter, Variable
+from hillsphere.model.bodies import Moon, MoonSpec
 from hillsphere.simulation import Cases, Flights, Limit, Simulator
 from hillsphere.spec import Ref
 from hillsphere.symbolic import Expr, Params

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hillsphere.bodies import Moon, MoonSpec
 from hillsphere.errors import InputError
-from hillsphere.inertial import RotatingFrame
+from hillsphere.model.bodies import Moon, MoonSpec
 from hillsphere.time import Epoch
+from hillsphere_orbits.inertial import RotatingFrame
 
 PHOBOS = {
     "name": "phobos",

@@ -13,7 +13,7 @@ import pytest
 
 from hillsphere import mission as mission_module
 from hillsphere.mission import Mission, MissionError, load_mission, packaged_missions
-from hillsphere.mission_layers import parse_setting
+from hillsphere.mission.layers import parse_setting
 from hillsphere.plugins import Registry
 from hillsphere.spec import Spec
 
@@ -108,10 +108,10 @@ def test_two_units_in_one_profile_are_a_fault(load: Any) -> None:
 def test_setting_in_another_unit_replaces_inside_a_nested_table(
     tmp_path: Path, sound_mission: str
 ) -> None:
-    from hillsphere.mission_layers import Layers
-    from hillsphere.mission_likes import derived, without_superseded_units
+    from hillsphere.mission.layers import Layers
+    from hillsphere.mission.likes import derived, without_superseded_units
+    from hillsphere.mission.toml_source import parse_toml
     from hillsphere.spec import option, quantity
-    from hillsphere.toml_source import parse_toml
 
     class Inner(Spec):
         size_m: float = quantity("length", "size")
@@ -260,7 +260,7 @@ def test_input_file_in_the_packaged_data(
     packaged = tmp_path / "packaged"
     (packaged / "data").mkdir(parents=True)
     (packaged / "data" / "c.csv").write_text("1")
-    monkeypatch.setattr("hillsphere.mission_links.missions_directory", lambda: packaged)
+    monkeypatch.setattr("hillsphere.mission.links.missions_directory", lambda: packaged)
     mission = load(added=FILE_TABLE.format("c.csv"))
     assert _values(mission, "gravity", "file").file == str(packaged / "data" / "c.csv")
     (tmp_path / "c.csv").write_text("2")
@@ -380,7 +380,7 @@ def test_loading_imports_nothing_numerical(tmp_path: Path) -> None:
     code = (
         "import sys\n"
         "from hillsphere.mission import MissionError, load_mission\n"
-        "from hillsphere.mission_schema import mission_schema\n"
+        "from hillsphere.mission.schema import mission_schema\n"
         "from hillsphere.plugins import default_registry\n"
         f"try: load_mission({str(path)!r})\n"
         "except MissionError as error: problems = error.problems\n"

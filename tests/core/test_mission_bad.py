@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from hillsphere.base.problems import Problem, format_key, with_article
 from hillsphere.mission import MissionError, load_mission
 from hillsphere.plugins import Registry
-from hillsphere.problems import Problem, format_key, with_article
 
 Expected = tuple[int | None, str, str]
 

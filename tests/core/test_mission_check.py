@@ -10,15 +10,15 @@ from typing import Any, get_args
 import pytest
 
 from hillsphere import create, load_mission
+from hillsphere.base.ranges import LARGEST
 from hillsphere.cli.endings import run
 from hillsphere.errors import InputError, PluginError
 from hillsphere.interfaces import Context
-from hillsphere.mission_check import check_mission
+from hillsphere.mission.check import check_mission
 from hillsphere.plugins import Component, Registry, default_registry, hookimpl
 from hillsphere.presentation import Presentation
-from hillsphere.ranges import LARGEST
 from hillsphere.spec import Spec, StageSpec
-from hillsphere.units import UNITS
+from hillsphere.spec.units import UNITS
 
 HERE = __name__
 

@@ -17,9 +17,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hillsphere.base.paths import missions_directory
 from hillsphere.cli.endings import run
 from hillsphere.mission import MissionError, load_mission
-from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registry, discover
 
 REAL = """\

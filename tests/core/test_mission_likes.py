@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from hillsphere.mission import Mission, MissionError, load_mission
-from hillsphere.mission_schema import mission_schema
+from hillsphere.mission.schema import mission_schema
 from hillsphere.plugins import Registry
 
 

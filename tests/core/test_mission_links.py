@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hillsphere.mission_links import _circles, _resolved, topological
+from hillsphere.mission.links import _circles, _resolved, topological
 
 Edges = dict[tuple[str, str], dict[tuple[str, str], Any]]
 

@@ -10,9 +10,9 @@ from typing import Any
 import jsonschema
 import pytest
 
+from hillsphere.base.paths import missions_directory
 from hillsphere.mission import MissionError, load_mission, packaged_missions
-from hillsphere.mission_schema import mission_schema
-from hillsphere.paths import missions_directory
+from hillsphere.mission.schema import mission_schema
 from hillsphere.plugins import Component, Registry, default_registry, hookimpl
 
 

@@ -22,12 +22,12 @@ import pytest
 from hillsphere.errors import InputError, Interrupted, PluginError, StageError
 from hillsphere.interfaces import Array, Context
 from hillsphere.mission import Mission, load_mission
-from hillsphere.pipeline import RunResult, run_mission
 from hillsphere.plugins import Component, Registry, hookimpl
 from hillsphere.presentation import Column, Figure, Metric, Presentation, Printed, Table
 from hillsphere.products import load_product
+from hillsphere.runs.pipeline import RunResult, run_mission
+from hillsphere.runs.stage_cache import StageCache, StageKeys, plain_spec
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, reference
-from hillsphere.stage_cache import StageCache, StageKeys, plain_spec
 
 HERE = __name__
 
@@ -580,7 +580,7 @@ def test_a_key_depends_on_all_that_the_result_depends_on(
     assert changed(with_file) == {"first", "twice"}
     Path("table.txt").write_text("2")
     assert keys(CHAIN + 'table = "table.txt"\n')["first"] != with_file["first"]
-    monkeypatch.setattr("hillsphere.stage_cache.environment", lambda: {"packages": "others"})
+    monkeypatch.setattr("hillsphere.runs.stage_cache.environment", lambda: {"packages": "others"})
     assert changed(keys()) == set(base)
 
 
@@ -687,7 +687,7 @@ def test_a_killed_run_leaves_no_torn_file(tmp_path: Path) -> None:
     """SIGKILL while a large product is written: the directory holds no file of that name."""
     code = (
         "import os, signal, numpy as np\n"
-        "from hillsphere import atomic\n"
+        "from hillsphere.base import atomic\n"
         "from hillsphere.products import Bifurcations\n"
         "from pathlib import Path\n"
         "with atomic.replacing(Path('big.npz')) as stream:\n"

@@ -11,9 +11,9 @@ from hillsphere import create
 from hillsphere.dynamics import StepMap, system
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
-from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import Cases, simulate
+from hillsphere_estimators.plant_model import PlantModel
 
 START = np.array([29.0, -1503.4, 407.1, 1e-3, -2e-4, 1e-4])
 NOTHING = np.zeros((0, 1))
@@ -173,8 +173,8 @@ def test_equations_are_compiled_on_first_use_and_shared(monkeypatch: pytest.Monk
         made.append(args[1])
         return StepMap(*args)
 
-    monkeypatch.setattr("hillsphere.plant_flow.StepMap", counted)
-    monkeypatch.setattr("hillsphere.plant_flow._MADE", {})
+    monkeypatch.setattr("hillsphere.engine.plant_flow.StepMap", counted)
+    monkeypatch.setattr("hillsphere.engine.plant_flow._MADE", {})
     one, other = PlantModel(PLANT, SUITE), PlantModel(plant(), SUITE)
     commanded = PlantModel(PLANT, SUITE, law=LAW)
     assert made == []

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from hillsphere.errors import InputError, PluginError, UnknownComponentError
-from hillsphere.mission_schema import mission_schema
+from hillsphere.mission.schema import mission_schema
 from hillsphere.plugins import (
     API_VERSION,
     ENTRY_POINT_GROUP,
@@ -23,7 +23,7 @@ from hillsphere.plugins import (
     load_object,
 )
 
-MOON = ("hillsphere.bodies:Moon", "hillsphere.bodies:MoonSpec")
+MOON = ("hillsphere.model.bodies:Moon", "hillsphere.model.bodies:MoonSpec")
 
 
 class Plugin:
@@ -147,9 +147,9 @@ def test_unknown_type(kind: str, type_: str, message: str) -> None:
     ("target", "spec", "reason"),
     [
         ("no_such_module:X", MOON[1], "ModuleNotFoundError"),
-        ("hillsphere.bodies:Sun", MOON[1], "AttributeError"),
-        (MOON[0], "hillsphere.bodies:Nothing", "AttributeError"),
-        (MOON[0], "hillsphere.bodies:Moon", "is not a subclass of hillsphere.spec.Spec"),
+        ("hillsphere.model.bodies:Sun", MOON[1], "AttributeError"),
+        (MOON[0], "hillsphere.model.bodies:Nothing", "AttributeError"),
+        (MOON[0], "hillsphere.model.bodies:Moon", "is not a subclass of hillsphere.spec.Spec"),
     ],
 )
 def test_component_that_cannot_be_imported_names_its_plugin(

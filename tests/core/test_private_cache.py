@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hillsphere.private_cache import cache_fault, private_cache, trusted_cache
+from hillsphere.base.private_cache import cache_fault, private_cache, trusted_cache
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps access by itself")
 
@@ -108,14 +108,14 @@ def test_a_private_cache_takes_its_place_and_is_said_once(
 def test_there_may_be_no_place_for_it(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
     from hillsphere.errors import InputError
 
-    monkeypatch.setattr("hillsphere.private_cache.cache_fault", lambda place: "somebody's")
+    monkeypatch.setattr("hillsphere.base.private_cache.cache_fault", lambda place: "somebody's")
     with pytest.raises(InputError, match="there is no place for a private cache"):
         private_cache(cache, "somebody's")
 
 
 PROGRAM = """
 import os
-from hillsphere._heyoka import heyoka
+from hillsphere.symbolic._heyoka import heyoka
 x = heyoka.make_vars("x")
 heyoka.cfunc([x + heyoka.sin(x)], vars=[x])
 state = heyoka.llvm_state

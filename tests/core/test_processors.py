@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from hillsphere.processors import processors
+from hillsphere.base.processors import processors
 
 
 def test_those_that_the_process_may_use_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hillsphere.errors import InputError
-from hillsphere.product_codec import _trusted_packages, load_product, save_product
+from hillsphere.products.product_codec import _trusted_packages, load_product, save_product
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from hypothesis.extra import numpy as hnp
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.products import Bifurcations, PeriodicOrbits, load_product, save_product
-from hillsphere.stage_cache import StageCache
+from hillsphere.runs.stage_cache import StageCache
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import pytest
 
-from hillsphere.progress import Progress
+from hillsphere.base.progress import Progress
 
 
 class Terminal(io.StringIO):
@@ -73,7 +73,7 @@ def test_advance_after_its_stage_is_harmless() -> None:
 
 def test_nothing_is_imported_to_be_silent() -> None:
     code = (
-        "import sys\nfrom hillsphere.progress import Progress\n"
+        "import sys\nfrom hillsphere.base.progress import Progress\n"
         "with Progress() as p, p.stage('a', 1, 1): p.track('b', 3)(1)\n"
         "print([m for m in ('rich', 'numpy') if m in sys.modules])"
     )

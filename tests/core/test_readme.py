@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from hillsphere.base.paths import missions_directory
 from hillsphere.gravity import GravityField
 from hillsphere.mission import load_mission
-from hillsphere.paths import missions_directory
 from hillsphere.plugins import Registry, validate
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")

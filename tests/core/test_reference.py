@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
 from hillsphere.presentation import Cell, Column, Printed
-from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
 
 CSV = """\
 # source: A. Author, An imagined table, 2020, Table 1

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.atomic import output_place, replacing, write_text
+from hillsphere.base.atomic import output_place, replacing, write_text
+from hillsphere.base.json_files import MAX_DEPTH, parse_json, read_json
+from hillsphere.base.npz import read_arrays
+from hillsphere.base.regular_files import NotRegularError, open_regular, read_bytes, read_text
 from hillsphere.errors import InputError
-from hillsphere.json_files import MAX_DEPTH, parse_json, read_json
-from hillsphere.npz import read_arrays
-from hillsphere.regular_files import NotRegularError, open_regular, read_bytes, read_text
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
 

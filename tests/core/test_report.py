@@ -11,7 +11,6 @@ from xml.etree import ElementTree as ET
 import matplotlib as mpl
 import pytest
 
-from hillsphere.drawing import draw
 from hillsphere.presentation import (
     PALETTE,
     Cell,
@@ -23,7 +22,8 @@ from hillsphere.presentation import (
     Table,
     presentation_faults,
 )
-from hillsphere.report import MAX_ROWS, Report, Section, render
+from hillsphere.show.drawing import draw
+from hillsphere.show.report import MAX_ROWS, Report, Section, render
 
 VOID = {"meta", "img", "br", "hr"}
 
@@ -227,7 +227,7 @@ def test_nothing_outside_the_axes_is_cut_off() -> None:
 
 
 def test_large_figures_are_shown_as_png(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hillsphere.report.MAX_SVG_BYTES", 10)
+    monkeypatch.setattr("hillsphere.show.report.MAX_SVG_BYTES", 10)
     text, _ = page(Section("s", "make", figures={"f": (FIGURE, draw(FIGURE))}))
     assert re.findall(r'src="(data:image/\w+)', text) == ["data:image/png"]
 

@@ -16,21 +16,21 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-import hillsphere.environment
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import SerialSpec
+import hillsphere.base.environment
+from hillsphere.base.regular_files import open_regular
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import SerialSpec
 from hillsphere.errors import InputError, Interrupted, StageError, UnknownComponentError
 from hillsphere.interfaces import Array, Context
 from hillsphere.mission import Mission, load_mission
-from hillsphere.pipeline import RunResult, resume_run, run_mission
 from hillsphere.plugins import Component, Registry, hookimpl
 from hillsphere.presentation import Metric, Presentation
-from hillsphere.product_codec import save_product
-from hillsphere.regular_files import open_regular
-from hillsphere.run_differences import differences
+from hillsphere.products.product_codec import save_product
+from hillsphere.runs.pipeline import RunResult, resume_run, run_mission
+from hillsphere.runs.run_differences import differences
+from hillsphere.runs.store import RunDirectory
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option
-from hillsphere.store import RunDirectory
 
 HERE = __name__
 SMALL = "./small.toml"
@@ -117,7 +117,7 @@ def _own_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None
 
 @pytest.fixture
 def registry() -> Registry:
-    from hillsphere import components
+    from hillsphere.plugins import builtin as components
 
     made = Registry()
     made.add_plugin("hillsphere", components, "hillsphere 0")
@@ -284,7 +284,7 @@ def test_a_product_that_cannot_be_read_just_now_stays(
 
     with monkeypatch.context() as patched:
         if where == "digest":
-            patched.setattr("hillsphere.cached_files.open_regular", failing)
+            patched.setattr("hillsphere.base.cached_files.open_regular", failing)
         else:
             patched.setattr(zipfile.ZipFile, "read", unread)
         result = resume_run("out", mission=SMALL, registry=registry)
@@ -405,7 +405,7 @@ def test_very_many_differences_are_counted(registry: Registry) -> None:
 
 
 def changed_environment(monkeypatch: pytest.MonkeyPatch, **facts: Any) -> None:
-    true = hillsphere.environment.environment()
+    true = hillsphere.base.environment.environment()
     for module in ("run_record", "stage_cache"):
         monkeypatch.setattr(f"hillsphere.{module}.environment", lambda: {**true, **facts})
 
@@ -414,12 +414,12 @@ def test_other_versions_and_processors_are_refused(
     registry: Registry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     interrupted(registry)
-    true = hillsphere.environment.package_versions()
+    true = hillsphere.base.environment.package_versions()
     monkeypatch.setattr(
-        "hillsphere.run_record.package_versions",
+        "hillsphere.runs.run_record.package_versions",
         lambda: {**true, "numpy": "9.9", "matplotlib": "9.9"},  # of the two one matters
     )
-    features = hillsphere.environment.environment()["cpu_features"]
+    features = hillsphere.base.environment.environment()["cpu_features"]
     changed_environment(
         monkeypatch, python="4.0.0", machine="abacus", cpu_features=[*features[1:], "BEADS"],
         c_library="glibc 1.9", kernels={"OPENBLAS_CORETYPE": "Prescott"},
@@ -563,7 +563,7 @@ def test_a_run_that_moved_is_resumed_where_it_is(registry: Registry) -> None:
 def test_a_run_that_goes_on_is_left_alone(registry: Registry) -> None:
     interrupted(registry)
     code = (
-        "import sys\nfrom pathlib import Path\nfrom hillsphere.store import RunDirectory\n"
+        "import sys\nfrom pathlib import Path\nfrom hillsphere.runs.store import RunDirectory\n"
         "with RunDirectory(Path('out')).locked():\n    print('locked', flush=True)\n"
         "    sys.stdin.read()\n"
     )

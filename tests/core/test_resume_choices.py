@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 from tests.core.wave_missions import WAVES, waves_mission
 
+from hillsphere.base.shell_words import shell_line
 from hillsphere.cli.endings import run
 from hillsphere.errors import InputError
 from hillsphere.plugins import default_registry
-from hillsphere.resume_choices import ResumeChoices, choose, read_local, resume_command
-from hillsphere.shell_words import shell_line
+from hillsphere.runs.resume_choices import ResumeChoices, choose, read_local, resume_command
 
 MISSION = waves_mission(10)
 LOCAL = {"schema": 1, "mission": "phobos-qso", "allow_path": False, "cache": True}

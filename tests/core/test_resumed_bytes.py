@@ -12,16 +12,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from hillsphere import components
-from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.campaign.isolation import BlockOutcome, compute
+from hillsphere.cases.isolation import BlockOutcome, compute
 from hillsphere.errors import Interrupted
 from hillsphere.interfaces import Array, Context
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.mission import load_mission
-from hillsphere.pipeline import resume_run, run_mission
 from hillsphere.plugins import Component, Registry, hookimpl
+from hillsphere.plugins import builtin as components
 from hillsphere.presentation import Presentation
-from hillsphere.product_codec import canonical, load_product, save_product
+from hillsphere.products.product_codec import canonical, load_product, save_product
+from hillsphere.runs.pipeline import resume_run, run_mission
 from hillsphere.spec import Ref, Spec, StageSpec, need, option
 
 HERE = __name__

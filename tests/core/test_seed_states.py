@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from hillsphere.seed_states import generators
-from hillsphere.seeds import name_key
+from hillsphere.base.seed_states import generators
+from hillsphere.base.seeds import name_key
 
 
 def test_known_streams() -> None:

@@ -11,11 +11,11 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.shapes.mesh import Mesh
-from hillsphere.shapes.polyhedron import MeshSurface
-from hillsphere.shapes.rays import RayTable
-from hillsphere.shapes.sphere import icosphere, unit_vectors
-from hillsphere.shapes.triangulation import triangulated
+from hillsphere.model.shapes.mesh import Mesh
+from hillsphere.model.shapes.polyhedron import MeshSurface
+from hillsphere.model.shapes.rays import RayTable
+from hillsphere.model.shapes.sphere import icosphere, unit_vectors
+from hillsphere.model.shapes.triangulation import triangulated
 from hillsphere.testing import ContractViolation, check_shape, example
 
 OCTAHEDRON = [

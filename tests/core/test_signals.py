@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hillsphere.signals import STOPPING, interrupt, stop_signals
+from hillsphere.base.signals import STOPPING, interrupt, stop_signals
 
 
 @pytest.fixture(autouse=True)

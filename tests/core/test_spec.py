@@ -8,12 +8,11 @@ from typing import Annotated, Any, Literal, Self
 import pytest
 from pydantic import Field, ValidationError, model_validator
 
-from hillsphere.annotations import described
-from hillsphere.bodies import MoonSpec
+from hillsphere.base.problems import did_you_mean, format_key, shown
 from hillsphere.errors import InputError
-from hillsphere.faults import MOST_FAULTS, faults_of
+from hillsphere.mission.faults import MOST_FAULTS, faults_of
+from hillsphere.model.bodies import MoonSpec
 from hillsphere.plugins import validate
-from hillsphere.problems import did_you_mean, format_key, shown
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -25,7 +24,8 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere.units import UNITS, unit_keys, unit_text
+from hillsphere.spec.annotations import described
+from hillsphere.spec.units import UNITS, unit_keys, unit_text
 
 
 class Inner(Spec):

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from hillsphere import create
-from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
-from hillsphere.ephemeris import Ephemeris, KeplerOrbit
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
+from hillsphere.model.ephemeris import Ephemeris, KeplerOrbit
 from hillsphere.testing import example
 from hillsphere.time import J2000, Epoch
 
@@ -185,8 +185,8 @@ def test_a_kernel_that_ends_spice_ends_nothing_else(
 def test_a_kernel_that_keeps_spice_busy_is_refused(
     kernel: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hillsphere.spice._LIMIT_S", 1.0)
-    monkeypatch.setattr("hillsphere.spice._START", "import time; time.sleep(60)")
+    monkeypatch.setattr("hillsphere.model.spice._LIMIT_S", 1.0)
+    monkeypatch.setattr("hillsphere.model.spice._START", "import time; time.sleep(60)")
     refused(kernel, "SPICE did not come to an end in 1 s")
 
 
@@ -223,7 +223,7 @@ PROGRAM = """
 import os, sys
 seen = []
 sys.addaudithook(lambda event, given: seen.append((event, given)))
-from hillsphere.spice import _with_library
+from hillsphere.model.spice import _with_library
 os.environ.update(_with_library())
 import spiceypy
 here = os.getcwd()

@@ -11,7 +11,7 @@ import pytest
 
 from hillsphere.mission import load_mission
 from hillsphere.plugins import Registry
-from hillsphere.stage_cache import StageKeys
+from hillsphere.runs.stage_cache import StageKeys
 
 
 @pytest.fixture

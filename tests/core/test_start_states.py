@@ -12,13 +12,13 @@ from scipy.optimize import brentq
 
 from hillsphere import create
 from hillsphere.dynamics import StepMap, system
-from hillsphere.ephemeris import anomaly_from_mean, mean_from_true
+from hillsphere.engine.start_specs import StartSpec
+from hillsphere.engine.start_states import place_start, with_placed_start
 from hillsphere.errors import HillsphereError, InputError
-from hillsphere.inertial import RotatingFrame
 from hillsphere.interfaces import Array
-from hillsphere.start_specs import StartSpec
-from hillsphere.start_states import place_start, with_placed_start
+from hillsphere.model.ephemeris import anomaly_from_mean, mean_from_true
 from hillsphere.time import Epoch
+from hillsphere_orbits.inertial import RotatingFrame
 
 GM = 7.11e5
 MARS = 4.282837e13

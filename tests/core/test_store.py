@@ -15,10 +15,10 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from hillsphere.drawing import Drawing
 from hillsphere.errors import InputError, StageError
 from hillsphere.presentation import Column, Printed, Table
-from hillsphere.store import RunDirectory, csv_text, plain_json
+from hillsphere.runs.store import RunDirectory, csv_text, plain_json
+from hillsphere.show.drawing import Drawing
 
 NOW = datetime(2026, 11, 21, 3, 4, 5, tzinfo=UTC)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hillsphere.dynamics import Taylor, system
-from hillsphere.dynamics.taylor_batches import TaylorBatches
+from hillsphere.engine.dynamics.taylor_batches import TaylorBatches
 from hillsphere.interfaces import Parameter, Scales, Variable
 from hillsphere.symbolic import Expr, Params
 

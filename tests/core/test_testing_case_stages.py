@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere import components
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
+from hillsphere.base.seeds import draws
 from hillsphere.interfaces import Array, Context, Parameter
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.plugins import Component, Registry, hookimpl
+from hillsphere.plugins import builtin as components
 from hillsphere.presentation import Presentation
 from hillsphere.products import Trajectories
-from hillsphere.seeds import draws
 from hillsphere.spec import StageSpec
 from hillsphere.testing import ContractViolation, check_case_stage
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import SerialSpec
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import SerialSpec
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.plugins import Component, Registry, hookimpl

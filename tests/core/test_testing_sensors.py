@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.earth.rotation import earth_fixed
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.testing import ContractViolation, check_sensor, example
 from hillsphere.time import Epoch
 

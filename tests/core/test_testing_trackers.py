@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.testing import ContractViolation, check_tracker, example
 from hillsphere.time import Epoch

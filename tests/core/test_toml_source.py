@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hillsphere.problems import Key, MissionError
-from hillsphere.toml_scan import MAX_DEPTH, scan
-from hillsphere.toml_source import MAX_BYTES, Locations, parse_toml
+from hillsphere.base.problems import Key, MissionError
+from hillsphere.mission.toml_scan import MAX_DEPTH, scan
+from hillsphere.mission.toml_source import MAX_BYTES, Locations, parse_toml
 
 TEXT = """\
 a = 1

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from tests.core.pieces import ROOT, AwkwardError, Closed, Squares
 
-from hillsphere import workers
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import PoolSpec, SerialSpec
-from hillsphere.campaign.tasks import Crew, Executor, Work
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
 from hillsphere.errors import ConvergenceError, InputError, StageError
+from hillsphere.interfaces.tasks import Crew, Executor, Work
+from hillsphere.runs import workers
+from hillsphere.runs.workers import Workers
 from hillsphere.testing import RecordingContext
-from hillsphere.workers import Workers
 
 POOL = Pool(PoolSpec(workers=2))
 SERIAL = Serial(SerialSpec())

@@ -20,8 +20,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import hillsphere.pipeline
-from hillsphere.drawing import Drawing
+import hillsphere.runs.pipeline
+from hillsphere.show.drawing import Drawing
 
 PR_SET_CHILD_SUBREAPER = 36
 """Of prctl(2): orphans of our descendants become our children."""
@@ -94,7 +94,7 @@ def _become(request: dict[str, Any]) -> None:
         _limit_processes(request["processes"])
     if not request.get("draws", True):
         # Drawing takes most of the time of a short run.
-        vars(hillsphere.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
+        vars(hillsphere.runs.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
     sys.argv = ["hillsphere", *request["arguments"]]
 
 

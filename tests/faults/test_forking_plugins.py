@@ -15,7 +15,7 @@ import pytest
 from tests.faults.command_lines import PLUGINS, ROOT, CommandLines, digests
 from tests.faults.run_server import control_group
 
-from hillsphere.stray_processes import _FRAMEWORK
+from hillsphere.base.stray_processes import _FRAMEWORK
 
 MISSION = """format = 1
 name = "forks"
@@ -136,7 +136,7 @@ def test_a_child_that_outlives_a_killed_run_holds_no_lock(tmp_path: Path) -> Non
         process.kill()
         process.wait()
         code = (
-            "from pathlib import Path\nfrom hillsphere.store import RunDirectory\n"
+            "from pathlib import Path\nfrom hillsphere.runs.store import RunDirectory\n"
             "with RunDirectory(Path('out')).locked():\n    print('free')\n"
         )
         done = subprocess.run(

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.faults.command_lines import CommandLines, digests
 
-from hillsphere.product_codec import load_product
+from hillsphere.products.product_codec import load_product
 
 HOVER = Path(__file__).parent / "missions/hover.toml"
 RUN = ("run", HOVER, "--no-cache", "--quiet", "--workers", 0, "--out")

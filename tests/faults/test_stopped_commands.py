@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from tests.faults.command_lines import PLUGINS
 
-from hillsphere.signals import GRACE_S
+from hillsphere.base.signals import GRACE_S
 
 GONE_S = 5.0
 """Time in which a command is gone after a signal."""
@@ -105,7 +105,7 @@ def test_a_child_of_a_plugin_takes_no_signal_for_the_run(tmp_path: Path) -> None
     """`multiprocessing` ends its children by SIGTERM, of which the run must not hear."""
     code = f"""
 import os, signal, sys, time
-from hillsphere.signals import end_in_time, interrupt
+from hillsphere.base.signals import end_in_time, interrupt
 signal.signal(signal.SIGTERM, interrupt)
 end_in_time()
 child = os.fork()

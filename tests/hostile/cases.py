@@ -81,7 +81,7 @@ class Base:
     def make(cls, place: Path, payloads: Payloads) -> Base:
         """Make the runs; the second one looks as if it had been killed before it was finished."""
         from hillsphere.cli.endings import run
-        from hillsphere.store import RunDirectory
+        from hillsphere.runs.store import RunDirectory
 
         place.mkdir()
         (place / "waves.toml").write_text(MISSION, "utf-8")
@@ -284,8 +284,8 @@ def _cache(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str,
         spoil = replace_file(chance, path, payloads.outside)
 
     def act() -> int:
-        from hillsphere.compile_cache import _load
-        from hillsphere.paths import compiled_code_directory
+        from hillsphere.base.paths import compiled_code_directory
+        from hillsphere.symbolic.compile_cache import _load
 
         used = compiled_code_directory()
         _load(used / "functions" / f"{key}.function", key)
@@ -296,17 +296,17 @@ def _cache(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str,
 
 def _data(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str, Callable[[], int]]:
     """Return what reads a data file."""
-    from hillsphere.earth.orientation import OrientationTable
+    from hillsphere.base.orientation import OrientationTable
     from hillsphere.formats.icgem import read_icgem
     from hillsphere.formats.obj import read_obj
     from hillsphere.formats.shadr import read_shadr
     from hillsphere.formats.shape_harmonics import read_shape_harmonics
-    from hillsphere.product_codec import load_product
-    from hillsphere.reference import ReferenceTable
+    from hillsphere.products.product_codec import load_product
+    from hillsphere.show.reference import ReferenceTable
     from hillsphere.uncertainty.samples import read_columns
     from hillsphere_controllers.stages.linear_models.systems import system_from_file
     from hillsphere_tracking.memory import read_memory
-    from hillsphere_tracking.pass_sources import orbits_of_file
+    from hillsphere_tracking.passes.sources import orbits_of_file
     from hillsphere_tracking.pointing.pass_log import read_pass_log
 
     readers: dict[str, list[Callable[[Path], object]]] = {

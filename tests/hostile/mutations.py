@@ -163,8 +163,9 @@ def mutate_npz(chance: random.Random, data: bytes, payloads: Payloads) -> bytes:
 
     def other_class(table: Any) -> Any:
         table["root"]["product"] = chance.choice(
-            [f"{CANARY}:Canary", "os:system", "builtins:eval", "hillsphere.earlier_run:EarlierRun",
-             "hillsphere.spice:SpiceOrbit", "hillsphere.products:CaseTable", "a" * 5000,
+            [f"{CANARY}:Canary", "os:system", "builtins:eval", "a" * 5000,
+             "hillsphere.runs.earlier_run:EarlierRun", "hillsphere.model.spice:SpiceOrbit",
+             "hillsphere.products:CaseTable",
              f"hillsphere.{CANARY}:X", "waves_plugin:Wave", "antigravity:X", "..:x"]
         )  # fmt: skip
         return table

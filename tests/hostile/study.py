@@ -193,16 +193,16 @@ def _work(place: Path, seed: int, numbers: list[int]) -> None:
 
 def _in_this_process() -> None:
     """Let single cases be repeated here rather than in a process of their own, which takes 2 s."""
-    import hillsphere.rerun
-    from hillsphere.campaign.executors.serial import Serial
-    from hillsphere.campaign.executors.specs import SerialSpec
+    import hillsphere.runs.rerun
+    from hillsphere.cases.executors.serial import Serial
+    from hillsphere.cases.executors.specs import SerialSpec
 
-    vars(hillsphere.rerun)["Pool"] = lambda spec: Serial(SerialSpec())
+    vars(hillsphere.runs.rerun)["Pool"] = lambda spec: Serial(SerialSpec())
 
 
 def _warm_up(place: Path) -> None:
     """Let everything be imported, and what packages keep for themselves be made."""
-    import hillsphere._heyoka
+    import hillsphere.symbolic._heyoka
     from hillsphere.cli.endings import run
 
     again = ["--mission", "waves.toml"]
@@ -214,7 +214,7 @@ def _warm_up(place: Path) -> None:
     shutil.rmtree(place / "finished" / "cases")
     (place / "finished" / "many.csv").unlink()
     (place / "x.nc").unlink()
-    assert hillsphere._heyoka
+    assert hillsphere.symbolic._heyoka
 
 
 def _facts(place: Path) -> list[tuple[Any, ...]]:

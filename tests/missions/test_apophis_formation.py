@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from hillsphere.assembly import Assembly
 from hillsphere.mission import load_mission
 from hillsphere.products import CaseTable, load_product
+from hillsphere.runs.assembly import Assembly
 from hillsphere.testing import RecordingContext
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.metrics import ratio_to_bound
@@ -79,7 +79,7 @@ def test_verdict_has_the_criteria(fast: Run) -> None:
 @pytest.fixture(scope="module")
 def full(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Fly the day of each case at 10 min, 1 h and 4 h, 200 draws each."""
-    from hillsphere.campaign.cases import LANES, CaseBatch
+    from hillsphere.interfaces.cases import LANES, CaseBatch
 
     assembly = Assembly(load_mission("apophis-formation"))
     reference = assembly.get("stage", "reference").run(RecordingContext())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hillsphere.products import load_product
-from hillsphere_tracking.assisted.comparison_products import FRAMES, TrackingComparison
+from hillsphere_tracking.tracking_comparison.products import FRAMES, TrackingComparison
 
 if TYPE_CHECKING:
     from collections.abc import Callable

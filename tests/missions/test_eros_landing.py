@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from scipy.special import sph_legendre_p_all
 
 import hillsphere
-from hillsphere.closed_loop.products import ClosedLoopFlight
-from hillsphere.linear_products import LinearModels, UncertainModels
-from hillsphere.paths import missions_directory
+from hillsphere.base.paths import missions_directory
 from hillsphere.products import CaseTable, load_product
+from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.uncertain import lft_of
 from hillsphere_controllers.systems.algebra import lower_lft
+from hillsphere_flight.products import ClosedLoopFlight
 from hillsphere_guidance.reference_trajectories.products import ReferenceTrajectories
 
 Array = NDArray[np.float64]

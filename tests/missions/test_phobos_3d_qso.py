@@ -22,11 +22,11 @@ import pytest
 from numpy.typing import NDArray
 
 import hillsphere
+from hillsphere.base.paths import missions_directory
 from hillsphere.errors import HillsphereError
-from hillsphere.paths import missions_directory
 from hillsphere.products import load_product
-from hillsphere_orbits.spatial import family as spatial_family
-from hillsphere_orbits.spatial.products import SpatialFamilies
+from hillsphere_orbits.spatial_qso_families import family as spatial_family
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
 if TYPE_CHECKING:
     from collections.abc import Callable

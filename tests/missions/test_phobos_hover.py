@@ -13,16 +13,16 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import sph_legendre_p_all
 
-from hillsphere.campaign.case_classes import ended
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import SerialSpec
-from hillsphere.campaign.planning import plan_of
-from hillsphere.campaign.repeated import Repeated, RepeatedWork
-from hillsphere.campaign.table import table_of
+from hillsphere.cases.case_classes import ended
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import SerialSpec
+from hillsphere.cases.repeated import Repeated, RepeatedWork
 from hillsphere.mission import load_mission
 from hillsphere.products import CaseTable, load_product
+from hillsphere_campaigns.case_plan import plan_of
+from hillsphere_campaigns.case_table import table_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,9 +16,9 @@ from scipy.special import sph_legendre_p_all
 from tests.missions.conftest import Run
 
 import hillsphere
-from hillsphere.linear_products import LinearModels, UncertainModels
-from hillsphere.paths import missions_directory
+from hillsphere.base.paths import missions_directory
 from hillsphere.products import CaseTable, load_product
+from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis

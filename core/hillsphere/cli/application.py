@@ -9,8 +9,8 @@ import typer
 from hillsphere.cli.plugin_commands import CommandGroup
 
 if TYPE_CHECKING:
-    from hillsphere.mission import Mission
-    from hillsphere.plugins import Registry
+    from hillsphere.mission.load import Mission
+    from hillsphere.plugins.registry import Registry
 
 __all__ = [
     "AllowPath", "Json", "MissionName", "Profile", "Sets", "StrictPlugins", "app", "load",
@@ -47,7 +47,7 @@ StrictPlugins = Annotated[
 
 def registry_of(strict: bool) -> Registry:
     """Return the installed plugins; the first broken one is an error if strict."""
-    from hillsphere.plugins import default_registry, discover
+    from hillsphere.plugins.registry import default_registry, discover
 
     return discover(strict=True) if strict else default_registry()
 
@@ -56,7 +56,7 @@ def load(
     name: str, sets: list[str] | None, profile: str | None, registry: Registry, allow_path: bool
 ) -> Mission:
     """Load a mission as the options of a command say."""
-    from hillsphere.mission import load_mission
+    from hillsphere.mission.load import load_mission
 
     return load_mission(
         name, sets=tuple(sets or ()), profile=profile, registry=registry, allow_path=allow_path

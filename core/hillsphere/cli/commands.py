@@ -25,9 +25,9 @@ from hillsphere.cli.output import write, write_json, write_table
 from hillsphere.cli.plugin_commands import shadowed
 
 if TYPE_CHECKING:
-    from hillsphere.mission import Mission
-    from hillsphere.plugins import Registry
-    from hillsphere.problems import Problem
+    from hillsphere.base.problems import Problem
+    from hillsphere.mission.load import Mission
+    from hillsphere.plugins.registry import Registry
 
 __all__ = ["app"]
 
@@ -58,9 +58,9 @@ def validate(
     strict_plugins: StrictPlugins = False,
 ) -> int:
     """Check missions, under each of their profiles, without running them."""
+    from hillsphere.base.errors import InputError, PluginError
     from hillsphere.cli.endings import ExitCode, say
-    from hillsphere.errors import InputError, PluginError
-    from hillsphere.mission_check import check_mission
+    from hillsphere.mission.check import check_mission
 
     registry = registry_of(strict_plugins)
     results: list[dict[str, Any]] = []
@@ -96,7 +96,7 @@ def validate(
 @app.command()
 def missions(json: Json = False) -> None:
     """List the packaged missions."""
-    from hillsphere.mission import packaged_missions
+    from hillsphere.mission.load import packaged_missions
 
     found = packaged_missions()
     if json:
@@ -147,7 +147,7 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
 def schema() -> None:
     """Write the JSON Schema of mission files."""
     from hillsphere.cli.endings import say
-    from hillsphere.mission_schema import mission_schema
+    from hillsphere.mission.schema import mission_schema
 
     registry = registry_of(strict=False)
     write_json(mission_schema(registry))
@@ -158,8 +158,8 @@ def schema() -> None:
 @app.command()
 def doctor(json: Json = False) -> int:
     """Check the installation."""
+    from hillsphere.cli.doctor import examine
     from hillsphere.cli.endings import ExitCode
-    from hillsphere.doctor import examine
 
     registry = registry_of(strict=False)
     findings = examine(registry, _contested(registry))
@@ -179,7 +179,7 @@ def doctor(json: Json = False) -> int:
 
 
 def _problem(problem: Problem | str) -> dict[str, Any]:
-    from hillsphere.problems import format_key
+    from hillsphere.base.problems import format_key
 
     if isinstance(problem, str):
         return {"source": "", "line": None, "key": "", "message": problem}
@@ -198,8 +198,8 @@ def _check_profiles(
 
     A setting may be meant for what a profile drops; which ones are is returned, as sentences.
     """
-    from hillsphere.mission_check import check_mission
-    from hillsphere.problems import MissionError
+    from hillsphere.base.problems import MissionError
+    from hillsphere.mission.check import check_mission
 
     found: dict[Problem, list[str]] = {}
     idle: list[str] = []

@@ -24,9 +24,9 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import NoReturn
 
+from hillsphere.base.errors import HillsphereError, InputError, Interrupted, PluginError
+from hillsphere.base.signals import STOPPING, end_in_time, ignore, interrupt
 from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
-from hillsphere.errors import HillsphereError, InputError, Interrupted, PluginError
-from hillsphere.signals import STOPPING, end_in_time, ignore, interrupt
 
 __all__ = ["ExitCode", "main", "run", "say"]
 
@@ -216,7 +216,7 @@ def _culprit(error: Exception) -> str:
 def _log(text: str) -> str:
     from datetime import UTC, datetime
 
-    from hillsphere.paths import cache_directory
+    from hillsphere.base.paths import cache_directory
 
     directory = cache_directory() / "logs"
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -8,8 +8,8 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-from hillsphere.errors import PluginError
-from hillsphere.plugins import Registered, Registry, default_registry
+from hillsphere.base.errors import PluginError
+from hillsphere.plugins.registry import Registered, Registry, default_registry
 
 __all__ = ["CommandGroup", "shadowed"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hillsphere.campaign.block_outcome import BlockOutcome
-from hillsphere.campaign.case_classes import case_class
+from hillsphere.cases.block_outcome import BlockOutcome
+from hillsphere.cases.case_classes import case_class
 from hillsphere.cli.endings import ExitCode
 from hillsphere.cli.output import number, write, write_json, write_table
-from hillsphere.plugins import Registry
-from hillsphere.rerun import Rerun, rerun_case
+from hillsphere.plugins.registry import Registry
+from hillsphere.runs.rerun import Rerun, rerun_case
 
 __all__ = ["rerun_and_show"]
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hillsphere.base.errors import InputError
 from hillsphere.cli.application import (
     AllowPath,
     Json,
@@ -18,7 +19,6 @@ from hillsphere.cli.application import (
     load,
     registry_of,
 )
-from hillsphere.errors import InputError
 
 RunName = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hillsphere.base.progress import Progress
 from hillsphere.cli.endings import ExitCode, say
 from hillsphere.cli.output import number, write, write_json, write_table
-from hillsphere.earlier_run import EarlierRun
-from hillsphere.mission import Mission
-from hillsphere.pipeline import RunResult, resume_run, run_mission
-from hillsphere.plugins import Registry
-from hillsphere.progress import Progress
-from hillsphere.run_manifest import read_record
+from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import Registry
+from hillsphere.runs.earlier_run import EarlierRun
+from hillsphere.runs.pipeline import RunResult, resume_run, run_mission
+from hillsphere.runs.run_manifest import read_record
 
 __all__ = ["resume_and_show", "run_and_show"]
 

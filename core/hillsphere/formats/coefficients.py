@@ -9,8 +9,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from hillsphere.errors import InputError
-from hillsphere.regular_files import read_text
+from hillsphere.base.errors import InputError
+from hillsphere.base.regular_files import read_text
 
 __all__ = ["Coefficient", "CoefficientTable", "LineReader"]
 

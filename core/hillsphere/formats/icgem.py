@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from hillsphere.errors import InputError
+from hillsphere.base.errors import InputError
 from hillsphere.formats.coefficients import Coefficient, CoefficientTable, LineReader
 
 __all__ = ["read_icgem"]

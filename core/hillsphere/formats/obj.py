@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.arrays import Array, Integers
+from hillsphere.base.arrays import Array, Integers
 from hillsphere.formats.coefficients import LineReader
 
 __all__ = ["read_obj"]

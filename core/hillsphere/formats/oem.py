@@ -19,9 +19,9 @@ from math import isfinite, nan
 
 import numpy as np
 
-from hillsphere.arrays import Array
-from hillsphere.errors import InputError
-from hillsphere.time import SCALES, Epoch
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.base.time import SCALES, Epoch
 
 __all__ = ["INERTIAL_FRAMES", "OemSegment", "read_oem", "write_oem"]
 

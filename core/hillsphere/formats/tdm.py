@@ -21,8 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hillsphere.arrays import Array
-from hillsphere.errors import InputError
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.base.time import Epoch
 from hillsphere.formats.tdm_records import (
     SCALAR,
     AnglePair,
@@ -31,7 +32,6 @@ from hillsphere.formats.tdm_records import (
     TdmRecord,
     tdm_records,
 )
-from hillsphere.time import Epoch
 
 __all__ = ["Series", "TdmMeta", "TdmSegment", "read_tdm", "write_tdm"]
 

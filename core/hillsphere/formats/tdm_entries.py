@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 from xml.parsers import expat
 
-from hillsphere.errors import InputError
+from hillsphere.base.errors import InputError
 
 __all__ = ["Entry", "entries"]
 

@@ -16,10 +16,10 @@ from math import isfinite, nan, radians
 from types import MappingProxyType
 from typing import NamedTuple
 
-from hillsphere.errors import InputError
+from hillsphere.base.errors import InputError
+from hillsphere.base.problems import did_you_mean
+from hillsphere.base.time import SCALES, Epoch
 from hillsphere.formats.tdm_entries import Entry, entries
-from hillsphere.problems import did_you_mean
-from hillsphere.time import SCALES, Epoch
 
 __all__ = [
     "SCALAR", "AnglePair", "PairedAngles", "TdmMeta", "TdmRecord", "tdm_records",

@@ -7,7 +7,7 @@ fills yet appear here together with the first one that does.
 
 from __future__ import annotations
 
-from hillsphere.arrays import Array, Integers
+from hillsphere.base.arrays import Array, Integers
 from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.estimation import (

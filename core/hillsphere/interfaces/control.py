@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 
 if TYPE_CHECKING:
-    from hillsphere.lti import LtiSystem
-    from hillsphere.simulation.protocols import ContinuousLaw
+    from hillsphere.base.lti import LtiSystem
+    from hillsphere.interfaces.loop import ContinuousLaw
 
 __all__ = ["Compensator", "SynthesisedLaw"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from hillsphere.arrays import Array
+from hillsphere.base.arrays import Array
 
 __all__ = ["Dispersion"]
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.arrays import Array, Integers
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.contracts import Contract
 
 if TYPE_CHECKING:
-    from hillsphere.estimation import Belief, Innovation, MeasurementSet
+    from hillsphere.interfaces.beliefs import Belief, Innovation, MeasurementSet
 
 __all__ = ["ConsiderModel", "EstimationModel", "Estimator", "LinearisedModel"]
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 from hillsphere.interfaces.quantities import Parameter
 
 if TYPE_CHECKING:
-    from hillsphere.symbolic import Expr, Params, Vec3
+    from hillsphere.symbolic.expressions import Expr, Params, Vec3
 
 __all__ = ["ArrayGravityModel", "BoundedGravity", "GravityModel", "Piecewise", "SeriesGravity"]
 
@@ -84,8 +84,8 @@ class SeriesGravity(Contract, Protocol):
 class BoundedGravity(Contract, Protocol):
     """A gravity model, of expressions or arrays, that bounds the size of its acceleration.
 
-    From it events are proved (`hillsphere.dynamics.enclosures`). A `GravityModel` that is written
-    in plain arithmetic needs none; one that differentiates a potential does.
+    From it events are proved (`hillsphere.engine.dynamics.enclosures`). A `GravityModel` that is
+    written in plain arithmetic needs none; one that differentiates a potential does.
     """
 
     def acceleration_bound(self, distance: Expr, p: Params) -> Expr:

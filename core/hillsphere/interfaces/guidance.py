@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 from hillsphere.interfaces.plant import Plant
 
 __all__ = ["Guidance", "GuidanceTask", "GuidedFlight"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 from hillsphere.interfaces.plant import Plant
 
 __all__ = ["OrbitFamily", "OrbitProblem"]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 from hillsphere.interfaces.quantities import Parameter, Scales, Variable
 
 if TYPE_CHECKING:
-    from hillsphere.symbolic import Expr, Params
+    from hillsphere.symbolic.expressions import Expr, Params
 
 __all__ = [
     "ConservedQuantity",
@@ -30,12 +30,12 @@ class Plant(Protocol):
     integral of motion `ConservedQuantity`, with a time-reversal symmetry `MirrorSymmetry`; one
     whose expressions change branch offers `PiecewisePlant`, and one some of whose events are no
     expressions `ExternalEvents`.
-    `hillsphere.dynamics.system` makes a system of equations of it, normalised or not.
+    `hillsphere.engine.dynamics.system` makes a system of equations of it, normalised or not.
     """
 
     @property
     def frame(self) -> str:
-        """Name of the frame of the states, see `hillsphere.frames`."""
+        """Name of the frame of the states, see `hillsphere.model.frames`."""
         ...
 
     @property

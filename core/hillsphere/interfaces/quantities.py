@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.arrays import Array
+from hillsphere.base.arrays import Array
 
 __all__ = ["Parameter", "Scales", "Variable"]
 

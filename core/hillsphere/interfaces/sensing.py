@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, runtime_checkabl
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 
 if TYPE_CHECKING:
-    from hillsphere.earth.geodetic import Station
+    from hillsphere.base.geodetic import Station
 
 __all__ = ["Channel", "Scene", "Sensor", "StationSensor"]
 
@@ -52,7 +52,7 @@ class Sensor(Contract, Protocol):
 
     Pure functions on N lanes: states x (n, N), SI, positions first, at times t_s (N,), s. All
     randomness comes in as standard normal numbers, drawn by whoever repeats the cases
-    (`hillsphere.seeds`). Each sensor documents what it takes from the scene.
+    (`hillsphere.base.seeds`). Each sensor documents what it takes from the scene.
     """
 
     @property
@@ -90,7 +90,7 @@ class StationSensor(Sensor, Protocol):
     """A `Sensor` at a ground station that measures azimuth and elevation, in this order.
 
     From the scene it takes ``"earth_fixed"``, shape (3, 3, N): what turns positions of the states'
-    frame to Earth-fixed ones (`hillsphere.earth.rotation.earth_fixed`).
+    frame to Earth-fixed ones (`hillsphere.model.earth.rotation.earth_fixed`).
     """
 
     @property

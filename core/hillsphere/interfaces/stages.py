@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.interfaces.quantities import Parameter
-from hillsphere.presentation import Presentation
+from hillsphere.show.presentation import Presentation
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from hillsphere.campaign.cases import CaseResults
-    from hillsphere.campaign.tasks import Executor
+    from hillsphere.interfaces.cases import CaseResults
+    from hillsphere.interfaces.tasks import Executor
 
 __all__ = ["CaseStage", "Context", "NeedsCheck", "Stage"]
 
@@ -43,7 +43,7 @@ class Context(Protocol):
 
     @property
     def executor(self) -> Executor:
-        """Where campaigns, and stages by `hillsphere.workers`, do what they divide."""
+        """Where campaigns, and stages by `hillsphere.runs.workers`, do what they divide."""
         ...
 
     def workspace(self) -> Path:
@@ -127,7 +127,7 @@ class CaseStage(Contract, Protocol):
         """Compute one block: ``run_cases(batch, history=False, **inputs)``.
 
         `history` is True where all histories are wanted, or names and patterns (``*``) of those
-        that are; others may be kept as well (see `hillsphere.campaign.cases.kept_histories`).
+        that are; others may be kept as well (see `hillsphere.interfaces.cases.kept_histories`).
         `inputs` are the products of the stage's needs, as for `Stage.run`. No context is given:
         the call is pure, may run in another process, and shows no progress.
         """

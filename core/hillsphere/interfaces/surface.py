@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from hillsphere.arrays import Array
-from hillsphere.contracts import Contract
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
 
 if TYPE_CHECKING:
-    from hillsphere.symbolic import Expr, Vec3
+    from hillsphere.symbolic.expressions import Expr, Vec3
 
 __all__ = ["ArraySurface", "Enclosed", "SlopedSurface", "Surface"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from hillsphere.arrays import Array
+from hillsphere.base.arrays import Array
 
 if TYPE_CHECKING:
-    from hillsphere.earth.geodetic import Station
-    from hillsphere.earth.orientation import EarthOrientation
-    from hillsphere.time import Epoch
+    from hillsphere.base.geodetic import Station
+    from hillsphere.base.orientation import EarthOrientation
+    from hillsphere.base.time import Epoch
 
 __all__ = ["State", "Tracker"]
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.interfaces import Array, CaseStage, Integers, Parameter
-from hillsphere.plugins import Registry, default_registry, validate
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
+from hillsphere.plugins.registry import Registry, default_registry, validate
 from hillsphere.testing.contract import require
 from hillsphere.testing.examples import bound_example, example_inputs
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.engine.simulation.block import BLOCK
 from hillsphere.interfaces import Array, Compensator
-from hillsphere.simulation import BLOCK, ContinuousLaw
-from hillsphere.symbolic import parameter_names, time, variable_names, variables
+from hillsphere.interfaces.loop import ContinuousLaw
+from hillsphere.symbolic.expressions import parameter_names, time, variable_names, variables
 from hillsphere.testing.contract import require
 
 __all__ = ["check_compensator"]

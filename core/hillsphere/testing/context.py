@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from hillsphere.campaign.tasks import Executor
+    from hillsphere.interfaces.tasks import Executor
 
 __all__ = ["RecordingContext"]
 
@@ -54,8 +54,8 @@ class RecordingContext:
     def executor(self) -> Executor:
         """The one that was given, or the serial one."""
         if self._executor is None:
-            from hillsphere.campaign.executors.serial import Serial
-            from hillsphere.campaign.executors.specs import SerialSpec
+            from hillsphere.cases.executors.serial import Serial
+            from hillsphere.cases.executors.specs import SerialSpec
 
             self._executor = Serial(SerialSpec())
         return self._executor

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hillsphere.errors import HillsphereError
+from hillsphere.base.errors import HillsphereError
 from hillsphere.interfaces import Array
 
 __all__ = ["ContractViolation", "check_close", "derivative_by_differences", "require"]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, Channel, Estimator, Integers
+from hillsphere.interfaces.beliefs import Belief, Innovation, MeasurementSet
 from hillsphere.testing.contract import require
 
 __all__ = ["check_estimator"]

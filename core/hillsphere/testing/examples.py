@@ -5,13 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hillsphere.mission import Mission
-from hillsphere.plugins import Registered, Registry, default_registry, load_object, validate
-from hillsphere.problems import Key
-from hillsphere.spec import Ref, Spec, StageSpec
+from hillsphere.base.problems import Key
+from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import (
+    Registered,
+    Registry,
+    default_registry,
+    load_object,
+    validate,
+)
+from hillsphere.runs.wiring import repeated_by
+from hillsphere.spec.base import Ref, Spec, StageSpec
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
-from hillsphere.wiring import repeated_by
 
 __all__ = ["bound_example", "example", "example_inputs", "example_product", "example_repeated"]
 
@@ -149,7 +155,7 @@ def example_repeated(spec: Spec, registry: Registry | None = None) -> dict[str, 
 
 
 def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:
-    from hillsphere.campaign.repeated import Repeated
+    from hillsphere.cases.repeated import Repeated
 
     fitting = [
         record

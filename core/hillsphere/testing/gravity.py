@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.dynamics import ArrayFunction
-from hillsphere.gravity import GravityField, model_parameters
+from hillsphere.engine.dynamics.compiled import ArrayFunction
+from hillsphere.engine.gravity import GravityField, model_parameters
 from hillsphere.interfaces import Array, Parameter
-from hillsphere.symbolic import variables
+from hillsphere.symbolic.expressions import variables
 from hillsphere.testing.contract import check_close, derivative_by_differences, require
 
 __all__ = ["check_gravity"]

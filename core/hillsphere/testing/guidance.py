@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.dynamics import Derivatives, system
+from hillsphere.engine.dynamics.system import system
+from hillsphere.engine.dynamics.variational import Derivatives
 from hillsphere.interfaces import Array, Guidance, GuidanceTask, GuidedFlight, Plant
 from hillsphere.testing.contract import check_close, require
 

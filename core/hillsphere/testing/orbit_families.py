@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.dynamics import Taylor, system
+from hillsphere.engine.dynamics.system import system
+from hillsphere.engine.dynamics.taylor import Taylor
 from hillsphere.interfaces import OrbitFamily
 from hillsphere.testing.contract import check_close, derivative_by_differences, require
 

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.dynamics import StepMap, System, system
-from hillsphere.frames import frame
+from hillsphere.engine.dynamics.step_map import StepMap
+from hillsphere.engine.dynamics.system import System, system
 from hillsphere.interfaces import Array
-from hillsphere.symbolic import jacobian, parameter, substitute
+from hillsphere.model.frames import frame
+from hillsphere.symbolic.expressions import jacobian, parameter, substitute
 from hillsphere.testing.contract import check_close, derivative_by_differences, require
 
 __all__ = ["check_plant"]

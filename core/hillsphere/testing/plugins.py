@@ -10,8 +10,14 @@ from dataclasses import is_dataclass
 from types import ModuleType
 from typing import Any, get_args
 
-from hillsphere.plugins import Registered, Registry, default_registry, load_object, validate
-from hillsphere.spec import Spec, StageSpec
+from hillsphere.plugins.registry import (
+    Registered,
+    Registry,
+    default_registry,
+    load_object,
+    validate,
+)
+from hillsphere.spec.base import Spec, StageSpec
 from hillsphere.testing.contract import require
 from hillsphere.testing.examples import bound_example
 

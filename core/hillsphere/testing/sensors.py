@@ -7,7 +7,7 @@ from typing import TypeAlias, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.errors import HillsphereError
+from hillsphere.base.errors import HillsphereError
 from hillsphere.interfaces import Array, Channel, Scene, Sensor, StationSensor
 from hillsphere.testing.contract import require
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hillsphere.dynamics import bracketed_roots
+from hillsphere.engine.dynamics.root_finding import bracketed_roots
 from hillsphere.interfaces import Array, ArraySurface, Enclosed, Surface
-from hillsphere.shapes.levels import level_of
-from hillsphere.shapes.triangulation import Radial
+from hillsphere.model.shapes.levels import level_of
+from hillsphere.model.shapes.triangulation import Radial
 from hillsphere.testing.contract import check_close, derivative_by_differences, require
 
 __all__ = ["check_shape"]

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.plugins import Registry, default_registry, load_object, validate
-from hillsphere.presentation import Figure, Presentation, Table, presentation_faults
-from hillsphere.products import load_product, save_product
+from hillsphere.plugins.registry import Registry, default_registry, load_object, validate
+from hillsphere.products.products import load_product, save_product
+from hillsphere.show.presentation import Figure, Presentation, Table, presentation_faults
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
 from hillsphere.testing.examples import bound_example, example_inputs, example_repeated

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.rotation import earth_fixed
+from hillsphere.base.geodetic import Station
+from hillsphere.base.time import Epoch
 from hillsphere.interfaces import Array, Tracker
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.testing.contract import check_close, require
-from hillsphere.time import Epoch
 
 __all__ = ["check_tracker"]
 

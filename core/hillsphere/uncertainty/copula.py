@@ -7,8 +7,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from hillsphere.arrays import Array
-from hillsphere.errors import InputError
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
 
 __all__ = ["copula_covariance", "correlated_factor"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.arrays import Array
-from hillsphere.campaign.repeated import Repeated
-from hillsphere.errors import InputError
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.cases.repeated import Repeated
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
 from hillsphere.uncertainty.matching import matched

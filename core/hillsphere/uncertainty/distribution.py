@@ -11,11 +11,11 @@ from abc import ABC, abstractmethod
 import numpy as np
 from scipy.special import ndtri
 
-from hillsphere.arrays import Array
-from hillsphere.errors import InputError
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.spec.units import UNITS
 from hillsphere.uncertainty.copula import copula_covariance, correlated_factor
 from hillsphere.uncertainty.specs import ContinuousSpec, DispersionSpec
-from hillsphere.units import UNITS
 
 __all__ = ["Distribution", "Sizes", "require_count", "si_unit"]
 
@@ -31,7 +31,7 @@ def si_unit(unit: str) -> tuple[str, float]:
     Parameters
     ----------
     unit : str
-        A suffix of `hillsphere.units.UNITS`, or ``""``.
+        A suffix of `hillsphere.spec.units.UNITS`, or ``""``.
 
     Returns
     -------

@@ -7,8 +7,8 @@ from math import erf, exp, pi, sqrt
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from hillsphere.arrays import Array
-from hillsphere.errors import InputError
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
 from hillsphere.uncertainty.distribution import Distribution
 from hillsphere.uncertainty.specs import (
     ChoiceSpec,

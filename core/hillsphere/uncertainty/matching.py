@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from hillsphere.errors import InputError
-from hillsphere.problems import did_you_mean
+from hillsphere.base.errors import InputError
+from hillsphere.base.problems import did_you_mean
 
 __all__ = ["matched"]
 

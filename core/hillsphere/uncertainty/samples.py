@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hillsphere.arrays import Array
-from hillsphere.errors import InputError
-from hillsphere.regular_files import read_text
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.base.regular_files import read_text
 from hillsphere.uncertainty.distribution import require_count, si_unit
 from hillsphere.uncertainty.specs import SamplesSpec
 

@@ -8,8 +8,8 @@ from typing import Self
 from pydantic import field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from hillsphere.problems import did_you_mean
-from hillsphere.spec import UNITS, DataPath, Spec, data_path, option, rule, table_name
+from hillsphere.base.problems import did_you_mean
+from hillsphere.spec.base import UNITS, DataPath, Spec, data_path, option, rule, table_name
 
 __all__ = [
     "ChoiceSpec",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hillsphere.errors import InputError
+from hillsphere.base.errors import InputError
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
 from hillsphere.uncertainty.matching import matched

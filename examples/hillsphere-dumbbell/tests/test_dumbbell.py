@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hillsphere import create, load_mission
-from hillsphere.drawing import draw
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
-from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
+from hillsphere.show.drawing import draw
 from hillsphere.testing import (
     RecordingContext,
     check_gravity,
@@ -22,6 +21,7 @@ from hillsphere.testing import (
     check_stage,
     example,
 )
+from hillsphere_estimators.plant_model import PlantModel
 
 import hillsphere_dumbbell
 from hillsphere_dumbbell.specs import DumbbellSpec

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hillsphere.dynamics import Derivatives, system
+from hillsphere.engine.simulation.flow import velocity_rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
-from hillsphere.simulation.flow import velocity_rows
 
 __all__ = ["Linearised", "linearised"]
 

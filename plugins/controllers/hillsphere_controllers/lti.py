@@ -10,7 +10,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Variable
 from hillsphere.lti import LtiSystem

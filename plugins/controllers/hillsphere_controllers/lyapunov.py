@@ -8,9 +8,9 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from hillsphere.dynamics import System, system
+from hillsphere.engine.simulation.flow import thrust_vectors, velocity_rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.simulation.flow import thrust_vectors, velocity_rows
 from hillsphere_controllers.law_specs import LyapunovSpec
 from hillsphere_controllers.systems.holding import discretised
 

@@ -8,7 +8,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, ExternalInputs, Plant, Variable
 from hillsphere.symbolic import Expr, Params, constant, exp, sum_of

@@ -47,8 +47,8 @@ def hillsphere_components() -> list[Component]:
         Component(
             "stage",
             "orbit_refinement",
-            "hillsphere_estimators.refinement.stage:OrbitRefinementStage",
-            "hillsphere_estimators.refinement.specs:OrbitRefinementSpec",
+            "hillsphere_estimators.orbit_refinement.stage:OrbitRefinementStage",
+            "hillsphere_estimators.orbit_refinement.specs:OrbitRefinementSpec",
             "an asteroid's orbit by telescopes, then with tracked spacecraft near it",
         ),
         Component(
@@ -61,8 +61,8 @@ def hillsphere_components() -> list[Component]:
         Component(
             "stage",
             "navigation_comparison",
-            "hillsphere_estimators.navigation.comparison:NavigationComparisonStage",
-            "hillsphere_estimators.navigation.comparison_specs:NavigationComparisonSpec",
+            "hillsphere_estimators.navigation_comparison.stage:NavigationComparisonStage",
+            "hillsphere_estimators.navigation_comparison.specs:NavigationComparisonSpec",
             "sets of sensors side by side: errors, order, bound, consistency, the lightest",
         ),
         Component(

@@ -10,10 +10,10 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array, Parameter
-from hillsphere.shapes.mesh import Mesh
-from hillsphere.shapes.polyhedron import MeshSurface
-from hillsphere.shapes.solid_angles import solid_angles, vertex_distances
-from hillsphere.shapes.triangulation import Radial, triangulated
+from hillsphere.model.shapes.mesh import Mesh
+from hillsphere.model.shapes.polyhedron import MeshSurface
+from hillsphere.model.shapes.solid_angles import solid_angles, vertex_distances
+from hillsphere.model.shapes.triangulation import Radial, triangulated
 from hillsphere.symbolic import Expr, Params
 from hillsphere_gravity.ellipsoid import CODATA_2018_G, homogeneous_bound
 from hillsphere_gravity.quadrupole import Quadrupole
@@ -110,7 +110,7 @@ class Polyhedron:
         return self.mesh.largest_radius_m
 
     def surface_array(self, r: Array) -> Array:
-        """Return the surface function (N,), see `hillsphere.shapes.polyhedron.MeshSurface`."""
+        """Return the surface function (N,), see `MeshSurface`."""
         return self._surface.surface_array(r)
 
     def normal_array(self, r: Array) -> Array:

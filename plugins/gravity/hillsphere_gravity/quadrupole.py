@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.interfaces import Array, Parameter
-from hillsphere.shapes.mesh import Mesh
+from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.symbolic import Expr, Params, Vec3, dot, gradient, norm, substitute, variables
 
 __all__ = ["Quadrupole", "second_moments"]

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.ranges import BODY_RADIUS_M, DENSITY_KG_M3, GM_M3_S2
+from hillsphere.base.ranges import BODY_RADIUS_M, DENSITY_KG_M3, GM_M3_S2
 from hillsphere.spec import (
     DataPath,
     Ref,

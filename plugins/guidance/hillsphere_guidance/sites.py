@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.closed_loop.surroundings import Surroundings
 from hillsphere.dynamics import ArrayFunction, bracketed_roots
+from hillsphere.engine.surroundings import Surroundings
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
-from hillsphere.shapes.levels import level_of, normals_of
+from hillsphere.model.shapes.levels import level_of, normals_of
 from hillsphere_guidance.motion import motion_of
 
 __all__ = ["Ground", "Site"]

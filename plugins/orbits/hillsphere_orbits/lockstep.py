@@ -22,7 +22,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch, StepControl

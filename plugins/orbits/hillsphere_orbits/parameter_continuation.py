@@ -23,7 +23,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.dynamics import ArrayFunction, StepMap, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import bracketed_roots
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_orbits.spatial.stability import pair_indices
+from hillsphere_orbits.spatial_qso_families.stability import pair_indices
 from hillsphere_orbits.stability import is_decoupled, stability_indices
 
 __all__ = ["Secondary", "secondary"]

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array, Plant

@@ -47,14 +47,14 @@ def hillsphere_components() -> list[Component]:
         Component(
             "stage",
             "equilibria",
-            "hillsphere_plants.equilibria_stage:EquilibriaStage",
-            "hillsphere_plants.equilibria_specs:EquilibriaSpec",
+            "hillsphere_plants.equilibria.stage:EquilibriaStage",
+            "hillsphere_plants.equilibria.specs:EquilibriaSpec",
             "libration points in the true gravity of a body, and the motion about them",
         ),
         Component(
             "stage",
             "formation_reference",
-            "hillsphere_plants.proximity_reference:FormationReferenceStage",
+            "hillsphere_plants.formation_reference.stage:FormationReferenceStage",
             "hillsphere_plants.proximity_specs:FormationReferenceSpec",
             "reference trajectories of a formation, by differences of orbital elements",
         ),

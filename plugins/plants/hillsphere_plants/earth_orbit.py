@@ -8,16 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hillsphere.earth.atmosphere import density
-from hillsphere.earth.planet import StationedPlanet
-from hillsphere.earth.rotation import (
-    ROTATION_RATES_RAD_S,
-    InertialFrame,
-    celestial_to_intermediate,
-    earth_angle,
-    earth_fixed,
-)
-from hillsphere.earth.sun_moon import GM_M3_S2, moon_position, sun_position
+from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.gravity import (
     AnyGravityModel,
@@ -34,7 +25,14 @@ from hillsphere.interfaces import (
     Scales,
     SeriesGravity,
 )
-from hillsphere.start_states import Centre
+from hillsphere.model.earth.planet import StationedPlanet
+from hillsphere.model.earth.rotation import (
+    ROTATION_RATES_RAD_S,
+    InertialFrame,
+    celestial_to_intermediate,
+    earth_angle,
+    earth_fixed,
+)
 from hillsphere.symbolic import (
     Expr,
     Params,
@@ -49,8 +47,10 @@ from hillsphere.symbolic import (
     sum_of,
 )
 from hillsphere.time import J2000, Epoch
+from hillsphere_plants.atmosphere import density
 from hillsphere_plants.earth_orbit_specs import EarthOrbitSpec
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY, vector
+from hillsphere_plants.sun_moon import GM_M3_S2, moon_position, sun_position
 
 __all__ = ["EarthOrbit"]
 
@@ -76,10 +76,10 @@ class EarthOrbit:
 
     the sum over Sun and Moon at s, as far as they are asked for.
 
-    The angle of R is that of the Earth at the epoch (`hillsphere.earth.rotation.earth_angle`) plus
-    the rotation rate times t; in the frame ``gcrs`` the axis stands where precession and nutation
-    put it in the middle of the arc. Polar motion (0.5″) is left out of gravity and drag, not of
-    what stations see. Tides and radiation pressure are not modelled.
+    The angle of R is that of the Earth at the epoch (`hillsphere.model.earth.rotation.earth_angle`)
+    plus the rotation rate times t; in the frame ``gcrs`` the axis stands where precession and
+    nutation put it in the middle of the arc. Polar motion (0.5″) is left out of gravity and drag,
+    not of what stations see. Tides and radiation pressure are not modelled.
 
     Without drag, third bodies and control `energy` is conserved.
 

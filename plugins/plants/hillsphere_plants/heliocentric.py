@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hillsphere.ephemeris import from_equator
+from hillsphere.engine.start_states import Centre
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
-from hillsphere.start_states import Centre
+from hillsphere.model.ephemeris import from_equator
 from hillsphere.symbolic import Expr, Params, dot, power, sum_of
 from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY

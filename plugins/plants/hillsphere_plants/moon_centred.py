@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hillsphere.bodies import OrbitingBody
+from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.gravity import (
     AnyGravityModel,
@@ -22,7 +22,6 @@ from hillsphere.gravity import (
     potential_at,
     whole_gravity,
 )
-from hillsphere.inertial import RotatingFrame
 from hillsphere.interfaces import (
     Array,
     ArrayGravityModel,
@@ -36,9 +35,9 @@ from hillsphere.interfaces import (
     Surface,
     Variable,
 )
-from hillsphere.shapes.levels import level_within
+from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.shapes.levels import level_within
 from hillsphere.spec import Ref
-from hillsphere.start_states import Centre
 from hillsphere.symbolic import (
     Expr,
     Overloaded,
@@ -51,6 +50,7 @@ from hillsphere.symbolic import (
     variables,
 )
 from hillsphere.time import Epoch
+from hillsphere_orbits.inertial import RotatingFrame
 from hillsphere_plants.rotation import AxialRotation
 
 __all__ = [

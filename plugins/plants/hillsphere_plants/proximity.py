@@ -12,9 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hillsphere.bodies import OrbitingBody
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.ephemeris import anomaly_from_mean
 from hillsphere.errors import InputError
 from hillsphere.gravity import AnyGravityModel, acceleration_at, whole_gravity
 from hillsphere.interfaces import (
@@ -29,7 +27,9 @@ from hillsphere.interfaces import (
     Surface,
     Variable,
 )
-from hillsphere.shapes.levels import level_within
+from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.ephemeris import anomaly_from_mean
+from hillsphere.model.shapes.levels import level_within
 from hillsphere.symbolic import (
     Expr,
     Overloaded,

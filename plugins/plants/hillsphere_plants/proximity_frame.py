@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hillsphere.bodies import OrbitingBody
-from hillsphere.ephemeris import hill_axes, states_of_elements
 from hillsphere.interfaces import Array
+from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.ephemeris import hill_axes, states_of_elements
 
 __all__ = ["frame_at"]
 

@@ -6,8 +6,8 @@ from typing import ClassVar, Self
 
 from pydantic import model_validator
 
-from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
-from hillsphere.ranges import STAR_GM_M3_S2
+from hillsphere.base.ranges import STAR_GM_M3_S2
+from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference, rule
 
 __all__ = [
@@ -151,7 +151,7 @@ class RelativeElementsSpec(Spec):
 class FormationReferenceSpec(StageSpec):
     """Where the spacecraft of a formation are to fly: by differences of their orbital elements."""
 
-    produces = "hillsphere_plants.proximity_reference:FormationReference"
+    produces = "hillsphere_plants.formation_reference.stage:FormationReference"
     provides = ("hillsphere.products:FlightSet",)
     examples = (
         {

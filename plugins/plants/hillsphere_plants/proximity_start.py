@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.ephemeris import from_equator
+from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.start_states import Centre
+from hillsphere.model.ephemeris import from_equator
 from hillsphere.time import Epoch
 
 __all__ = ["HillFrame"]
@@ -21,7 +21,7 @@ _SAME_S = 1.0
 
 @dataclass(frozen=True, eq=False)
 class HillFrame:
-    """The Hill frame of an asteroid at one time, for `hillsphere.start_states.place_start`.
+    """The Hill frame of an asteroid at one time, for `hillsphere.engine.start_states.place_start`.
 
     Parameters
     ----------

@@ -9,9 +9,9 @@ from math import sin as sine
 
 import numpy as np
 
+from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
-from hillsphere.start_states import Centre
 from hillsphere.symbolic import Expr, Params, Vec3, constant, cos, sin
 from hillsphere_plants.moon_centred import (
     POSITION_AND_VELOCITY,

@@ -9,10 +9,10 @@ from math import pi, sqrt
 import numpy as np
 
 from hillsphere.dynamics import ArrayFunction, bracketed_roots
+from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.gravity import whole_gravity
 from hillsphere.interfaces import Array, Parameter, Variable
-from hillsphere.start_states import Centre
 from hillsphere.symbolic import (
     Expr,
     Params,

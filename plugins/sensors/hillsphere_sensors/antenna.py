@@ -14,7 +14,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.specs import AntennaSpec
@@ -35,7 +35,7 @@ class Antenna:
 
     and biases of the same form, with coefficients of their own, are added. From the scene it takes
     ``"earth_fixed"``, shape (3, 3, N): what turns positions of the states' frame to Earth-fixed
-    ones (`hillsphere.earth.rotation.earth_fixed`).
+    ones (`hillsphere.model.earth.rotation.earth_fixed`).
 
     Parameters
     ----------

@@ -7,10 +7,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.bodies import SurfacedBody
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.bodies import SurfacedBody
 from hillsphere.spec import Ref
 
 __all__ = ["BodySurface"]

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2
-from hillsphere.earth.geodetic import Station
-from hillsphere.ephemeris import kepler_step
+from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array, Channel, Scene
+from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2
+from hillsphere.model.ephemeris import kepler_step
 from hillsphere_sensors.heliocentric import HeliocentricSensor
 from hillsphere_sensors.spacecraft import rotated
 from hillsphere_sensors.spacecraft_specs import DeepSpaceStationSpec

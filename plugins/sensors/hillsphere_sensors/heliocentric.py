@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.bodies import OrbitingBody
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import earth_fixed
-from hillsphere.ephemeris import Ephemeris, KeplerOrbit, from_equator, hill_axes
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array, Scene
+from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.earth.rotation import earth_fixed
+from hillsphere.model.ephemeris import Ephemeris, KeplerOrbit, from_equator, hill_axes
 from hillsphere.time import Epoch
 from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
 

@@ -8,7 +8,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from hillsphere.ranges import STATION_HEIGHT_M
+from hillsphere.base.ranges import STATION_HEIGHT_M
 from hillsphere.spec import Pair, Ref, Spec, option, quantity, reference, rule
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
-from hillsphere.ranges import STATION_HEIGHT_M
+from hillsphere.base.ranges import STATION_HEIGHT_M
 from hillsphere.spec import Pair, Spec, Vector3, option, quantity
 
 __all__ = ["AntennaSpec"]

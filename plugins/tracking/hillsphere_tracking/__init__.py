@@ -12,8 +12,8 @@ def hillsphere_components() -> list[Component]:
         Component(
             "stage",
             "passes",
-            "hillsphere_tracking.pass_stage:PassesStage",
-            "hillsphere_tracking.pass_specs:PassesSpec",
+            "hillsphere_tracking.passes.stage:PassesStage",
+            "hillsphere_tracking.passes.specs:PassesSpec",
             "passes of satellites over ground stations, eclipses, ground tracks",
         ),
         Component(
@@ -26,15 +26,15 @@ def hillsphere_components() -> list[Component]:
         Component(
             "stage",
             "assisted_tracking",
-            "hillsphere_tracking.assisted.stage:AssistedTrackingStage",
-            "hillsphere_tracking.assisted.specs:AssistedTrackingSpec",
+            "hillsphere_tracking.assisted_tracking.stage:AssistedTrackingStage",
+            "hillsphere_tracking.assisted_tracking.specs:AssistedTrackingSpec",
             "passes with a loss of signal, followed by several trackers, case by case",
         ),
         Component(
             "stage",
             "tracking_comparison",
-            "hillsphere_tracking.assisted.comparison_stage:TrackingComparisonStage",
-            "hillsphere_tracking.assisted.comparison_specs:TrackingComparisonSpec",
+            "hillsphere_tracking.tracking_comparison.stage:TrackingComparisonStage",
+            "hillsphere_tracking.tracking_comparison.specs:TrackingComparisonSpec",
             "trackers compared over many cases, against a baseline and published values",
         ),
         Component(

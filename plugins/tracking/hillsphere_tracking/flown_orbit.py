@@ -7,9 +7,9 @@ from typing import cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.earth.rotation import InertialFrame
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.products import Trajectories
 from hillsphere.time import Epoch
 

@@ -6,11 +6,11 @@ from math import sqrt
 
 import numpy as np
 
-from hillsphere.earth.geodetic import WGS84, Ellipsoid, geodetic
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import to_earth_fixed
+from hillsphere.base.geodetic import WGS84, Ellipsoid, geodetic
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import to_earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.orbits import LimitedOrbit, Orbit, last_instant
 

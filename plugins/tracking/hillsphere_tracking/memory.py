@@ -32,11 +32,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from hillsphere.atomic import write_text
+from hillsphere.base.atomic import write_text
+from hillsphere.base.json_files import parse_json
+from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.json_files import parse_json
-from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 
 __all__ = [

@@ -8,11 +8,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.contracts import Contract
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import InertialFrame, to_earth_fixed
+from hillsphere.base.contracts import Contract
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import PropagationError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import InertialFrame, to_earth_fixed
 from hillsphere.time import Epoch
 
 __all__ = ["LimitedOrbit", "Orbit", "bisected", "earth_fixed_states", "last_instant"]

@@ -8,7 +8,12 @@ from typing import Self
 
 from pydantic import model_validator
 
-from hillsphere.ranges import ORBIT_RADIUS_M, PLANET_GM_M3_S2, PLANET_RADIUS_M, STATION_HEIGHT_M
+from hillsphere.base.ranges import (
+    ORBIT_RADIUS_M,
+    PLANET_GM_M3_S2,
+    PLANET_RADIUS_M,
+    STATION_HEIGHT_M,
+)
 from hillsphere.spec import DataPath, Spec, data_path, option, quantity, rule
 
 __all__ = ["BlindSectorSpec", "MeanElementsSpec", "SatelliteSpec", "StationSpec", "ZonalFieldSpec"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.earth.rotation import InertialFrame
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
 from hillsphere_tracking.kepler import checked
 from hillsphere_tracking.mean_elements import EARTH_FIELD, ZonalField, states

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from sgp4 import omm as sgp4_omm
 from sgp4.api import SGP4_ERRORS, Satrec
 
-from hillsphere.earth.rotation import InertialFrame
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
 from hillsphere_tracking.omm import Omm
 from hillsphere_tracking.orbits import bisected

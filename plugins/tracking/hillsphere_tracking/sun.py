@@ -15,10 +15,10 @@ from typing import Literal
 import erfa
 import numpy as np
 
-from hillsphere.earth.geodetic import WGS84, Ellipsoid
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import earth_fixed
+from hillsphere.base.geodetic import WGS84, Ellipsoid
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
 
 __all__ = ["SUN_RADIUS_M", "shadow_margin", "sun_earth_fixed", "sun_gcrs"]

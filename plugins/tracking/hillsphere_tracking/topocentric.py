@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 

@@ -28,18 +28,18 @@ from typing import Any, NoReturn
 
 import scipy.stats  # noqa: F401  # used by what presents campaigns
 
-import hillsphere.atomic
+import hillsphere.base.atomic
 import hillsphere.cli.running
-import hillsphere.pipeline
-from hillsphere.assembly import Assembly
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import _Campaign
-from hillsphere.campaign.executors.pool import PoolCrew, _Worker
-from hillsphere.campaign.executors.serial import SerialCrew
+import hillsphere.runs.pipeline
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import _Campaign
+from hillsphere.cases.executors.pool import PoolCrew, _Worker
+from hillsphere.cases.executors.serial import SerialCrew
 from hillsphere.cli import main
-from hillsphere.drawing import Drawing
 from hillsphere.mission import load_mission
-from hillsphere.store import RunDirectory
+from hillsphere.runs.assembly import Assembly
+from hillsphere.runs.store import RunDirectory
+from hillsphere.show.drawing import Drawing
 
 PATIENCE_S = 120.0
 
@@ -116,7 +116,7 @@ class Faults:
         fsync, replace, unlink, path_open = os.fsync, os.replace, os.unlink, pathlib.Path.open
 
         class System:
-            """What `hillsphere.atomic` knows of the operating system."""
+            """What `hillsphere.base.atomic` knows of the operating system."""
 
             path = os.path
             lstat = staticmethod(os.lstat)
@@ -134,7 +134,7 @@ class Faults:
                 replace(source, target)  # type: ignore[arg-type]
                 self.phase = before
 
-        vars(hillsphere.atomic)["os"] = System
+        vars(hillsphere.base.atomic)["os"] = System
 
         def opened(path: pathlib.Path, mode: str = "r", *arguments: Any, **more: Any) -> Any:
             if mode != "xb":
@@ -222,7 +222,7 @@ def _run(request: dict[str, Any], report: int) -> NoReturn:
     os.dup2(log, 2)
     sys.argv = ["hillsphere", *request["arguments"]]
     # Drawing takes ten times as long as the campaign.
-    vars(hillsphere.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
+    vars(hillsphere.runs.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
     faults = Faults(request.get("fault") or {}, report)
     faults.install()
     code: Any = 3

@@ -14,32 +14,33 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 
-from hillsphere.campaign.band_figures import MOST_PANELS, band_figure
-from hillsphere.campaign.bands import Parts, bands_of, lines_of
-from hillsphere.campaign.block_outcome import BlockOutcome, joined
-from hillsphere.campaign.case_classes import is_undecided
-from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories, kept_histories
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import SerialSpec
-from hillsphere.campaign.isolation import compute
-from hillsphere.campaign.line_figures import line_figure
-from hillsphere.campaign.repeated import Repeated
-from hillsphere.campaign.specs import MonteCarloSpec, SweepSpec
-from hillsphere.campaign.stages import Sweep
-from hillsphere.campaign.tasks import Task
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.drawing import draw
+from hillsphere.cases.block_outcome import BlockOutcome, joined
+from hillsphere.cases.case_classes import is_undecided
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import SerialSpec
+from hillsphere.cases.isolation import compute
+from hillsphere.cases.repeated import Repeated
+from hillsphere.cases.specs import MonteCarloSpec, SweepSpec
 from hillsphere.errors import InputError, Interrupted, StageError
-from hillsphere.faults import faults_of
-from hillsphere.history import history_csv
 from hillsphere.interfaces import Array
+from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories, kept_histories
+from hillsphere.interfaces.tasks import Task
+from hillsphere.mission.faults import faults_of
 from hillsphere.plugins import validate
-from hillsphere.products import Bands, CaseTable, Lines, LinesToEnds, load_product, save_product
-from hillsphere.rerun import _row
+from hillsphere.products import CaseTable, load_product, save_product
+from hillsphere.products.products import Bands, Lines, LinesToEnds
+from hillsphere.runs.rerun import _row
+from hillsphere.show.drawing import draw
+from hillsphere.show.history import history_csv
 from hillsphere.spec import Spec
 from hillsphere.testing import check_product
+from hillsphere_campaigns.band_figures import MOST_PANELS, band_figure
+from hillsphere_campaigns.bands import Parts, bands_of, lines_of
+from hillsphere_campaigns.line_figures import line_figure
+from hillsphere_campaigns.stages import Sweep
+from hillsphere_flight.specs import ClosedLoopSpec
 
 LEVELS = (0.05, 0.5, 0.95)
 SAMPLES, CASES = 40, 300
@@ -254,7 +255,7 @@ def test_groups_are_not_larger_than_their_histories_allow(monkeypatch: pytest.Mo
             return counted
 
     # Two blocks of one quantity at three samples of 64 cases.
-    monkeypatch.setattr("hillsphere.campaign.engine.MOST_BYTES", 2 * 3 * 64 * 8)
+    monkeypatch.setattr("hillsphere.cases.engine.MOST_BYTES", 2 * 3 * 64 * 8)
     run_campaign(PLAN, Counting(Toy(), ("x",)), executor=Serial(SerialSpec()))
     assert max(sizes) == 2
 

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan, same
 
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import SerialSpec
-from hillsphere.campaign.isolation import compute
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import SerialSpec
+from hillsphere.cases.isolation import compute
 from hillsphere.errors import StageError
 from hillsphere.products import save_product
 

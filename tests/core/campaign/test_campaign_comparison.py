@@ -10,20 +10,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from scipy.optimize import minimize_scalar
 
-from hillsphere.campaign.comparison import (
+from hillsphere.errors import InputError
+from hillsphere.products import CaseTable
+from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere_campaigns.campaign_comparison.presentation import present_comparison
+from hillsphere_campaigns.campaign_comparison.specs import CampaignComparisonSpec
+from hillsphere_campaigns.campaign_comparison.stage import (
     CampaignComparisonStage,
     compare,
     mcnemar,
     paired_ratio_interval,
     signed_rank,
 )
-from hillsphere.campaign.comparison_presentation import present_comparison
-from hillsphere.campaign.comparison_specs import CampaignComparisonSpec
-from hillsphere.campaign.pairing import matched
-from hillsphere.campaign.statistics import mean_interval
-from hillsphere.errors import InputError
-from hillsphere.products import CaseTable
-from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere_campaigns.pairing import matched
+from hillsphere_campaigns.statistics import mean_interval
 
 
 def campaign(shift: float, limit: float, n: int = 400, stage: str = "hover") -> CaseTable:

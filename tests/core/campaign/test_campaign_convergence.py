@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from hillsphere.campaign.case_classes import ratio_interval
-from hillsphere.campaign.convergence import convergence_of_failures, convergence_of_mean
-from hillsphere.campaign.statistics import mean_interval
+from hillsphere.cases.case_classes import ratio_interval
+from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
+from hillsphere_campaigns.statistics import mean_interval
 
 
 def test_convergence_is_that_of_the_prefixes() -> None:

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hillsphere.campaign.crossings import crossing_table, crossings
-from hillsphere.campaign.sweep_points import crossed, grid, listed
 from hillsphere.errors import InputError
-from hillsphere.products import CaseList, CaseTable, Ladder
+from hillsphere.products import CaseList, CaseTable
+from hillsphere.products.products import Ladder
+from hillsphere_campaigns.crossings import crossing_table, crossings
+from hillsphere_campaigns.sweep_points import crossed, grid, listed
 
 SCALES = np.array([1.0, 2.0, 3.0, 4.0])
 

@@ -20,17 +20,17 @@ import pytest
 from tests.core.campaign.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
 from tests.core.campaign.toy_loop import Loop
 
-from hillsphere.campaign.block_outcome import BlockOutcome
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors import dask, dask_workers
-from hillsphere.campaign.executors.dask import Dask
-from hillsphere.campaign.executors.dask_specs import DaskSpec
-from hillsphere.campaign.executors.pool import ONE_THREAD, Pool
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import PoolSpec, SerialSpec
-from hillsphere.campaign.tasks import Task
+from hillsphere.cases.block_outcome import BlockOutcome
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.pool import ONE_THREAD, Pool
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
 from hillsphere.errors import InputError, StageError
+from hillsphere.interfaces.tasks import Task
+from hillsphere_dask import dask, dask_workers
+from hillsphere_dask.dask import Dask
+from hillsphere_dask.specs import DaskSpec
 
 PATIENCE_S = 30.0
 
@@ -354,17 +354,17 @@ def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.Monke
 
 def test_dask_is_imported_only_when_used() -> None:
     code = (
-        "import sys; from hillsphere.campaign.executors.dask import Dask; "
-        "from hillsphere.campaign.executors.specs import DaskSpec; Dask(DaskSpec()); "
+        "import sys; from hillsphere_dask.dask import Dask; "
+        "from hillsphere.cases.executors.specs import DaskSpec; Dask(DaskSpec()); "
         "assert not {'dask', 'distributed', 'tornado'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 SCRIPT = """
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.dask import Dask
-from hillsphere.campaign.executors.specs import DaskSpec
+from hillsphere.cases.engine import run_campaign
+from hillsphere_dask.dask import Dask
+from hillsphere.cases.executors.specs import DaskSpec
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan
 
 def advance(count):

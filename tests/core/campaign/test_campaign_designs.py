@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from hillsphere.campaign.designs import Design, DesignName, factorial, random_rows, space_filling
+from hillsphere.base.seeds import name_key
+from hillsphere.cases.designs import Design, DesignName, factorial, random_rows, space_filling
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.seeds import name_key
 
 GROUPS = (("field", 3), ("start", 2))
 NAMES: list[DesignName] = ["random", "latin_hypercube", "sobol", "sobol_indices"]

@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.core.campaign.toy_cases import Misshapen, StageWork, Toy, ToyPlan, same
 
-from hillsphere.campaign.block_outcome import BlockOutcome
-from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import SerialSpec
-from hillsphere.campaign.repeated import RepeatedWork
-from hillsphere.campaign.tasks import Finished, Job, Lost, Outcome, Task, Work
+from hillsphere.cases.block_outcome import BlockOutcome
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import SerialSpec
+from hillsphere.cases.repeated import RepeatedWork
 from hillsphere.errors import Interrupted, StageError
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
+from hillsphere.interfaces.tasks import Finished, Job, Lost, Outcome, Task, Work
 
 PLAN = ToyPlan(1000)
 WORK = StageWork([Toy()])

@@ -14,11 +14,12 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.io import netcdf_file
 
-from hillsphere.campaign.case_classes import decided_failures, is_undecided
-from hillsphere.campaign.export import export_bands_csv, export_csv, export_netcdf
+from hillsphere.cases.case_classes import decided_failures, is_undecided
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.products import Bands, CaseTable
+from hillsphere.products import CaseTable
+from hillsphere.products.products import Bands
+from hillsphere_campaigns.export import export_bands_csv, export_csv, export_netcdf
 
 
 def campaign(n: int, inputs: int = 3, metrics: int = 2) -> CaseTable:
@@ -227,7 +228,7 @@ def test_a_full_disk_leaves_the_old_file(
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("hillsphere.atomic.os.fsync", full)
+    monkeypatch.setattr("hillsphere.base.atomic.os.fsync", full)
     with pytest.raises(OSError, match="No space left"):
         export(campaign(100), place)
     assert place.read_text() == "old"

@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from tests.core.campaign.toy_cases import ROOT
 
-from hillsphere.product_codec import load_product
 from hillsphere.products import CaseTable
+from hillsphere.products.product_codec import load_product
 
 KILLED = -9
 MISSION = """format = 1

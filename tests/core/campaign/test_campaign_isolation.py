@@ -13,17 +13,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 
-from hillsphere.campaign.block_outcome import (
-    BlockOutcome,
-    divided,
-    joined,
-    lost_rows,
-    named_alike,
-)
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
-from hillsphere.campaign.isolation import compute, only
+from hillsphere.cases.block_outcome import BlockOutcome, divided, joined, lost_rows, named_alike
+from hillsphere.cases.isolation import compute, only
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Parameter
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.products import load_product, save_product
 
 FULL, _ = ToyPlan(64).block(0)

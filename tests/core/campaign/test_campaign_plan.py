@@ -13,16 +13,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydantic import ValidationError
 from tests.core.uncertainty.toy_mission import Ball, Hover, toy_repeated
 
-from hillsphere.campaign.cases import LANES
-from hillsphere.campaign.plan import Plan
-from hillsphere.campaign.planning import plan_of
-from hillsphere.campaign.repeated import Repeated
-from hillsphere.campaign.specs import MonteCarloSpec, RangeSpec, SweepSpec
-from hillsphere.campaign.sweep_points import case_list, grid, listed, sampled
-from hillsphere.campaign.swept import Swept
+from hillsphere.cases.plan import Plan
+from hillsphere.cases.repeated import Repeated
+from hillsphere.cases.specs import MonteCarloSpec, RangeSpec, SweepSpec
+from hillsphere.cases.swept import Swept
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Integers
+from hillsphere.interfaces.cases import LANES
 from hillsphere.products import CaseList, load_product, save_product
+from hillsphere_campaigns.case_plan import plan_of
+from hillsphere_campaigns.sweep_points import case_list, grid, listed, sampled
 
 TABLES = """
 [dispersions.field]

@@ -21,14 +21,14 @@ import pytest
 from tests.core.campaign.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepared, same
 from tests.core.campaign.toy_loop import Loop
 
-from hillsphere.campaign.checkpoints import Checkpoints
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors import pool as executors_pool
-from hillsphere.campaign.executors.pool import Pool, PoolCrew
-from hillsphere.campaign.executors.serial import Serial
-from hillsphere.campaign.executors.specs import PoolSpec, SerialSpec
-from hillsphere.campaign.tasks import Failed, Finished, Lost, Outcome, Task, Work
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors import pool as executors_pool
+from hillsphere.cases.executors.pool import Pool, PoolCrew
+from hillsphere.cases.executors.serial import Serial
+from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
 from hillsphere.errors import InputError, StageError
+from hillsphere.interfaces.tasks import Failed, Finished, Lost, Outcome, Task, Work
 
 PLAN = ToyPlan(330)
 SERIAL = Serial(SerialSpec())
@@ -386,9 +386,9 @@ SCRIPT = """
 import sys
 sys.path.insert(0, {root!r})
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan
-from hillsphere.campaign.engine import run_campaign
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.specs import PoolSpec
+from hillsphere.cases.engine import run_campaign
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.specs import PoolSpec
 {work}
 def tell(count):
     print(count, flush=True)

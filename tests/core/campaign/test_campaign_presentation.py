@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.campaign.case_classes import ratio_interval
-from hillsphere.campaign.presentation import present_campaign
-from hillsphere.campaign.sweep_figures import points_of
+from hillsphere.cases.case_classes import ratio_interval
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Presentation
-from hillsphere.products import Bands, CaseTable
+from hillsphere.products import CaseTable
+from hillsphere.products.products import Bands
 from hillsphere.testing import check_presentation, check_product
+from hillsphere_campaigns.presentation import present_campaign
+from hillsphere_campaigns.sweep_figures import points_of
 
 METRICS = ("dv", "rms_error", "time")
 UNITS = ("m/s", "m", "s")

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
-from hillsphere.campaign.sensitivity import (
+from hillsphere.interfaces import Array
+from hillsphere.products import CaseTable
+from hillsphere_campaigns.sensitivity import (
     SobolIndices,
     explanatory,
     holm,
@@ -20,8 +22,6 @@ from hillsphere.campaign.sensitivity import (
     sobol_of,
     too_few_failures,
 )
-from hillsphere.interfaces import Array
-from hillsphere.products import CaseTable
 
 
 def table_of(

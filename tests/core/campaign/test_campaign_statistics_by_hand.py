@@ -9,7 +9,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from hillsphere.campaign.statistics import (
+from hillsphere.interfaces import Array
+from hillsphere.products import CaseTable
+from hillsphere_campaigns.statistics import (
     classes,
     describe,
     deviation_interval,
@@ -18,8 +20,6 @@ from hillsphere.campaign.statistics import (
     quantile_interval,
     ratio_interval,
 )
-from hillsphere.interfaces import Array
-from hillsphere.products import CaseTable
 
 N = 400
 STATUS = np.array(["completed", "requirement", "impact", "completed", "error"] * (N // 5))

@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from hillsphere.campaign.case_classes import ratio_interval
-from hillsphere.campaign.statistics import mean_interval
-from hillsphere.campaign.stopping import StopCriteria
+from hillsphere.cases.case_classes import ratio_interval
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array
+from hillsphere_campaigns.statistics import mean_interval
+from hillsphere_campaigns.stopping import StopCriteria
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hillsphere.campaign.summary import CampaignSummaryStage, summary
-from hillsphere.campaign.summary_products import CampaignSummary
-from hillsphere.campaign.summary_specs import CampaignSummarySpec, ClaimSpec
 from hillsphere.errors import InputError
 from hillsphere.products import CaseTable
 from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere_campaigns.campaign_summary.products import CampaignSummary
+from hillsphere_campaigns.campaign_summary.specs import CampaignSummarySpec, ClaimSpec
+from hillsphere_campaigns.campaign_summary.stage import CampaignSummaryStage, summary
 
 LABELS = ("A", "B")
 

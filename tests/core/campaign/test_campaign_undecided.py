@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.campaign.case_classes import (
+from hillsphere.cases.case_classes import (
     UNDECIDED,
     case_class,
     failure_ratio,
     ratio_of,
     what_left_it_undecided,
 )
-from hillsphere.campaign.comparison import paired_failures
-from hillsphere.campaign.stopping import StopCriteria
-from hillsphere.campaign.tables import undecided_table
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
+from hillsphere_campaigns.campaign_comparison.stage import paired_failures
+from hillsphere_campaigns.result_tables import undecided_table
+from hillsphere_campaigns.stopping import StopCriteria
 
 
 def table_of(values: Array, failed: list[int]) -> CaseTable:

@@ -12,12 +12,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hillsphere.campaign.block_outcome import BlockOutcome
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults, Histories
-from hillsphere.campaign.isolation import compute
-from hillsphere.campaign.tasks import Task
+from hillsphere.cases.block_outcome import BlockOutcome
+from hillsphere.cases.isolation import compute
 from hillsphere.errors import PropagationError
 from hillsphere.interfaces import Array, CaseStage, Parameter
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
+from hillsphere.interfaces.tasks import Task
 
 ROOT = Path(__file__).parents[3]
 """On `sys.path` of the tests that start workers: these import this module by its full name."""
@@ -131,7 +131,7 @@ class Misshapen(Toy):
 
 @dataclass(frozen=True)
 class StageWork:
-    """`hillsphere.campaign.repeated.RepeatedWork` for stages that no mission has."""
+    """`hillsphere.cases.repeated.RepeatedWork` for stages that no mission has."""
 
     stages: Sequence[Any]
 

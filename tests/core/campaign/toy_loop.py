@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hillsphere.campaign.cases import LANES, CaseBatch, CaseResults
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults
 from hillsphere.simulation import Cases, NavigationErrors, Simulator
 from hillsphere.symbolic import Expr, Params, dot, power, sin
 

@@ -7,11 +7,11 @@ from math import pi, radians
 import numpy as np
 import pytest
 
+from hillsphere.base.geodetic import WGS84, ecef, geodetic
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.earth.atmosphere import density, geodetic_expressions
-from hillsphere.earth.geodetic import WGS84, ecef, geodetic
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Vec3, jacobian, variable, variables
+from hillsphere_plants.atmosphere import density, geodetic_expressions
 
 PLACE: Vec3 = (variable("x"), variable("y"), variable("z"))
 

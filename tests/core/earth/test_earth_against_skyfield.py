@@ -18,10 +18,10 @@ from skyfield.positionlib import Geocentric
 from skyfield.sgp4lib import TEME
 from skyfield.units import Distance, Velocity
 
-from hillsphere.earth.geodetic import Station, geodetic
-from hillsphere.earth.orientation import ConstantOrientation
-from hillsphere.earth.rotation import InertialFrame, earth_angle, earth_fixed, to_earth_fixed
+from hillsphere.base.geodetic import Station, geodetic
+from hillsphere.base.orientation import ConstantOrientation
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import InertialFrame, earth_angle, earth_fixed, to_earth_fixed
 from hillsphere.time import Epoch
 
 DAY = 86400.0

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hillsphere.earth.geodetic import WGS84, Ellipsoid, Station, ecef, geodetic
+from hillsphere.base.geodetic import WGS84, Ellipsoid, Station, ecef, geodetic
 from hillsphere.errors import InputError
 
 ALCANTARA = Station("Alcântara", np.radians(-2.18), np.radians(-44.26), 39.0)

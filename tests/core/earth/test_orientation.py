@@ -10,7 +10,7 @@ import erfa
 import numpy as np
 import pytest
 
-from hillsphere.earth.orientation import (
+from hillsphere.base.orientation import (
     UT1_IS_UTC,
     ConstantOrientation,
     EarthOrientationWarning,

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hillsphere.earth.geodetic import WGS84
-from hillsphere.earth.orientation import OrientationTable
-from hillsphere.earth.planet import Planet
-from hillsphere.earth.specs import PlanetSpec
+from hillsphere.base.geodetic import WGS84
+from hillsphere.base.orientation import OrientationTable
 from hillsphere.errors import InputError
-from hillsphere.frames import frame
+from hillsphere.model.earth.planet import Planet
+from hillsphere.model.earth.specs import PlanetSpec
+from hillsphere.model.frames import frame
 from hillsphere.time import Epoch
 
 EPOCH = Epoch.parse("2020-01-01", "UTC")

@@ -6,8 +6,10 @@ import erfa
 import numpy as np
 import pytest
 
-from hillsphere.earth.orientation import ConstantOrientation
-from hillsphere.earth.rotation import (
+from hillsphere.base.orientation import ConstantOrientation
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import (
     ROTATION_RATES_RAD_S,
     InertialFrame,
     celestial_to_intermediate,
@@ -16,8 +18,6 @@ from hillsphere.earth.rotation import (
     to_earth_fixed,
     to_inertial,
 )
-from hillsphere.errors import InputError
-from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")

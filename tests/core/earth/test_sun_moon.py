@@ -6,8 +6,8 @@ import erfa
 import numpy as np
 
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.earth.sun_moon import moon_position, sun_position
 from hillsphere.symbolic import variable
+from hillsphere_plants.sun_moon import moon_position, sun_position
 
 
 def test_series_against_erfa() -> None:

@@ -76,7 +76,7 @@ class Step:
         return Done(1.0 / 3.0)
 
     def _divided(self, ctx: Context) -> None:
-        from hillsphere.workers import Workers
+        from hillsphere.runs.workers import Workers
 
         with Workers(ctx, Resting()) as workers:
             for process in workers.map([self.spec.lasts_s] * self.spec.parts):

@@ -12,13 +12,13 @@ from scipy.linalg import block_diag
 from scipy.special import ndtr
 from tests.core.uncertainty.toy_mission import Ball, BallSpec, toy_mission, toy_repeated
 
-from hillsphere.assembly import Assembly
-from hillsphere.campaign.repeated import Repeated
+from hillsphere.cases.repeated import Repeated
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter
 from hillsphere.mission import MissionError
+from hillsphere.runs.assembly import Assembly
 from hillsphere.uncertainty.dispersed import Dispersed, Quantity, quantities_of, resolve
-from hillsphere.uncertainty.uncertain import uncertain
+from hillsphere_controllers.uncertain import uncertain
 
 FIELD = """
 [dispersions.field]

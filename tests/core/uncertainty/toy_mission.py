@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere import components
-from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.campaign.repeated import Repeated
+from hillsphere.cases.repeated import Repeated
 from hillsphere.interfaces import Array, Parameter
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.mission import Mission, load_mission
 from hillsphere.plugins import Component, Registry, hookimpl
+from hillsphere.plugins import builtin as components
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference
 
 HERE = __name__

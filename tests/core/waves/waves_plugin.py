@@ -9,16 +9,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hillsphere.campaign.cases import CaseBatch, CaseResults, Histories
-from hillsphere.campaign.specs import MonteCarloSpec
-from hillsphere.campaign.stages import MonteCarlo
+from hillsphere.base.seeds import draws
+from hillsphere.cases.specs import MonteCarloSpec
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Context, Parameter
+from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories
 from hillsphere.plugins import Component, hookimpl
 from hillsphere.presentation import Metric, Presentation
 from hillsphere.products import CaseTable
-from hillsphere.seeds import draws
 from hillsphere.spec import Ref, Spec, StageSpec, need, option
+from hillsphere_campaigns.stages import MonteCarlo
 
 SAMPLES = 5
 

@@ -13,17 +13,17 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.campaign.specs import MonteCarloSpec
-from hillsphere.campaign.stages import MonteCarlo
-from hillsphere.campaign.tasks import Job
+from hillsphere.base.seeds import draws
+from hillsphere.cases.specs import MonteCarloSpec
 from hillsphere.interfaces import Context, Parameter
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
+from hillsphere.interfaces.tasks import Job
 from hillsphere.plugins import Component, hookimpl
 from hillsphere.presentation import Metric, Presentation
 from hillsphere.products import CaseTable
-from hillsphere.seeds import draws
+from hillsphere.runs.workers import Workers
 from hillsphere.spec import StageSpec, option
-from hillsphere.workers import Workers
+from hillsphere_campaigns.stages import MonteCarlo
 
 PIECES = 40
 
@@ -200,7 +200,7 @@ def _compile_for(job: Job) -> float:
 
 def _compile_without_end() -> None:
     """Compile an integrator term by term, not in a loop: the compiler takes minutes."""
-    from hillsphere._heyoka import heyoka
+    from hillsphere.symbolic._heyoka import heyoka
 
     x, y, u, v = heyoka.make_vars("x", "y", "u", "v")
     force = sum(heyoka.sin(x * float(i) + y) / (1.0 + x * x + float(i)) for i in range(1, 60))

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from hillsphere.closed_loop.products import ClosedLoopFlight
 from hillsphere.errors import InputError
 from hillsphere.mission import load_mission
-from hillsphere.pipeline import RunResult, run_mission
+from hillsphere.runs.pipeline import RunResult, run_mission
+from hillsphere_flight.products import ClosedLoopFlight
 
 PLACE = """
 format = 1

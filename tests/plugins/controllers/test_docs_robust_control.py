@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hillsphere.mission import load_mission
-from hillsphere.pipeline import RunResult, run_mission
+from hillsphere.runs.pipeline import RunResult, run_mission
 
 PAGE = (Path(__file__).parents[3] / "docs" / "robust-control.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```python\n(.*?)```\n(?:\n```text\n(.*?)```\n)?", PAGE, re.DOTALL)

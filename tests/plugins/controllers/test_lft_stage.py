@@ -11,9 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
+from hillsphere.products.linear_products import LinearModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere.uncertainty.distributions import Uniform
 from hillsphere.uncertainty.specs import UniformSpec

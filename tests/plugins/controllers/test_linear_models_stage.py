@@ -10,10 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import save_product
+from hillsphere.products.linear_products import LinearModels
 from hillsphere.testing import RecordingContext, check_presentation, check_stage
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.stages.linear_models.presentation import presented

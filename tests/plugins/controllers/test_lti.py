@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from hillsphere.campaign.cases import CaseBatch
-from hillsphere.closed_loop.products import ClosedLoopFlight
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.closed_loop.stage import ClosedLoopStage
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, SynthesisedLaw
+from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import default_registry, validate
 from hillsphere.products import ControlDesign, load_product, save_product
@@ -28,6 +25,9 @@ from hillsphere_controllers.systems.conversion import transfer_function
 from hillsphere_controllers.systems.exchange import save_mat
 from hillsphere_controllers.systems.holding import held
 from hillsphere_controllers.systems.weights import performance_weight
+from hillsphere_flight.closed_loop import ClosedLoopStage
+from hillsphere_flight.products import ClosedLoopFlight
+from hillsphere_flight.specs import ClosedLoopSpec
 
 PERIOD = 10.0
 

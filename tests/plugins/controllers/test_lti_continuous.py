@@ -11,8 +11,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag, expm
 
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.closed_loop.stage import ClosedLoopStage
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces import Array, Parameter, Scales, SynthesisedLaw, Variable
 from hillsphere.lti import LtiSystem
@@ -25,6 +23,8 @@ from hillsphere_controllers.law_specs import LtiSpec
 from hillsphere_controllers.lti import ContinuousLti, Lti, lti
 from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.holding import held
+from hillsphere_flight.closed_loop import ClosedLoopStage
+from hillsphere_flight.specs import ClosedLoopSpec
 
 PERIOD, CORNER = 60.0, 2 * np.pi * 0.05
 SIGNALS = tuple(f"{name}[{i}]" for name in ("r_cmd", "r_hat", "v_hat") for i in range(3))

@@ -10,9 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from hillsphere.closed_loop.products import ClosedLoopFlight
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.closed_loop.stage import ClosedLoopStage
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.plugins import default_registry, validate
@@ -21,6 +18,9 @@ from hillsphere.simulation import Cases, simulate
 from hillsphere.testing import RecordingContext, example
 from hillsphere_controllers.law_specs import LyapunovSpec
 from hillsphere_controllers.lyapunov import Lyapunov
+from hillsphere_flight.closed_loop import ClosedLoopStage
+from hillsphere_flight.products import ClosedLoopFlight
+from hillsphere_flight.specs import ClosedLoopSpec
 
 PERIOD = 60.0
 

@@ -11,10 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
-from hillsphere.linear_products import LinearModels, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import ControlDesign
+from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import mu_bounds_on_grid

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.closed_loop.products import ClosedLoopFlight
-from hillsphere.closed_loop.specs import ClosedLoopSpec
-from hillsphere.closed_loop.stage import ClosedLoopStage
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.plugins import default_registry, validate
@@ -19,6 +16,9 @@ from hillsphere_controllers.errors import NotStabilisableError
 from hillsphere_controllers.full_order.sampled_data import sampled_cost, sampled_noise
 from hillsphere_controllers.law_specs import LqgSpec, LqrSpec
 from hillsphere_controllers.regulators import LinearQuadraticGaussian, LinearQuadraticRegulator
+from hillsphere_flight.closed_loop import ClosedLoopStage
+from hillsphere_flight.products import ClosedLoopFlight
+from hillsphere_flight.specs import ClosedLoopSpec
 
 AXIS: dict[str, Any] = {"a": [[0.0, 1.0], [0.0, 0.0]], "b": [[0.0], [1.0]]}
 SIZES: dict[str, Any] = {

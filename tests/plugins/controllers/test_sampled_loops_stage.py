@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import HillsphereError, InputError
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import ControlDesign
+from hillsphere.products.linear_products import LinearModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product, example
 from hillsphere_controllers.analysis.sampled_loop import SampledLoop, sampled_margins
 from hillsphere_controllers.law_specs import LtiSpec

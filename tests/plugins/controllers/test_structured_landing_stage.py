@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
-from hillsphere.linear_products import LinearModels, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
+from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SingularProblemError

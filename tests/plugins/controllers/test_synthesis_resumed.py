@@ -15,7 +15,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from hillsphere.cli.endings import run
-from hillsphere.product_codec import load_product
+from hillsphere.products.product_codec import load_product
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.structured.search import Found, Search, Start
 

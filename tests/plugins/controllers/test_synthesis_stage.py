@@ -13,10 +13,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError, Interrupted
-from hillsphere.linear_products import LinearModels, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.product_codec import load_product
+from hillsphere.products.linear_products import LinearModels, UncertainModels
+from hillsphere.products.product_codec import load_product
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.analysis.h2_norm import h2_norm
 from hillsphere_controllers.full_order.hinf import hinf_synthesis

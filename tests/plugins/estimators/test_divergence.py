@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.plugins.estimators.test_navigation import joint, stage
 
-from hillsphere.campaign.cases import LANES, CaseBatch
+from hillsphere.interfaces.cases import LANES, CaseBatch
 from hillsphere_estimators.navigation.divergence import SEEN, SILENT, alarmed
 
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import chi2, kstest
 
 from hillsphere import create
-from hillsphere.campaign.cases import CaseBatch
 from hillsphere.errors import InputError
+from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.testing import RecordingContext, check_presentation
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.initialisation.presentation import judged

@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 
 from hillsphere import create
+from hillsphere.base.paths import missions_directory
 from hillsphere.cli.endings import run
 from hillsphere.errors import HillsphereError
 from hillsphere.interfaces import Array
-from hillsphere.paths import missions_directory
-from hillsphere.plant_model import PlantModel
 from hillsphere.plugins import validate
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.testing import RecordingContext
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.navigation.comparison import NavigationComparisonStage
-from hillsphere_estimators.navigation.comparison_specs import NavigationComparisonSpec
 from hillsphere_estimators.navigation.metrics import moment, ratio_to_bound
 from hillsphere_estimators.navigation.presentation import judged
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.stage import NavigationStage
 from hillsphere_estimators.navigation.world import Faults, ShakenReference
+from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
+from hillsphere_estimators.navigation_comparison.stage import NavigationComparisonStage
+from hillsphere_estimators.plant_model import PlantModel
 
 FIRST = [29.0, -1503.4, 407.1]
 SECOND = [-1.2, -2126.2, 550.5]

@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure as Canvas
 
-from hillsphere.campaign.specs import MonteCarloSpec, SweepSpec
+from hillsphere.cases.specs import MonteCarloSpec, SweepSpec
 from hillsphere.errors import HillsphereError
 from hillsphere.plugins import validate
 from hillsphere.products import CaseTable
 from hillsphere.testing import RecordingContext
-from hillsphere_estimators.navigation.comparison import NavigationComparisonStage, paired_rms_ratio
-from hillsphere_estimators.navigation.comparison_specs import NavigationComparisonSpec
+from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
+from hillsphere_estimators.navigation_comparison.stage import (
+    NavigationComparisonStage,
+    paired_rms_ratio,
+)
 
 
 def test_paired_ratio_of_rms() -> None:

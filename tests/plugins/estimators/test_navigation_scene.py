@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hillsphere import create
-from hillsphere.ephemeris import KeplerOrbit
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces import Array
 from hillsphere.mission import load_mission
+from hillsphere.model.ephemeris import KeplerOrbit
 from hillsphere.testing import RecordingContext, example
 from hillsphere.time import Epoch
 from hillsphere_estimators.consistency import chi_square_band

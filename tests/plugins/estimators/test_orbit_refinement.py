@@ -12,8 +12,8 @@ from hillsphere import create
 from hillsphere.errors import InputError
 from hillsphere.testing import RecordingContext, check_presentation, example
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.refinement.gains import gains, rms
-from hillsphere_estimators.refinement.products import OrbitRefinement
+from hillsphere_estimators.orbit_refinement.gains import gains, rms
+from hillsphere_estimators.orbit_refinement.products import OrbitRefinement
 
 GOLDSTONE = {"station": "Goldstone", "latitude_deg": 35.4, "longitude_deg": -116.9}
 

@@ -13,7 +13,7 @@ from hillsphere import create
 from hillsphere.gravity import GravityField
 from hillsphere_gravity.ellipsoid import CODATA_2018_G
 from hillsphere_gravity.quadrupole import second_moments
-from hillsphere_plants.spin_equilibria import spin_equilibria
+from hillsphere_plants.equilibria.spinning_body import spin_equilibria
 
 DATA = Path(__file__).parents[3] / "missions" / "data"
 RADIUS = 16e3

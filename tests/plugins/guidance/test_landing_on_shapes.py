@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hillsphere import create
-from hillsphere.shapes.triangulation import triangulated
+from hillsphere.model.shapes.triangulation import triangulated
 from hillsphere.testing import RecordingContext
 
 GM = 7.087546066894452e5

@@ -24,7 +24,7 @@ from hillsphere_orbits.coverage.ellipsoid_geometry import (
 from hillsphere_orbits.coverage.products import Coverage
 from hillsphere_orbits.coverage.sunlight import declinations, hidden_part, sun_directions
 from hillsphere_orbits.qso.products import QsoFamily
-from hillsphere_orbits.spatial.products import SpatialFamilies
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
 AXES = np.array([13.03, 11.40, 9.14])  # km: the Phobos QSO bifurcation paper
 MU = 7.059650784871513e-4  # km³/s² [the same, eq. 1]

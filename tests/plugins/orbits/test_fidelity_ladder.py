@@ -20,9 +20,9 @@ from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
 from hillsphere.products import OrbitSet, PeriodicOrbits, load_product, save_product
 from hillsphere.testing import RecordingContext
-from hillsphere_orbits.fidelity.presentation import present_ladder
-from hillsphere_orbits.fidelity.products import FidelityLadder
-from hillsphere_orbits.fidelity.stage import FidelityLadderStage
+from hillsphere_orbits.fidelity_ladder.presentation import present_ladder
+from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
+from hillsphere_orbits.fidelity_ladder.stage import FidelityLadderStage
 from hillsphere_orbits.flow import flow_of
 
 pytestmark = pytest.mark.slow  # 40 s; the mission phobos-transfers climbs one besides

@@ -11,8 +11,8 @@ from tests.plugins.orbits.test_flow import TabulatedPointMass
 from hillsphere import create
 from hillsphere.dynamics import Taylor, system
 from hillsphere.symbolic import Expr, Params
-from hillsphere_orbits.fidelity.rung import Rung
-from hillsphere_orbits.fidelity.survival import survival
+from hillsphere_orbits.fidelity_ladder.rung import Rung
+from hillsphere_orbits.fidelity_ladder.survival import survival
 
 
 class BoundedPointMass(TabulatedPointMass):

@@ -20,22 +20,23 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from hillsphere import create, workers
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.specs import PoolSpec
+from hillsphere import create
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
-from hillsphere.product_codec import save_product
 from hillsphere.products import OrbitSet, PeriodicOrbits
+from hillsphere.products.product_codec import save_product
+from hillsphere.runs import workers
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.manifolds.sampling import LocalManifold
+from hillsphere_orbits.invariant_manifolds.sampling import LocalManifold
+from hillsphere_orbits.manifold_transfers.figures import draw_front
+from hillsphere_orbits.manifold_transfers.mesh import partners
+from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
+from hillsphere_orbits.manifold_transfers.search import Legs, ladder
 from hillsphere_orbits.qso.products import QsoFamily
-from hillsphere_orbits.spatial.products import SpatialFamilies
-from hillsphere_orbits.transfers.manifold_figures import draw_front
-from hillsphere_orbits.transfers.manifold_mesh import partners
-from hillsphere_orbits.transfers.manifold_products import ManifoldTransfers
-from hillsphere_orbits.transfers.manifold_search import Legs, ladder
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
 DAY = 86400.0

@@ -21,16 +21,16 @@ from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere.symbolic import Expr, Params
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.manifolds.flight import Flown, Watch, fly
-from hillsphere_orbits.manifolds.products import Manifolds
-from hillsphere_orbits.manifolds.sampling import (
+from hillsphere_orbits.invariant_manifolds.flight import Flown, Watch, fly
+from hillsphere_orbits.invariant_manifolds.products import Manifolds
+from hillsphere_orbits.invariant_manifolds.sampling import (
     Leaves,
     LocalManifold,
     classified,
     leaves,
     sides_are_images,
 )
-from hillsphere_orbits.manifolds.stage import orbits_on, period_steps, trial_places
+from hillsphere_orbits.invariant_manifolds.stage import orbits_on, period_steps, trial_places
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
 # z0 km: x0, vy0, T, λ of members of 1:17

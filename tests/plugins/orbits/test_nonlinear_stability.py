@@ -18,15 +18,15 @@ from hillsphere.errors import HillsphereError, StageError
 from hillsphere.interfaces import Array
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere_orbits.nonlinear_stability.edges import first_losses
+from hillsphere_orbits.nonlinear_stability.nearby import nearby_resonances
+from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
+from hillsphere_orbits.nonlinear_stability.retraced import Retraced, retrace
+from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
+from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates, Survival
 from hillsphere_orbits.qso.products import QsoFamily
-from hillsphere_orbits.robustness.edges import first_losses
-from hillsphere_orbits.robustness.nearby import nearby_resonances
-from hillsphere_orbits.robustness.products import NonlinearStability
-from hillsphere_orbits.robustness.retraced import Retraced, retrace
-from hillsphere_orbits.robustness.stage import clopper_pearson
-from hillsphere_orbits.robustness.survival import Fate, Fates, Survival
 from hillsphere_orbits.sources import members_of
-from hillsphere_orbits.spatial.products import SpatialFamilies
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
 AXES = np.array([13.03e3, 11.40e3, 9.14e3])
 MU = 7.059650784871513e-4  # km³/s²: the Phobos QSO bifurcation paper, eq. 1

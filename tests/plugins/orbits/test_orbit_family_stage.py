@@ -12,8 +12,8 @@ import pytest
 from hillsphere import create
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.testing import RecordingContext, check_presentation, check_product
-from hillsphere_orbits.following.products import FollowedFamily
-from hillsphere_orbits.following.stage import OrbitFamilyStage
+from hillsphere_orbits.orbit_family.products import FollowedFamily
+from hillsphere_orbits.orbit_family.stage import OrbitFamilyStage
 
 GM = 7.0875e-4  # km³/s²
 AXES_M = (13030.0, 11400.0, 9140.0)

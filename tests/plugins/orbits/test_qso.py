@@ -20,7 +20,7 @@ from hillsphere.testing import RecordingContext, check_stage
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.members import members_at
-from hillsphere_orbits.qso.bifurcation import resonances_up_to
+from hillsphere_orbits.qso.bifurcations import resonances_up_to
 from hillsphere_orbits.qso.families import Family, Qso
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.shooting import PeriodicShooting, SymmetricShooting

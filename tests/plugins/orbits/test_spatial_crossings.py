@@ -16,11 +16,11 @@ import pytest
 from hillsphere import create
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
-from hillsphere_orbits.spatial import group as spatial_group
-from hillsphere_orbits.spatial.crossings import _changes, connected
-from hillsphere_orbits.spatial.family import Spatial
-from hillsphere_orbits.spatial.group import BETWEEN, LEAPS
-from hillsphere_orbits.spatial.products import SpatialFamilies
+from hillsphere_orbits.spatial_qso_families import group as spatial_group
+from hillsphere_orbits.spatial_qso_families.crossings import _changes, connected
+from hillsphere_orbits.spatial_qso_families.family import Spatial
+from hillsphere_orbits.spatial_qso_families.group import BETWEEN, LEAPS
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
 
 @cache

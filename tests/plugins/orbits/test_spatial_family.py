@@ -19,10 +19,15 @@ from hillsphere.interfaces import Array
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.spatial import following
-from hillsphere_orbits.spatial.products import SpatialFamilies, StationKeepingIndex
-from hillsphere_orbits.spatial.stability import excess, is_stable, pair_indices, spectrum
-from hillsphere_orbits.station_keeping.index import correction_speed
+from hillsphere_orbits.spatial_qso_families import following
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies, StationKeepingIndex
+from hillsphere_orbits.spatial_qso_families.stability import (
+    excess,
+    is_stable,
+    pair_indices,
+    spectrum,
+)
+from hillsphere_orbits.station_keeping_index.stage import correction_speed
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
 

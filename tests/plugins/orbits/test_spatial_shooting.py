@@ -9,7 +9,7 @@ import pytest
 
 from hillsphere import create
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.spatial.shooting import SpatialShooting, ends, sub_steps
+from hillsphere_orbits.spatial_qso_families.shooting import SpatialShooting, ends, sub_steps
 
 Z = np.array([[1.9, 1.8, 1.7], [0.5, 0.6, 0.7], [-3.9, -3.7, -3.5], [9.0, 12.0, 15.0]])
 

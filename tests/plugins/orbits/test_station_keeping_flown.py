@@ -14,9 +14,9 @@ from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
 from hillsphere.simulation import Cases, SampledReference, Simulator
 from hillsphere.testing import RecordingContext, check_presentation, check_product
-from hillsphere_orbits.fidelity.products import FidelityLadder
+from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.spatial.products import StationKeepingIndex
+from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 from hillsphere_orbits.station_keeping_flown.reference_path import paths_of_orbits
 from hillsphere_orbits.station_keeping_flown.strategies import FloquetMode

@@ -17,7 +17,6 @@ from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere.testing import check_compensator
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.stability import multipliers
-from hillsphere_orbits.station_keeping.index import correction_speed
 from hillsphere_orbits.station_keeping_flown.reference_path import (
     ReferencePath,
     left_unstable,
@@ -32,6 +31,7 @@ from hillsphere_orbits.station_keeping_flown.strategies import (
     periodic_lqr_gains,
     target_point_gains,
 )
+from hillsphere_orbits.station_keeping_index.stage import correction_speed
 
 # Starts near to the orbits 1:17 at z = 70 and 110 km and 1:25 at 70 km of the Phobos QSO
 # bifurcation paper's Table 3: x0, vy, period, natural units; corrected below.

@@ -15,9 +15,9 @@ from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
 from hillsphere.products import Bifurcations
 from hillsphere.testing import RecordingContext
-from hillsphere_orbits.swing.curves import Swing
-from hillsphere_orbits.swing.presentation import present_swing
-from hillsphere_orbits.swing.products import SwingFamilies
+from hillsphere_orbits.swing_qso_families.curves import Swing
+from hillsphere_orbits.swing_qso_families.presentation import present_swing
+from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
 GM = 7.059650784871513e-4

@@ -12,20 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere import create, workers
-from hillsphere.campaign.executors.pool import Pool
-from hillsphere.campaign.executors.specs import PoolSpec
+from hillsphere import create
+from hillsphere.cases.executors.pool import Pool
+from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.dynamics import Taylor, system
 from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array
-from hillsphere.product_codec import save_product
+from hillsphere.products.product_codec import save_product
+from hillsphere.runs import workers
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.correction import correct, fixed
 from hillsphere_orbits.qso.products import QsoFamily
-from hillsphere_orbits.swing.curves import Swing
-from hillsphere_orbits.swing.products import SwingFamilies
+from hillsphere_orbits.swing_qso_families.curves import Swing
+from hillsphere_orbits.swing_qso_families.products import SwingFamilies
+from hillsphere_orbits.swing_transfers.products import SwingTransfers
 from hillsphere_orbits.transfers.pareto import front
-from hillsphere_orbits.transfers.swing_products import SwingTransfers
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
 ROUTE = ["x = 50 km", "x = 30 km", "x = 22 km"]

@@ -17,13 +17,13 @@ from hillsphere.interfaces import Array
 from hillsphere.testing import RecordingContext
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.swing_transfers.stage import energy_bound
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import Leg, heights_m, verify
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.meetings import Strands, meetings
 from hillsphere_orbits.transfers.pareto import front
 from hillsphere_orbits.transfers.ranks import rank_correlation
-from hillsphere_orbits.transfers.swing_stage import energy_bound
 
 BODY = {"primary_gm_km3_s2": 42828.37, "semi_major_axis_km": 9377.0, "name": "phobos"}
 AXES = (13.03e3, 11.40e3, 9.14e3)

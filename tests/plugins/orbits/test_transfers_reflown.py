@@ -21,9 +21,9 @@ from hillsphere.interfaces import Array
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.reflown.presentation import present_reflown
-from hillsphere_orbits.reflown.products import TransfersReflown
-from hillsphere_orbits.reflown.stage import TransfersReflownStage
+from hillsphere_orbits.transfers_reflown.presentation import present_reflown
+from hillsphere_orbits.transfers_reflown.products import TransfersReflown
+from hillsphere_orbits.transfers_reflown.stage import TransfersReflownStage
 
 # x0 km: ẏ0, T; natural units
 TABLE_1 = {

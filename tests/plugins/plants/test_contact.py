@@ -11,8 +11,8 @@ from hillsphere import create
 from hillsphere.dynamics import StepMap, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Variable
-from hillsphere.shapes.sphere import unit_vectors
-from hillsphere.shapes.triangulation import triangulated
+from hillsphere.model.shapes.sphere import unit_vectors
+from hillsphere.model.shapes.triangulation import triangulated
 from hillsphere.simulation import Cases, simulate
 from hillsphere.symbolic import Expr, constant
 

@@ -14,20 +14,20 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from hillsphere.bodies import Moon, MoonSpec
+from hillsphere.base.geodetic import Station, geodetic
 from hillsphere.dynamics import ArrayFunction, Taylor, system
-from hillsphere.earth.atmosphere import nrlmsise00_density
-from hillsphere.earth.geodetic import Station, geodetic
-from hillsphere.earth.planet import Planet
-from hillsphere.earth.rotation import earth_fixed, to_earth_fixed, to_inertial
-from hillsphere.earth.specs import PlanetSpec
 from hillsphere.errors import InputError
 from hillsphere.gravity import model_parameters
 from hillsphere.interfaces import Array
+from hillsphere.model.bodies import Moon, MoonSpec
+from hillsphere.model.earth.planet import Planet
+from hillsphere.model.earth.rotation import earth_fixed, to_earth_fixed, to_inertial
+from hillsphere.model.earth.specs import PlanetSpec
 from hillsphere.symbolic import time, variables
 from hillsphere_gravity.harmonics import Harmonics
 from hillsphere_gravity.point_mass import PointMass
 from hillsphere_gravity.specs import HarmonicsSpec, PointMassSpec
+from hillsphere_plants.atmosphere import nrlmsise00_density
 from hillsphere_plants.earth_orbit import EarthOrbit
 from hillsphere_plants.earth_orbit_specs import DragSpec, EarthOrbitSpec
 from hillsphere_plants.hill import hill

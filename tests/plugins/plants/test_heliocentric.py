@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere import create
-from hillsphere.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.dynamics import StepMap, Taylor, system
-from hillsphere.ephemeris import kepler_step, states_of_elements
-from hillsphere.frames import frame
+from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
+from hillsphere.model.ephemeris import kepler_step, states_of_elements
+from hillsphere.model.frames import frame
 
 AU = 1.495978707e11
 START = states_of_elements(

@@ -16,8 +16,8 @@ from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
 from hillsphere.testing import check_plant
-from hillsphere_plants.equilibria import libration_points
-from hillsphere_plants.spin_equilibria import spin_equilibria
+from hillsphere_plants.equilibria.libration_points import libration_points
+from hillsphere_plants.equilibria.spinning_body import spin_equilibria
 
 GM_SUN = 1.3271244e20
 RATE = 1639.389232 * pi / 180 / 86400

@@ -17,7 +17,7 @@ from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array
 from hillsphere.products import FlightSet
 from hillsphere.testing import check_plant, check_stage
-from hillsphere_plants.proximity_reference import reference_states, relative_orbit
+from hillsphere_plants.formation_reference.stage import reference_states, relative_orbit
 from hillsphere_plants.proximity_specs import RelativeElementsSpec
 
 AU = 1.495978707e11

@@ -16,7 +16,7 @@ from hillsphere.errors import InputError
 from hillsphere.gravity import GravityField
 from hillsphere.interfaces import Array, Parameter
 from hillsphere.testing import check_plant
-from hillsphere_plants.equilibria import equilibrium_near, libration_points
+from hillsphere_plants.equilibria.libration_points import equilibrium_near, libration_points
 
 GM = 7.087546066894452e5
 GM_MARS = 4.282837362069909e13

@@ -12,9 +12,9 @@ from scipy.stats import kstest
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Sensor
 from hillsphere.plugins import validate
-from hillsphere.recording import constants, record
 from hillsphere_sensors.antenna import Antenna
 from hillsphere_sensors.specs import AntennaSpec
+from hillsphere_tracking.recording import constants, record
 
 ALCANTARA = {
     "station": "Alcantara",

@@ -11,7 +11,7 @@ from hillsphere import create
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.testing import check_sensor
-from hillsphere_plants.proximity_reference import relative_orbit
+from hillsphere_plants.formation_reference.stage import relative_orbit
 from hillsphere_sensors.camera_image import camera_image
 from hillsphere_sensors.spacecraft import line_of_sight_frame, rotated, sighted
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.interfaces import Array
-from hillsphere_tracking.assisted.errors import (
+from hillsphere_tracking.assisted_tracking.errors import (
     arc,
     larger_sigma,
     normalised_square,

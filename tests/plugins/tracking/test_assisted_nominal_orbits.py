@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from hillsphere.campaign.cases import CaseBatch
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_tracking.assisted.nominal_orbits import NominalOrbits, nominal_orbits
-from hillsphere_tracking.assisted.specs import NominalErrorSpec
+from hillsphere.interfaces.cases import CaseBatch
+from hillsphere_tracking.assisted_tracking.nominal_orbits import NominalOrbits, nominal_orbits
+from hillsphere_tracking.assisted_tracking.specs import NominalErrorSpec
 from hillsphere_tracking.kepler import states_from_elements, wrapped
 from hillsphere_tracking.mean_elements import EARTH_FIELD, secular_rates, states
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hillsphere.interfaces import Array
-from hillsphere_tracking.assisted.searching import reacquired
-from hillsphere_tracking.assisted.specs import SearchSpec
+from hillsphere_tracking.assisted_tracking.searching import reacquired
+from hillsphere_tracking.assisted_tracking.specs import SearchSpec
 from hillsphere_tracking.pointing.search import plan_search
 
 DEGREE = np.pi / 180.0

@@ -7,13 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere import create
-from hillsphere.earth.orientation import UT1_IS_UTC, ConstantOrientation
-from hillsphere.earth.rotation import earth_angle, earth_fixed
+from hillsphere.base.orientation import UT1_IS_UTC, ConstantOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import earth_angle, earth_fixed
 from hillsphere.time import Epoch
-from hillsphere_tracking.assisted.sight import Sight, shift_for
-from hillsphere_tracking.assisted.turned_earth import TurnedEarth
+from hillsphere_tracking.assisted_tracking.sight import Sight, shift_for
+from hillsphere_tracking.assisted_tracking.turned_earth import TurnedEarth
 from hillsphere_tracking.satellites import MeanElementsOrbit
 
 EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")

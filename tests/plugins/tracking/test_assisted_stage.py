@@ -12,14 +12,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from hillsphere import create
-from hillsphere.campaign.cases import CaseBatch, CaseResults
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.spec import Ref
 from hillsphere.testing import RecordingContext
-from hillsphere_tracking.assisted.measures import MEASURES, MetricName
-from hillsphere_tracking.assisted.specs import AssistedTrackingSpec
-from hillsphere_tracking.assisted.stage import AssistedTrackingStage
+from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
+from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
+from hillsphere_tracking.assisted_tracking.stage import AssistedTrackingStage
 
 FIELD = str(Path(__file__).parents[3] / "missions" / "data" / "earth-gravity-degree6.gfc")
 SATELLITE = {

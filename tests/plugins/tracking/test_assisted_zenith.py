@@ -7,13 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import earth_fixed
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
-from hillsphere_tracking.assisted.following import Seen, follow
-from hillsphere_tracking.assisted.truth import PassTruth
+from hillsphere_tracking.assisted_tracking.following import Seen, follow
+from hillsphere_tracking.assisted_tracking.truth import PassTruth
 from hillsphere_tracking.mean_elements import EARTH_FIELD, propagated, states
 from hillsphere_tracking.trackers.least_squares import LeastSquares, LeastSquaresState
 from hillsphere_tracking.trackers.observation import angles, directions, folded, site_of

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skyfield.api import EarthSatellite, load, wgs84
 
-from hillsphere.earth.orientation import ConstantOrientation
+from hillsphere.base.orientation import ConstantOrientation
 from hillsphere_tracking.ground_track import EarthTrack, ground_points, split_at_wrap
 from hillsphere_tracking.satellites import orbits_of
 

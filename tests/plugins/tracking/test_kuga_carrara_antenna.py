@@ -14,15 +14,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere import create
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.rotation import earth_fixed
+from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array
-from hillsphere.recording import record
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import EARTH_FIELD
-from hillsphere_tracking.pass_masks import HorizonMask
-from hillsphere_tracking.passes import find_passes
+from hillsphere_tracking.passes.masks import HorizonMask
+from hillsphere_tracking.passes.passes import find_passes
+from hillsphere_tracking.recording import record
 from hillsphere_tracking.satellites import MeanElementsOrbit
 
 EPOCH = Epoch.parse("1989-01-31T09:58:00", "UTC")

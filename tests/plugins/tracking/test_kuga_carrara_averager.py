@@ -18,14 +18,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere import create
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.rotation import earth_angle, earth_fixed
+from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array
-from hillsphere.recording import record
+from hillsphere.model.earth.rotation import earth_angle, earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.kepler import elements_from_states
 from hillsphere_tracking.mean_elements import EARTH_FIELD
-from hillsphere_tracking.pass_flights import PlantFlights
+from hillsphere_tracking.passes.flights import PlantFlights
+from hillsphere_tracking.recording import record
 from hillsphere_tracking.satellites import MeanElementsOrbit
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 

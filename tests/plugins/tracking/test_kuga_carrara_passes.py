@@ -13,14 +13,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from hillsphere.earth.geodetic import Ellipsoid, Station
-from hillsphere.earth.rotation import ROTATION_RATES_RAD_S, earth_angle
+from hillsphere.base.geodetic import Ellipsoid, Station
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import ROTATION_RATES_RAD_S, earth_angle
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import EARTH_FIELD, ZonalField
-from hillsphere_tracking.pass_masks import HorizonMask
-from hillsphere_tracking.passes import Passes, find_passes, peak_azimuth_rates
+from hillsphere_tracking.passes.masks import HorizonMask
+from hillsphere_tracking.passes.passes import Passes, find_passes, peak_azimuth_rates
 from hillsphere_tracking.satellites import MeanElementsOrbit
 from hillsphere_tracking.topocentric import angles, line_of_sight
 

@@ -11,11 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere import create
-from hillsphere.campaign.cases import CaseBatch
+from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.plugins import validate
 from hillsphere.testing import RecordingContext
-from hillsphere_tracking.assisted.specs import AssistedTrackingSpec
-from hillsphere_tracking.assisted.stage import AssistedTrackingStage
+from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
+from hillsphere_tracking.assisted_tracking.stage import AssistedTrackingStage
 
 FIELD = str(Path(__file__).parents[3] / "missions" / "data" / "earth-gravity-degree6.gfc")
 ELEMENTS = {

@@ -15,9 +15,9 @@ from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
 from hillsphere import create
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.rotation import earth_fixed
+from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.mean_elements import propagated, states
 from hillsphere_tracking.topocentric import angles

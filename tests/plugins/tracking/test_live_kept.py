@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import ConstantOrientation
 from hillsphere.cli.endings import ExitCode, run
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import ConstantOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import ConstantOrientation
 from hillsphere.cli.endings import ExitCode, run
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import ConstantOrientation
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.antenna import antenna_of
@@ -21,7 +21,7 @@ from hillsphere_tracking.live.measurements import Measurement
 from hillsphere_tracking.live.session import Command, Outputs, SearchRules, Session, run_session
 from hillsphere_tracking.live.sky import Place
 from hillsphere_tracking.live.status import Status
-from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
+from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 from hillsphere_tracking.pointing.sky import angles_of, separation
 from hillsphere_tracking.satellites import Sgp4Orbit, earth_fixed_states, orbits_of
 from hillsphere_tracking.topocentric import angles, direction_cosines, refracted

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from hillsphere import create
+from hillsphere.base.geodetic import Station
 from hillsphere.dynamics import Taylor, system
-from hillsphere.earth.geodetic import Station
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Plant
 from hillsphere.testing import example
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import ZonalField
-from hillsphere_tracking.pass_flights import PlantFlights, flown
-from hillsphere_tracking.pass_masks import HorizonMask
-from hillsphere_tracking.passes import find_passes
+from hillsphere_tracking.passes.flights import PlantFlights, flown
+from hillsphere_tracking.passes.masks import HorizonMask
+from hillsphere_tracking.passes.passes import find_passes
 from hillsphere_tracking.satellites import MeanElementsOrbit, earth_fixed_states
 from hillsphere_tracking.topocentric import angles
 

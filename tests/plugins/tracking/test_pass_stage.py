@@ -15,9 +15,9 @@ from hillsphere.interfaces import Plant
 from hillsphere.plugins import validate
 from hillsphere.presentation import Presentation
 from hillsphere.testing import RecordingContext, check_presentation, check_product, example
-from hillsphere_tracking.pass_products import SUN_IN_BEAM, PassList
-from hillsphere_tracking.pass_specs import PassesSpec
-from hillsphere_tracking.pass_stage import PassesStage
+from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
+from hillsphere_tracking.passes.specs import PassesSpec
+from hillsphere_tracking.passes.stage import PassesStage
 
 ELEMENTS = {
     "epoch": "1989-01-31T09:58:00",

@@ -11,15 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.mean_elements import EARTH_FIELD
-from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
-from hillsphere_tracking.pass_search import above_zero, curve
-from hillsphere_tracking.passes import (
+from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
+from hillsphere_tracking.passes.passes import (
     Air,
     Passes,
     blind_spans,
@@ -28,6 +27,7 @@ from hillsphere_tracking.passes import (
     peak_azimuth_rates,
     sun_in_beam,
 )
+from hillsphere_tracking.passes.search import above_zero, curve
 from hillsphere_tracking.satellites import MeanElementsOrbit, orbits_of
 from hillsphere_tracking.sun import shadow_margin, sun_earth_fixed
 from hillsphere_tracking.topocentric import angles, rates, refracted

@@ -13,7 +13,7 @@ from hillsphere_tracking.pointing.axis_motion import follow
 from hillsphere_tracking.pointing.commands import advance_pointing, begin, command_pass
 from hillsphere_tracking.pointing.keyhole import best_ramp, corridor, least_error_by_rate
 from hillsphere_tracking.pointing.mounts import AxisLimits, Mount, azimuth_elevation, x_y
-from hillsphere_tracking.pointing.planning import PassPlan, plan_pass
+from hillsphere_tracking.pointing.pass_plan import PassPlan, plan_pass
 from hillsphere_tracking.pointing.search import plan_search
 from hillsphere_tracking.pointing.sky import angles_of, separation
 from hillsphere_tracking.topocentric import direction_cosines

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch

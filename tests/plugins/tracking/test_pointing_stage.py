@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hillsphere import create
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.plugins import validate
@@ -16,10 +16,10 @@ from hillsphere.presentation import Presentation
 from hillsphere.spec import Ref
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_tracking.ground_track import EarthTrack, ground_points
-from hillsphere_tracking.pass_products import PassList
-from hillsphere_tracking.pass_sources import orbits_from, station_of
-from hillsphere_tracking.pass_specs import PassesSpec
-from hillsphere_tracking.pass_stage import PassesStage
+from hillsphere_tracking.passes.products import PassList
+from hillsphere_tracking.passes.sources import orbits_from, station_of
+from hillsphere_tracking.passes.specs import PassesSpec
+from hillsphere_tracking.passes.stage import PassesStage
 from hillsphere_tracking.pointing.products import Pointing
 from hillsphere_tracking.pointing.specs import PointingSpec
 from hillsphere_tracking.pointing.stage import PointingStage

@@ -19,8 +19,8 @@ from hillsphere.interfaces import Array
 from hillsphere.plugins import validate
 from hillsphere.products import Trajectories
 from hillsphere.time import Epoch
-from hillsphere_tracking.pass_flights import FlownOrbit
-from hillsphere_tracking.pass_sources import orbits_from
+from hillsphere_tracking.passes.flights import FlownOrbit
+from hillsphere_tracking.passes.sources import orbits_from
 from hillsphere_tracking.satellite_specs import SatelliteSpec
 from hillsphere_tracking.satellites import (
     MeanElementsOrbit,

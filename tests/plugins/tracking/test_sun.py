@@ -6,8 +6,8 @@ import erfa
 import numpy as np
 import pytest
 
-from hillsphere.earth.geodetic import WGS84, Ellipsoid
-from hillsphere.earth.orientation import ConstantOrientation
+from hillsphere.base.geodetic import WGS84, Ellipsoid
+from hillsphere.base.orientation import ConstantOrientation
 from hillsphere.time import Epoch
 from hillsphere_tracking.sun import SUN_RADIUS_M, shadow_margin, sun_earth_fixed, sun_gcrs
 

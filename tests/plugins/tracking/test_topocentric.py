@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skyfield.api import EarthSatellite, load, wgs84
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import ConstantOrientation
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import ConstantOrientation
 from hillsphere.errors import InputError
 from hillsphere_tracking.satellites import earth_fixed_states, orbits_of
 from hillsphere_tracking.topocentric import (

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from sgp4.api import Satrec
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, ConstantOrientation
-from hillsphere.earth.rotation import InertialFrame, earth_fixed, to_earth_fixed, to_inertial
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, ConstantOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
+from hillsphere.model.earth.rotation import InertialFrame, earth_fixed, to_earth_fixed, to_inertial
 from hillsphere.plugins import load_object
 from hillsphere.time import Epoch
 from hillsphere_tracking import hillsphere_components

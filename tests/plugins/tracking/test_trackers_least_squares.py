@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.rotation import earth_fixed
+from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.time import Epoch
 from hillsphere_tracking.kepler import wrapped
 from hillsphere_tracking.mean_elements import EARTH_FIELD, equinoctial, propagated, states

@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from hillsphere.drawing import draw
 from hillsphere.errors import InputError
 from hillsphere.plugins import default_registry, validate
 from hillsphere.presentation import Presentation, presentation_faults
-from hillsphere.products import Bands, CaseTable
+from hillsphere.products import CaseTable
+from hillsphere.products.products import Bands
+from hillsphere.show.drawing import draw
 from hillsphere.testing import check_stage
-from hillsphere_tracking.assisted.comparison_products import FRAMES, TrackingComparison
-from hillsphere_tracking.assisted.comparison_specs import TrackingComparisonSpec
-from hillsphere_tracking.assisted.comparison_stage import TrackingComparisonStage
-from hillsphere_tracking.assisted.measures import MEASURES, MetricName
-from hillsphere_tracking.assisted.presentation import presented
-from hillsphere_tracking.assisted.products import AssistedTracking
-from hillsphere_tracking.assisted.specs import AssistedTrackingSpec
+from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
+from hillsphere_tracking.assisted_tracking.presentation import presented
+from hillsphere_tracking.assisted_tracking.products import AssistedTracking
+from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
+from hillsphere_tracking.tracking_comparison.products import FRAMES, TrackingComparison
+from hillsphere_tracking.tracking_comparison.specs import TrackingComparisonSpec
+from hillsphere_tracking.tracking_comparison.stage import TrackingComparisonStage
 
 CASES = 200
 OUTAGES = (("P1", "60s"), ("P1", "120s"), ("P2", "60s"))

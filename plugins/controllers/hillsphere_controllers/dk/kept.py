@@ -10,7 +10,7 @@ import numpy as np
 
 from hillsphere.errors import InputError, StageError
 from hillsphere.lti import LtiSystem
-from hillsphere.product_codec import load_product, save_product
+from hillsphere.products.product_codec import load_product, save_product
 from hillsphere_controllers.dk.search import State
 from hillsphere_controllers.mu.blocks import BlockStructure
 

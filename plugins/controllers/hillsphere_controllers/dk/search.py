@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.errors import HillsphereError, InputError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.product_codec import canonical
+from hillsphere.products.product_codec import canonical
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.dk.absorption import absorbed, factors

@@ -11,7 +11,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion
-from hillsphere.uncertainty.uncertain import Parametric, uncertain
+from hillsphere_controllers.uncertain import Parametric, uncertain
 
 __all__ = [
     "Uncertainty", "corners", "dispersed", "physical_values", "random_values", "real_parameter",

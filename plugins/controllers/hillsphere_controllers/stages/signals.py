@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
-from hillsphere.problems import did_you_mean
 
 __all__ = ["places"]
 

@@ -7,7 +7,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from hillsphere.linear_products import UncertainModel
+from hillsphere.products.linear_products import UncertainModel
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 

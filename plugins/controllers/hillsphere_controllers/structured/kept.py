@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.errors import InputError, StageError
-from hillsphere.product_codec import canonical, load_product, save_product
+from hillsphere.products.product_codec import canonical, load_product, save_product
 from hillsphere_controllers.structured.search import Found, Start
 
 __all__ = ["KeptSearches"]

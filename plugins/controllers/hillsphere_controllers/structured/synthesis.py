@@ -31,7 +31,7 @@ import numpy as np
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
-from hillsphere.workers import Workers
+from hillsphere.runs.workers import Workers
 from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
 from hillsphere_controllers.structured.kept import KeptSearches
 from hillsphere_controllers.structured.polish import Active
@@ -357,7 +357,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Searches:
-    """Searches as `hillsphere.workers.Workers` take them; what is told stays in this process."""
+    """Searches for `hillsphere.runs.workers.Workers`; what is told stays in this process."""
 
     problem: Problem
     tell: Callable[[float], None] | None

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from hillsphere.atomic import replacing
+from hillsphere.base.atomic import replacing
+from hillsphere.base.regular_files import read_bytes
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere.regular_files import read_bytes
 from hillsphere_controllers.mu.blocks import Block, BlockStructure, full
 from hillsphere_controllers.systems.mat_file import MatFileError, parse_mat
 

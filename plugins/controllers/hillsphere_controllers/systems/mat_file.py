@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from hillsphere.npz import MAX_UNPACKED_BYTES
+from hillsphere.base.npz import MAX_UNPACKED_BYTES
 
 __all__ = ["MatFileError", "parse_mat"]
 
@@ -72,7 +72,7 @@ def parse_mat(data: bytes) -> dict[str, Value]:
     ------
     MatFileError
         If it is of another version, is damaged, unpacks to more than
-        `hillsphere.npz.MAX_UNPACKED_BYTES`, or holds objects or functions.
+        `hillsphere.base.npz.MAX_UNPACKED_BYTES`, or holds objects or functions.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:

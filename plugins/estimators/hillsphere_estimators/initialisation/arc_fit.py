@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array
 from hillsphere_estimators.innovations import usable
-from hillsphere_estimators.refinement.motion import BodiesModel
+from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
 __all__ = ["ArcFit", "ArcRows", "arc_fit", "arc_rows", "prior_rows", "screened"]

@@ -19,9 +19,9 @@ from hillsphere_estimators.initialisation.products import StartingBelief
 from hillsphere_estimators.initialisation.specs import InitialisationSpec
 from hillsphere_estimators.navigation.scene import proximity_scene, sky_of
 from hillsphere_estimators.navigation.world import noise_of
-from hillsphere_estimators.refinement.flown import flown
-from hillsphere_estimators.refinement.linearised import LinearPath, path_to
-from hillsphere_estimators.refinement.motion import BodiesModel
+from hillsphere_estimators.orbit_refinement.flown import flown
+from hillsphere_estimators.orbit_refinement.linearised import LinearPath, path_to
+from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.resting import distance
 from hillsphere_estimators.specs import InformationSpec
 

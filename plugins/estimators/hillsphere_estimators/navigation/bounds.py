@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers, Scene
-from hillsphere.plant_model import PlantModel
 from hillsphere_estimators.cramer_rao import cramer_rao
+from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["planned_bound"]
 

@@ -6,8 +6,8 @@ from math import ceil
 
 import numpy as np
 
+from hillsphere.engine.plant_flow import PlantFlow
 from hillsphere.interfaces import Array, Plant
-from hillsphere.plant_flow import PlantFlow
 from hillsphere.simulation import ContinuousLaw
 
 __all__ = ["spent"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.campaign.cases import Histories, kept_histories
-from hillsphere.closed_loop.course import Rows
+from hillsphere.engine.course import Rows
 from hillsphere.interfaces import Array
+from hillsphere.interfaces.cases import Histories, kept_histories
 from hillsphere_estimators.navigation.filtering import FilterLog
 
 __all__ = ["Record", "histories_of", "metrics_of", "moment", "ratio_to_bound"]

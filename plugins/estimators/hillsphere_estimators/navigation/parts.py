@@ -9,18 +9,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.closed_loop.course import Rows
+from hillsphere.engine.course import Rows
+from hillsphere.engine.simulation.flow import thrust_vectors
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, Integers, Plant, Sensor
-from hillsphere.plant_model import PlantModel
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import ContinuousLaw
-from hillsphere.simulation.flow import thrust_vectors
 from hillsphere.spec import Ref
 from hillsphere_estimators.bias_states import BiasStates
 from hillsphere_estimators.navigation.specs import OWN, BiasSpec, NavigationSpec
 from hillsphere_estimators.navigation.world import Faults, noise_of
+from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = [
     "Beginnings",

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.closed_loop.course import Course, Rows, course_along, course_at
+from hillsphere.engine.course import Course, Rows, course_along, course_at
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Integers, Plant
-from hillsphere.plant_model import PlantModel
 from hillsphere.products import FlightSet
 from hillsphere_estimators.navigation.parts import Beginnings, prior_sigma, usable_beliefs
 from hillsphere_estimators.navigation.specs import NavigationSpec
+from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["Plan", "check_step", "given_start", "plan_of"]
 

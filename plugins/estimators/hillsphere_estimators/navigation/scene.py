@@ -8,12 +8,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
-from hillsphere.ephemeris import Ephemeris
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant, Scene, Sensor
+from hillsphere.model.ephemeris import Ephemeris
 from hillsphere.time import Epoch
-from hillsphere_estimators.refinement.scenes import earth_at, orbit_of
+from hillsphere_estimators.orbit_refinement.scenes import earth_at, orbit_of
 from hillsphere_estimators.sensor_fit import BY_STAGE, EARTH
 
 __all__ = ["HeliocentricPlant", "ScenicPlant", "Sky", "aims", "proximity_scene", "sky_of"]

@@ -8,6 +8,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.engine.start_specs import StartSpec
 from hillsphere.spec import (
     Pair,
     Ref,
@@ -19,7 +20,6 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere.start_specs import StartSpec
 from hillsphere_estimators.sensor_fit import noiseless, two_dates, unseen
 
 __all__ = [

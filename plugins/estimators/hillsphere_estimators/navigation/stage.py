@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from hillsphere.campaign.cases import CaseBatch, CaseResults
-from hillsphere.closed_loop.course import Rows
+from hillsphere.base.seeds import draws
+from hillsphere.engine.course import Rows
+from hillsphere.engine.start_states import with_placed_start_of
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import (
@@ -21,13 +22,11 @@ from hillsphere.interfaces import (
     Plant,
     Scene,
 )
-from hillsphere.plant_model import PlantModel
+from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet
-from hillsphere.seeds import draws
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
-from hillsphere.start_states import with_placed_start_of
 from hillsphere_estimators.bias_states import Biased
 from hillsphere_estimators.navigation.bounds import planned_bound
 from hillsphere_estimators.navigation.divergence import ending, endings
@@ -53,6 +52,7 @@ from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.scene import aims, proximity_scene, sky_of
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.navigation.world import AtInterval, Drift, ShakenReference, noise_of
+from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["NavigationStage"]
 

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.seeds import draws
 from hillsphere.estimation import MeasurementSet
 from hillsphere.interfaces import Array, Integers, Plant, Scene, Variable
-from hillsphere.seeds import draws
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import CommandSteps, ContinuousLaw
 from hillsphere.symbolic import Expr
@@ -103,7 +103,7 @@ class ShakenReference:
     done : ndarray, shape (N,)
         What is done of a command: random accelerations are divided by it, they are no commands.
     seed, stream, numbers
-        Of the draws, as in `hillsphere.seeds.draws`; numbers (N,).
+        Of the draws, as in `hillsphere.base.seeds.draws`; numbers (N,).
     """
 
     def __init__(

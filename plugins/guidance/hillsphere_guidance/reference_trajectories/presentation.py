@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
 from hillsphere_guidance.reference_trajectories.figures import (
     draw_descents,
     draw_differences,

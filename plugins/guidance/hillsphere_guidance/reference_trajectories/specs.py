@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.engine.start_specs import StartFormsSpec
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -17,7 +18,6 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere.start_specs import StartFormsSpec
 from hillsphere_guidance.site_specs import SiteSpec
 
 __all__ = ["DepartureSpec", "DescentSpec", "ReferenceTrajectoriesSpec"]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.closed_loop.surroundings import Surroundings
+from hillsphere.engine.start_states import with_placed_start
+from hillsphere.engine.surroundings import Surroundings
 from hillsphere.errors import HillsphereError, InputError, StageError
 from hillsphere.interfaces import Array, Context, Guidance, GuidanceTask, GuidedFlight, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import Trajectories
-from hillsphere.reference import ReferenceTable
-from hillsphere.start_states import with_placed_start
+from hillsphere.show.reference import ReferenceTable
 from hillsphere_guidance.held_commands import held_command
 from hillsphere_guidance.held_steps import held_times
 from hillsphere_guidance.motion import Motion, motion_of

@@ -21,7 +21,7 @@ from hillsphere_orbits.coverage.presentation import present_coverage
 from hillsphere_orbits.coverage.products import Coverage
 from hillsphere_orbits.coverage.specs import CoverageSpec
 from hillsphere_orbits.coverage.sunlight import declinations, hidden_part, sun_directions
-from hillsphere_orbits.robustness.retraced import require_states, retrace
+from hillsphere_orbits.nonlinear_stability.retraced import require_states, retrace
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.survey import LockedMoon
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
 from hillsphere_orbits.qso.figures import draw_indices, draw_orbits, draw_periods
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.stability import determinant_error

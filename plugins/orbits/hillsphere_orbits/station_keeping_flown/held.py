@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
-from hillsphere_orbits.fidelity.products import FidelityLadder
+from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.stability import multipliers

@@ -12,8 +12,8 @@ from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.robustness.retraced import retrace
-from hillsphere_orbits.spatial.stability import is_stable, spectrum
+from hillsphere_orbits.nonlinear_stability.retraced import retrace
+from hillsphere_orbits.spatial_qso_families.stability import is_stable, spectrum
 
 __all__ = ["ReferencePath", "left_unstable", "paths_of_flights", "paths_of_orbits"]
 

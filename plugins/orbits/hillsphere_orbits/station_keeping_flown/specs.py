@@ -25,12 +25,12 @@ class StationKeepingFlownNeeds(Spec):
         default=(),
     )
     ladder: Ref | None = need(
-        "hillsphere_orbits.fidelity.products:FidelityLadder",
+        "hillsphere_orbits.fidelity_ladder.products:FidelityLadder",
         "orbits carried over to the plant, which is one of its rungs",
         default=None,
     )
     index: Ref | None = need(
-        "hillsphere_orbits.spatial.products:StationKeepingIndex",
+        "hillsphere_orbits.spatial_qso_families.products:StationKeepingIndex",
         "analytic index, shown beside what is flown",
         default=None,
     )

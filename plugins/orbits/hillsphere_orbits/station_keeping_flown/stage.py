@@ -12,9 +12,9 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet
 from hillsphere.simulation import STATUSES
-from hillsphere_orbits.fidelity.products import FidelityLadder
-from hillsphere_orbits.robustness.stage import clopper_pearson
-from hillsphere_orbits.spatial.products import StationKeepingIndex
+from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
+from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
+from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.station_keeping_flown.closed_loop import ClosedLoop
 from hillsphere_orbits.station_keeping_flown.held import Sources, held_of
 from hillsphere_orbits.station_keeping_flown.presentation import present_flown

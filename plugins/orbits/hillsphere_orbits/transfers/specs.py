@@ -32,7 +32,7 @@ class SwingTransfersNeeds(Spec):
         "hillsphere_orbits.qso.products:QsoFamily", "the orbits where transfers begin and end"
     )
     swing: Ref = need(
-        "hillsphere_orbits.swing.products:SwingFamilies",
+        "hillsphere_orbits.swing_qso_families.products:SwingFamilies",
         "the families whose orbits carry the transfers",
     )
 
@@ -44,7 +44,7 @@ class SwingTransfersSpec(StageSpec):
     member of least cost is found exactly, and over all families the front of cost and time.
     """
 
-    produces = "hillsphere_orbits.transfers.swing_products:SwingTransfers"
+    produces = "hillsphere_orbits.swing_transfers.products:SwingTransfers"
     provides = ("hillsphere.products:FlightSet",)
     examples = (
         {

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeGuard, cast, runtime_checkable
 
 import numpy as np
 
-from hillsphere.contracts import Contract
+from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch

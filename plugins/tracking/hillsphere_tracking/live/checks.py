@@ -6,7 +6,7 @@ import tempfile
 from math import inf, radians
 from pathlib import Path
 
-from hillsphere.atomic import output_place
+from hillsphere.base.atomic import output_place
 from hillsphere.errors import InputError
 from hillsphere_tracking.live.atmosphere import Air
 from hillsphere_tracking.memory import Forgetting

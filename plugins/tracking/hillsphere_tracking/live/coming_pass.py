@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.earth.orientation import EarthOrientation
+from hillsphere.base.orientation import EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.atmosphere import Air
 from hillsphere_tracking.live.sky import Place
 from hillsphere_tracking.pointing.mounts import Mount
-from hillsphere_tracking.pointing.planning import PassPlan, plan_pass
+from hillsphere_tracking.pointing.pass_plan import PassPlan, plan_pass
 from hillsphere_tracking.satellites import Orbit, earth_fixed_states
 from hillsphere_tracking.topocentric import angles
 from hillsphere_tracking.trackers.nominal import nominal_elements

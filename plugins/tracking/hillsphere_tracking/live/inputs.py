@@ -11,13 +11,13 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from hillsphere.cli.streams import say
-from hillsphere.earth.orientation import (
+from hillsphere.base.orientation import (
     ConstantOrientation,
     EarthOrientation,
     EarthOrientationWarning,
     OrientationTable,
 )
+from hillsphere.cli.streams import say
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.clock import Clock, RealTime, Replay

@@ -24,7 +24,7 @@ from hillsphere_tracking.live.offsets import offsets_of
 from hillsphere_tracking.live.sky import Place
 from hillsphere_tracking.live.status import Status
 from hillsphere_tracking.pointing.commands import PointingState, advance_pointing, begin
-from hillsphere_tracking.pointing.planning import PassPlan
+from hillsphere_tracking.pointing.pass_plan import PassPlan
 from hillsphere_tracking.pointing.search import Search, search_now, search_speed
 from hillsphere_tracking.pointing.sky import turning
 from hillsphere_tracking.trackers.streaming import StreamingTracker

@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from math import radians
 from typing import Any, TypeVar
 
-from hillsphere.assembly import Assembly
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
+from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Tracker
 from hillsphere.mission import Mission
 from hillsphere.plugins import create, validate
-from hillsphere.problems import did_you_mean
+from hillsphere.runs.assembly import Assembly
 from hillsphere.spec import Spec
 from hillsphere_tracking.live.sky import Place
-from hillsphere_tracking.pass_masks import HorizonMask
-from hillsphere_tracking.pass_sources import blind_sectors_of, mask_of, orbits_from, station_of
+from hillsphere_tracking.passes.masks import HorizonMask
+from hillsphere_tracking.passes.sources import blind_sectors_of, mask_of, orbits_from, station_of
 from hillsphere_tracking.satellite_specs import SatelliteSpec, StationSpec
 from hillsphere_tracking.satellites import Orbit
 

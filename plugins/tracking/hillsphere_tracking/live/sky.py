@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
+from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array
-from hillsphere_tracking.pass_masks import BlindSector, HorizonMask
+from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 
 __all__ = ["Place"]
 

@@ -17,7 +17,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_tracking.pointing.axis_motion import AxisState, advance, at_rest, follow
 from hillsphere_tracking.pointing.interpolation import smooth
-from hillsphere_tracking.pointing.planning import PassPlan
+from hillsphere_tracking.pointing.pass_plan import PassPlan
 from hillsphere_tracking.pointing.sky import offset
 from hillsphere_tracking.topocentric import direction_cosines
 

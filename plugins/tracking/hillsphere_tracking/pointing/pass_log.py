@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.atomic import write_text
+from hillsphere.base.atomic import write_text
+from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.regular_files import read_text
 from hillsphere.time import Epoch
 
 __all__ = ["PassLog", "read_pass_log", "write_pass_log"]

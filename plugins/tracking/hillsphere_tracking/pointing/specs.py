@@ -104,7 +104,7 @@ class MountSpec(Spec):
 class PointingNeeds(Spec):
     """Products of earlier stages that ``pointing`` takes."""
 
-    passes: Ref = need("hillsphere_tracking.pass_products:PassList", "the passes to be followed")
+    passes: Ref = need("hillsphere_tracking.passes.products:PassList", "the passes to be followed")
 
 
 class PointingSpec(StageSpec):

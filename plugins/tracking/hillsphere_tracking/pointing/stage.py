@@ -8,16 +8,16 @@ from math import ceil, floor, log10
 
 import numpy as np
 
+from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
 from hillsphere.presentation import Presentation
-from hillsphere.problems import did_you_mean
 from hillsphere.time import Epoch
-from hillsphere_tracking.pass_products import PassList
+from hillsphere_tracking.passes.products import PassList
 from hillsphere_tracking.pointing.following import Course, follow_courses, naive_course
 from hillsphere_tracking.pointing.interpolation import smooth, smooth_error_bound
 from hillsphere_tracking.pointing.mounts import Mount, mount_of
-from hillsphere_tracking.pointing.planning import PassPlan, plan_pass
+from hillsphere_tracking.pointing.pass_plan import PassPlan, plan_pass
 from hillsphere_tracking.pointing.presentation import presented
 from hillsphere_tracking.pointing.products import Pointing
 from hillsphere_tracking.pointing.sight import LineOfSight

@@ -35,11 +35,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere import symbolic as sy
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import ROTATION_RATES_RAD_S
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import ROTATION_RATES_RAD_S
 from hillsphere.symbolic import Expr
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import ZonalField

@@ -35,8 +35,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
-from hillsphere.earth.rotation import to_earth_fixed, to_inertial
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import to_earth_fixed, to_inertial
 from hillsphere_tracking.kepler import elements_from_states
 from hillsphere_tracking.mean_elements import EARTH_FIELD, ZonalField, mean_from_osculating
 from hillsphere_tracking.satellites import Orbit

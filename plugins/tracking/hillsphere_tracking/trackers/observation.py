@@ -14,12 +14,12 @@ from math import pi, sin
 import numpy as np
 
 from hillsphere import symbolic as sy
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import EarthOrientation
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import EarthOrientation
-from hillsphere.earth.rotation import ROTATION_RATES_RAD_S, earth_angle, earth_fixed
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
+from hillsphere.model.earth.rotation import ROTATION_RATES_RAD_S, earth_angle, earth_fixed
 from hillsphere.symbolic import Expr
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import (

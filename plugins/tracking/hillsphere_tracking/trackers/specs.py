@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from hillsphere.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
+from hillsphere.base.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
 from hillsphere.spec import Spec, option, quantity
 
 __all__ = ["AverageSpec", "LeastSquaresSpec", "TableSpec", "TrackerSpec"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import EarthOrientation
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch

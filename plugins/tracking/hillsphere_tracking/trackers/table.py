@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hillsphere.earth.geodetic import Station
-from hillsphere.earth.orientation import UT1_IS_UTC, EarthOrientation
+from hillsphere.base.geodetic import Station
+from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.trackers.specs import TableSpec

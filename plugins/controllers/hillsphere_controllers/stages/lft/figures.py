@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import PALETTE
+from hillsphere.products.linear_products import LinearModels
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.lft.products import FittedModels

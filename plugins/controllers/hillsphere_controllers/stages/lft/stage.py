@@ -9,9 +9,9 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Integers
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
+from hillsphere.products.linear_products import LinearModels
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty, real_parameter
 from hillsphere_controllers.stages.frequencies import frequencies

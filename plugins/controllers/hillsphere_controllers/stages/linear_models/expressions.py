@@ -11,8 +11,8 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping
 
+from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
-from hillsphere.problems import did_you_mean
 
 __all__ = ["FUNCTIONS", "names_in", "value_of"]
 

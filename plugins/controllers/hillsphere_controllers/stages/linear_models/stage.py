@@ -9,9 +9,9 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
+from hillsphere.products.linear_products import LinearModels
 from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.stages.linear_models.presentation import presented
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec

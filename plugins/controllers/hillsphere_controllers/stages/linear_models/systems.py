@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.product_codec import HEADER, load_product, read_arrays
+from hillsphere.products.product_codec import HEADER, load_product, read_arrays
 from hillsphere_controllers.stages.linear_models.expressions import value_of
 from hillsphere_controllers.stages.linear_models.specs import (
     EntryMatrix,

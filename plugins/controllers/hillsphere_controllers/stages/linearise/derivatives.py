@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.closed_loop.course import Rows
 from hillsphere.dynamics import Derivatives, system
+from hillsphere.engine.course import Rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_controllers.stages.linearise.parameters import Dispersed

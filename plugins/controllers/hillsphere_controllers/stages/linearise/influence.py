@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.closed_loop.course import Course, Rows
 from hillsphere.dynamics import StepMap
+from hillsphere.engine.course import Course, Rows
 from hillsphere.interfaces import Array
 from hillsphere_controllers.stages.linearise.derivatives import Slopes
 from hillsphere_controllers.stages.linearise.parameters import Dispersed

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Parameter, Plant
 from hillsphere.spec import Ref
-from hillsphere.uncertainty.uncertain import uncertain
+from hillsphere_controllers.uncertain import uncertain
 
 __all__ = ["Dispersed", "dispersed_parameters", "samples_at"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.closed_loop.course import Course, Rows, course_along
+from hillsphere.engine.course import Course, Rows, course_along
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.lti import LtiSystem

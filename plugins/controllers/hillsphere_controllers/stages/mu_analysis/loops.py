@@ -10,8 +10,8 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.linear_products import UncertainModel
 from hillsphere.lti import LtiSystem
+from hillsphere.products.linear_products import UncertainModel
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import physical_values
@@ -66,7 +66,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Analyses:
-    """What all of them have in common; see `hillsphere.workers.Divisible`.
+    """What all of them have in common; see `hillsphere.runs.workers.Divisible`.
 
     Parameters
     ----------

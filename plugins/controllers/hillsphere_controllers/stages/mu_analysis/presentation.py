@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
 from hillsphere_controllers.stages.mu_analysis.figures import (
     draw_bounds,
     draw_share_curves,

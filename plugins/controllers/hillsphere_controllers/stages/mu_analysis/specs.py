@@ -16,7 +16,7 @@ class MuNeeds(Spec):
     """Products of earlier stages that ``mu_analysis`` takes."""
 
     uncertain: Ref = need(
-        "hillsphere.linear_products:UncertainModels", "uncertain models that are analysed"
+        "hillsphere.products.linear_products:UncertainModels", "uncertain models that are analysed"
     )
     controllers: tuple[Ref, ...] = need(
         "hillsphere.products:ControlDesign",

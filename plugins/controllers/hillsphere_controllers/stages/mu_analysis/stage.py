@@ -8,12 +8,12 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
-from hillsphere.linear_products import UncertainModel, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
+from hillsphere.products.linear_products import UncertainModel, UncertainModels
+from hillsphere.runs.workers import Workers
 from hillsphere.uncertainty.matching import matched
-from hillsphere.workers import Workers
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.stages.frequencies import frequencies

@@ -8,10 +8,10 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
-from hillsphere.linear_products import LinearModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
+from hillsphere.products.linear_products import LinearModels
 from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.analysis.sampled_loop import (
     SampledLoop,

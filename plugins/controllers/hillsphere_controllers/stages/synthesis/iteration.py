@@ -6,8 +6,8 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
-from hillsphere.linear_products import UncertainModel
 from hillsphere.lti import LtiSystem
+from hillsphere.products.linear_products import UncertainModel
 from hillsphere_controllers.dk.results import DkIteration
 from hillsphere_controllers.dk.synthesis import dk_synthesis
 from hillsphere_controllers.mu.blocks import BlockStructure, full

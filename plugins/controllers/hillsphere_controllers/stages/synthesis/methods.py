@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
-from hillsphere.product_codec import save_product
+from hillsphere.products.product_codec import save_product
 from hillsphere_controllers.full_order.h2 import h2_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
-from hillsphere.linear_products import LinearModels, UncertainModel, UncertainModels
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
-from hillsphere.problems import did_you_mean
+from hillsphere.products.linear_products import LinearModels, UncertainModel, UncertainModels
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity_plant
 from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
 from hillsphere_controllers.stages.synthesis.fixed_structure import by_search

@@ -17,7 +17,8 @@ class WorstCasesNeeds(Spec):
         "what was found to be worst",
     )
     uncertain: Ref = need(
-        "hillsphere.linear_products:UncertainModels", "the uncertain models that were analysed"
+        "hillsphere.products.linear_products:UncertainModels",
+        "the uncertain models that were analysed",
     )
     flight: Ref = need(
         "hillsphere_controllers.stages.linearise.products:LinearisedFlight",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context
-from hillsphere.linear_products import UncertainModel, UncertainModels
 from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
-from hillsphere.problems import did_you_mean
-from hillsphere.products import Ladder
+from hillsphere.products.linear_products import UncertainModel, UncertainModels
+from hillsphere.products.products import Ladder
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.uncertain import lft_of

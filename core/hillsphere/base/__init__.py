@@ -1,0 +1,1 @@
+"""Ground: arrays, files, signals, seeds, time, problems; nothing above it is imported."""

@@ -1,0 +1,70 @@
+"""Files of a cache: digests of what they were made from, and the size of them all."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from hashlib import sha256
+from pathlib import Path
+
+from hillsphere.base.errors import InputError
+from hillsphere.base.regular_files import open_regular
+
+__all__ = ["drop_oldest", "file_digest", "tree_digest"]
+
+
+def file_digest(path: Path, *, follow_links: bool = True) -> str:
+    """Return the SHA-256 of a regular file's content; `InputError` if it cannot be read.
+
+    Parameters
+    ----------
+    path, follow_links
+        As for `hillsphere.base.regular_files.open_regular`.
+    """
+    try:
+        with open_regular(path, follow_links=follow_links) as stream:
+            digest = sha256()
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    except OSError as error:
+        raise InputError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    return digest.hexdigest()
+
+
+def tree_digest(place: Path) -> str:
+    """Digest of a source file, or of every file of a package: code, compiled code and data."""
+    if place.is_file():
+        return file_digest(place)
+    digest = sha256()
+    for path in sorted(place.rglob("*")):
+        if "__pycache__" not in path.parts and path.is_file():
+            digest.update(f"{path.relative_to(place).as_posix()}\0{file_digest(path)}\n".encode())
+    return digest.hexdigest()
+
+
+def drop_oldest(directory: Path, suffixes: Collection[str], max_bytes: int) -> None:
+    """Remove the files that were not used for longest, until the rest is within a size.
+
+    Parameters
+    ----------
+    directory : Path
+        Where they are; other processes may add and remove some at the same time.
+    suffixes : collection of str
+        Which files count; others are left alone.
+    max_bytes : int
+        Size of all that stays.
+    """
+    entries = []
+    for path in directory.iterdir():
+        if path.suffix not in suffixes:
+            continue
+        try:
+            found = path.lstat()
+        except FileNotFoundError:  # another process removed it
+            continue
+        entries.append((found.st_mtime, found.st_size, path))
+    total = sum(size for _, size, _ in entries)
+    for _, size, path in sorted(entries, key=lambda entry: entry[0]):
+        if total <= max_bytes:
+            break
+        path.unlink(missing_ok=True)
+        total -= size

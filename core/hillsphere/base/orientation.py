@@ -1,0 +1,338 @@
+"""How the Earth is turned: UT1 and polar motion.
+
+Beside the angle that follows from a time scale, the Earth's rotation has an irregular part that
+must be observed. It is a constant here, or a table of the International Earth Rotation Service
+(IERS): the one in the package ``astropy-iers-data``, or a file of the same format.
+
+References
+----------
+.. [1] IERS Conventions (2010), IERS Technical Note 36, chapter 5 (UT1, polar motion).
+.. [2] Explanatory note to finals2000A (readme.finals2000A), IERS Rapid Service/Prediction Centre.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol
+
+import erfa
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.base.regular_files import read_text
+from hillsphere.base.time import Epoch
+
+__all__ = [
+    "UT1_IS_UTC",
+    "ConstantOrientation",
+    "EarthOrientation",
+    "EarthOrientationWarning",
+    "OrientationAngles",
+    "OrientationTable",
+    "doubts",
+]
+
+_DAY = 86400.0
+_MJD = 2400000.5
+
+
+class EarthOrientationWarning(UserWarning):
+    """Times lie beyond the observed and predicted rotation of the Earth."""
+
+
+@dataclass(frozen=True)
+class OrientationAngles:
+    """Orientation of the Earth at some times.
+
+    Parameters
+    ----------
+    ut1_minus_tai_s : ndarray, shape (N,)
+        UT1 − TAI, which is continuous (UT1 − UTC jumps at leap seconds).
+    x_pole_rad, y_pole_rad : ndarray, shape (N,)
+        Polar motion.
+    """
+
+    ut1_minus_tai_s: Array
+    x_pole_rad: Array
+    y_pole_rad: Array
+
+
+class EarthOrientation(Protocol):
+    """A source of UT1 and polar motion."""
+
+    def at(self, epoch: Epoch, t_s: Array) -> OrientationAngles:
+        """Return the orientation at times (N,), SI seconds after an epoch."""
+        ...
+
+    def lapse(self, epoch: Epoch, t_s: Array) -> str | None:
+        """Return a sentence for the verdict if the source does not cover the times, else None."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantOrientation:
+    """UT1 − UTC and polar motion that do not change, for spans of hours or for comparisons.
+
+    Parameters
+    ----------
+    ut1_minus_utc_s : float
+        At the epoch of the times asked for; from there UT1 runs on with SI seconds, also across a
+        leap second.
+    x_pole_rad, y_pole_rad : float
+        Polar motion.
+
+    Raises
+    ------
+    InputError
+        If |UT1 − UTC| exceeds 0.9 s, to which UTC is kept, or the pole is farther off than 1″.
+    """
+
+    ut1_minus_utc_s: float = 0.0
+    x_pole_rad: float = 0.0
+    y_pole_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.ut1_minus_utc_s) <= 0.9:
+            raise InputError(f"UT1 − UTC must be within ±0.9 s, got {self.ut1_minus_utc_s}")
+        for name in ("x_pole_rad", "y_pole_rad"):
+            if not abs(getattr(self, name)) <= erfa.DAS2R:
+                raise InputError(f"{name} must be within ±1″ (4.8e-6), got {getattr(self, name)}")
+
+    def at(self, epoch: Epoch, t_s: Array) -> OrientationAngles:
+        """Return the orientation at times (N,), SI seconds after an epoch."""
+        shape = np.shape(t_s)
+        return OrientationAngles(
+            np.full(shape, self.ut1_minus_utc_s - _tai_minus_utc(epoch)),
+            np.full(shape, self.x_pole_rad),
+            np.full(shape, self.y_pole_rad),
+        )
+
+    def lapse(self, epoch: Epoch, t_s: Array) -> str | None:
+        """Return None: a constant covers all times."""
+        return None
+
+
+UT1_IS_UTC = ConstantOrientation()
+"""UT1 := UTC and no polar motion: what older papers do; wrong by up to 4e-3° of rotation."""
+
+
+@dataclass(frozen=True, eq=False)
+class OrientationTable:
+    """Daily values of the IERS, observed and predicted about a year ahead.
+
+    Linear between the days, in UT1 − TAI, so that no leap second is interpolated. What that misses,
+    and tides within the day, is below 0.1 ms of UT1 and 1 mas of the pole (5 cm on the equator).
+
+    Times before the table are an error. Beyond its end the last values are held, which is wrong by
+    about a millisecond for every further day: `at` gives an `EarthOrientationWarning`, and `lapse`
+    the sentence for a verdict.
+
+    Parameters
+    ----------
+    source : str
+        Where the table is from, for messages.
+    mjd_tai : ndarray, shape (K,)
+        Modified Julian dates of the values, rising.
+    ut1_minus_tai_s, x_pole_rad, y_pole_rad : ndarray, shape (K,)
+        The values.
+    observed_to_mjd : float
+        Date of the last value that is no prediction.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two dates, they do not rise, or UT1 − TAI jumps by more than 0.1 s:
+        then the table holds a leap second that this installation does not know.
+    """
+
+    source: str
+    mjd_tai: Array
+    ut1_minus_tai_s: Array
+    x_pole_rad: Array
+    y_pole_rad: Array
+    observed_to_mjd: float
+
+    def __post_init__(self) -> None:
+        if self.mjd_tai.size < 2 or not (np.diff(self.mjd_tai) > 0.0).all():
+            raise InputError(f"{self.source}: an Earth orientation table needs rising dates")
+        jumps = np.abs(np.diff(self.ut1_minus_tai_s)) > 0.1 * np.diff(self.mjd_tai)
+        if jumps.any():
+            day = _calendar(self.mjd_tai[1:][jumps][0])
+            raise InputError(
+                f"{self.source}: UT1 − TAI jumps at {day}: a leap second that this installation "
+                "does not know, or a damaged table; update the package pyerfa"
+            )
+
+    @classmethod
+    def read(cls, path: str | Path) -> OrientationTable:
+        """Read a file of the format finals2000A (``.all``, ``.data`` or ``.daily``).
+
+        Values of Bulletin B are taken where there are any, else those of Bulletin A.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+
+        Returns
+        -------
+        OrientationTable
+            Up to the last day with UT1 and polar motion.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read or a line is not of the format.
+        """
+        source = Path(path).name
+        try:
+            lines = read_text(path, "ascii").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read the Earth orientation file {path}: {error}") from error
+        rows: list[tuple[float, float, float, float]] = []
+        observed = 0
+        for number, line in enumerate(lines, start=1):
+            try:
+                row = _row(line)
+            except ValueError:
+                raise InputError(
+                    f"{path}:{number}: not a line of finals2000A: {line[:70].rstrip()!r}"
+                ) from None
+            if row is None:  # days to come, for which there is not even a prediction
+                break
+            rows.append(row)
+            observed = len(rows) if line[57:58] == "I" else observed
+        if len(rows) < 2:
+            raise InputError(f"{path}: no Earth orientation in it; expected a finals2000A file")
+        mjd, x, y, ut1_utc = np.array(rows).T
+        with warnings.catch_warnings():
+            # Predictions may lie beyond the last leap second announced: "dubious", not wrong.
+            warnings.simplefilter("ignore", erfa.ErfaWarning)
+            tai_utc = erfa.dat(*erfa.jd2cal(_MJD, mjd)[:3], 0.0)
+        return cls(
+            source, mjd + tai_utc / _DAY, ut1_utc - tai_utc, x * erfa.DAS2R, y * erfa.DAS2R,
+            float(mjd[max(observed, 1) - 1]),
+        )  # fmt: skip
+
+    @classmethod
+    def installed(cls) -> OrientationTable:
+        """Return the table of the package ``astropy-iers-data``, read once.
+
+        Raises
+        ------
+        InputError
+            If the package is missing.
+        """
+        return _installed()
+
+    def at(self, epoch: Epoch, t_s: Array) -> OrientationAngles:
+        """Return the orientation at times (N,), SI seconds after an epoch."""
+        mjd = self._mjd(epoch, t_s)
+        if mjd.size and mjd.min() < self.mjd_tai[0]:
+            raise InputError(
+                f"Earth orientation ({self.source}) begins on {_calendar(self.mjd_tai[0])}, asked "
+                f"for {_calendar(mjd.min())}; give UT1 − UTC as a constant"
+            )
+        if sentence := self._lapse(mjd):
+            warnings.warn(sentence, EarthOrientationWarning, stacklevel=2)
+        return OrientationAngles(
+            *(np.interp(mjd, self.mjd_tai, q)
+              for q in (self.ut1_minus_tai_s, self.x_pole_rad, self.y_pole_rad))
+        )  # fmt: skip
+
+    def lapse(self, epoch: Epoch, t_s: Array) -> str | None:
+        """Return a sentence for the verdict if a time lies beyond the table, else None."""
+        return self._lapse(self._mjd(epoch, t_s))
+
+    def _lapse(self, mjd: Array) -> str | None:
+        if not mjd.size or mjd.max() <= self.mjd_tai[-1]:
+            return None
+        return (
+            f"Earth orientation ({self.source}) ends on {_calendar(self.mjd_tai[-1])}: UT1 and the "
+            "pole are held from there, wrong by about 1 ms of UT1 a day; update the package "
+            "astropy-iers-data or give a newer finals2000A file"
+        )
+
+    def _mjd(self, epoch: Epoch, t_s: Array) -> Array:
+        day, fraction = tai_of(epoch)
+        return np.asarray((day - _MJD) + (fraction + np.asarray(t_s, dtype=float) / _DAY))
+
+
+def doubts(orientation: EarthOrientation, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
+    """Return what a verdict must say of the Earth's rotation at some times.
+
+    Parameters
+    ----------
+    orientation : EarthOrientation
+        That was used.
+    epoch : Epoch
+        From which times count.
+    t_s : ndarray, shape (N,)
+        The first and last times are enough, SI seconds.
+
+    Returns
+    -------
+    tuple of str
+        Sentences: that the table ends before, that UT1 is taken as UTC; none if all is well.
+    """
+    found = []
+    if (lapse := orientation.lapse(epoch, t_s)) is not None:
+        found.append(lapse + ".")
+    if orientation == UT1_IS_UTC:
+        found.append("UT1 is taken as UTC: the Earth may be turned by up to 4e-3°.")
+    return tuple(found)
+
+
+def tai_of(epoch: Epoch) -> tuple[float, float]:
+    """Return the two-part Julian date of an epoch in TAI; remembered, as it is asked often."""
+    tai = _tai(epoch)
+    return tai.day, tai.fraction
+
+
+@lru_cache(maxsize=64)
+def _tai(epoch: Epoch) -> Epoch:
+    return epoch.to("TAI")
+
+
+@lru_cache(maxsize=64)
+def _tai_minus_utc(epoch: Epoch) -> float:
+    utc = epoch.to("UTC")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        year, month, day, fraction = erfa.jd2cal(utc.day, utc.fraction)
+        return float(erfa.dat(year, month, day, fraction))
+
+
+@lru_cache(maxsize=1)
+def _installed() -> OrientationTable:
+    try:
+        path = str(import_module("astropy_iers_data").IERS_A_FILE)
+    except ImportError:
+        raise InputError(
+            "Earth orientation needs the package astropy-iers-data (pip install "
+            "astropy-iers-data); or give a finals2000A file, or UT1 − UTC as a constant"
+        ) from None
+    return OrientationTable.read(path)
+
+
+def _row(line: str) -> tuple[float, float, float, float] | None:
+    """Return MJD, x and y of the pole, ″, and UT1 − UTC, s; None if the day has no values."""
+    mjd = float(line[7:15])
+    ours = [line[18:27], line[37:46], line[58:68]]
+    if not all(text.strip() for text in ours):
+        return None
+    final = [line[134:144], line[144:154], line[154:165]]
+    x, y, ut1_utc = map(float, final if all(text.strip() for text in final) else ours)
+    if not (abs(x) < 1.0 and abs(y) < 1.0 and abs(ut1_utc) <= 1.0):
+        raise ValueError
+    return mjd, x, y, ut1_utc
+
+
+def _calendar(mjd: float) -> str:
+    year, month, day, _ = erfa.jd2cal(_MJD, mjd)
+    return f"{year:04d}-{month:02d}-{day:02d}"

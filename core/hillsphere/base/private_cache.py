@@ -1,0 +1,202 @@
+"""Whether a cache directory can be trusted, and the private one that takes its place if not.
+
+What is in the cache is run: compiled functions are pickles and machine code, and the compile layer
+loads its own database without asking whose it is. A directory is trusted only if nobody but its
+owner, who is this user, and the administrator can have put anything there: this is a matter of the
+directory, of the files in it, and of every directory above it, since whoever may write to one of
+those may put another cache in the place of ours.
+"""
+
+from __future__ import annotations
+
+import atexit
+import errno
+import logging
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from hillsphere.base.errors import InputError
+
+__all__ = ["cache_fault", "is_private", "private_cache", "trusted_cache"]
+
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_MOST_LINKS = 40
+"""Links followed in one path: the limit of Linux itself (path_resolution(7))."""
+
+_PREFIX = "hillsphere-cache-"
+
+
+def is_private(found: os.stat_result) -> bool:
+    """Whether what has this status belongs to this user and nobody else may write to it."""
+    if sys.platform == "win32":  # the cache is in the user's own profile, whose access is Windows's
+        return True
+    return found.st_uid == os.geteuid() and not found.st_mode & _OTHERS_WRITE
+
+
+def cache_fault(directory: Path) -> str:
+    """Say why a directory cannot be trusted as a cache.
+
+    Parameters
+    ----------
+    directory : Path
+        The cache. What is missing of it is made, for this user alone.
+
+    Returns
+    -------
+    str
+        ``""`` if it can be trusted; else a sentence without a full stop.
+
+    Raises
+    ------
+    OSError
+        If it is not there and cannot be made, or is no directory.
+
+    Notes
+    -----
+    Each directory is judged before a name is looked up in it. Where all of them pass, only this
+    user and the administrator can change what the path means, so that the verdict still holds when
+    the path is used. A directory that all may write to is passed if its sticky bit is set and what
+    the path takes from it is ours or the administrator's, as in ``/tmp``.
+    """
+    if sys.platform == "win32":
+        directory.mkdir(parents=True, exist_ok=True)
+        return ""
+    here = Path("/")
+    waiting = [*reversed(Path(os.path.abspath(directory)).parts[1:])]
+    above = os.lstat(here)
+    links = 0
+    while True:
+        if above.st_uid not in (0, os.geteuid()):
+            return f"{here} belongs to another user"
+        if not waiting:
+            break
+        if above.st_mode & _OTHERS_WRITE and not above.st_mode & stat.S_ISVTX:
+            return f"others may write to {here}"
+        name = waiting.pop()
+        if name == "..":  # of a link's target; what stands above was judged before
+            here = here.parent
+            above = os.lstat(here)
+            continue
+        place = here / name
+        try:
+            found = os.lstat(place)
+        except FileNotFoundError:
+            with suppress(FileExistsError):  # another process of ours, or it is judged below
+                place.mkdir(mode=0o700)
+            found = os.lstat(place)
+        # In a sticky directory others could have made this name, but cannot replace ours.
+        if found.st_uid not in (0, os.geteuid()):
+            return f"{place} belongs to another user"
+        if stat.S_ISLNK(found.st_mode):
+            links += 1
+            if links > _MOST_LINKS:
+                return f"{place} is a link in a circle"
+            target = Path(os.readlink(place))
+            if target.is_absolute():
+                here, above = Path("/"), os.lstat("/")
+            waiting += [part for part in reversed(target.parts) if part != "/"]
+            continue
+        if not stat.S_ISDIR(found.st_mode):
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place))
+        here, above = place, found
+    if above.st_uid != os.geteuid():
+        return f"{here} belongs to another user"
+    if above.st_mode & _OTHERS_WRITE:
+        return f"others may write to {here}"
+    return _entry_fault(here)
+
+
+def _entry_fault(directory: Path) -> str:
+    """Say which entry of a cache, or of what the compile layer keeps in it, is not ours alone.
+
+    Entries of our own below that are judged when they are opened.
+    """
+    for place in (directory, directory / "compiled"):
+        if not place.is_dir():
+            continue
+        with os.scandir(place) as entries:
+            for entry in entries:
+                try:
+                    found = entry.stat(follow_symlinks=False)
+                except FileNotFoundError:  # another process removed it
+                    continue
+                if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+                    return f"{entry.path} is neither a file nor a directory"
+                if not is_private(found):
+                    return f"{entry.path} belongs to another user, or others may write to it"
+    return ""
+
+
+def trusted_cache(directory: Path) -> Path:
+    """Return a cache directory, or a private one in its place if it cannot be trusted.
+
+    Parameters
+    ----------
+    directory : Path
+        The cache that is asked for.
+
+    Returns
+    -------
+    Path
+        The same, if it can be trusted, or if it cannot be used at all: who writes to it says so.
+    """
+    try:
+        fault = cache_fault(directory)
+    except (OSError, ValueError):
+        return directory
+    return private_cache(directory, fault) if fault else directory
+
+
+def private_cache(directory: Path, fault: str) -> Path:
+    """Return a fresh cache directory of this user alone, that lasts as long as this process.
+
+    It is said once, and told to the processes that this one starts by ``HILLSPHERE_CACHE``.
+
+    Parameters
+    ----------
+    directory : Path
+        The cache that cannot be trusted.
+    fault : str
+        Why.
+
+    Raises
+    ------
+    InputError
+        If there is no place where nobody else can interfere with it.
+    """
+    place = _fresh_directory()
+    atexit.register(partial(_remove, place, os.getpid()))
+    os.environ["HILLSPHERE_CACHE"] = str(place)
+    logging.getLogger("hillsphere").warning(
+        "the cache %s is not used, as it may hold what others have written (%s); a private one is, "
+        "which lasts for this run only: remove the cache, or set HILLSPHERE_CACHE to a directory "
+        "that only you can write to",
+        directory,
+        fault,
+    )
+    return place
+
+
+def _fresh_directory() -> Path:
+    """Make a directory of mode 0700 where nobody else can put another in its place."""
+    for base in (tempfile.gettempdir(), "/tmp", "/var/tmp", str(Path.home())):
+        with suppress(OSError):
+            place = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=base))
+            if not cache_fault(place):
+                return place
+            place.rmdir()
+    raise InputError(
+        "there is no place for a private cache: others may write to the directories of temporary "
+        "files and above them; set HILLSPHERE_CACHE to a directory that only you can write to"
+    )
+
+
+def _remove(place: Path, process: int) -> None:
+    if os.getpid() == process:  # not in a fork of it
+        shutil.rmtree(place, ignore_errors=True)

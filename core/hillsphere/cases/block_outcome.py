@@ -1,0 +1,225 @@
+"""What came of the cases of one block: rows, joined and divided without changing a bit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.errors import StageError
+from hillsphere.interfaces.cases import Flags, Histories
+
+__all__ = ["BlockOutcome", "divided", "joined", "lost_rows", "named_alike", "reordered"]
+
+
+@dataclass(frozen=True)
+class BlockOutcome:
+    """What came of the cases of a block, or of a part of one; lanes that only filled it are gone.
+
+    Parameters
+    ----------
+    numbers : ndarray of int, shape (n,)
+        Numbers of the cases, in the order of their lanes.
+    metrics, units : tuple of str
+        Names and units of the m metrics; none if no case of the block came so far as to have any.
+    values : ndarray, shape (m, n)
+        Their values; NaN where a case has none.
+    status, cause : ndarray of str, shape (n,)
+        How each case ended, and what ended it. Beside the stage's own words: ``"error"`` (it
+        raised; the cause is the exception's class), ``"memory"``, ``"not_finite"`` (the cause is
+        the first metric that is not), ``"input"`` (an impossible draw; the cause is the input),
+        ``"killed"`` and ``"time_limit"`` (it cost its worker). All these are undecided.
+    failed : ndarray of bool, shape (n,)
+        Whether that counts as a failure; never of an undecided case.
+    message_case : ndarray of int, shape (F,)
+        Numbers of the cases of which there is more to say.
+    messages : tuple of str
+        What there is to say: class and text of the exception, on one line.
+    histories : Histories or None
+        Of all n cases, if they were asked for and the stage keeps any.
+    tracebacks : tuple of str
+        Beside `messages`, if histories were asked for: where it was raised; ``""`` if nowhere.
+    seconds : float
+        Wall-clock time it took; the one thing in here that a repetition does not reproduce.
+    step_error : ndarray, shape (n,), or None
+        Estimates of the step errors; NaN where a case has none, None if the stage gives none.
+    """
+
+    numbers: Integers
+    metrics: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    status: NDArray[np.str_]
+    cause: NDArray[np.str_]
+    failed: Flags
+    message_case: Integers
+    messages: tuple[str, ...]
+    histories: Histories | None = None
+    tracebacks: tuple[str, ...] = ()
+    seconds: float = 0.0
+    step_error: Array | None = None
+
+
+def lost_rows(
+    numbers: Integers, status: str, cause: str, message: str, tracebacks: tuple[str, ...] = ()
+) -> BlockOutcome:
+    """Return rows of undecided cases (n,) that came to no metric."""
+    count = len(numbers)
+    return BlockOutcome(
+        numbers=numbers,
+        metrics=(),
+        units=(),
+        values=np.zeros((0, count)),
+        status=np.array([status] * count, dtype=np.str_),
+        cause=np.array([cause] * count, dtype=np.str_),
+        failed=np.zeros(count, dtype=np.bool_),
+        message_case=numbers,
+        messages=(message,) * count,
+        tracebacks=tracebacks,
+    )
+
+
+def named_alike(outcomes: Sequence[BlockOutcome]) -> list[BlockOutcome]:
+    """Return outcomes that all have the metrics of those that have any, NaN where they had none.
+
+    Raises
+    ------
+    StageError
+        If two have different metrics.
+    """
+    known = next((o for o in outcomes if o.metrics), None)
+    if known is None:
+        return list(outcomes)
+    found = []
+    for outcome in outcomes:
+        if not outcome.metrics:
+            empty = np.full((len(known.metrics), len(outcome.numbers)), np.nan)
+            outcome = replace(outcome, metrics=known.metrics, units=known.units, values=empty)
+        elif (outcome.metrics, outcome.units) != (known.metrics, known.units):
+            raise StageError(
+                f"run_cases gave metrics {_told(outcome)} for cases {_span(outcome)}, but "
+                f"{_told(known)} for cases {_span(known)}; they must be the same for every block"
+            )
+        found.append(outcome)
+    return found
+
+
+def joined(outcomes: Sequence[BlockOutcome]) -> BlockOutcome:
+    """Return one outcome of the cases of several, in that order; at least one is given."""
+    if len(outcomes) == 1:
+        return outcomes[0]
+    parts = named_alike(outcomes)
+    return BlockOutcome(
+        numbers=np.concatenate([o.numbers for o in parts]),
+        metrics=parts[0].metrics,
+        units=parts[0].units,
+        values=np.concatenate([o.values for o in parts], axis=1),
+        status=np.concatenate([o.status for o in parts]),
+        cause=np.concatenate([o.cause for o in parts]),
+        failed=np.concatenate([o.failed for o in parts]),
+        message_case=np.concatenate([o.message_case for o in parts]),
+        messages=tuple(m for o in parts for m in o.messages),
+        histories=_joined_histories(parts),
+        tracebacks=tuple(t for o in parts for t in o.tracebacks),
+        seconds=sum(o.seconds for o in parts),
+        step_error=_joined_errors(parts),
+    )
+
+
+def _joined_errors(parts: Sequence[BlockOutcome]) -> Array | None:
+    if all(o.step_error is None for o in parts):
+        return None
+    return np.concatenate(
+        [np.full(len(o.numbers), np.nan) if o.step_error is None else o.step_error for o in parts]
+    )
+
+
+def reordered(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
+    """Return the same cases in another order, that of their places `order` (n,)."""
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    number_of = {number: i for i, number in enumerate(outcome.numbers.tolist())}
+    told = np.argsort(
+        [place[number_of[number]] for number in outcome.message_case.tolist()], kind="stable"
+    ).astype(np.int64)
+    return replace(
+        outcome,
+        numbers=outcome.numbers[order],
+        values=np.ascontiguousarray(outcome.values[:, order]),
+        status=outcome.status[order],
+        cause=outcome.cause[order],
+        failed=outcome.failed[order],
+        message_case=outcome.message_case[told],
+        messages=tuple(outcome.messages[i] for i in told),
+        histories=outcome.histories and outcome.histories.of_cases(order),
+        tracebacks=tuple(outcome.tracebacks[i] for i in told) if outcome.tracebacks else (),
+        step_error=None if outcome.step_error is None else outcome.step_error[order],
+    )
+
+
+def divided(
+    outcome: BlockOutcome, counts: Sequence[int], seconds: Sequence[float]
+) -> list[BlockOutcome]:
+    """Return the parts that were joined, of so many cases and seconds each, without histories."""
+    ends = np.cumsum(counts)
+    # Messages are in the order of the cases, but not every case has one.
+    place = {number: i for i, number in enumerate(outcome.numbers.tolist())}
+    message_place = np.array([place[n] for n in outcome.message_case.tolist()], dtype=np.int64)
+    parts = []
+    for first, last, took in zip(ends - np.asarray(counts), ends, seconds, strict=True):
+        told = np.flatnonzero((message_place >= first) & (message_place < last))
+        parts.append(
+            BlockOutcome(
+                numbers=outcome.numbers[first:last].copy(),
+                metrics=outcome.metrics,
+                units=outcome.units,
+                values=outcome.values[:, first:last].copy(),
+                # No wider than their longest word, as they were before they were joined.
+                status=np.array(outcome.status[first:last].tolist(), dtype=np.str_),
+                cause=np.array(outcome.cause[first:last].tolist(), dtype=np.str_),
+                failed=outcome.failed[first:last].copy(),
+                message_case=outcome.message_case[told],
+                messages=tuple(outcome.messages[i] for i in told),
+                seconds=took,
+                step_error=(
+                    None if outcome.step_error is None else outcome.step_error[first:last].copy()
+                ),
+            )
+        )
+    return parts
+
+
+def _joined_histories(parts: Sequence[BlockOutcome]) -> Histories | None:
+    known = next((o.histories for o in parts if o.histories is not None), None)
+    if known is None:
+        return None
+    longest = max(len(o.histories.time_s) for o in parts if o.histories is not None)
+    total = sum(len(o.numbers) for o in parts)
+    time = np.full((longest, total), np.nan)
+    values = np.full((len(known.names), longest, total), np.nan)
+    end, end_values = np.full(total, np.nan), np.full((len(known.names), total), np.nan)
+    first = 0
+    for outcome in parts:
+        last = first + len(outcome.numbers)
+        if outcome.histories is not None:
+            samples = len(outcome.histories.time_s)
+            time[:samples, first:last] = outcome.histories.time_s
+            values[:, :samples, first:last] = outcome.histories.values
+            if outcome.histories.end_s is not None and outcome.histories.end_values is not None:
+                end[first:last] = outcome.histories.end_s
+                end_values[:, first:last] = outcome.histories.end_values
+        first = last
+    if not np.isfinite(end).any():
+        return replace(known, time_s=time, values=values, end_s=None, end_values=None)
+    return replace(known, time_s=time, values=values, end_s=end, end_values=end_values)
+
+
+def _told(outcome: BlockOutcome) -> str:
+    return ", ".join(f"{m} ({u})" for m, u in zip(outcome.metrics, outcome.units, strict=True))
+
+
+def _span(outcome: BlockOutcome) -> str:
+    return f"{outcome.numbers.min()} to {outcome.numbers.max()}"

@@ -1,0 +1,340 @@
+"""The run of a campaign: blocks become tasks, and outcomes a list that no order of work changes."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import median
+from typing import Protocol
+
+import numpy as np
+
+from hillsphere.base.errors import StageError
+from hillsphere.cases.block_outcome import BlockOutcome, joined, lost_rows, named_alike
+from hillsphere.cases.case_classes import decided_failures
+from hillsphere.cases.checkpoints import Checkpoints
+from hillsphere.cases.isolation import only
+from hillsphere.interfaces.cases import CaseBatch
+from hillsphere.interfaces.tasks import Crew, Executor, Failed, Finished, Lost, Outcome, Task, Work
+
+__all__ = ["CampaignPlan", "StopRule", "run_campaign"]
+
+GROUP_S = 1.0
+"""Work that makes a task worth its hand-over and its checkpoint."""
+
+MOST_BLOCKS = 64
+"""Blocks of a task at most."""
+
+MOST_BYTES = 1 << 26
+"""Size of a task's histories at most; a single block may have more."""
+
+READY_LIMITS = 10.0
+"""Limits of a block that preparing the stage may take: it compiles, once for many blocks …"""
+
+LEAST_READY_S = 300.0
+"""… and this long in any case."""
+
+PARTS = 8
+"""Parts of a block that cost its worker: 64 cases, 8, 1. Each level costs a worker and the time to
+its limit, so that two of them are better than the six of halves."""
+
+StopRule = Callable[[Sequence[BlockOutcome]], str]
+"""Asked after each block, in their order, with the outcomes of all blocks up to it (a list that
+grows); returns why to stop after it, or ``""``."""
+
+
+class CampaignPlan(Protocol):
+    """The cases of a campaign in their blocks."""
+
+    @property
+    def cases(self) -> int:
+        """How many cases."""
+        ...
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks."""
+        ...
+
+    def block(self, number: int) -> tuple[CaseBatch, int]:
+        """Return a block and the variant that it belongs to."""
+        ...
+
+
+def run_campaign(
+    plan: CampaignPlan,
+    work: Work,
+    *,
+    executor: Executor,
+    checkpoints: Checkpoints | None = None,
+    limit_s: float | None = None,
+    tries: int = 3,
+    group_blocks: int | None = None,
+    stop: StopRule | None = None,
+    advance: Callable[[int], None] | None = None,
+    on_failures: Callable[[int], None] | None = None,
+    on_metrics: Callable[[Sequence[str]], None] | None = None,
+) -> tuple[list[BlockOutcome], str]:
+    """Compute the blocks of a plan.
+
+    Parameters
+    ----------
+    plan : CampaignPlan
+        The cases.
+    work : Work
+        Computes a task: returns one `BlockOutcome` for each of its blocks.
+    executor : Executor
+        Where.
+    checkpoints : Checkpoints, optional
+        Where finished blocks are kept, and taken from.
+    limit_s : float, optional
+        Wall-clock time for a block; a worker that takes longer is stopped.
+    tries : int
+        How often a task may lose its worker before it is divided, down to the case that does it.
+    group_blocks : int, optional
+        Blocks of a task; by default as many as take about a second.
+    stop : callable, optional
+        See `StopRule`. What was computed beyond the end is dropped, so that the end does not depend
+        on the order of the work.
+    advance : callable, optional
+        Told the number of cases done, now and then with 0; what it raises ends the campaign.
+    on_failures : callable, optional
+        Told how many cases have failed, whenever that changes.
+    on_metrics : callable, optional
+        Told the names of the metrics, once, as soon as a block has any; what it raises ends the
+        campaign.
+
+    Returns
+    -------
+    outcomes : list of BlockOutcome
+        One per block, from the first, in their order, all with the same metrics. Executor,
+        grouping and interruptions change no bit of them but `BlockOutcome.seconds`. With
+        checkpoints their histories are left there (`Checkpoints.histories`), as they would fill
+        the memory.
+    stopped : str
+        Why `stop` ended it; ``""`` if all blocks were computed.
+
+    Raises
+    ------
+    StageError
+        If the work cannot be prepared, it raises, or a checkpoint cannot be written.
+    """
+    campaign = _Campaign(plan, checkpoints, limit_s, tries, group_blocks, stop)
+    campaign.tell, campaign.tell_failures = advance, on_failures
+    campaign.tell_metrics = on_metrics
+    campaign.resume()
+    if not campaign.over:
+        with executor.crew(work) as crew:
+            campaign.run(crew)
+    return campaign.outcomes(), campaign.stopped
+
+
+_Blocks = list[tuple[int, Sequence[BlockOutcome]]]
+"""Finished blocks that go into one file: number of the first, and what came of each."""
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What a task computes: neighbouring blocks, or a part of one that lost its worker before."""
+
+    first: int
+    batches: tuple[CaseBatch, ...]
+    variant: int
+    attempts: int
+    part_of: int = 0
+    """Cases of the whole block, if this is a part of it."""
+
+
+@dataclass
+class _Campaign:
+    plan: CampaignPlan
+    checkpoints: Checkpoints | None
+    limit_s: float | None
+    tries: int
+    group_blocks: int | None
+    stop: StopRule | None
+    tell: Callable[[int], None] | None = None
+    tell_failures: Callable[[int], None] | None = None
+    tell_metrics: Callable[[Sequence[str]], None] | None = None
+    stopped: str = ""
+    _done: dict[int, BlockOutcome] = field(default_factory=dict)
+    _prefix: list[BlockOutcome] = field(default_factory=list)
+    _parts: dict[int, dict[int, BlockOutcome]] = field(default_factory=dict)
+    _again: deque[_Piece] = field(default_factory=deque)
+    _under_way: dict[int, _Piece] = field(default_factory=dict)
+    _known: BlockOutcome | None = None
+    _seconds: deque[float] = field(default_factory=lambda: deque(maxlen=32))
+    _block_bytes: int = 1
+    _tasks: int = 0
+    _failures: int = 0
+    _left: int = 0
+
+    @property
+    def over(self) -> bool:
+        return bool(self.stopped) or len(self._prefix) == self.plan.blocks
+
+    def outcomes(self) -> list[BlockOutcome]:
+        return named_alike(self._prefix)
+
+    def resume(self) -> None:
+        """Take up what was kept."""
+        kept = self.checkpoints.load() if self.checkpoints else {}
+        for number in sorted(kept):
+            if number < self.plan.blocks:
+                self._book(number, kept[number])
+        self._left = self.plan.blocks - len(self._done)
+        self._go_on()
+
+    def run(self, crew: Crew) -> None:
+        fresh = self._groups(crew.slots)
+        while not self.over:
+            self._refill(crew, fresh)
+            outcome = crew.outcome()
+            finished = self._take(outcome)
+            # The worker goes on while this process writes.
+            self._refill(crew, fresh)
+            for first, outcomes in finished:
+                if self.checkpoints:
+                    self.checkpoints.save(first, outcomes)
+                    outcomes = [replace(one, histories=None) for one in outcomes]
+                for number, one in enumerate(outcomes, first):
+                    self._book(number, one)
+            self._go_on()
+
+    def _refill(self, crew: Crew, fresh: Iterator[_Piece]) -> None:
+        while len(self._under_way) < crew.slots:
+            piece = self._again.popleft() if self._again else next(fresh, None)
+            if piece is None:
+                return
+            limit_s = self._limit(len(piece.batches))
+            ready_limit_s = None
+            if self.limit_s is not None:
+                ready_limit_s = max(LEAST_READY_S, READY_LIMITS * self.limit_s)
+            task = Task(
+                self._tasks,
+                piece.batches,
+                piece.variant,
+                limit_s=limit_s,
+                ready_limit_s=ready_limit_s,
+            )
+            self._tasks += 1
+            self._under_way[task.number] = piece
+            crew.submit(task)
+
+    def _limit(self, blocks: int) -> float | None:
+        """Return the limit of a task: that of a block, and what the others take at most as a rule.
+
+        A task of several blocks that takes longer, as it may, is divided, and each block then has
+        the whole limit; so that a block without end does not hold up a worker for many limits.
+        """
+        if self.limit_s is None:
+            return None
+        usual = 4.0 * median(self._seconds) if self._seconds else self.limit_s
+        return self.limit_s + (blocks - 1) * min(self.limit_s, usual)
+
+    def _groups(self, slots: int) -> Iterator[_Piece]:
+        """Yield neighbouring blocks of one variant that are not done."""
+        group: list[CaseBatch] = []
+        first, variant, size = 0, 0, 1
+        for number in range(self.plan.blocks):
+            if number in self._done:
+                continue
+            batch, of = self.plan.block(number)
+            if group and (of != variant or number != first + len(group) or len(group) >= size):
+                yield _Piece(first, tuple(group), variant, self.tries)
+                group = []
+            if not group:
+                first, variant, size = number, of, self._size(slots)
+            group.append(batch)
+            self._left -= 1
+        if group:
+            yield _Piece(first, tuple(group), variant, self.tries)
+
+    def _size(self, slots: int) -> int:
+        if self.group_blocks is not None:
+            return self.group_blocks
+        if not self._seconds:
+            return 1
+        worth = GROUP_S / max(median(self._seconds), GROUP_S / MOST_BLOCKS)
+        worth = min(worth, MOST_BYTES / self._block_bytes)
+        # Towards the end smaller ones, so that no worker is left alone with a large one.
+        return max(1, min(int(worth), self._left // (2 * slots)))
+
+    def _take(self, outcome: Outcome) -> _Blocks:
+        """Return the blocks that are finished with this."""
+        piece = self._under_way.pop(outcome.task.number)
+        match outcome:
+            case Finished():
+                self._seconds.extend(o.seconds for o in outcome.value)
+                for one in outcome.value:
+                    if one.histories is not None:
+                        self._block_bytes = max(self._block_bytes, one.histories.values.nbytes)
+                if not piece.part_of:
+                    return [(piece.first, outcome.value)]
+                return self._with_part(piece, piece.part_of, outcome.value[0])
+            case Lost():
+                return self._lost(piece, outcome)
+            case Failed():
+                error = StageError(outcome.error)
+                if outcome.detail:
+                    error.add_note(outcome.detail)
+                raise error
+
+    def _lost(self, piece: _Piece, lost: Lost) -> _Blocks:
+        """Try again, or divide; of a single case say that it was lost."""
+        if piece.attempts > 1:
+            self._again.append(replace(piece, attempts=piece.attempts - 1))
+            return []
+        if len(piece.batches) > 1:
+            for number, batch in enumerate(piece.batches, piece.first):
+                self._again.append(_Piece(number, (batch,), piece.variant, attempts=1))
+            return []
+        (batch,) = piece.batches
+        lanes = np.flatnonzero(~batch.filler)
+        cases = piece.part_of or len(lanes)
+        if len(lanes) == 1:
+            what = "its worker was" if lost.how == "time_limit" else "its worker ended:"
+            row = lost_rows(batch.numbers[lanes], lost.how, "", f"{what} {lost.detail}")
+            return self._with_part(piece, cases, row)
+        for some in np.array_split(lanes, min(PARTS, len(lanes))):
+            # A case is lost for good only if it was tried as often as its block.
+            attempts = self.tries if len(some) == 1 else 1
+            self._again.append(
+                _Piece(piece.first, (only(batch, some),), piece.variant, attempts, cases)
+            )
+        return []
+
+    def _with_part(self, piece: _Piece, cases: int, outcome: BlockOutcome) -> _Blocks:
+        """Put a part of a block to the others."""
+        parts = self._parts.setdefault(piece.first, {})
+        parts[int(np.flatnonzero(~piece.batches[0].filler)[0])] = outcome
+        if sum(len(o.numbers) for o in parts.values()) < cases:
+            return []
+        del self._parts[piece.first]
+        return [(piece.first, [joined([parts[lane] for lane in sorted(parts)])])]
+
+    def _book(self, number: int, outcome: BlockOutcome) -> None:
+        """Take a finished block into the list."""
+        if self._known is None:
+            self._known = outcome if outcome.metrics else None
+            if self._known and self.tell_metrics:
+                self.tell_metrics(outcome.metrics)
+        else:
+            named_alike([self._known, outcome])
+        self._done[number] = outcome
+        if (failed := decided_failures(outcome)).any():
+            self._failures += int(failed.sum())
+            if self.tell_failures:
+                self.tell_failures(self._failures)
+        if self.tell:
+            self.tell(len(outcome.numbers))
+
+    def _go_on(self) -> None:
+        """Lengthen the part of the list without gaps, and ask after each block whether to stop."""
+        while not self.over and (outcome := self._done.get(len(self._prefix))) is not None:
+            self._prefix.append(outcome)
+            if self.stop:
+                self.stopped = self.stop(self._prefix)
+        if self.tell:
+            self.tell(0)

@@ -1,0 +1,25 @@
+"""What an executor is told."""
+
+from __future__ import annotations
+
+from hillsphere.spec.base import Spec, option
+
+__all__ = ["PoolSpec", "SerialSpec"]
+
+
+class SerialSpec(Spec):
+    """The process of the run itself."""
+
+    examples = ({},)
+
+
+class PoolSpec(Spec):
+    """Processes beside that of the run."""
+
+    examples = ({"workers": 1}, {})
+    workers: int | None = option(
+        "number of processes; by default one per processor that the run may use",
+        default=None,
+        ge=1,
+        le=1024,
+    )

@@ -1,0 +1,1 @@
+"""Numerical work: propagation, gravity, the closed-loop driver."""

@@ -1,0 +1,1 @@
+"""The engine: what is written in `hillsphere.symbolic`, compiled and propagated."""

@@ -1,0 +1,82 @@
+"""Bracketed roots of many independent functions at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+
+__all__ = ["bracketed_roots"]
+
+_MOST = 100
+
+
+def bracketed_roots(
+    function: Callable[[Array], Array],
+    a: Array,
+    b: Array,
+    fa: Array,
+    fb: Array,
+    tolerance: Array,
+) -> Array:
+    """Find one root per lane by Chandrupatla's method.
+
+    Inverse quadratic interpolation where it is safe, the secant's speed at least, bisection
+    otherwise [1]_. A lane whose root is found keeps its value, so that no lane's result depends
+    on how long the others take.
+
+    Parameters
+    ----------
+    function : callable
+        (N,) → (N,), lane by lane.
+    a, b : ndarray, shape (N,)
+        Ends of the brackets.
+    fa, fb : ndarray, shape (N,)
+        Values there, of opposite sign or zero. Lanes with ``a == b`` are left alone.
+    tolerance : ndarray, shape (N,)
+        Width of the bracket at which a lane is done.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        The roots.
+
+    References
+    ----------
+    .. [1] T. R. Chandrupatla (1997), A new hybrid quadratic/bisection algorithm for finding the
+       zero of a nonlinear function without using derivatives, Advances in Engineering Software
+       28(3), 145-149.
+    """
+    a, b, fa, fb = a.copy(), b.copy(), fa.copy(), fb.copy()
+    c, fc = a.copy(), fa.copy()
+    root = np.where(np.abs(fa) < np.abs(fb), a, b)
+    done = (a == b) | (fa == 0.0) | (fb == 0.0)
+    # The first point is the secant's: the functions here are nearly straight over a bracket.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(done, 0.5, fa / (fa - fb))
+    t = np.clip(t, 0.05, 0.95)
+    for _ in range(_MOST):
+        if done.all():
+            break
+        x = np.where(done, root, a + t * (b - a))
+        fx = function(x)
+        same = np.sign(fx) == np.sign(fa)
+        c, fc = np.where(same, a, b), np.where(same, fa, fb)
+        b, fb = np.where(same, b, a), np.where(same, fb, fa)
+        a, fa = x, fx
+        best = np.where(np.abs(fa) < np.abs(fb), a, b)
+        root = np.where(done, root, best)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            least = 0.5 * tolerance / np.abs(b - a)
+            done |= ~(least <= 0.5) | (fa == 0.0) | (fb == 0.0)
+            xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
+            safe = (phi**2 < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
+            t = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (
+                fc - fb
+            )
+        t = np.where(safe & np.isfinite(t), t, 0.5)
+        least = np.where(done, 0.0, least)
+        t = np.clip(t, least, 1.0 - least)
+    return root

@@ -1,0 +1,332 @@
+"""One Runge–Kutta step of many lanes at once, compiled whole or stage by stage in numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.engine.dynamics.compiled import ArrayFunction
+from hillsphere.engine.dynamics.system import System
+from hillsphere.engine.dynamics.tableaux import Tableau
+from hillsphere.engine.dynamics.variational import Derivatives, variational_equations
+from hillsphere.symbolic._heyoka import heyoka as _hy
+from hillsphere.symbolic.compile_cache import kept_function
+from hillsphere.symbolic.expressions import Expr, parameter, substitute, sum_of, variable
+
+__all__ = ["ArrayStages", "CompiledStep", "Stepper"]
+
+Advance = Callable[[Array, Array, Array], None]
+"""(y, out, t): write into `out` (rows, N) what `y` (rows, N) becomes one step after t (N,)."""
+
+
+class Stepper(Protocol):
+    """One step of a fixed formula."""
+
+    rows: int
+    """n, or n + n(n + k) with derivatives."""
+    needs_time: bool
+    """Whether the steps depend on time; where not, nobody need keep it."""
+
+    def bind(self, h: Array, p: Array) -> Advance:
+        """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        ...
+
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated.
+
+        Two rows more are written: the squares of two estimates, from which `error` follows.
+        """
+        ...
+
+    def error(self, squares: Array) -> Array:
+        """Return estimates (…, N) of the errors of steps from what they wrote, (…, 2, N).
+
+        Of all states, as a Euclidean length, in units of ``system.errors_in``.
+        """
+        ...
+
+
+class CompiledStep:
+    """A whole step composed symbolically and compiled as one function.
+
+    The stages are substituted into one another, so that the compiler sees one straight-line
+    program: common subexpressions of a stage are evaluated once, nothing is stored between
+    stages, and a step costs one call. Step and run-time parameters are parameters of the
+    function; time enters stage i as t + c_i h.
+
+    Terms of time alone that stand apart from the equations are further parameters, one for each
+    different c_i. They are computed before each step: once, if all lanes are at the same time.
+
+    Parameters
+    ----------
+    system : System
+        Wholly symbolic.
+    tableau : Tableau
+        The formula.
+    derivatives : bool
+        Whether the variational equations are carried along.
+    parameters : sequence of str
+        Run-time parameters by which to differentiate too.
+    compact : bool
+        Compile in compact mode.
+    errors : bool
+        Whether the function also computes the embedded estimates of the step's error: their
+        squares in two further rows. The states are the same.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        tableau: Tableau,
+        derivatives: bool,
+        parameters: Sequence[str],
+        compact: bool,
+        errors: bool = False,
+    ) -> None:
+        self._tableau, self._errors = tableau, errors
+        if errors and derivatives:
+            raise InputError("the error of a step is estimated without derivatives only")
+        if derivatives and system.time_terms:
+            raise InputError("derivatives need a system without terms of time that stand apart")
+        self._terms = _TimeTerms(system, tableau) if system.time_terms else None
+
+        def compiled() -> Any:
+            y, rate = (
+                variational_equations(system, parameters) if derivatives else (system.x, system.rhs)
+            )
+            names = system.run_time_names
+            # The last parameter of the function is the step.
+            h = _hy.par[len(names)]
+            numbered = {parameter(name): _hy.par[i] for i, name in enumerate(names)}
+            if numbered:
+                rate = substitute(rate, numbered)
+            held = self._terms.at_nodes(len(names) + 1) if self._terms else {}
+            step = _compose(y, rate, tableau, h, held, system if errors else None)
+            return _hy.cfunc(step, vars=list(y), compact_mode=compact)
+
+        n = len(system.x)
+        self.rows = n + n * (n + len(parameters)) if derivatives else n
+        options = {
+            "formula": [tableau.a.tolist(), tableau.b.tolist(), tableau.c.tolist()],
+            "states": n,
+            "run_time": system.run_time_names,
+            "derivatives": derivatives,
+            "parameters": list(parameters),
+            "compact": compact,
+            "time_terms": list(system.time_terms),
+        }
+        if errors:
+            weights = [one.tolist() for one in tableau.errors]
+            options["errors"] = [*weights, system.errors_in.tolist(), list(system.passing)]
+        self._function: Any = kept_function(options, (*system.x, *system.rhs), compiled)
+        self.needs_time: bool = self._function.is_time_dependent or self._terms is not None
+
+    def bind(self, h: Array, p: Array) -> Advance:
+        """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        whole = self._bind(h, p)
+        if not self._errors:
+            return whole
+        buffer = np.empty((self.rows + 2, len(h)))
+
+        def advance(y: Array, out: Array, t: Array) -> None:
+            whole(y, buffer, t)
+            np.copyto(out, buffer[:-2])
+
+        return advance
+
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated, see `Stepper.bind_measured`."""
+        if not self._errors:
+            raise InputError("make the step map with errors=True")
+        return self._bind(h, p)
+
+    def error(self, squares: Array) -> Array:
+        """Return the errors of steps, see `Stepper.error`."""
+        return self._tableau.step_error(squares[..., 0, :], squares[..., 1, :])
+
+    def _bind(self, h: Array, p: Array) -> Advance:
+        function, terms = self._function, self._terms
+        if terms is not None:
+            return self._bound(terms, h, p)
+        options: dict[str, Any] = {}
+        if function.nparams:
+            options["pars"] = np.concatenate([p, h[None]])[: function.nparams]
+        if not self.needs_time:
+            return lambda y, out, t: function(y, out, **options)
+        return lambda y, out, t: function(y, out, time=t, **options)
+
+    def _bound(self, terms: _TimeTerms, h: Array, p: Array) -> Advance:
+        function, first = self._function, len(p) + 1
+        pars = np.empty((first + terms.rows, len(h)))
+        pars[: first - 1], pars[first - 1] = p, h
+        used, moving = pars[: function.nparams], function.is_time_dependent
+        together = terms.same(h)
+
+        def advance(y: Array, out: Array, t: Array) -> None:
+            some = slice(1) if together and terms.same(t) else slice(None)
+            pars[first:] = terms(t[some], h[some])
+            options = {"time": t} if moving else {}
+            function(y, out, pars=used, **options)
+
+        return advance
+
+
+class _TimeTerms:
+    """Terms of time alone at the nodes of a formula."""
+
+    def __init__(self, system: System, tableau: Tableau) -> None:
+        self._names = list(system.time_terms)
+        self._nodes = np.unique(tableau.c)
+        when = variable("when")
+        terms = substitute(tuple(system.time_terms.values()), {_hy.time: when})
+        self._function = ArrayFunction(terms, [when])
+        self.rows = len(self._names) * len(self._nodes)
+
+    def at_nodes(self, first: int) -> dict[float, dict[Expr, Expr]]:
+        """Return what stands for the terms at each node: parameters numbered from `first`."""
+        nodes = self._nodes.tolist()
+        return {
+            node: {
+                parameter(name): _hy.par[first + j * len(nodes) + i]
+                for j, name in enumerate(self._names)
+            }
+            for i, node in enumerate(nodes)
+        }
+
+    def __call__(self, t: Array, h: Array) -> Array:
+        """Return their values (rows, N) in steps h (N,) from times t (N,)."""
+        times = self._nodes[:, None] * h + t
+        return self._function(times.reshape(1, -1)).reshape(self.rows, len(t))
+
+    @staticmethod
+    def same(values: Array) -> bool:
+        """Whether all lanes have the same."""
+        return bool((values == values[:1]).all())
+
+
+def _compose(
+    y: Sequence[Expr],
+    rate: Sequence[Expr],
+    tableau: Tableau,
+    h: Expr,
+    held: Mapping[float, Mapping[Expr, Expr]],
+    measured: System | None,
+) -> list[Expr]:
+    """Return the state after one step as expressions of the state before it.
+
+    `held` says of each node what terms of time are there; it is empty if none stand apart. With a
+    system in whose scales errors are measured the squares of both embedded estimates follow.
+    """
+    slopes: list[tuple[Expr, ...]] = []
+    for i, node in enumerate(tableau.c.tolist()):
+        table: dict[Expr, Expr] = dict(held.get(node, {}))
+        for j, state in enumerate(y):
+            terms = [w * slopes[m][j] for m, w in _weights(tableau.a[i])]
+            if terms:
+                table[state] = state + h * sum_of(terms)
+        if node:
+            table[_hy.time] = _hy.time + node * h
+        slopes.append(substitute(rate, table) if table else tuple(rate))
+    final = _weights(tableau.b)
+    step = [s + h * sum_of([w * slopes[m][j] for m, w in final]) for j, s in enumerate(y)]
+    if measured is None:
+        return step
+    for weights in tableau.errors:
+        parts = [
+            h * sum_of([w / size * slopes[m][j] for m, w in _weights(weights)])
+            for j, size in enumerate(measured.errors_in.tolist())
+        ]
+        for j in measured.passing:
+            parts[j] = h * parts[j]
+        step.append(sum_of([part * part for part in parts]))
+    return step
+
+
+def _weights(row: Array) -> list[tuple[int, float]]:
+    return [(m, w) for m, w in enumerate(row.tolist()) if w]
+
+
+class ArrayStages:
+    """A step in numpy, stage by stage, for systems with terms that are functions of arrays.
+
+    Parameters
+    ----------
+    system : System
+        Equations.
+    tableau : Tableau
+        The formula.
+    derivatives : bool
+        Whether the variational equations are carried along.
+    parameters : sequence of str
+        Run-time parameters (controls) by which to differentiate too.
+    """
+
+    needs_time = True
+
+    def __init__(
+        self, system: System, tableau: Tableau, derivatives: bool, parameters: Sequence[str]
+    ) -> None:
+        self._n, self._tableau, self._derivatives = len(system.x), tableau, derivatives
+        self._columns = self._n + len(parameters) if derivatives else 0
+        self._functions = Derivatives(system, parameters)
+        self.rows = self._n * (1 + self._columns)
+        self._scale, self._passing = system.errors_in, list(system.passing)
+
+    def bind(self, h: Array, p: Array) -> Advance:
+        """Fix the steps h (N,) and run-time parameters p (k, N) of the lanes."""
+        advance = self._bind(h, p)
+
+        def plain(y: Array, out: Array, t: Array) -> None:
+            advance(y, out, t)
+
+        return plain
+
+    def bind_measured(self, h: Array, p: Array) -> Advance:
+        """Fix them for steps whose error is estimated, see `Stepper.bind_measured`."""
+        advance, size = self._bind(h, p), self._scale[:, None]
+
+        def measured(y: Array, out: Array, t: Array) -> None:
+            slopes = advance(y, out[:-2], t)
+            for i, weights in enumerate(self._tableau.errors, start=self.rows):
+                total = np.zeros_like(slopes[0][: self._n])
+                for m, w in _weights(weights):
+                    total += (w * h) * slopes[m][: self._n]
+                total[self._passing] *= h
+                np.sum((total / size) ** 2, axis=0, out=out[i])
+
+        return measured
+
+    def error(self, squares: Array) -> Array:
+        """Return the errors of steps, see `Stepper.error`."""
+        return self._tableau.step_error(squares[..., 0, :], squares[..., 1, :])
+
+    def _bind(self, h: Array, p: Array) -> Callable[[Array, Array, Array], list[Array]]:
+        tableau = self._tableau
+
+        def advance(y: Array, out: Array, t: Array) -> list[Array]:
+            slopes: list[Array] = []
+            for i, node in enumerate(tableau.c.tolist()):
+                at = y.copy()
+                for m, w in _weights(tableau.a[i]):
+                    at += (w * h) * slopes[m]
+                slopes.append(self._slope(at, p, t + node * h))
+            np.copyto(out, y)
+            for m, w in _weights(tableau.b):
+                out += (w * h) * slopes[m]
+            return slopes
+
+        return advance
+
+    def _slope(self, y: Array, p: Array, t: Array) -> Array:
+        n = self._n
+        if not self._derivatives:
+            return self._functions.rate(y, p, t)
+        rate, jacobian = self._functions.both(y[:n], p, t)
+        phi = y[n:].reshape(n, self._columns, -1)
+        change = np.einsum("ikN,kjN->ijN", jacobian[:, :n], phi)
+        change[:, n:] += jacobian[:, n:]
+        return np.concatenate([rate, change.reshape(n * self._columns, -1)])

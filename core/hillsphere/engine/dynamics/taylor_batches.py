@@ -1,0 +1,382 @@
+"""Adaptive Taylor integrators of the compile layer, driven in batches of lanes.
+
+Zeros of events are those of their Taylor polynomials over a whole step, isolated by Descartes' rule
+of signs and bisection, so that pairs within one step are told apart down to rounding. Only falls
+along the flight stop an integrator: one that stopped at a rise too would lose a fall of another
+event at the same instant, and, for a while, every further zero of the one that has risen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.base.arrays import Array
+from hillsphere.symbolic._heyoka import heyoka as _hy
+from hillsphere.symbolic.expressions import Expr
+
+__all__ = ["Ends", "TaylorBatches"]
+
+_BATCH = 4
+"""Lanes in one SIMD batch; eight does not pay without AVX-512."""
+_LEAST_HAIR = 1e-12
+_HAIR = 16.0
+"""How far past its zero, in tolerances, a switch ends a step; truncation misses it by up to 5."""
+_ROUNDING = 4.0 * np.finfo(float).eps
+_MOMENT = 2.0**-20
+"""Part of a flight after which an event that begins at zero has risen or fallen: its second
+derivative decides from there on, and rounding is still far below what it has done."""
+_HALVINGS = 53
+"""Halvings of a flight down to one unit in the last place."""
+_BESIDE = 1e-3
+"""Part of a step on either side of a zero with no slope at which signs are compared."""
+_TIME_LIMIT = int(_hy.taylor_outcome.time_limit)
+_NON_FINITE = int(_hy.taylor_outcome.err_nf_state)
+_Lanes: TypeAlias = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Where N lanes ended: rows y, times, ending events, and what was recorded per event and lane.
+
+    A lane that turned non-finite has NaN in y.
+    """
+
+    y: Array
+    time: Array
+    ended_by: list[str | None]
+    met: dict[tuple[str, int], list[tuple[float, Array]]]
+
+    def end(self, lane: int, y: Array, time: float, name: str) -> None:
+        """End a lane earlier."""
+        sense = np.sign(self.time[lane] - time)
+        self.y[:, lane], self.time[lane], self.ended_by[lane] = y, time, name
+        for key, met in self.met.items():
+            if key[1] == lane:
+                met[:] = [one for one in met if sense * (one[0] - time) <= 0]
+
+
+class _Carried:
+    """What callbacks see of the lanes that an integrator carries; each flight sets it anew."""
+
+    lanes: _Lanes
+    alive: NDArray[np.bool_]
+    start: Array
+    clock: Array
+    met: dict[tuple[str, int], list[tuple[float, Array]]]
+
+
+class TaylorBatches:
+    """Integrators of one system, one per width (1 or 4 lanes), compiled when first needed.
+
+    Parameters
+    ----------
+    equations : sequence of (Expr, Expr)
+        Variable and its time derivative, run-time parameters numbered.
+    n : int
+        How many of them are states, recorded at events; the rest are derivatives.
+    tol : float
+        Tolerance.
+    ends, recorded : mapping of str to Expr
+        Events that end a lane when they fall along the flight; events to record.
+    switches : sequence of Expr
+        Functions whose zeros end a step and nothing else.
+    compact : bool
+        Compile in compact mode.
+    parameters : int
+        k, how many run-time parameters there are.
+    """
+
+    def __init__(
+        self,
+        equations: Sequence[tuple[Expr, Expr]],
+        n: int,
+        tol: float,
+        ends: Mapping[str, Expr],
+        recorded: Mapping[str, Expr],
+        switches: Sequence[Expr],
+        compact: bool,
+        parameters: int,
+    ) -> None:
+        self._equations, self._n, self._tol, self._compact = list(equations), n, tol, compact
+        self._ends, self._recorded = dict(ends), dict(recorded)
+        # Of a lane that flies backward an event falls along the flight where it rises in time.
+        self._sense = _hy.par[parameters]
+        # A step over a switch must end on the side it flies to, beyond doubt, for the next one to
+        # take the right branch: outbound on the upper of these two levels, inbound on the lower.
+        hair = max(_LEAST_HAIR, _HAIR * tol)
+        self._levels = [level for s in switches for level in (s - hair, s + hair)]
+        self._carried = _Carried()
+        self._integrators: dict[int, Any] = {}
+        self._compiled: dict[tuple[Expr, ...], Any] = {}
+
+    def fly(self, y: Array, p: Array, start: Array, target: Array) -> Ends:
+        """Propagate lanes to their targets or ends.
+
+        Parameters
+        ----------
+        y : ndarray, shape (rows, N)
+            Start.
+        p : ndarray, shape (k, N)
+            Run-time parameters.
+        start, target : ndarray, shape (N,)
+            Times.
+
+        Returns
+        -------
+        Ends
+            What became of each lane.
+        """
+        ends = self._flown(y, p, start, target)
+        if not self._ends or not y.shape[1]:
+            return ends
+        before = self._values(y, p, start)
+        for lane in np.flatnonzero((before == 0).any(axis=0)):
+            self._leave_zero(ends, y, p, start, target, int(lane), before[:, lane] == 0)
+        after = self._values(ends.y, p, ends.time)
+        by_none = np.array([name is None for name in ends.ended_by])
+        for lane in np.flatnonzero(((before > 0) & (after < 0)).any(axis=0) & by_none):
+            self._halve(ends, y, p, start, target, int(lane), before[:, lane] > 0)
+        return ends
+
+    def _flown(self, y: Array, p: Array, start: Array, target: Array) -> Ends:
+        """Fly as `fly` does, as far as zeros of the series tell."""
+        cases = y.shape[1]
+        end, time = np.empty_like(y), np.empty(cases)
+        ended: list[str | None] = [None] * cases
+        self._carried.met = {}
+        for lanes in _groups(cases):
+            self._fly_group(lanes, y, p, start, target, end, time, ended)
+        return Ends(end, time, ended, self._carried.met)
+
+    def _leave_zero(
+        self,
+        ends: Ends,
+        y: Array,
+        p: Array,
+        start: Array,
+        target: Array,
+        lane: int,
+        zero: NDArray[np.bool_],
+    ) -> None:
+        """End a lane at its start if an event that is zero there, with no slope, falls."""
+        one = slice(lane, lane + 1)
+        soon = start[one] + _MOMENT * (target[one] - start[one])
+        first = self._flown(y[:, one], p[:, one], start[one], soon)
+        fell = zero & (self._values(first.y, p[:, one], first.time)[:, 0] < 0)
+        if first.ended_by[0] is None and fell.any():
+            ends.end(lane, y[:, lane], start[lane], list(self._ends)[int(np.argmax(fell))])
+
+    def _halve(
+        self,
+        ends: Ends,
+        y: Array,
+        p: Array,
+        start: Array,
+        target: Array,
+        lane: int,
+        above: NDArray[np.bool_],
+    ) -> None:
+        """End a lane where an event is first found to have fallen unseen, by halving its flight."""
+        one = slice(lane, lane + 1)
+        near, far = start[one].copy(), target[one].copy()
+        last = self._flown(y[:, one], p[:, one], start[one], far)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (near + far)
+            now = self._flown(y[:, one], p[:, one], start[one], middle)
+            fell = above & (self._values(now.y, p[:, one], middle)[:, 0] < 0)
+            if now.ended_by[0] is None and not fell.any():
+                near = middle
+                continue
+            far, last = middle, now
+            if now.ended_by[0] is not None:
+                break
+        fell = above & (self._values(last.y, p[:, one], last.time)[:, 0] < 0)
+        name = last.ended_by[0] or list(self._ends)[int(np.argmax(fell))]
+        ends.end(lane, last.y[:, 0], last.time[0], name)
+
+    def _values(self, y: Array, p: Array, t: Array) -> Array:
+        """Return the events that end a lane (m, N) at states (rows, N)."""
+        return self._evaluate(tuple(self._ends.values()), y, p, t)
+
+    def _evaluate(self, functions: tuple[Expr, ...], y: Array, p: Array, t: Array) -> Array:
+        """Return functions (m, N) at states (rows, N), compiled when first needed."""
+        if functions not in self._compiled:
+            states = [v for v, _ in self._equations[: self._n]]
+            self._compiled[functions] = _hy.cfunc(
+                list(functions), vars=states, compact_mode=self._compact
+            )
+        function = self._compiled[functions]
+        options: dict[str, Any] = {}
+        if function.nparams:
+            options["pars"] = np.array(p[: function.nparams])  # the caller may hold both in one
+        if function.is_time_dependent:
+            options["time"] = np.ascontiguousarray(t)
+        found: Array = function(np.ascontiguousarray(y[: self._n]), **options)
+        return found
+
+    def on_grid(self, y: Array, p: Array, times: Array) -> Array:
+        """Evaluate the dense output.
+
+        Parameters
+        ----------
+        y : ndarray, shape (rows, N)
+            Start, at the first of the times.
+        p : ndarray, shape (k, N)
+            Run-time parameters.
+        times : ndarray, shape (K,)
+            Strictly monotone, at least two.
+
+        Returns
+        -------
+        ndarray, shape (n, K, N)
+            States; NaN from where a lane turned non-finite.
+        """
+        out = np.empty((self._n, len(times), y.shape[1]))
+        for lanes in _groups(y.shape[1]):
+            width = len(lanes)
+            integrator = self._integrator(width)
+            begin, sense = np.full(width, times[0]), np.ones(width)
+            self._load(integrator, y[:, lanes], p[:, lanes], begin, sense)
+            self._carried.alive = np.zeros(width, dtype=bool)
+            table = np.ascontiguousarray(np.repeat(times[:, None], width, axis=1))
+            _, found = integrator.propagate_grid(table)
+            out[:, :, lanes] = found[:, : self._n].transpose(1, 0, 2)
+        return out
+
+    def _integrator(self, width: int) -> Any:
+        """Return the integrator of so many lanes, compiled when first asked for."""
+        if width not in self._integrators:
+            options: dict[str, Any] = {}
+            if terminal := self._terminal():
+                options["t_events"] = terminal
+            if self._recorded:
+                options["nt_events"] = [
+                    _hy.nt_event_batch(f, callback=self._recorder(name))
+                    for name, f in self._recorded.items()
+                ]
+            self._integrators[width] = _hy.taylor_adaptive_batch(
+                self._equations,
+                np.zeros((len(self._equations), width)),
+                tol=self._tol,
+                compact_mode=self._compact,
+                **options,
+            )
+        return self._integrators[width]
+
+    def _terminal(self) -> list[Any]:
+        """Return what stops an integrator: an outcome is told by its place in this list."""
+        falls = {"direction": _hy.event_direction.negative}
+        ends = [_hy.t_event_batch(self._sense * f, **falls) for f in self._ends.values()]
+        return ends + [_hy.t_event_batch(f, callback=_goes_on) for f in self._levels]
+
+    def _recorder(self, name: str) -> Any:
+        batch, n, function = self._carried, self._n, self._recorded[name]
+
+        def crosses(integrator: Any, time: float, lane: int) -> bool:
+            # What is zero throughout, or touches zero, is zero at the ends of steps, with no slope.
+            apart = _BESIDE * float(integrator.last_h[lane])
+            values = []
+            for beside in (time - apart, time + apart):
+                integrator.update_d_output([beside] * len(batch.alive))
+                y, p = np.array(integrator.d_output), np.array(integrator.pars)
+                times = np.full(len(batch.alive), beside)
+                values.append(self._evaluate((function,), y, p, times)[0, lane])
+            return bool(values[0] * values[1] < 0)
+
+        def record(integrator: Any, time: float, sign: int, lane: int) -> None:
+            if not batch.alive[lane]:
+                return
+            # A zero at the start is no crossing, nor is one that rounding puts beside it.
+            if abs(time - batch.start[lane]) <= _ROUNDING * batch.clock[lane]:
+                return
+            integrator.update_d_output([time] * len(batch.alive))
+            state = np.array(integrator.d_output[:n, lane])
+            if not sign and not crosses(integrator, time, lane):
+                return
+            batch.met.setdefault((name, int(batch.lanes[lane])), []).append((time, state))
+
+        return record
+
+    def _load(self, integrator: Any, y: Array, p: Array, t: Array, sense: Array) -> None:
+        integrator.state[:] = y
+        integrator.pars[:] = np.concatenate([p, sense[None]])[: len(integrator.pars)]
+        integrator.set_time(t)
+        if integrator.with_events:
+            # An event that ended the last flight would hide its repetition at the next one's start.
+            integrator.reset_cooldowns()
+
+    def _fly_group(
+        self,
+        lanes: _Lanes,
+        y: Array,
+        p: Array,
+        start: Array,
+        target: Array,
+        end: Array,
+        time: Array,
+        ended: list[str | None],
+    ) -> None:
+        """Fly one batch; an event that ends one lane halts all, so go on until every one is done.
+
+        A lane that is done follows a copy of one that is not: an integrator has no empty lanes.
+        """
+        integrator = self._integrator(len(lanes))
+        sense = np.where(target[lanes] < start[lanes], -1.0, 1.0)
+        self._load(integrator, y[:, lanes], p[:, lanes], start[lanes], sense)
+        batch, names = self._carried, list(self._ends)
+        goal = target[lanes].copy()
+        batch.lanes, batch.start = lanes, start[lanes]
+        batch.clock = np.maximum(np.abs(start[lanes]), np.abs(target[lanes]))
+        # A lane that pads the last batch repeats its neighbour and reports nothing.
+        batch.alive = np.concatenate([[True], np.diff(lanes) > 0])
+        while True:
+            integrator.propagate_until(goal)
+            for i, result in enumerate(integrator.propagate_res):
+                if not batch.alive[i]:
+                    continue
+                outcome, lane = int(result[0]), int(lanes[i])
+                by_event = -len(names) <= outcome < 0
+                if outcome == _NON_FINITE:
+                    end[:, lane] = np.nan
+                elif by_event or outcome == _TIME_LIMIT:
+                    end[:, lane] = integrator.state[:, i]
+                else:
+                    continue
+                time[lane] = integrator.time[i]
+                ended[lane] = names[-outcome - 1] if by_event else None
+                batch.alive[i] = False
+            if not batch.alive.any():
+                return
+            self._refill(integrator, goal)
+
+    def _refill(self, integrator: Any, goal: Array) -> None:
+        """Let the lanes that are done follow one that is not.
+
+        Left to itself, one may run on into a singularity, which halts all lanes for good.
+        """
+        batch = self._carried
+        model = int(np.argmax(batch.alive))
+        dead = np.flatnonzero(~batch.alive)
+        times = np.array(integrator.time)
+        times[dead] = times[model]
+        integrator.state[:, dead] = integrator.state[:, [model]]
+        integrator.pars[:, dead] = integrator.pars[:, [model]]
+        integrator.set_time(times)
+        goal[dead] = goal[model]
+
+
+def _goes_on(integrator: Any, sign: int, lane: int) -> bool:
+    return True
+
+
+def _groups(cases: int) -> list[_Lanes]:
+    """Return lane numbers in batches of four, the last one padded; a single lane goes alone."""
+    if cases == 1:
+        return [np.array([0])]
+    count = -(-cases // _BATCH)
+    return list(np.minimum(np.arange(count * _BATCH), cases - 1).reshape(count, _BATCH))

@@ -1,0 +1,132 @@
+"""The flow of a plant, or of a plant under a law, made on first use and shared.
+
+A mission may build as many models as it likes: what is compiled is shared between all whose
+equations are equal, whichever plants they come from.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from functools import cached_property
+from hashlib import sha256
+from typing import Any, TypeVar
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.engine.dynamics.step_map import StepMap
+from hillsphere.engine.dynamics.system import System, system
+from hillsphere.engine.dynamics.tableaux import tableau
+from hillsphere.engine.dynamics.variational import Derivatives
+from hillsphere.engine.simulation.flow import closed_system
+from hillsphere.interfaces.loop import ContinuousLaw
+from hillsphere.interfaces.plant import Plant
+
+__all__ = ["PlantFlow"]
+
+_MOST = 128
+_T = TypeVar("_T")
+_MADE: dict[str, Any] = {}
+"""What was compiled, by the digest of its equations; the oldest go first."""
+
+
+class PlantFlow:
+    """The flow of a plant at nominal parameters, with its controls as run-time parameters.
+
+    Parameters
+    ----------
+    plant : Plant
+        n equations with p controls.
+    law : ContinuousLaw or None
+        What commands it; then states and run-time parameters are those of
+        `hillsphere.engine.simulation.flow.closed_system`.
+    method : {"rk6", "dop853"}
+        Formula of the steps.
+
+    Raises
+    ------
+    InputError
+        If the formula is unknown.
+    """
+
+    def __init__(self, plant: Plant, law: ContinuousLaw | None, method: str) -> None:
+        self._plant, self._law, self._method = plant, law, tableau(method).name
+
+    @cached_property
+    def steps(self) -> StepMap:
+        """The step map.
+
+        Raises
+        ------
+        InputError
+            If the plant and the law do not fit.
+        """
+        if self._law is None:
+            equations = system(self._plant, controls=True, apart=True)
+        else:
+            equations, _ = closed_system(self._plant, self._law, (), apart=True)
+        method = self._method
+        return _shared(method, equations, lambda: StepMap(equations, method))
+
+    def end(self, x: Array, duration: Array, steps: int, p: Array, t0_s: Array) -> Array:
+        """Return the states (n, K) after so many steps; see `StepMap.propagate`.
+
+        Without its checks: a filter asks at each of its steps for arrays that it has made itself.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, K)
+            States.
+        duration, t0_s : ndarray, shape (K,)
+            How long and from when, s.
+        steps : int
+            Number of steps.
+        p : ndarray, shape (k, K)
+            Run-time parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, K)
+            At the end.
+
+        Raises
+        ------
+        PropagationError
+            If a lane turns non-finite.
+        """
+        h = duration / steps
+        start = here = np.ascontiguousarray(x)
+        advance = self.steps.stepper.bind(h, p)
+        there = np.empty_like(start)
+        for j in range(steps):
+            advance(here, there, t0_s + j * h)
+            here, there = there, np.empty_like(start) if here is start else here
+        if not np.isfinite(here).all():
+            # with all checks: it says of which lane, and whether it began so
+            here = self.steps.propagate(x, duration, steps, p, t0_s)
+        return here
+
+    @cached_property
+    def slopes(self) -> Derivatives:
+        """Right-hand side and derivatives of the free motion, without controls."""
+        equations = system(self._plant)
+        return _shared("slopes", equations, lambda: Derivatives(equations))
+
+
+def _shared(what: str, equations: System, make: Callable[[], _T]) -> _T:
+    """Return what was made of equal equations before, or make it."""
+    if equations.external is not None:  # its arrays are those of one plant
+        return make()
+    terms = equations.time_terms
+    digest = sha256("\0".join((what, *equations.run_time_names, *terms)).encode())
+    for equation in (*equations.x, *equations.rhs, *terms.values()):
+        digest.update(sha256(pickle.dumps(equation, 5)).digest())
+    key = digest.hexdigest()
+    if key not in _MADE:
+        made = make()
+        while len(_MADE) >= _MOST:
+            del _MADE[next(iter(_MADE))]
+        _MADE[key] = made
+    found: _T = _MADE[key]
+    return found

@@ -1,0 +1,135 @@
+"""Several sensors as one: what they show together, and sets of their measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.interfaces.beliefs import MeasurementSet
+from hillsphere.interfaces.sensing import Channel, Scene, Sensor
+
+__all__ = ["CommonScene", "SensorSuite"]
+
+
+class CommonScene(dict[str, Array]):
+    """The scene of one call of a suite: states and times are the same for all its sensors.
+
+    What one of them has computed of these, others find in `kept`, under a key that says what it is
+    and whose. It lives as long as the call.
+
+    Parameters
+    ----------
+    scene : Scene
+        What surrounds the sensors.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.kept: dict[tuple[str, int], Array] = {}
+
+
+class SensorSuite:
+    """Sensors whose rows follow one another; each is a block of a `MeasurementSet`.
+
+    Parameters
+    ----------
+    sensors : sequence of Sensor
+        In the order of their rows.
+
+    Raises
+    ------
+    InputError
+        If there is none, or something else among them.
+    """
+
+    def __init__(self, sensors: Sequence[Sensor]) -> None:
+        if not sensors:
+            raise InputError("a suite needs at least one sensor")
+        for sensor in sensors:
+            if not isinstance(sensor, Sensor):
+                raise InputError(f"a suite holds sensors, got a {type(sensor).__name__}")
+        self.sensors = tuple(sensors)
+        self.blocks: tuple[tuple[Channel, ...], ...] = tuple(tuple(s.channels) for s in sensors)
+        self._rows = [sum(channel.rows for channel in block) for block in self.blocks]
+
+    @property
+    def rows(self) -> int:
+        """Number m of rows of all sensors."""
+        return sum(self._rows)
+
+    @property
+    def draws(self) -> tuple[int, int]:
+        """How many normal numbers a case takes, and each time; see `hillsphere.interfaces.Sensor`.
+
+        Those of the first sensor, then of the next.
+        """
+        return sum(s.draws[0] for s in self.sensors), sum(s.draws[1] for s in self.sensors)
+
+    def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return what perfect sensors show, SI, (m, N), visible or not."""
+        scene = CommonScene(scene)
+        return np.concatenate([s.observe(x, t_s, scene) for s in self.sensors])
+
+    def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
+        """Return the standard deviations of the random errors, SI, (m, N)."""
+        return np.concatenate([s.sigma(x, t_s, scene) for s in self.sensors])
+
+    def visible(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
+        """Say of each row whether there is something to measure, (m, N)."""
+        seen = [s.visible(x, t_s, scene) for s in self.sensors]
+        return np.repeat(seen, self._rows, axis=0)
+
+    def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
+        """Return what is measured, SI, (m, N); NaN where nothing is.
+
+        constant (k, N) and noise (l, N) are standard normal, k and l as `draws` says.
+        """
+        if (len(constant), len(noise)) != self.draws:
+            raise InputError(
+                f"the suite takes {self.draws[0]} constant and {self.draws[1]} other normal "
+                f"numbers, got {len(constant)} and {len(noise)}"
+            )
+        found, first, other = [], 0, 0
+        for sensor in self.sensors:
+            k, m = sensor.draws
+            own, new = constant[first : first + k], noise[other : other + m]
+            found.append(sensor.measure(x, t_s, scene, own, new))
+            first, other = first + k, other + m
+        return np.concatenate(found)
+
+    def measurements(
+        self,
+        x: Array,
+        t_s: Array,
+        scene: Scene,
+        constant: Array,
+        noise: Array,
+        sigma: Array | None = None,
+    ) -> MeasurementSet:
+        """Return a set of measurements of the true states.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, N)
+            True states, SI.
+        t_s : ndarray, shape (N,)
+            Times, s.
+        scene : Scene
+            What surrounds the sensors.
+        constant, noise : ndarray, shape (k, N) and (l, N)
+            Standard normal numbers, as `draws` says.
+        sigma : ndarray, shape (m, N) or (m, 1), optional
+            Standard deviations that the set is to state; left out: the true ones.
+
+        Returns
+        -------
+        MeasurementSet
+            A block a sensor; what was not measured is not present.
+        """
+        values = self.measure(x, t_s, scene, constant, noise)
+        stated = self.sigma(x, t_s, scene) if sigma is None else sigma
+        return MeasurementSet.of(np.asarray(t_s, dtype=float), values, stated, self.blocks)

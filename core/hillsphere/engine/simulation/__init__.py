@@ -1,0 +1,1 @@
+"""The closed loop: plant, navigation, law and actuator, N cases at once."""

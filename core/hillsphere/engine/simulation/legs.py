@@ -1,0 +1,236 @@
+"""Legs between two samples, their parts and ends, and conditions that end a flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.errors import InputError
+from hillsphere.engine.dynamics.proof import MARGIN
+from hillsphere.engine.simulation.outcomes import STATUSES
+
+__all__ = ["End", "Held", "Leg", "Limit", "Nodes", "Sample"]
+
+
+@dataclass(frozen=True)
+class Limit:
+    r"""A condition that ends a flight when it falls through zero.
+
+    Parameters
+    ----------
+    name : str
+        Shown as the cause.
+    value : callable
+        (t_s (N,), x (n, N), cases (N,)) → (N,), continuous along the flight; x the plant's true
+        states, SI, cases the numbers of the cases, with which limits of their own are looked up.
+    status : str
+        One of `STATUSES`.
+    lipschitz : array_like, shape (n,), optional
+        L with :math:`|v(t, x) - v(t, x')| \le \sum_i L_i |x_i - x'_i|`, per unit of each state of
+        the plant. With it the limit is proved between the ends of sub-steps.
+    drift : float
+        Largest rate, 1/s, at which the value changes with time by itself, the states held.
+    margin : float
+        Without `lipschitz`: a flight along which the value, at the ends of sub-steps, falls below
+        this without ending by this limit is ``unresolved``.
+    """
+
+    name: str
+    value: Callable[[Array, Array, Integers], Array]
+    status: str = "constraint"
+    lipschitz: ArrayLike | None = None
+    drift: float = 0.0
+    margin: float = MARGIN
+
+    def __post_init__(self) -> None:
+        if self.status not in STATUSES:
+            raise InputError(f"status must be one of {', '.join(STATUSES)}, got {self.status!r}")
+        # A bound that is negative proves anything, one that is no number nothing.
+        if not (self.drift >= 0.0 and self.margin >= 0.0):
+            raise InputError(
+                f"limit {self.name!r}: drift and margin must be ≥ 0, got {self.drift} and "
+                f"{self.margin}"
+            )
+        if self.lipschitz is not None:
+            slopes = np.asarray(self.lipschitz, dtype=float)
+            if slopes.ndim != 1 or not (slopes >= 0.0).all():
+                raise InputError(
+                    f"limit {self.name!r}: lipschitz must be a number ≥ 0 for each state, "
+                    f"got {self.lipschitz!r}"
+                )
+
+    @property
+    def bound(self) -> tuple[object, ...]:
+        """What is known of how fast the value changes, to compare limits by."""
+        slopes = None
+        if self.lipschitz is not None:
+            slopes = tuple(np.asarray(self.lipschitz, dtype=float).tolist())
+        return slopes, self.drift, self.margin
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One block between two samples, or over a part of it in which a command is held.
+
+    Parameters
+    ----------
+    t, y : ndarray, shape (B,), (rows, B)
+        Time and state at its start.
+    period : ndarray, shape (B,)
+        How long.
+    p : ndarray, shape (k, B)
+        Run-time parameters.
+    cases : ndarray of int, shape (B,)
+        Numbers of the cases.
+    flying : ndarray of bool, shape (B,)
+        Lanes that still fly.
+    whole : bool
+        Whether all do.
+    left, rate : ndarray, shape (B,), or None
+        Δv at hand at the start, None without a budget; and what is spent per second, None if the
+        last state counts it.
+    within : ndarray, shape (B,), or None
+        Time between the samples, if the leg is a part of it.
+    """
+
+    t: Array
+    y: Array
+    period: Array
+    p: Array
+    cases: Integers
+    flying: NDArray[np.bool_]
+    whole: bool = False
+    left: Array | None = None
+    rate: Array | None = None
+    within: Array | None = None
+
+    @property
+    def sample(self) -> Array:
+        """Time between the samples (B,)."""
+        return self.period if self.within is None else self.within
+
+    def frozen(self, y: Array) -> Array:
+        """Return states y (rows, B) with those at the start where a lane does not fly."""
+        return y if self.whole else np.where(self.flying, y, self.y)
+
+    def taken(self, lanes: Integers) -> Leg:
+        """Return some of the lanes, any of them as often as wanted."""
+        return Leg(
+            self.t[lanes], self.y[:, lanes], self.period[lanes],
+            np.ascontiguousarray(self.p[:, lanes]), self.cases[lanes], self.flying[lanes],
+            self.whole,
+            None if self.left is None else self.left[lanes],
+            None if self.rate is None else self.rate[lanes],
+            None if self.within is None else self.within[lanes],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A part of the time between two samples, in which a command is held.
+
+    Parameters
+    ----------
+    t, period : ndarray, shape (B,)
+        Its start, and how long it lasts.
+    p : ndarray, shape (k, B)
+        Run-time parameters.
+    rate : ndarray, shape (B,), or None
+        Δv spent per second, None if the last state counts it.
+    steps : int
+        Sub-steps.
+    """
+
+    t: Array
+    period: Array
+    p: Array
+    rate: Array | None
+    steps: int
+
+    @property
+    def times(self) -> Array:
+        """Times at the ends of the sub-steps (steps + 1, B), the start first."""
+        return self.t + np.arange(self.steps + 1)[:, None] * (self.period / self.steps)
+
+    @property
+    def end(self) -> Array:
+        """Time at its end (B,)."""
+        return self.t + self.steps * (self.period / self.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The flight from one sample to the next, through all parts.
+
+    Parameters
+    ----------
+    y, t : ndarray, shape (rows, B), (B,)
+        State and time at its end.
+    errors : list of ndarray, shape (B,)
+        Sums of the estimated errors of the steps of each part.
+    nodes : list of ndarray, shape (rows, S + 1, B)
+        States at the ends of the S sub-steps of each part, the start first.
+    """
+
+    y: Array
+    t: Array
+    errors: list[Array]
+    nodes: list[Array]
+
+
+@dataclass(frozen=True)
+class End:
+    """How a leg ended: the states of all lanes, and which ended before its end.
+
+    Parameters
+    ----------
+    y : ndarray, shape (rows, B)
+        State at the end of the leg, or of the flight.
+    t : ndarray, shape (B,)
+        Time of it.
+    cause : ndarray of int, shape (B,), or None
+        None if every lane that flew reached the end of the leg; otherwise by lane −1 for those
+        that did, `Watch.diverged` for those that turned non-finite, the row of `Watch`, or
+        what `Watch.unresolved` gives for a row that could not be decided.
+    doubtful : ndarray of int, shape (B,), or None
+        Row without a bound that came closer to zero than its margin, or −1; None for none. The
+        flight goes on; unless it ends by that very row it is unresolved.
+    error : ndarray, shape (B,), or None
+        Sum of the estimated errors of the steps, in units of the system's scale.
+    nodes : ndarray, shape (rows, S + 1, B), or None
+        States at the ends of the S sub-steps, the start first; of a flight that ended in between
+        they go on beyond its end.
+    """
+
+    y: Array
+    t: Array
+    cause: Integers | None
+    doubtful: Integers | None = None
+    error: Array | None = None
+    nodes: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """A leg that was flown, by the ends of its sub-steps.
+
+    Parameters
+    ----------
+    leg : Leg
+        The leg.
+    h : ndarray, shape (B,)
+        Length of the sub-steps.
+    y : ndarray, shape (rows, steps + 1, B)
+        States at their ends.
+    values : ndarray, shape (E, steps + 1, B)
+        Events there.
+    """
+
+    leg: Leg
+    h: Array
+    y: Array
+    values: Array

@@ -1,0 +1,108 @@
+"""What the law sees: the truth, some of it, or the truth with errors of given size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.errors import InputError
+from hillsphere.interfaces.loop import Navigation
+
+__all__ = ["NavigationErrors", "PerfectNavigation", "SeenStates"]
+
+
+@dataclass(frozen=True)
+class PerfectNavigation:
+    """The law sees the true states."""
+
+    noise: int = 0
+
+    def initial(self, t_s: Array, x: Array, w: Array) -> None:
+        """Return nothing: there is nothing to remember."""
+
+    def observe(
+        self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
+    ) -> tuple[Array, Any]:
+        """Return the states."""
+        return x, memory
+
+
+class SeenStates:
+    """Some of the states: a law for positions and velocities sees no anomaly.
+
+    Parameters
+    ----------
+    rows : sequence of int
+        Which, in the order in which the law takes them.
+    navigation : Navigation
+        Of these.
+    """
+
+    def __init__(self, rows: Sequence[int], navigation: Navigation) -> None:
+        self._rows, self._navigation = list(rows), navigation
+        self.noise = navigation.noise
+
+    def initial(self, t_s: Array, x: Array, w: Array) -> Any:
+        """Return the memory of the navigation."""
+        return self._navigation.initial(t_s, x[self._rows], w)
+
+    def observe(
+        self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
+    ) -> tuple[Array, Any]:
+        """Return what it makes of these states."""
+        return self._navigation.observe(k, t_s, x[self._rows], u, w, memory)
+
+
+class NavigationErrors:
+    r"""The true states plus errors of zero mean, each axis on its own.
+
+    A first-order Gauss–Markov process of standard deviation σ and correlation time τ [1]_, in
+    its steady state from the start and exact for samples Δ apart:
+
+    .. math:: e_{k+1} = e^{-\Delta/\tau} e_k + \sigma\sqrt{1 - e^{-2\Delta/\tau}}\; w_k .
+
+    In continuous time :math:`\sigma\sqrt{2/\tau}\,/\,(s + 1/\tau)` makes it of white noise of unit
+    spectral density.
+
+    Parameters
+    ----------
+    sigma : array_like, shape (n,)
+        Standard deviations of the plant's states, SI.
+    correlation_time_s : float
+        τ; zero for errors that are independent from sample to sample.
+
+    References
+    ----------
+    .. [1] A. Gelb, ed. (1974), Applied Optimal Estimation, MIT Press, section 3.6.
+    """
+
+    def __init__(self, sigma: Any, correlation_time_s: float = 0.0) -> None:
+        self.sigma = np.array(sigma, dtype=float)
+        if self.sigma.ndim != 1 or not (np.isfinite(self.sigma) & (self.sigma >= 0)).all():
+            raise InputError(f"sigma must be (n,), finite and ≥ 0, got {sigma}")
+        if not 0 <= correlation_time_s < np.inf:
+            raise InputError(f"correlation_time_s must be ≥ 0, got {correlation_time_s}")
+        self.correlation_time_s = correlation_time_s
+        self.noise = len(self.sigma)
+
+    def initial(self, t_s: Array, x: Array, w: Array) -> tuple[Array, Array]:
+        """Return time and error before the first sample."""
+        if len(x) != self.noise:
+            raise InputError(f"sigma has {self.noise} elements, the plant {len(x)} states")
+        return t_s, self.sigma[:, None] * w
+
+    def observe(
+        self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: tuple[Array, Array]
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """Return the states with errors."""
+        before, error = memory
+        if self.correlation_time_s > 0:
+            kept = np.exp((before - t_s) / self.correlation_time_s)
+            error = kept * error + np.sqrt(1.0 - kept * kept) * (self.sigma[:, None] * w)
+        else:
+            error = self.sigma[:, None] * w
+        return x + error, (t_s, error)

@@ -1,0 +1,205 @@
+"""Start states of flights: in the plant's frame, in inertial axes, or as Keplerian elements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.base.contracts import Contract
+from hillsphere.base.errors import InputError
+from hillsphere.base.time import Epoch
+from hillsphere.engine.start_specs import InertialStartSpec, KeplerianStartSpec, StartFormsSpec
+from hillsphere.model.ephemeris import mean_from_true, states_of_elements
+from hillsphere.spec.base import Spec
+
+__all__ = [
+    "Centre",
+    "TimedFrame",
+    "TurningFrame",
+    "place_start",
+    "with_placed_start",
+    "with_placed_start_of",
+]
+
+_S = TypeVar("_S", bound="StartFormsSpec")
+
+
+@dataclass(frozen=True, eq=False)
+class Centre:
+    """A body about which a start may be given, as seen from the plant's frame at the start.
+
+    Parameters
+    ----------
+    gm_m3_s2 : float
+        Its gravitational parameter.
+    position_m : ndarray, shape (3,)
+        Its place in the plant's frame.
+    velocity_m_s : ndarray, shape (3,)
+        Its velocity relative to the frame's origin in axes that do not turn and coincide with the
+        frame's at the start.
+    """
+
+    gm_m3_s2: float
+    position_m: Array
+    velocity_m_s: Array
+
+
+@runtime_checkable
+class TurningFrame(Contract, Protocol):
+    """A plant that says how its frame turns and what bodies are where."""
+
+    def frame_rate(self, others: Mapping[str, float]) -> Array:
+        """Return the frame's angular velocity (3,), rad/s, along its axes.
+
+        `others` are the states that are neither position nor velocity, by name.
+        """
+        ...
+
+    def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
+        """Return the bodies by name, the one at the origin first."""
+        ...
+
+    def icrf_axes(self, epoch: Epoch) -> Array:
+        """Return the frame's axes in the ICRF as columns (3, 3) at an epoch.
+
+        Raises
+        ------
+        InputError
+            If nothing says how the frame stands among the stars.
+        """
+        ...
+
+
+@runtime_checkable
+class TimedFrame(Contract, Protocol):
+    """A plant whose frame and bodies depend on time and not only on states."""
+
+    def turning_frame(self, time_s: float) -> TurningFrame:
+        """Return the frame as it is at a time of the plant's clock."""
+        ...
+
+
+def place_start(
+    start: StartFormsSpec, plant: object, others: Mapping[str, float], where: str
+) -> tuple[Array, Array] | None:
+    r"""Return position and velocity in the plant's frame of a start in another form.
+
+    With the frame's angular velocity ω and the centre at :math:`r_c` with the inertial velocity
+    :math:`v_c`: :math:`r = r_c + r'`, :math:`v = v_c + v' - \omega \times r`.
+
+    Parameters
+    ----------
+    start : StartFormsSpec
+        The start.
+    plant : object
+        A `TurningFrame`, or a `TimedFrame`, which is taken at the start's ``time_s``.
+    others : mapping of str to float
+        States that are neither position nor velocity, at the start, SI.
+    where : str
+        The key, for errors.
+
+    Returns
+    -------
+    tuple of ndarray, each of shape (3,), or None
+        m and m/s; None if the start is given in the plant's frame.
+
+    Raises
+    ------
+    InputError
+        If the plant cannot place it.
+    """
+    form: InertialStartSpec | KeplerianStartSpec | None = start.inertial or start.elements
+    if form is None:
+        return None
+    key = f"{where}.{'inertial' if start.inertial else 'elements'}"
+    positions = [v.name for v in getattr(plant, "states", ()) if (v.length, v.time) == (1, 0)]
+    if len(positions) > 3:
+        raise InputError(
+            f"{key}: the plant moves {len(positions) // 3} bodies ({', '.join(positions)}) and "
+            f"this is the start of one; give {where}.position and {where}.velocity, three numbers "
+            "for each in the plant's frame"
+        )
+    if isinstance(plant, TimedFrame):
+        plant = plant.turning_frame(getattr(start, "time_s", 0.0))
+    if not isinstance(plant, TurningFrame):
+        raise InputError(
+            f"{key}: plant {type(plant).__name__} does not say how its frame turns; give "
+            f"{where}.position and {where}.velocity in the plant's frame"
+        )
+    try:
+        centres, rate = plant.centres(others), plant.frame_rate(others)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+    name = form.about or next(iter(centres))
+    if name not in centres:
+        raise InputError(f"{key}.about: no body {name!r}; the plant has {', '.join(centres)}")
+    centre = centres[name]
+    if isinstance(form, InertialStartSpec):
+        x = np.array([*form.position_m, *form.velocity_m_s])
+    else:
+        x = _kepler(form, centre.gm_m3_s2)
+    if form.epoch is not None:
+        try:
+            axes = plant.icrf_axes(Epoch.parse(form.epoch, "TDB"))
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from error
+        x = np.concatenate([axes.T @ x[:3], axes.T @ x[3:]])
+    r = centre.position_m + x[:3]
+    v = centre.velocity_m_s + x[3:] - np.cross(rate, r)
+    return r, v
+
+
+def with_placed_start(start: _S, plant: object, where: str = "start") -> _S:
+    """Return a start with its position and velocity in the plant's frame, whatever its form.
+
+    Parameters
+    ----------
+    start : StartFormsSpec
+        With fields ``position_m``, ``velocity_m_s`` and ``others``.
+    plant : object
+        Whose frame.
+    where : str
+        The key, for errors.
+
+    Returns
+    -------
+    StartFormsSpec
+        The same one if it is in the plant's frame already.
+    """
+    others: Mapping[str, float] = getattr(start, "others", {})
+    placed = place_start(start, plant, others, where)
+    if placed is None:
+        return start
+    changes: dict[str, Any] = {
+        "position_m": tuple(placed[0].tolist()),
+        "velocity_m_s": tuple(placed[1].tolist()),
+        "inertial": None,
+        "elements": None,
+    }
+    return start.model_copy(update=changes)
+
+
+_SPEC = TypeVar("_SPEC", bound=Spec)
+
+
+def with_placed_start_of(spec: _SPEC, plant: object) -> _SPEC:
+    """Return a stage's Spec with its ``start`` in the plant's frame, see `with_placed_start`."""
+    start: StartFormsSpec = spec.start  # type: ignore[attr-defined]
+    placed = with_placed_start(start, plant)
+    return spec if placed is start else spec.model_copy(update={"start": placed})
+
+
+def _kepler(form: KeplerianStartSpec, gm_m3_s2: float) -> Array:
+    mean = form.mean_anomaly_rad
+    if mean is None:
+        assert form.true_anomaly_rad is not None
+        mean = float(mean_from_true(np.array([form.true_anomaly_rad]), form.eccentricity)[0])
+    elements = [
+        form.semi_major_axis_m, form.eccentricity, form.inclination_rad, form.node_rad,
+        form.periapsis_rad, mean,
+    ]  # fmt: skip
+    return states_of_elements(np.array(elements)[:, None], gm_m3_s2)[:, 0]

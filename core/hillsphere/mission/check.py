@@ -1,0 +1,129 @@
+"""What is checked of a mission before its first stage runs, and by ``hillsphere validate``.
+
+`load_mission` checks each table and the links between them. Here the classes are imported and the
+components made, which reads their data: whatever a component, a campaign or a plugin's declaration
+refuses for the mission's sake is found now, and all of it at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hillsphere.base.errors import InputError, PluginError
+from hillsphere.base.problems import MissionError, Problem
+from hillsphere.interfaces.stages import CaseStage, NeedsCheck
+from hillsphere.mission.load import Mission
+from hillsphere.runs.assembly import Assembly, placed, refused
+from hillsphere.runs.wiring import inputs_of, needs_faults, product_class, repeat_faults
+from hillsphere.uncertainty.unused import check_dispersion
+
+__all__ = ["CheckedMission", "check_mission"]
+
+
+@dataclass(frozen=True)
+class CheckedMission:
+    """A mission that can be begun.
+
+    Parameters
+    ----------
+    order : tuple of str
+        Its stages, each after those that it needs.
+    classes : mapping
+        Stage → class of its product.
+    stages : mapping
+        Stage → its component.
+    """
+
+    order: tuple[str, ...]
+    classes: Mapping[str, type]
+    stages: Mapping[str, Any]
+
+
+def check_mission(mission: Mission) -> CheckedMission:
+    """Import and make everything that the stages of a mission consist of.
+
+    Parameters
+    ----------
+    mission : Mission
+        From `hillsphere.load_mission`.
+
+    Returns
+    -------
+    CheckedMission
+        With the components of its stages.
+
+    Raises
+    ------
+    MissionError
+        With every fault: a component refuses its parameters, a data file cannot be read, a stage
+        needs a product of another type or repeats one that cannot be repeated, a dispersion stands
+        for nothing or has sizes for another number of quantities.
+    PluginError
+        If a class cannot be imported, a stage does not say what it produces, or that is no frozen
+        dataclass, which alone can be stored.
+    """
+    order = tuple(mission.order())
+    classes = {name: product_class(mission, name) for name in order}
+    problems: dict[Problem, None] = dict.fromkeys(needs_faults(mission, classes))
+    assembly = Assembly(mission)
+    stages: dict[str, Any] = {}
+    for name in order:
+        try:
+            stages[name] = assembly.get("stage", name)
+        except MissionError as error:
+            problems.update(dict.fromkeys(error.problems))
+    problems.update(dict.fromkeys(repeat_faults(mission, stages)))
+    problems.update(dict.fromkeys(_unmet_keys(mission, stages)))
+    problems.update(dict.fromkeys(_unused_dispersions(mission, assembly, stages)))
+    if problems:
+        raise MissionError(problems)
+    return CheckedMission(order, classes, stages)
+
+
+def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
+    """Say which keys of stages the stages that they need cannot meet, by `NeedsCheck`."""
+    found: list[Problem] = []
+    for name, stage in stages.items():
+        spec = mission.specs["stage"][name]
+        there = all(ref.name in stages for _, _, ref in spec.needs_of())
+        if there and isinstance(stage, NeedsCheck):
+            try:
+                stage.check_needs(**inputs_of(spec, stages))
+            except InputError as error:
+                found.append(refused(mission, ("stage", name), error))
+    return found
+
+
+def _unused_dispersions(
+    mission: Mission, assembly: Assembly, stages: Mapping[str, Any]
+) -> list[Problem]:
+    """Say what is wrong with dispersions that no stage refers to, and so none has checked."""
+    used = {
+        ref.name
+        for spec in mission.specs["stage"].values()
+        for _, kind, ref in spec.references()
+        if kind == "dispersions"
+    }
+    found: list[Problem] = []
+    for name in mission.specs.get("dispersions", {}):
+        if name in used:
+            continue
+        key = ("dispersions", name)
+        try:
+            dispersion = assembly.get(*key)
+            kind, _, table = dispersion.of.partition(".")
+            if kind == "stage":
+                stage = stages.get(table)  # not there if it could not be made
+                if isinstance(stage, CaseStage):
+                    check_dispersion(dispersion, stage.case_inputs())
+            elif hasattr(component := assembly.get(kind, table), "parameters"):
+                check_dispersion(dispersion, component.parameters())
+        except MissionError as error:
+            found += error.problems
+        except PluginError:
+            raise
+        except InputError as error:
+            found.append(placed(mission, key, str(error)))
+    return found

@@ -1,0 +1,219 @@
+"""A mission's tables with what is laid over them: a profile, then each ``--set``.
+
+Tables merge deeply, everything else is replaced whole, and `false` in place of a named table drops
+it. Every value remembers where it came from, so that a message names the line of the file, the
+profile's own line or the setting.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from hillsphere.base.problems import Key, MissionError, Problem, format_key
+from hillsphere.mission.toml_source import Locations, parse_toml
+
+__all__ = ["Layers", "Setting", "parse_setting"]
+
+_UNQUOTED = re.compile(r"[^\s\"'\[\]{}#=,](?:[^\"'\[\]{}#=,\n]*[^\s\"'\[\]{}#=,])?")
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """Where a value came from; of two values for one quantity, the higher layer holds."""
+
+    layer: int
+    locations: Locations | None  # of the profile; None for a setting
+    prefix: Key
+    source: str
+
+    def problem(self, key: Key, message: str) -> Problem:
+        line = None if self.locations is None else self.locations.line((*self.prefix, *key))
+        return Problem(self.source, line, key, message)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One ``--set a.b.c=value``.
+
+    Parameters
+    ----------
+    text : str
+        As the user wrote it.
+    key : tuple of str
+        Path.
+    value : object
+        Value.
+    """
+
+    text: str
+    key: tuple[str, ...]
+    value: Any
+
+    @property
+    def source(self) -> str:
+        """Name of the setting in messages: ``--set a.b.c=…``."""
+        return f"--set {format_key(self.key)}=…"
+
+
+@dataclass
+class Layers:
+    """Tables of a mission and the origin of what was laid over them.
+
+    Parameters
+    ----------
+    tables : dict
+        The mission file's tables; not changed, every changed table is a copy.
+    locations : Locations
+        Where they stand.
+    """
+
+    tables: dict[str, Any]
+    locations: Locations
+    _origins: dict[Key, _Origin] = field(default_factory=dict)
+    _dropped: dict[Key, _Origin] = field(default_factory=dict)
+    _laid_on_dropped: dict[Key, _Origin] = field(default_factory=dict)
+    _layer: int = 0
+
+    def lay_profile(self, prefix: Key, tables: Mapping[str, Any]) -> None:
+        """Merge a profile that stands in the same file under `prefix`."""
+        self._layer += 1
+        origin = _Origin(self._layer, self.locations, prefix, self.locations.source)
+        self.tables = self._merged(self.tables, tables, (), origin)
+
+    def lay_setting(self, setting: Setting) -> Problem | None:
+        """Merge a setting; returns what is wrong if it points into an array."""
+        self._layer += 1
+        origin = _Origin(self._layer, None, (), setting.source)
+        here: Any = self.tables
+        for length, part in enumerate(setting.key[:-1], 1):
+            here = here.get(part) if isinstance(here, dict) else None
+            if isinstance(here, list):
+                whole = format_key(setting.key[:length])
+                return origin.problem(setting.key, f"{whole} is an array; set it whole")
+        value: Any = setting.value
+        for part in reversed(setting.key):
+            value = {part: value}
+        self.tables = self._merged(self.tables, value, (), origin)
+        return None
+
+    def _merged(self, below: Any, above: Any, path: Key, origin: _Origin) -> Any:
+        if len(path) == 2 and isinstance(below, dict) and isinstance(above, bool):
+            # The text stays: other tables may be like it, and a later layer may take it back.
+            if above:
+                self._dropped.pop(path, None)
+            else:
+                self._dropped[path] = origin
+            return below
+        if isinstance(below, dict) and isinstance(above, Mapping):
+            if path in self._dropped:
+                self._laid_on_dropped[path] = origin
+            table = dict(below)
+            for key, value in above.items():
+                table[key] = self._merged(below.get(key), value, (*path, key), origin)
+            return table
+        self._origins[path] = origin
+        return dict(above) if isinstance(above, Mapping) else above
+
+    def dropped_at(self, kind: str, name: str) -> str | None:
+        """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
+        origin = self._dropped.get((kind, name))
+        if origin is None:
+            return None
+        problem = origin.problem((kind, name), "")
+        return problem.source if problem.line is None else f"{problem.source}:{problem.line}"
+
+    def laid_on_dropped(self, kind: str, name: str) -> Problem | None:
+        """Return what is wrong with a setting that changes a table which was dropped before."""
+        origin = self._laid_on_dropped.get((kind, name))
+        place = self.dropped_at(kind, name)
+        if origin is None or place is None:
+            return None
+        again = f"--set {kind}.{name}=true takes it back"
+        found = origin.problem((kind, name), f"this table is dropped at {place}; {again}")
+        return replace(found, is_idle=True)
+
+    def layer(self, key: Key) -> int:
+        """Return 0 for what the file says itself, more for what was laid over it later."""
+        origin = self._origin(key)
+        return origin.layer if origin else 0
+
+    def problem(self, key: Key, message: str) -> Problem:
+        """Return a problem located where the key, or what is nearest around it, was written."""
+        origin = self._origin(key)
+        if origin is not None:
+            return origin.problem(key, message)
+        return Problem(self.locations.source, self.locations.line(key), key, message)
+
+    def _origin(self, key: Key) -> _Origin | None:
+        # Replacing a whole table leaves the older origins inside it behind: the latest one holds.
+        heads = (self._origins.get(key[:length]) for length in range(len(key), 0, -1))
+        found = [origin for origin in heads if origin is not None]
+        return max(found, key=lambda origin: origin.layer, default=None)
+
+
+def parse_setting(text: str) -> Setting:
+    """Read ``a.b.c=value``: a TOML value, or a bare word, which is taken as a string.
+
+    Parameters
+    ----------
+    text : str
+        What follows ``--set``.
+
+    Returns
+    -------
+    Setting
+        Key path and value.
+
+    Raises
+    ------
+    MissionError
+        If the key or the value cannot be read.
+    """
+    name, equals, written = text.partition("=")
+    name, written = name.strip(), written.strip()
+    source = f"--set {name[:80] if name.isprintable() else ascii(name)[:80]}=…"
+    if not equals or not name:
+        raise MissionError([Problem(source.removesuffix("=…"), None, (), "write key=value")])
+    key = _parsed_key(name, source)
+    if not written:
+        message = 'no value; an empty string is written ""'
+        raise MissionError([Problem(source, None, key, message)])
+    if "\n" in written or "\r" in written:
+        raise MissionError([Problem(source, None, key, "the value must be one line")])
+    return Setting(text, key, _parsed_value(written, source, key))
+
+
+def _parsed_key(name: str, source: str) -> tuple[str, ...]:
+    if "\n" in name or "\r" in name:
+        raise MissionError([Problem(source, None, (), "the key must be one line")])
+    try:
+        tables: Any = parse_toml(_encoded(f"{name} = 0"), source)[0]
+    except MissionError as error:
+        message = error.problems[0].message
+        raise MissionError([Problem(source, None, (), f"not a key: {message}")]) from None
+    key: list[str] = []
+    while isinstance(tables, dict):
+        if len(tables) != 1:  # a comment, or the head of a table
+            raise MissionError([Problem(source, None, (), f"not a key: {name!r}")])
+        ((part, tables),) = tables.items()
+        key.append(part)
+    return tuple(key)
+
+
+def _parsed_value(written: str, source: str, key: Key) -> Any:
+    try:
+        return parse_toml(_encoded(f"value = {written}"), source)[0]["value"]
+    except MissionError as error:
+        message = error.problems[0].message
+        is_word = _UNQUOTED.fullmatch(written) is not None
+        if is_word and "not a value" in message:
+            return written
+        raise MissionError([Problem(source, None, key, message)]) from None
+
+
+def _encoded(text: str) -> bytes:
+    # A command line may hold bytes that are not UTF-8; the reader refuses them by name.
+    return text.encode("utf-8", "surrogateescape")

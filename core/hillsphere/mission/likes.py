@@ -1,0 +1,249 @@
+"""Tables that begin as a copy of another one of the same kind: ``like = "NAME"``.
+
+The copy is taken from the other table as profile and settings leave it, and what the table says
+itself, in the file or laid over it, is merged into that copy. Chains are allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from hillsphere.base.problems import Key, Problem, did_you_mean, shown
+from hillsphere.mission.layers import Layers
+from hillsphere.spec.annotations import inner
+from hillsphere.spec.base import Spec
+
+__all__ = ["Derived", "derived", "without_superseded_units"]
+
+_Node = tuple[str, str]
+
+
+@dataclass
+class Derived:
+    """Tables in which every ``like`` is carried out.
+
+    Parameters
+    ----------
+    layers : Layers
+        The tables as they are written, with what is laid over them.
+    tables : dict
+        The same without ``like`` and without the tables that were dropped.
+    bases : dict
+        (kind, name) → name of the table that it begins as.
+    unsound : set
+        Those whose ``like`` leads nowhere: nothing more can be said about them.
+    problems : list of Problem
+        What is wrong with those.
+    """
+
+    layers: Layers
+    tables: dict[str, Any]
+    bases: dict[_Node, str] = field(default_factory=dict)
+    unsound: set[_Node] = field(default_factory=set)
+    problems: list[Problem] = field(default_factory=list)
+
+    def problem(self, key: Key, message: str) -> Problem:
+        """Return a problem located where the value was written: maybe in a table further down."""
+        where, depth = self._written(key)
+        found = self.layers.problem(where, message)
+        if depth == 0:
+            return found
+        kind, name = key[:2]
+        return replace(found, user=f"{kind}.{name}")
+
+    def rank(self, key: Key) -> tuple[int, int]:
+        """Return what tells two values of one quantity apart: the higher one holds.
+
+        What a table says itself holds before what it takes from another one; of two values in one
+        table the one that was laid over it later does.
+        """
+        where, depth = self._written(key)
+        return -depth, self.layers.layer(where)
+
+    def _written(self, key: Key) -> tuple[Key, int]:
+        """Return the key in the table of the chain that holds it, and how far down that is."""
+        if len(key) < 2 or not isinstance(written := self.layers.tables.get(str(key[0])), dict):
+            return key, 0
+        kind, name, rest = str(key[0]), str(key[1]), key[2:]
+        depth = 0
+        while not _holds(written.get(name), rest):
+            if (kind, name) not in self.bases:
+                return key, 0
+            name = self.bases[kind, name]
+            depth += 1
+        return (kind, name, *rest), depth
+
+
+def derived(layers: Layers, kinds: Iterable[str]) -> Derived:
+    """Carry out every ``like``, and leave out the tables that were dropped.
+
+    Parameters
+    ----------
+    layers : Layers
+        The mission's tables with profile and settings laid over them.
+    kinds : iterable of str
+        Kinds of table.
+
+    Returns
+    -------
+    Derived
+        The tables, and what is wrong.
+    """
+    found = Derived(layers, dict(layers.tables))
+    for kind in kinds:
+        written = layers.tables.get(kind)
+        if not isinstance(written, dict):
+            continue
+        done: dict[str, dict[str, Any]] = {}
+        used: set[str] = set()
+        for name, table in written.items():
+            if isinstance(table, dict) and layers.dropped_at(kind, name) is None:
+                _derive(kind, name, found, done, used)
+        found.tables[kind] = {
+            name: done.get(name, table)
+            for name, table in written.items()
+            if layers.dropped_at(kind, name) is None
+        }
+        for name in written:
+            if name not in used and (laid := layers.laid_on_dropped(kind, name)) is not None:
+                found.problems.append(laid)
+    return found
+
+
+def _derive(
+    kind: str, root: str, found: Derived, done: dict[str, dict[str, Any]], used: set[str]
+) -> None:
+    """Carry out the chain of one table, from its far end: no recursion, however long it is."""
+    written: Mapping[str, Any] = found.layers.tables[kind]
+    chain: list[str] = []
+    place: dict[str, int] = {}
+    name = root
+    while name not in done and (kind, name) not in found.unsound:
+        place[name] = len(chain)
+        chain.append(name)
+        if "like" not in written[name]:
+            break
+        base = written[name]["like"]
+        fault = _fault(kind, base, found.layers.tables)
+        if fault is None and base in place:
+            circle = " → ".join([*chain[place[base] :], base])
+            fault = f"goes in a circle: {circle}"
+        if fault is not None:
+            found.problems.append(found.layers.problem((kind, name, "like"), fault))
+            found.unsound.add((kind, name))
+            chain.pop()
+            break
+        found.bases[kind, name] = base
+        used.add(base)
+        name = base
+    for name in reversed(chain):
+        base = found.bases.get((kind, name), "")
+        if not base:
+            done[name] = dict(written[name])
+        elif (kind, base) in found.unsound:
+            found.unsound.add((kind, name))
+        else:
+            own = {key: value for key, value in written[name].items() if key != "like"}
+            fault = _other_type(base, done[base], own)
+            if fault:
+                found.problems.append(found.layers.problem((kind, name, "type"), fault))
+                found.unsound.add((kind, name))
+            else:
+                done[name] = _merged(done[base], own)
+
+
+def _fault(kind: str, base: Any, tables: Mapping[str, Any]) -> str | None:
+    if not isinstance(base, str):
+        return f"expected the name of another {kind} table, got {shown(base)}"
+    named = {
+        other: [name for name, table in group.items() if isinstance(table, dict)]
+        for other, group in tables.items()
+        if isinstance(group, dict)
+    }
+    names = named.pop(kind)
+    if base in names:
+        return None
+    start = f"no {kind} table is named {base[:60]!r}"
+    bare = base.removeprefix(f"{kind}.")
+    if bare in names:
+        return f"{start}; write the name alone, {bare!r}"
+    for other, group in named.items():
+        if base.removeprefix(f"{other}.") in group:
+            bare = base.removeprefix(f"{other}.")
+            kinds = "but a table can only be like one of its own kind"
+            return f"{start}; there is {other}.{bare}, {kinds}"
+    return start + did_you_mean(base, names, otherwise="there are")
+
+
+def _other_type(base: str, below: Mapping[str, Any], own: Mapping[str, Any]) -> str | None:
+    if "type" not in own or "type" not in below or own["type"] == below["type"]:
+        return None
+    return (
+        f"it is like {base!r}, whose type is {shown(below['type'])}, and cannot be of another; "
+        f"got {shown(own['type'])}"
+    )
+
+
+def _merged(below: Any, above: Any) -> Any:
+    if not (isinstance(below, dict) and isinstance(above, dict)):
+        return above
+    table = dict(below)
+    for key, value in above.items():
+        table[key] = _merged(below.get(key), value)
+    return table
+
+
+def _holds(table: Any, rest: Key) -> bool:
+    """Return whether a table itself says something at this place, or around it as a whole."""
+    for part in rest:
+        if not isinstance(table, dict):
+            return True
+        if part not in table:
+            return False
+        table = table[part]
+    return True
+
+
+def without_superseded_units(
+    spec: type[Spec], table: Mapping[str, Any], path: Key, tables: Derived
+) -> dict[str, Any]:
+    """Drop a quantity in one unit where it is superseded by another.
+
+    Parameters
+    ----------
+    spec : type
+        Spec of the table.
+    table : mapping
+        Its keys, all layers merged.
+    path : tuple
+        Path of the table in the mission.
+    tables : Derived
+        Tells which of two keys holds.
+
+    Returns
+    -------
+    dict
+        The keys that hold. Two units of one rank both stay: that is the user's fault to mend.
+    """
+    kept = dict(table)
+    for keys in spec.units_by_field().values():
+        given = [key for key in keys if key in table]
+        if len(given) > 1:
+            latest = max(tables.rank((*path, key)) for key in given)
+            for key in given:
+                if tables.rank((*path, key)) < latest:
+                    del kept[key]
+    for name, nested in _nested(spec):
+        if isinstance(value := kept.get(name), dict):
+            kept[name] = without_superseded_units(nested, value, (*path, name), tables)
+    return kept
+
+
+def _nested(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
+    """Yield the fields that hold one table of their own Spec (arrays are replaced whole)."""
+    for name, info in spec.model_fields.items():
+        annotation = inner(info.annotation)
+        if isinstance(annotation, type) and issubclass(annotation, Spec):
+            yield name, annotation

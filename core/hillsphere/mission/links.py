@@ -1,0 +1,236 @@
+"""What the tables of a mission say about each other: references, needs, input files, order."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import TypeAlias
+
+from hillsphere.base.errors import PluginError
+from hillsphere.base.paths import missions_directory
+from hillsphere.base.problems import Key, did_you_mean, with_article
+from hillsphere.mission.likes import Derived
+from hillsphere.mission.tables import MOST_PROBLEMS, Tables
+from hillsphere.plugins.registry import Registered
+from hillsphere.spec.base import Spec
+
+__all__ = ["Node", "check_links", "linked_to", "resolve_data_paths", "topological"]
+
+Node: TypeAlias = tuple[str, str]
+"""Kind and name of a table."""
+
+
+def linked_to(spec: Spec) -> dict[Node, Key]:
+    """Return the tables that a Spec refers to, each with the location of its first reference."""
+    found: dict[Node, Key] = {}
+    for where, kind, ref in spec.references():
+        found.setdefault((kind, ref.name), where)
+    return found
+
+
+def check_links(tables: Tables, layers: Derived) -> None:
+    """Add a problem for every reference that leads nowhere, to what does not fit or in a circle.
+
+    Parameters
+    ----------
+    tables : Tables
+        The validated tables; problems are added to theirs.
+    layers : Derived
+        Where everything stands.
+    """
+    edges: dict[Node, dict[Node, Key]] = {}
+    for kind, name, spec in tables:
+        here = edges.setdefault((kind, name), {})
+        for where, other_kind, ref in spec.references():
+            key = (kind, name, *where)
+            if len(tables.problems) > MOST_PROBLEMS:
+                return
+            names = tables.names.get(other_kind, [])
+            if (place := layers.layers.dropped_at(other_kind, ref.name)) is not None:
+                message = _dropped(kind, other_kind, ref.name, place)
+                tables.problems.append(layers.problem(key, message))
+            elif ref.name not in names:
+                words = other_kind.replace("_", " ")
+                hint = did_you_mean(ref.name, names, otherwise="there are")
+                hint = hint or f"; write a table [{other_kind}.NAME]"
+                message = f"no {words} table is named {ref.name[:60]!r}{hint}"
+                tables.problems.append(layers.problem(key, message))
+            else:
+                here.setdefault((other_kind, ref.name), key)
+        for where, table in spec.table_names():
+            other_kind, _, other = table.partition(".")
+            if (place := layers.layers.dropped_at(other_kind, other)) is not None:
+                message = _dropped(kind, other_kind, other, place)
+                tables.problems.append(layers.problem((kind, name, *where), message))
+            elif table != "stage" and other not in tables.names.get(other_kind, []):
+                names = [f"{k}.{n}" for k, group in tables.names.items() for n in group]
+                hint = did_you_mean(table, names, otherwise="there are")
+                message = f"no table is named {table[:80]!r}{hint}"
+                tables.problems.append(layers.problem((kind, name, *where), message))
+        for where, product, ref in spec.needs_of():
+            _check_product(product, ref.name, (kind, name, *where), tables, layers)
+        for where, message in spec.misfits(tables.specs):
+            tables.problems.append(layers.problem((kind, name, *where), message))
+    for circle in _circles(edges):
+        stages_only = all(kind == "stage" for kind, _ in circle)
+        steps = [name if stages_only else f"{kind}.{name}" for kind, name in circle]
+        key = edges[circle[0]][circle[1]]
+        message = f"goes in a circle: {' → '.join(steps)}"
+        tables.problems.append(layers.problem(key, message))
+
+
+def _dropped(kind: str, other_kind: str, other: str, place: str) -> str:
+    """Say that a table which stays refers to one that was dropped."""
+    words = other_kind.replace("_", " ")
+    return f"{words} table {other!r} is dropped at {place}; drop this {kind} too, or change the key"
+
+
+def _check_product(product: str, name: str, key: Key, tables: Tables, layers: Derived) -> None:
+    record = tables.components.get("stage", {}).get(name)
+    if record is None:  # no such stage, or of unknown type: said elsewhere
+        return
+    yields = _yields(record)
+    if product in yields:
+        return
+    fitting = [
+        other for other, component in tables.components["stage"].items()
+        if product in _yields(component)
+    ]  # fmt: skip
+    hint = f"; fitting: {', '.join(fitting)}" if fitting else ""
+    message = (
+        f"needs {with_article(_class_name(product))}, but stage {name!r} yields "
+        f"{with_article(_class_name(yields[0])) if yields else 'nothing'}{hint}"
+    )
+    tables.problems.append(layers.problem(key, message))
+
+
+def _yields(record: Registered) -> tuple[str, ...]:
+    """Return what the product of a stage can be taken as, its own class first."""
+    try:
+        spec = record.load_spec()
+    except PluginError:
+        return ()
+    produces = str(getattr(spec, "produces", ""))
+    return (produces, *getattr(spec, "provides", ())) if produces else ()
+
+
+def _class_name(path: str) -> str:
+    return path.rpartition(":")[2]
+
+
+def _circles(edges: Mapping[Node, Mapping[Node, Key]]) -> list[list[Node]]:
+    """Find circles by depth-first search without recursion; no table stands in two of them."""
+    circles: list[list[Node]] = []
+    done: set[Node] = set()
+    told: set[Node] = set()
+    for root in edges:
+        if root in done:
+            continue
+        path: list[Node] = [root]
+        place = {root: 0}
+        ahead = [iter(edges[root])]
+        while path:
+            step = next(ahead[-1], None)
+            if step is None:
+                ahead.pop()
+                last = path.pop()
+                del place[last]
+                done.add(last)
+            elif step in place:
+                circle = path[place[step] :]
+                if told.isdisjoint(circle):
+                    told.update(circle)
+                    circles.append([*circle, step])
+            elif step not in done and step in edges:
+                place[step] = len(path)
+                path.append(step)
+                ahead.append(iter(edges[step]))
+    return circles
+
+
+def topological(nodes: Iterable[Node], specs: Mapping[str, Mapping[str, Spec]]) -> list[Node]:
+    """Order tables so that each stands after those it refers to, else as they are given.
+
+    Parameters
+    ----------
+    nodes : iterable of (kind, name)
+        Where to begin; what they refer to is added.
+    specs : mapping
+        Kind → name → Spec, free of circles.
+
+    Returns
+    -------
+    list of (kind, name)
+        Every table reached.
+    """
+    ordered: dict[Node, None] = {}
+    for root in nodes:
+        stack = [(root, iter(linked_to(specs[root[0]][root[1]])))]
+        while stack:
+            node, ahead = stack[-1]
+            step = next((other for other in ahead if other not in ordered), None)
+            if step is None:
+                ordered[node] = None
+                stack.pop()
+            else:
+                stack.append((step, iter(linked_to(specs[step[0]][step[1]]))))
+    return list(ordered)
+
+
+def resolve_data_paths(
+    tables: Tables, layers: Derived, directory: str, *, allow_path: bool
+) -> None:
+    """Put absolute paths in place of the input files that Specs name.
+
+    Parameters
+    ----------
+    tables : Tables
+        The validated tables; Specs are replaced, problems added.
+    layers : Derived
+        Where everything stands.
+    directory : str
+        Directory of the mission file. Input files are looked for there, then in the packaged data.
+    allow_path : bool
+        Accept absolute paths and paths that lead out of these two directories.
+    """
+    roots = [directory, str(missions_directory() / "data")]
+    for kind, name, spec in list(tables):
+        resolved: dict[str, str] = {}
+        for where, path in spec.data_paths():
+            found, message = _resolved(path, roots, allow_path=allow_path)
+            if message:
+                tables.problems.append(layers.problem((kind, name, *where), message))
+            else:
+                resolved[path] = found
+        if resolved:
+            tables.specs[kind][name] = spec.with_data_paths(resolved)
+
+
+def _resolved(path: str, roots: list[str], *, allow_path: bool) -> tuple[str, str]:
+    """Return (absolute path, "") or ("", what is wrong)."""
+    text = path if len(path) <= 100 else path[:100] + "…"
+    if "\0" in path:
+        return "", f"{text!r} is not a path: it holds a null character"
+    if os.path.isabs(path) and not allow_path:
+        return "", f"{text!r} is an absolute path; allow it with --allow-path"
+    outside = False
+    for root in roots:
+        real_root = os.path.realpath(root)
+        found = os.path.realpath(os.path.join(root, path))
+        inside = os.path.commonpath([real_root, found]) == real_root
+        if not (inside or allow_path):
+            outside = True
+        elif os.path.isfile(found):
+            if not os.access(found, os.R_OK):
+                return "", f"{text!r} cannot be read: permission denied"
+            return found, ""
+        elif os.path.isdir(found):
+            return "", f"{text!r} is a directory; an input file is needed"
+        elif os.path.exists(found):
+            return "", f"{text!r} is not a regular file; an input file is needed"
+    if outside:
+        return "", (
+            f"{text!r} leads out of the directories of the mission and of the packaged data; "
+            "allow it with --allow-path"
+        )
+    return "", f"no file {text!r} beside the mission file or in the packaged data"

@@ -1,0 +1,312 @@
+"""Mission files: a TOML text becomes validated Specs, linked to each other and in order."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from hillsphere.base.paths import missions_directory
+from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean, shown
+from hillsphere.mission.layers import Layers, parse_setting
+from hillsphere.mission.likes import Derived, derived
+from hillsphere.mission.links import check_links, resolve_data_paths, topological
+from hillsphere.mission.tables import (
+    FORMAT,
+    MISSION_KINDS,
+    MOST_PROBLEMS,
+    TOP_KEYS,
+    Tables,
+    unknown_top_key,
+    validated,
+)
+from hillsphere.mission.toml_source import Locations, read_toml
+from hillsphere.plugins.registry import Registered, Registry, default_registry
+from hillsphere.spec.base import Spec
+
+__all__ = ["FORMAT", "Mission", "MissionError", "load_mission", "packaged_missions"]
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A mission, ready to be built and run.
+
+    Parameters
+    ----------
+    format : int
+        Version of the file format.
+    name : str
+        Short name; usable as the name of a directory.
+    title : str
+        One line that says what it is about.
+    seed : int
+        Root seed of everything random.
+    description : str
+        What a reader should know; may be empty.
+    path : Path
+        The mission file.
+    directory : Path
+        Its directory.
+    text : str
+        Its text.
+    profile : str or None
+        The profile that was laid over it.
+    sets : tuple of str
+        The settings that were laid over it.
+    profiles : tuple of str
+        Names of all profiles that the file has.
+    specs : mapping
+        Kind → name → Spec, in the order of the file.
+    components : mapping
+        Kind → name → record of the component in the registry.
+    places : mapping
+        (kind, name) → ``"file:line"`` of the table, for messages; (kind, name, key …) → that of
+        each key that is written in it, or names an input file.
+    """
+
+    format: int
+    name: str
+    title: str
+    seed: int
+    description: str
+    path: Path
+    directory: Path
+    text: str = field(repr=False)
+    profile: str | None
+    sets: tuple[str, ...]
+    profiles: tuple[str, ...]
+    specs: Mapping[str, Mapping[str, Spec]] = field(repr=False)
+    components: Mapping[str, Mapping[str, Registered]] = field(repr=False)
+    places: Mapping[Key, str] = field(repr=False)
+
+    def order(self) -> list[str]:
+        """Return the names of the stages, each after those it needs, else in file order."""
+        stages = self.specs["stage"]
+        nodes = topological((("stage", name) for name in stages), self.specs)
+        return [name for kind, name in nodes if kind == "stage"]
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the mission as plain tables in SI, defaults included: what is really computed.
+
+        The keys are those of a mission file, so the result written as TOML is a mission again.
+        Input files stand with their absolute paths.
+        """
+        tables: dict[str, Any] = {
+            "format": self.format, "name": self.name, "title": self.title, "seed": self.seed,
+        }  # fmt: skip
+        if self.description:
+            tables["description"] = self.description
+        for kind, specs in self.specs.items():
+            tables[kind] = {
+                name: {
+                    "type": self.components[kind][name].component.type,
+                    **spec.model_dump(mode="json", exclude_none=True),
+                }
+                for name, spec in specs.items()
+            }
+        return tables
+
+
+def load_mission(
+    name_or_path: str | os.PathLike[str],
+    *,
+    sets: Sequence[str] = (),
+    profile: str | None = None,
+    registry: Registry | None = None,
+    allow_path: bool = False,
+) -> Mission:
+    """Read a mission file and validate everything in it; nothing numerical is imported.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        Name of a packaged mission, or path of an own one: a path object, or text that ends in
+        ``.toml`` or contains a separator.
+    sets : sequence of str
+        Settings ``"stage.family.x_max_km=90"`` laid over the file, and over the profile, in order.
+    profile : str, optional
+        Name of the file's ``[profile.NAME]`` to lay over it.
+    registry : Registry, optional
+        Components to choose from; by default all that are installed.
+    allow_path : bool
+        Accept input files outside the directory of the mission and the packaged data.
+
+    Returns
+    -------
+    Mission
+        Validated.
+
+    Raises
+    ------
+    MissionError
+        With every problem found. Faults in the form of the text, an unreadable file and an unknown
+        format are told alone, as nothing behind them can be judged.
+
+    Examples
+    --------
+    >>> load_mission("phobos-qso", sets=["stage.family.x_amplitudes_km=[90]"]).name
+    'phobos-qso'
+    """
+    path, source = _find(name_or_path)
+    tables, locations, text = read_toml(path, source)
+    registry = default_registry() if registry is None else registry
+    problems: list[Problem] = []
+    profiles = _profiles(tables, locations, problems)
+    layers = Layers({key: tables[key] for key in tables if key != "profile"}, locations)
+    if profile is not None:
+        _lay_profile(profile, profiles, layers, problems)
+    for text_of_setting in sets:
+        _lay_setting(text_of_setting, layers, problems)
+    written = derived(layers, MISSION_KINDS)
+    found = validated(written, registry)
+    check_links(found, written)
+    directory = os.path.dirname(os.path.realpath(path))
+    resolve_data_paths(found, written, directory, allow_path=allow_path)
+    problems += written.problems + found.problems
+    if problems or found.head is None:
+        raise MissionError(_listed(problems, source))
+    return Mission(
+        format=FORMAT,
+        name=found.head.name,
+        title=found.head.title,
+        seed=found.head.seed,
+        description=found.head.description,
+        path=Path(os.path.abspath(path)),
+        directory=Path(directory),
+        text=text,
+        profile=profile,
+        sets=tuple(sets),
+        profiles=tuple(profiles),
+        specs=found.specs,
+        components=found.components,
+        places=_places(found, written),
+    )
+
+
+def packaged_missions() -> list[tuple[str, str]]:
+    """Return (name, title) of the packaged missions, by name; only the head of each is looked at.
+
+    The title of a file that is not sound says what is wrong with it.
+    """
+    missions = []
+    for path in sorted(missions_directory().glob("*.toml")):
+        try:
+            title = read_toml(path, path.name)[0].get("title", "")
+        except MissionError as error:
+            title = f"(unreadable: {error.problems[0]})"
+        missions.append((path.stem, title if isinstance(title, str) else ""))
+    return missions
+
+
+def _find(name_or_path: str | os.PathLike[str]) -> tuple[Path, str]:
+    """Return the path of a mission file and its name in messages."""
+    given = os.fsdecode(name_or_path)
+    separators = [os.sep, *filter(None, [os.altsep])]
+    if not isinstance(name_or_path, str) or given.endswith(".toml") or any(
+        separator in given for separator in separators
+    ):  # fmt: skip
+        return Path(given), given if given.isprintable() else ascii(given)
+    path = missions_directory() / f"{given}.toml"
+    names = [mission.stem for mission in sorted(missions_directory().glob("*.toml"))]
+    if given not in names:
+        source = given if given.isprintable() else ascii(given)
+        hint = did_you_mean(given, names, otherwise="packaged missions")
+        message = f"no packaged mission has this name{hint} (an own one: path/to/file.toml)"
+        raise MissionError([Problem(source or '""', None, (), message)])
+    return path, os.path.relpath(path) if path.is_relative_to(Path.cwd()) else str(path)
+
+
+def _profiles(
+    tables: Mapping[str, Any], locations: Locations, problems: list[Problem]
+) -> dict[str, dict[str, Any]]:
+    """Return the sound part of every profile; what is wrong with the chosen one or another."""
+
+    def refuse(key: Key, message: str) -> None:
+        problems.append(Problem(locations.source, locations.line(key), key, message))
+
+    given = tables.get("profile", {})
+    if not isinstance(given, dict):
+        refuse(("profile",), f"expected tables [profile.NAME], got {shown(given)}")
+        return {}
+    profiles: dict[str, dict[str, Any]] = {}
+    for name, profile in given.items():
+        if not isinstance(profile, dict):
+            refuse(("profile", name), f"expected a table [profile.NAME], got {shown(profile)}")
+            continue
+        profiles[name] = {}
+        for key, value in profile.items():
+            if key in ("format", "profile"):
+                refuse(("profile", name, key), f"a profile cannot change {key!r}")
+            elif key not in TOP_KEYS and key not in MISSION_KINDS:
+                refuse(("profile", name, key), unknown_top_key(key))
+            else:
+                profiles[name][key] = value
+            if len(problems) > MOST_PROBLEMS:
+                return profiles
+    return profiles
+
+
+def _lay_profile(
+    name: str, profiles: Mapping[str, dict[str, Any]], layers: Layers, problems: list[Problem]
+) -> None:
+    if name in profiles:
+        layers.lay_profile(("profile", name), profiles[name])
+        return
+    hint = did_you_mean(name, profiles, otherwise="it has") or "; it has none"
+    source = layers.locations.source
+    problems.append(Problem(source, None, (), f"has no profile {name[:60]!r}{hint}"))
+
+
+def _lay_setting(text: str, layers: Layers, problems: list[Problem]) -> None:
+    try:
+        setting = parse_setting(text)
+    except MissionError as error:
+        problems.extend(error.problems)
+        return
+    head = setting.key[0]
+    if head == "profile":
+        message = "a profile is chosen with --profile, not set"
+    elif head not in TOP_KEYS and head not in MISSION_KINDS:
+        message = unknown_top_key(head)
+    else:
+        problem = layers.lay_setting(setting)
+        if problem is not None:
+            problems.append(problem)
+        return
+    problems.append(Problem(setting.source, None, setting.key, message))
+
+
+def _places(tables: Tables, written: Derived) -> dict[Key, str]:
+    """Where the tables, and the keys in them, were written."""
+    keys: list[Key] = []
+    for kind, name, spec in tables:
+        keys += [(kind, name), *((kind, name, *where) for where, _ in spec.data_paths())]
+        keys += _keys_of(written.tables.get(kind, {}).get(name), (kind, name))
+    problems = {key: written.problem(key, "") for key in keys}
+    return {
+        key: problem.source if problem.line is None else f"{problem.source}:{problem.line}"
+        for key, problem in problems.items()
+    }
+
+
+def _keys_of(table: Any, key: Key) -> Iterator[Key]:
+    """Yield the keys of a table and of the tables in it, arrays left out."""
+    if isinstance(table, Mapping):
+        for name, value in table.items():
+            yield (*key, name)
+            yield from _keys_of(value, (*key, name))
+
+
+def _listed(problems: list[Problem], source: str) -> list[Problem]:
+    """Sort by line, the file before the settings, remarks last; end a list that is too long."""
+    # A fault in a table that others are like is told once: of the table itself, if it stays.
+    unique: dict[Problem, Problem] = {}
+    for problem in sorted(problems, key=lambda p: p.user != ""):
+        unique.setdefault(replace(problem, user=""), problem)
+    ordered = sorted(unique.values(), key=lambda p: (p.is_remark, p.source != source, p.line or 0))
+    if sum(not problem.is_remark for problem in ordered) > MOST_PROBLEMS:
+        more = Problem(source, None, (), "there are more problems than are listed", True)
+        return [*ordered[:MOST_PROBLEMS], more]
+    return ordered

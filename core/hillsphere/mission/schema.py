@@ -1,0 +1,205 @@
+"""JSON Schema of a mission file with every installed plugin, for editors and other programs.
+
+The schema says what a table may hold, key by key, each quantity in every unit. It accepts a little
+more than `load_mission`: rules between keys, references, needs, files and the keys of a table
+that is `like` another one are checked there only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hillsphere.base.errors import PluginError
+from hillsphere.mission.tables import (
+    FORMAT,
+    MISSION_KINDS,
+    MISSION_NAME,
+    TABLE_NAME,
+    TOP_KEYS,
+    Head,
+)
+from hillsphere.plugins.registry import Registered, Registry
+from hillsphere.spec.units import UNITS, unit_keys, unit_text
+
+__all__ = ["mission_schema"]
+
+_JSON_BOUNDS = {
+    "gt": "exclusiveMinimum",
+    "ge": "minimum",
+    "lt": "exclusiveMaximum",
+    "le": "maximum",
+}
+
+
+def mission_schema(registry: Registry) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of a mission file.
+
+    Parameters
+    ----------
+    registry : Registry
+        The installed components.
+
+    Returns
+    -------
+    dict
+        The schema. A component whose Spec cannot be imported stands under ``"x-broken"`` with the
+        reason and is accepted with any keys; what several plugins offer stands there too and is
+        refused, as nobody can say which is meant.
+    """
+    definitions: dict[str, Any] = {}
+    broken = {
+        f"{kind}.{type_}": message
+        for (kind, type_), message in registry.contested.items()
+        if kind in MISSION_KINDS
+    }
+    head = _object(Head.model_json_schema(mode="validation"))
+    properties: dict[str, Any] = {
+        "format": {"const": FORMAT, "description": "version of the mission format"},
+        **head["properties"],
+        "profile": {
+            "description": "changes that --profile NAME lays over the mission",
+            "type": "object",
+            "additionalProperties": {
+                "type": "object",
+                "propertyNames": {
+                    "enum": [k for k in (*TOP_KEYS, *MISSION_KINDS) if k not in _NOT_IN_PROFILES]
+                },
+            },
+        },
+    }
+    properties["name"]["pattern"] = f"^{MISSION_NAME}$"
+    for kind in MISSION_KINDS:
+        properties[kind] = _kind(kind, list(registry.of_kind(kind)), definitions, broken)
+    properties["stage"]["minProperties"] = 1
+    schema: dict[str, Any] = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Hillsphere mission",
+        "type": "object",
+        "properties": properties,
+        "required": ["format", *head["required"], "stage"],
+        "additionalProperties": False,
+        "$defs": definitions,
+    }
+    if broken:
+        schema["x-broken"] = broken
+    return schema
+
+
+_NOT_IN_PROFILES = ("format", "profile")
+
+
+def _kind(
+    kind: str, records: list[Registered], definitions: dict[str, Any], broken: dict[str, str]
+) -> dict[str, Any]:
+    """Tables of one kind: which keys they may hold depends on their type."""
+    rules = []
+    for record in records:
+        type_ = record.component.type
+        name = f"{kind}.{type_}"
+        try:
+            made = record.load_spec().model_json_schema(
+                mode="validation", ref_template=f"#/$defs/{name}.{{model}}"
+            )
+        except PluginError as error:
+            broken[name] = str(error)
+            continue
+        for inner, definition in made.pop("$defs", {}).items():
+            definitions[f"{name}.{inner}"] = _object(definition)
+        table = _object(made)
+        table["title"] = type_
+        table["description"] = record.component.summary
+        table["properties"] = {"type": {"const": type_}, **table["properties"]}
+        definitions[name] = table
+        rules.append(
+            {
+                "if": {
+                    "properties": {"type": {"const": type_}, "like": False},
+                    "required": ["type"],
+                },
+                "then": {"$ref": f"#/$defs/{name}"},
+            }
+        )
+    table_schema: dict[str, Any] = {
+        "type": "object",
+        "properties": {
+            "type": {"enum": [record.component.type for record in records]},
+            "like": {
+                "type": "string",
+                "pattern": f"^{TABLE_NAME}$",
+                "description": f"the {kind} table that this one begins as a copy of",
+            },
+        },
+        "anyOf": [{"required": ["type"]}, {"required": ["like"]}],
+    }
+    if rules:
+        table_schema["allOf"] = rules
+    return {
+        "type": "object",
+        "patternProperties": {f"^{TABLE_NAME}$": table_schema},
+        "additionalProperties": False,
+    }
+
+
+def _object(schema: dict[str, Any]) -> dict[str, Any]:
+    """Spread every quantity of a Spec's schema over its units; at most one may be written."""
+    properties: dict[str, Any] = {}
+    required: list[str] = []
+    rules: list[dict[str, Any]] = []
+    for key, declared in schema.get("properties", {}).items():
+        declared = _without_null(declared)
+        dimension = declared.pop("x-dimension", None)
+        bounds = declared.pop("x-bounds", {})
+        is_required = key in schema.get("required", [])
+        if dimension is None:
+            properties[key] = _bounded(declared, bounds, 1.0)
+            if is_required:
+                required.append(key)
+            continue
+        keys = unit_keys(key, dimension)
+        for (alternative, factor), suffix in zip(keys.items(), UNITS[dimension], strict=True):
+            one = _bounded(declared, bounds, factor)
+            one.pop("title", None)
+            if factor != 1.0:
+                one.pop("default", None)
+            one["description"] = f"{declared.get('description', key)} [{unit_text(suffix)}]"
+            properties[alternative] = one
+        choices: list[dict[str, Any]] = [{"required": [alternative]} for alternative in keys]
+        if not is_required:
+            choices.append({"not": {"anyOf": list(choices)}})
+        rules.append({"oneOf": choices})
+    made = {**schema, "properties": properties, "required": required}
+    if rules:
+        made["allOf"] = rules
+    return made
+
+
+def _without_null(schema: Mapping[str, Any]) -> dict[str, Any]:
+    """Drop the alternative null, which TOML does not have."""
+    made = dict(schema)
+    if made.get("default", 0) is None:
+        del made["default"]
+    if "anyOf" in made:
+        some = [choice for choice in made["anyOf"] if choice.get("type") != "null"]
+        if len(some) == 1:
+            del made["anyOf"]
+            made = {**some[0], **made}
+        else:
+            made["anyOf"] = some
+    return made
+
+
+def _bounded(schema: Mapping[str, Any], bounds: Mapping[str, float], factor: float) -> Any:
+    """Copy a schema with bounds, given in SI, on every number in it."""
+    made: dict[str, Any] = {}
+    for key, value in schema.items():
+        if key in ("items", "additionalProperties") and isinstance(value, dict):
+            made[key] = _bounded(value, bounds, factor)
+        elif key in ("prefixItems", "anyOf", "oneOf"):
+            made[key] = [_bounded(item, bounds, factor) for item in value]
+        else:
+            made[key] = value
+    if made.get("type") in ("number", "integer"):
+        for name, limit in bounds.items():
+            made[_JSON_BOUNDS[name]] = limit if factor == 1.0 else limit / factor
+    return made

@@ -1,0 +1,239 @@
+"""The tables of a mission, each validated by the Spec of its component."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pydantic import field_validator
+from pydantic_core import PydanticCustomError
+
+from hillsphere.base.errors import PluginError, UnknownComponentError
+from hillsphere.base.problems import Problem, did_you_mean, shown
+from hillsphere.mission.faults import faults_of
+from hillsphere.mission.likes import Derived, without_superseded_units
+from hillsphere.plugins.registry import KINDS, Registered, Registry, kind_words
+from hillsphere.spec.base import Spec, option
+
+__all__ = [
+    "FORMAT",
+    "MISSION_KINDS",
+    "MISSION_NAME",
+    "MOST_PROBLEMS",
+    "TABLE_NAME",
+    "TOP_KEYS",
+    "Head",
+    "Tables",
+    "validated",
+]
+
+FORMAT = 1
+"""Version of the mission format that this version of the framework reads."""
+
+MISSION_KINDS = tuple(kind for kind in KINDS if kind not in ("executor", "command"))
+"""Kinds of component that stand in a mission; how and where it runs is no part of it."""
+
+MISSION_NAME = r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,62}[A-Za-z0-9_-])?"
+TABLE_NAME = r"[a-z][a-z0-9_-]{0,63}"
+MOST_PROBLEMS = 100
+"""Problems that are listed; a text with more of them is not a mission gone wrong in places."""
+
+
+class Head(Spec):
+    """What stands above the tables of a mission."""
+
+    examples = ({"name": "phobos-qso", "title": "Orbits around Phobos", "seed": 1},)
+
+    name: str = option("short name; the run directory is called after it")
+    title: str = option("one line that says what the mission is about", min_length=1)
+    seed: int = option("root seed of everything random", ge=0, le=2**63 - 1)
+    description: str = option("what a reader should know", default="")
+
+    @field_validator("name")
+    @classmethod
+    def _usable_as_directory(cls, name: str) -> str:
+        if not re.fullmatch(MISSION_NAME, name):
+            raise PydanticCustomError(
+                "rule",
+                "must be usable as the name of a directory: at most 64 letters, digits, '.', '_' "
+                "and '-', beginning with a letter or digit; got {name}",
+                {"name": shown(name)},
+            )
+        return name
+
+
+TOP_KEYS = ("format", *Head.model_fields, "profile")
+
+
+@dataclass
+class Tables:
+    """What validation found.
+
+    Parameters
+    ----------
+    head : Head or None
+        The keys above the tables, if they are sound.
+    specs : dict
+        Kind → name → Spec, of every table that is sound.
+    components : dict
+        Kind → name → the component's record, of every table whose type is installed.
+    names : dict
+        Kind → names of all tables, sound or not.
+    problems : list of Problem
+        What is wrong.
+    """
+
+    head: Head | None = None
+    specs: dict[str, dict[str, Spec]] = field(default_factory=dict)
+    components: dict[str, dict[str, Registered]] = field(default_factory=dict)
+    names: dict[str, list[str]] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[tuple[str, str, Spec]]:
+        """Yield (kind, name, Spec) of every sound table."""
+        for kind, table in self.specs.items():
+            for name, spec in table.items():
+                yield kind, name, spec
+
+
+def validated(layers: Derived, registry: Registry) -> Tables:
+    """Validate everything in a mission but the links between its tables.
+
+    Parameters
+    ----------
+    layers : Derived
+        The mission's tables with everything laid over them and every ``like`` carried out.
+    registry : Registry
+        The installed components.
+
+    Returns
+    -------
+    Tables
+        Specs and problems.
+    """
+    found = Tables()
+    tables = layers.tables
+    if not tables:
+        message = f"holds no keys; a mission begins with format = {FORMAT}, name, title and seed"
+        found.problems.append(layers.problem((), message))
+        return found
+    if (problem := _format_problem(layers)) is not None:
+        found.problems.append(problem)
+        if "format" in tables:
+            return found  # another format has other keys
+    head = {key: tables[key] for key in Head.model_fields if key in tables}
+    found.head, faults = faults_of(Head, head)
+    found.problems += [
+        replace(layers.problem(fault.key, fault.message), is_remark=fault.is_remark)
+        for fault in faults
+    ]
+    for key, value in tables.items():
+        if key in MISSION_KINDS:
+            _kind(key, value, layers, registry, found)
+        elif key not in TOP_KEYS:
+            found.problems.append(layers.problem((key,), unknown_top_key(key)))
+        if len(found.problems) > MOST_PROBLEMS:
+            break
+    if "stage" not in tables or tables["stage"] == {}:
+        message = "nothing to run; a mission has at least one [stage.NAME]"
+        found.problems.append(layers.problem((), message))
+    return found
+
+
+def unknown_top_key(key: str) -> str:
+    """Say that a key does not belong above the tables nor name a kind of table."""
+    hint = did_you_mean(key, (*MISSION_KINDS, *TOP_KEYS), otherwise="a mission has")
+    return f"unknown key or kind of table {key[:60]!r}{hint}"
+
+
+def _format_problem(layers: Derived) -> Problem | None:
+    given = layers.tables.get("format")
+    if isinstance(given, int) and not isinstance(given, bool) and given == FORMAT:
+        return None
+    if given is None:
+        return layers.problem(("format",), f"missing: write format = {FORMAT}")
+    message = f"this version reads format {FORMAT}, got {shown(given)}"
+    return layers.problem(("format",), message)
+
+
+def _kind(kind: str, value: Any, layers: Derived, registry: Registry, found: Tables) -> None:
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        message = f"[[{kind}]] is an array of tables; give each a name: [{kind}.NAME]"
+        found.problems.append(layers.problem((kind,), message))
+        return
+    if not isinstance(value, dict):
+        message = f"expected tables [{kind}.NAME], got {shown(value)}"
+        found.problems.append(layers.problem((kind,), message))
+        return
+    plain = {name for name, table in value.items() if not isinstance(table, dict)}
+    plain_is_told = len(plain) > 1 or "type" in plain
+    if plain_is_told:
+        message = f"the table needs a name: write [{kind}.NAME] instead of [{kind}]"
+        found.problems.append(layers.problem((kind,), message))
+    found.names[kind] = [name for name in value if name not in plain]
+    for name, table in value.items():
+        if name in plain:
+            if table is False and layers.rank((kind, name))[1] > 0:
+                hint = did_you_mean(name, found.names[kind], otherwise=f"{kind} tables")
+                message = f"there is no table {kind}.{name} to drop{hint}"
+                found.problems.append(layers.problem((kind, name), message))
+            elif not plain_is_told:
+                message = f"expected a table [{kind}.NAME], got {shown(table)}"
+                found.problems.append(layers.problem((kind, name), message))
+            continue
+        _table(kind, name, table, layers, registry, found)
+        if len(found.problems) > MOST_PROBLEMS:
+            return
+
+
+def _table(
+    kind: str,
+    name: str,
+    table: Mapping[str, Any],
+    layers: Derived,
+    registry: Registry,
+    found: Tables,
+) -> None:
+    def refuse(message: str, *key: str | int) -> None:
+        found.problems.append(layers.problem((kind, name, *key), message))
+
+    if not re.fullmatch(TABLE_NAME, name):
+        refuse(
+            "a table's name has at most 64 small letters, digits, '_' and '-' and begins with a "
+            "letter"
+        )
+    if (kind, name) in layers.unsound:
+        return
+    if "type" not in table:
+        refuse(_missing_type(kind, name, layers, registry, found), "type")
+        return
+    type_ = table["type"]
+    if not isinstance(type_, str):
+        refuse(f"expected a string, got {shown(type_)}", "type")
+        return
+    try:
+        record = registry.get(kind, type_)
+        spec_class = record.load_spec()
+    except (UnknownComponentError, PluginError) as error:
+        refuse(str(error), "type")
+        return
+    found.components.setdefault(kind, {})[name] = record
+    keys = {key: value for key, value in table.items() if key != "type"}
+    keys = without_superseded_units(spec_class, keys, (kind, name), layers)
+    spec, faults = faults_of(spec_class, keys)
+    for fault in faults:
+        problem = layers.problem((kind, name, *fault.key), fault.message)
+        found.problems.append(replace(problem, is_remark=fault.is_remark))
+    if spec is not None:
+        found.specs.setdefault(kind, {})[name] = spec
+
+
+def _missing_type(kind: str, name: str, layers: Derived, registry: Registry, found: Tables) -> str:
+    if layers.rank((kind, name))[1] > 0:  # laid over the file: most likely a misspelt name
+        others = [other for other in found.names[kind] if other != name]
+        hint = did_you_mean(name, others, otherwise=f"{kind} tables")
+        return f"there is no table {kind}.{name} to change{hint}; a new one needs a type"
+    types = ", ".join(record.component.type for record in registry.of_kind(kind))
+    return f"missing: which {kind_words(kind)} it is; installed: {types or 'none'}"

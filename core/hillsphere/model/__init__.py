@@ -1,0 +1,1 @@
+"""Models of the world: bodies, frames, ephemerides, shapes, the Earth."""

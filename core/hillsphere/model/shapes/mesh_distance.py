@@ -1,0 +1,41 @@
+"""Distance of points from the surface of a mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.model.shapes.mesh import Mesh
+
+__all__ = ["surface_distances"]
+
+_CHUNK = 100_000
+"""Faces times points that are worked on at once."""
+
+
+def surface_distances(mesh: Mesh, r: Array) -> Array:
+    """Return the distances (N,), m, of points r (3, N) from the nearest triangle of a mesh.
+
+    The nearest point of a triangle is the foot of the perpendicular on its plane, if that is
+    inside, or else on one of its sides.
+    """
+    found = np.empty(r.shape[1])
+    width = max(1, _CHUNK // len(mesh.faces))
+    for first in range(0, r.shape[1], width):
+        part = r[:, None, first : first + width]
+        corners = mesh.corners[..., None]
+        normals = mesh.normals[..., None]
+        inside = np.ones((len(mesh.faces), part.shape[2]), dtype=bool)
+        least = np.full(inside.shape, np.inf)
+        for k in range(3):
+            start, side = corners[k], corners[(k + 1) % 3] - corners[k]
+            to = part - start
+            along = np.sum(to * side, axis=0) / np.sum(side * side, axis=0)
+            gap = to - np.clip(along, 0.0, 1.0) * side
+            least = np.fmin(least, np.sum(gap * gap, axis=0))
+            inside &= np.sum(np.cross(side, to, axis=0) * normals, axis=0) >= 0.0
+        height = np.sum((part - corners[0]) * normals, axis=0)
+        least = np.where(inside, height * height, least)
+        lost = ~np.isfinite(part[:, 0]).all(axis=0)
+        found[first : first + width] = np.where(lost, np.nan, np.sqrt(least.min(axis=0)))
+    return found

@@ -1,0 +1,156 @@
+"""A closed mesh of triangles as the shape of a body."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.errors import InputError
+from hillsphere.formats.obj import read_obj
+from hillsphere.model.shapes.mesh import Mesh
+from hillsphere.model.shapes.mesh_distance import surface_distances
+from hillsphere.model.shapes.rays import RayTable
+from hillsphere.model.shapes.solid_angles import solid_angles, vertex_distances
+from hillsphere.model.shapes.specs import METRES, PolyhedronShapeSpec
+
+__all__ = ["MeshSurface", "PolyhedronShape"]
+
+_CHUNK = 100_000
+_FULL = 4.0 * np.pi
+
+
+class MeshSurface:
+    """The surface of a mesh, for contact and for rays from the origin.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+
+    Notes
+    -----
+    If every ray from the origin meets the mesh once, the surface function is |r|/R along the ray,
+    less one: the ray's face is looked up, at a cost that does not grow with the mesh. If some
+    meet it more often, it is the distance from the surface in units of the largest radius, negative
+    inside (by the solid angle of all faces), and each point costs a visit to every face.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+
+    def semi_axes_m(self) -> tuple[float, float, float]:
+        """Return half the extents along x, y, z of a box about the centre, m."""
+        x, y, z = np.abs(self.mesh.vertices).max(axis=0).tolist()
+        return (x, y, z)
+
+    @property
+    def largest_radius_m(self) -> float:
+        """Distance of the farthest vertex, m."""
+        return self.mesh.largest_radius_m
+
+    @property
+    def steepest_per_m(self) -> float:
+        """Lipschitz constant of the surface function, 1/m.
+
+        Where rays meet the mesh once the function is continuous and n·r/h − 1 on the cone of each
+        face, of slope 1/h; otherwise a distance in units of the largest radius.
+        """
+        if self.mesh.is_star_shaped:
+            return float(1.0 / np.min(self.mesh.heights))
+        return 1.0 / self.mesh.largest_radius_m
+
+    def surface_array(self, r: Array) -> Array:
+        """Return the surface function (N,) at r (3, N), m: positive outside, negative inside."""
+        mesh = self.mesh
+        if mesh.is_star_shaped:
+            faces = self._rays.faces(r)
+            return np.asarray(
+                np.sum(mesh.normals[:, faces] * r, axis=0) / mesh.heights[faces] - 1.0
+            )
+        near = np.sum(r * r, axis=0) <= mesh.largest_radius_m**2
+        level = surface_distances(mesh, r) / mesh.largest_radius_m
+        level[near] *= 1.0 - 2.0 * np.round(self._inside(r[:, near]))
+        return level
+
+    def normal_array(self, r: Array) -> Array:
+        """Return the outward normals (3, N) of the faces that the rays through r meet last."""
+        return np.asarray(self.mesh.normals[:, self._met(r)])
+
+    def radius_array(self, directions: Array) -> Array:
+        """Return how far out (N,), m, rays along directions (3, N) of any length meet it last.
+
+        Raises
+        ------
+        InputError
+            If a ray misses it, for the centre lies outside.
+        """
+        faces = self._met(directions)
+        along = np.sum(self.mesh.normals[:, faces] * directions, axis=0)
+        return np.asarray(
+            self.mesh.heights[faces] * np.linalg.norm(directions, axis=0) / along, dtype=float
+        )
+
+    @cached_property
+    def _rays(self) -> RayTable:
+        return RayTable(self.mesh)
+
+    def _met(self, directions: Array) -> Integers:
+        if self.mesh.is_star_shaped:
+            return self._rays.faces(directions)
+        return np.array([self._outermost(d) for d in directions.T], dtype=np.int64)
+
+    def _outermost(self, direction: Array) -> int:
+        """Return the last face that a ray from the origin meets."""
+        mesh = self.mesh
+        a, b, c = mesh.corners
+        sides = [np.cross(p, q, axis=0).T @ direction for p, q in ((a, b), (b, c), (c, a))]
+        along = mesh.normals.T @ direction
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = mesh.heights / along
+        met = (
+            (np.sign(sides) * np.sign(along) >= 0.0).all(axis=0) & (distance > 0.0) & (along != 0.0)
+        )
+        if not met.any():
+            raise InputError(
+                "a ray from the centre of the body-fixed frame misses the mesh: the centre lies "
+                "outside; shift the vertices"
+            )
+        return int(np.argmax(np.where(met, distance, -np.inf)))
+
+    def _inside(self, r: Array) -> Array:
+        """Return 1 inside, 0 outside, (N,)."""
+        found = np.empty(r.shape[1])
+        width = max(1, _CHUNK // len(self.mesh.faces))
+        for first in range(0, r.shape[1], width):
+            part = r[:, first : first + width]
+            angles = solid_angles(self.mesh, part, vertex_distances(self.mesh, part))
+            found[first : first + width] = angles.sum(axis=0) / _FULL
+        return found
+
+
+class PolyhedronShape(MeshSurface):
+    """A closed mesh of triangles.
+
+    Parameters
+    ----------
+    spec : PolyhedronShapeSpec
+        Its vertices and faces, or the file that holds them.
+
+    Raises
+    ------
+    InputError
+        If the file is malformed, or the mesh is not closed or not oriented outward (`Mesh`).
+    """
+
+    def __init__(self, spec: PolyhedronShapeSpec) -> None:
+        if spec.file is not None:
+            vertices, faces = read_obj(spec.file)
+        else:
+            vertices = np.array(spec.vertices, dtype=float).reshape(-1, 3)
+            faces = np.array(spec.faces, dtype=np.int64).reshape(-1, 3) - 1
+        try:
+            super().__init__(Mesh(METRES[spec.length_unit] * vertices, faces))
+        except InputError as error:
+            raise InputError(f"{spec.file or 'vertices and faces'}: {error}") from error

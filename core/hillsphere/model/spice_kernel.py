@@ -1,0 +1,122 @@
+"""What is read through SPICE, judged before SPICE sees it.
+
+SPICE chooses by a file's first bytes how to read it. A text kernel may be a meta-kernel, which
+names further files for SPICE to load, wherever they are; a mission would read other paths through
+it than it names. Only the binary kernels that the framework has a use for are let through.
+
+References
+----------
+.. [1] NAIF, "Double Precision Array Files (DAF) Required Reading": the file record, the summary
+   records and their links.
+.. [2] NAIF, "Kernel Required Reading": what a meta-kernel names.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from hillsphere.base.errors import InputError
+from hillsphere.base.regular_files import open_regular
+
+__all__ = ["checked_kernel"]
+
+_WORDS = (b"DAF/SPK ", b"NAIF/DAF")
+"""First eight bytes of what may be read. ``DAF/SPK`` is a table of states over time, which is all
+that a body's place is taken from. ``NAIF/DAF`` is the same as SPICE wrote it before 1993 and as
+JPL still gives DE421; its summaries say that it is one. Not let through: text kernels (``KPL/``),
+which name other files; ``DAF/PCK``, ``DAF/CK`` and ``DAS/`` (attitudes, shapes, events), which
+nothing here reads; transfer files (``DAFETF``), which are text."""
+
+_RECORD = 1024
+"""Bytes of a record of a DAF [1]_."""
+
+_SPK_FORMAT = (2, 6)
+"""Doubles and integers in a summary of an SPK [1]_: the span; body, centre, frame, type, places."""
+
+
+@contextmanager
+def checked_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield a name by which another process reads a kernel that was judged.
+
+    Parameters
+    ----------
+    path : str
+        The kernel.
+
+    Yields
+    ------
+    str
+        A name of the very file that was judged, where the system has one (Linux), whatever `path`
+        leads to by then; else `path`.
+    tuple of int
+        Descriptors that the process must inherit for the name to hold.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no regular file, no binary SPK kernel, or its records form a circle
+        or lead out of it, which would keep SPICE busy for ever.
+    """
+    name = Path(path).name
+    try:
+        with open_regular(path) as stream:
+            word = stream.read(8)
+            if word not in _WORDS:
+                raise InputError(
+                    f"{name!r} is no binary SPK kernel: it begins with {word!r}, not with "
+                    "b'DAF/SPK '; text kernels and meta-kernels, which name other files, are not "
+                    "read: name the .bsp file itself"
+                )
+            if fault := _structure_fault(stream):
+                raise InputError(f"{name!r} is a damaged SPK kernel: {fault}")
+            held = f"/proc/self/fd/{stream.fileno()}"
+            yield (held, (stream.fileno(),)) if os.path.exists(held) else (path, ())
+    except OSError as error:
+        raise InputError(
+            f"{name!r} cannot be read as a SPICE kernel: {error.strerror or error}"
+        ) from error
+
+
+def _structure_fault(stream: BinaryIO) -> str:
+    """Follow the summary records as SPICE does; say what would lead it astray."""
+    size = os.fstat(stream.fileno()).st_size
+    stream.seek(0)
+    first = stream.read(_RECORD)
+    if len(first) < _RECORD:
+        return "it has no file record"
+    # The format of numbers stands in bytes 88 to 95; files before 1993 have none and are as the
+    # summary's sizes make sense.
+    orders = {b"LTL-IEEE": "<", b"BIG-IEEE": ">"}
+    order = orders.get(first[88:96]) or next(
+        (o for o in "<>" if struct.unpack(f"{o}2i", first[8:16]) == _SPK_FORMAT), ""
+    )
+    if not order or struct.unpack(f"{order}2i", first[8:16]) != _SPK_FORMAT:
+        return "its summaries are not those of an SPK"
+    record = struct.unpack(f"{order}i", first[76:80])[0]
+    visited = set()
+    words = size // 8
+    while record:
+        if record in visited:
+            return f"its summary records form a circle at record {record}"
+        if not 1 < record <= size // _RECORD:
+            return f"a summary record is said to be number {record} of {size // _RECORD}"
+        visited.add(record)
+        stream.seek((record - 1) * _RECORD)
+        content = stream.read(_RECORD)
+        following, _, count = struct.unpack(f"{order}3d", content[:24])
+        # 125 doubles are left, of which a summary takes 5: two doubles and six integers.
+        if not (0 <= count <= 25 and count == int(count)):
+            return f"record {record} claims {count:g} summaries"
+        for i in range(int(count)):
+            start, end = struct.unpack(f"{order}2i", content[24 + 40 * i + 32 : 24 + 40 * i + 40])
+            if not 1 <= start <= end <= words:
+                return f"record {record} has an array from {start} to {end} of {words} numbers"
+        if not (0 <= following <= size and following == int(following)):
+            return f"record {record} leads to record {following:g}"
+        record = int(following)
+    return ""

@@ -1,0 +1,425 @@
+"""Discovery of components: pluggy finds them, a registry names them, nothing heavy is imported.
+
+A plugin package carries one entry point in the group ``hillsphere``. The module that it names has
+one function marked with `hookimpl`, ``hillsphere_components``, which returns `Component` records:
+kind, type and where class and Spec are to be found. Classes are imported when a mission first
+uses them, Specs when a mission is validated.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module, metadata
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+from hillsphere.base.errors import InputError, PluginError, UnknownComponentError
+from hillsphere.base.problems import did_you_mean, format_key, with_article
+
+if TYPE_CHECKING:
+    from hillsphere.spec.base import Spec
+
+API_VERSION = 1
+ENTRY_POINT_GROUP = "hillsphere"
+KINDS = (
+    "body",
+    "gravity",
+    "shape",
+    "plant",
+    "orbit_family",
+    "guidance",
+    "compensator",
+    "estimator",
+    "sensor",
+    "tracker",
+    "dispersions",
+    "stage",
+    "executor",
+    "command",
+)
+"""Every kind of component; a mission's tables are called by these names."""
+
+hookspec = pluggy.HookspecMarker("hillsphere")
+hookimpl = pluggy.HookimplMarker("hillsphere")
+"""Marks a plugin package's ``hillsphere_components``."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component that a plugin offers.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    type : str
+        Name by which a mission asks for it (``type = "ellipsoid"``); unique within its kind.
+    target : str
+        Import path of the class, ``"package.module:Class"``; it is called with the bound Spec.
+    spec : str
+        Import path of its `hillsphere.spec.Spec`; ``""`` for a command, whose target is a typer
+        application.
+    summary : str
+        One line for lists and help.
+    api : int
+        Version of this interface that the plugin was written for.
+    """
+
+    kind: str
+    type: str
+    target: str
+    spec: str
+    summary: str
+    api: int = API_VERSION
+
+
+class _Hooks:
+    @hookspec
+    def hillsphere_components(self) -> Iterable[Component]:  # type: ignore[empty-body]
+        """Return the components of a plugin package."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A component with the plugin that brought it."""
+
+    component: Component
+    plugin: str
+    distribution: str
+
+    def load_spec(self) -> type[Spec]:
+        """Import and return the Spec class; `PluginError` names the plugin if that fails."""
+        from hillsphere.spec.base import Spec
+
+        loaded = self._load(self.component.spec)
+        if not (isinstance(loaded, type) and issubclass(loaded, Spec)):
+            raise PluginError(
+                f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r}: "
+                f"{self.component.spec} is not a subclass of hillsphere.spec.Spec"
+            )
+        return loaded
+
+    def load_target(self) -> Any:
+        """Import and return the class; `PluginError` names the plugin if that fails."""
+        return self._load(self.component.target)
+
+    def _load(self, path: str) -> Any:
+        try:
+            return load_object(path)
+        except (Exception, SystemExit) as error:  # a plugin's module may do anything
+            raise PluginError(
+                f"plugin {self.plugin!r}: {self.component.kind} {self.component.type!r} "
+                f"({path}) cannot be imported: {_one_line(error)}"
+            ) from error
+
+
+def kind_words(kind: str) -> str:
+    """Return what one component of a kind is called in messages: ``"orbit family"``."""
+    return {"dispersions": "distribution"}.get(kind, kind.replace("_", " "))
+
+
+def load_object(path: str) -> Any:
+    """Import ``"package.module:name"``.
+
+    Parameters
+    ----------
+    path : str
+        Import path.
+
+    Returns
+    -------
+    object
+        What stands there.
+    """
+    module, _, name = path.partition(":")
+    return getattr(import_module(module), name)
+
+
+@dataclass
+class Registry:
+    """The components of all plugins that loaded, and what is wrong with those that did not.
+
+    Parameters
+    ----------
+    strict : bool
+        Raise at the first broken plugin instead of setting it aside.
+    broken : dict
+        Name of a plugin that was set aside → reason, on one line.
+    disabled : tuple of str
+        Plugins that were to be left out.
+    unknown_disabled : tuple of str
+        Those of them that are not installed: most likely misspelt.
+    """
+
+    strict: bool = False
+    broken: dict[str, str] = field(default_factory=dict)
+    disabled: tuple[str, ...] = ()
+    unknown_disabled: tuple[str, ...] = ()
+    _offers: dict[tuple[str, str], list[Registered]] = field(default_factory=dict)
+
+    def add_plugin(self, name: str, plugin: object, distribution: str = "") -> None:
+        """Register what a plugin module or object offers.
+
+        Parameters
+        ----------
+        name : str
+            Name of the plugin (its entry point).
+        plugin : object
+            Has a `hookimpl` ``hillsphere_components``.
+        distribution : str, optional
+            Distribution and version, for lists.
+
+        Raises
+        ------
+        PluginError
+            If the plugin is broken and the registry is strict.
+        """
+        manager = pluggy.PluginManager("hillsphere")
+        manager.add_hookspecs(_Hooks)
+        try:
+            manager.register(plugin, name)
+            manager.check_pending()
+            offered = [c for group in manager.hook.hillsphere_components() for c in group]
+            if not offered:
+                raise PluginError("it offers no component (is hillsphere_components marked?)")
+            seen: set[tuple[str, str]] = set()
+            for component in offered:
+                _check(component)
+                if (component.kind, component.type) in seen:
+                    raise PluginError(f"it offers {component.kind} {component.type!r} twice")
+                seen.add((component.kind, component.type))
+        except (Exception, SystemExit) as error:
+            self._set_aside(name, error)
+            return
+        for component in offered:
+            self._add(Registered(component, name, distribution))
+
+    def _add(self, new: Registered) -> None:
+        key = (new.component.kind, new.component.type)
+        self._offers.setdefault(key, []).append(new)
+        if self.strict and key in self.contested:
+            raise PluginError(self.contested[key])
+
+    def _set_aside(self, name: str, error: BaseException) -> None:
+        if self.strict:
+            raise PluginError(f"plugin {name!r} is broken: {_one_line(error)}") from error
+        self.broken[name] = _one_line(error)
+
+    @property
+    def contested(self) -> Mapping[tuple[str, str], str]:
+        """What several plugins offer and nobody gets: (kind, type) → message that names them."""
+        texts = {}
+        for (kind, type_), offers in sorted(self._offers.items()):
+            if len(offers) > 1:
+                *others, last = (repr(offer.plugin) for offer in offers)
+                number = "two" if len(offers) == 2 else str(len(offers))
+                texts[kind, type_] = (
+                    f"{kind} {type_!r} is offered by {number} plugins, {', '.join(others)} and "
+                    f"{last}; disable {'one' if len(offers) == 2 else 'all but one'} with "
+                    "HILLSPHERE_DISABLE_PLUGINS"
+                )
+        return MappingProxyType(texts)
+
+    def get(self, kind: str, type_: str) -> Registered:
+        """Return the component of this kind and type.
+
+        Parameters
+        ----------
+        kind : str
+            One of `KINDS`.
+        type_ : str
+            Its type.
+
+        Returns
+        -------
+        Registered
+            The record; nothing is imported.
+
+        Raises
+        ------
+        UnknownComponentError
+            With the nearest installed type, and the broken and disabled plugins if there are any.
+        PluginError
+            If several plugins offer it.
+        """
+        key = (kind, type_)
+        offers = self._offers.get(key, [])
+        if len(offers) > 1:
+            raise PluginError(self.contested[key])
+        if offers:
+            return offers[0]
+        types = [offered for of_kind, offered in sorted(self._offers) if of_kind == kind]
+        text = f"no {kind_words(kind)} of type {type_[:60]!r}"
+        hint = did_you_mean(type_, types, otherwise="installed")
+        text += hint or f"; no plugin brings {with_article(kind_words(kind))}"
+        if self.broken:
+            text += f" (set aside as broken: {', '.join(sorted(self.broken))})"
+        if absent := [name for name in self.disabled if name not in self.unknown_disabled]:
+            text += f" (disabled: {', '.join(absent)})"
+        raise UnknownComponentError(text)
+
+    def of_kind(self, kind: str) -> Iterator[Registered]:
+        """Yield the components of a kind, sorted by type; not the `contested` ones."""
+        return (record for record in self if record.component.kind == kind)
+
+    def __iter__(self) -> Iterator[Registered]:
+        """Yield the components, sorted by kind and type; not the `contested` ones."""
+        for _, offers in sorted(self._offers.items()):
+            if len(offers) == 1:
+                yield offers[0]
+
+
+def _one_line(error: BaseException) -> str:
+    """Say what was raised; lists and messages have a line for each fault."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+_TYPE_NAME = re.compile(r"[a-z][a-z0-9_-]*")
+
+
+def _check(component: object) -> None:
+    if not isinstance(component, Component):
+        raise PluginError(f"must return Component records, got {type(component).__name__}")
+    for name in ("kind", "type", "target", "spec", "summary", "api"):
+        value, expected = getattr(component, name), int if name == "api" else str
+        if not isinstance(value, expected) or isinstance(value, bool):
+            raise PluginError(
+                f"a Component's {name} must be {'an' if expected is int else 'a'} "
+                f"{expected.__name__}, got {type(value).__name__}"
+            )
+    if component.api != API_VERSION:
+        raise PluginError(
+            f"{component.kind} {component.type!r} was written for plugin API {component.api}; "
+            f"this is API {API_VERSION}"
+        )
+    if component.kind not in KINDS:
+        hint = did_you_mean(component.kind, KINDS, otherwise="kinds")
+        raise PluginError(f"{component.type!r} is of unknown kind {component.kind!r}{hint}")
+    if not _TYPE_NAME.fullmatch(component.type):
+        raise PluginError(
+            f"{component.kind} {component.type!r}: a type is named with small letters, digits, "
+            "'_' and '-', beginning with a letter"
+        )
+    paths = (
+        [component.target] if component.kind == "command" else [component.target, component.spec]
+    )
+    for path in paths:
+        module, _, name = path.partition(":")
+        if not module or not name:
+            raise PluginError(f"{component.type!r}: {path!r} is not 'package.module:Class'")
+
+
+def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> Registry:
+    """Find all installed plugins.
+
+    Parameters
+    ----------
+    strict : bool
+        Raise at the first broken plugin.
+    disabled : iterable of str, optional
+        Plugins to leave out; by default the comma-separated HILLSPHERE_DISABLE_PLUGINS.
+
+    Returns
+    -------
+    Registry
+        The framework's own components and those of every entry point in the group ``hillsphere``.
+    """
+    if disabled is None:
+        disabled = os.environ.get("HILLSPHERE_DISABLE_PLUGINS", "").split(",")
+    left_out = {name.strip() for name in disabled if name.strip()}
+    registry = Registry(strict=strict, disabled=tuple(sorted(left_out)))
+    registry.add_plugin("hillsphere", import_module("hillsphere.plugins.builtin"))
+    points = sorted(metadata.entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name)
+    registry.unknown_disabled = tuple(sorted(left_out - {point.name for point in points}))
+    for point in dict.fromkeys(points):
+        if point.name in left_out:
+            continue
+        try:
+            module = point.load()
+        except (Exception, SystemExit) as error:
+            registry._set_aside(point.name, error)
+            continue
+        dist = f"{point.dist.name} {point.dist.version}" if point.dist else ""
+        registry.add_plugin(point.name, module, dist)
+    return registry
+
+
+@cache
+def default_registry() -> Registry:
+    """Return the registry of all installed plugins, found once per process."""
+    return discover()
+
+
+def create(kind: str, type_: str, /, **keys: Any) -> Any:
+    """Make one component from Python, with the same keys as a mission table.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    type_ : str
+        Its type.
+    **keys
+        What a mission would write, unit suffixes included; a reference takes the object itself.
+
+    Returns
+    -------
+    object
+        The component.
+
+    Raises
+    ------
+    UnknownComponentError
+        If no such component is installed.
+    InputError
+        If a key is unknown, missing, or of the wrong kind; every fault is named.
+
+    Examples
+    --------
+    >>> from hillsphere import create
+    >>> create("gravity", "point_mass", gm_km3_s2=7.0875e-4).frame
+    'body'
+    """
+    record = default_registry().get(kind, type_)
+    spec = validate(record.load_spec(), keys, where=f"{kind} {type_!r}")
+    return record.load_target()(spec)
+
+
+def validate(spec: type[Spec], keys: Mapping[str, Any], *, where: str) -> Spec:
+    """Check keys given in Python against a Spec.
+
+    Parameters
+    ----------
+    spec : type
+        The Spec class.
+    keys : mapping
+        As a mission would write them.
+    where : str
+        What is being made, for the message.
+
+    Returns
+    -------
+    Spec
+        The validated, frozen Spec.
+
+    Raises
+    ------
+    InputError
+        With all faults, a line each.
+    """
+    from hillsphere.mission.faults import faults_of
+
+    made, faults = faults_of(spec, keys)
+    if made is None:
+        lines = [
+            f"{where}: {format_key(f.key)}: {f.message}" if f.key else f"{where}: {f.message}"
+            for f in faults
+        ]
+        raise InputError("\n".join(lines))
+    return made

@@ -1,0 +1,43 @@
+"""What passes between stages: frozen dataclasses of arrays, numbers and strings.
+
+The public names are those of `hillsphere.products.products`, which is imported when one of them is
+used: other modules of this package are used without it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hillsphere.products.products import (
+        Bifurcations,
+        CaseList,
+        CaseTable,
+        ControlDesign,
+        FlightSet,
+        OrbitSet,
+        PeriodicOrbits,
+        Trajectories,
+        load_product,
+        save_product,
+    )
+
+__all__ = [
+    "Bifurcations",
+    "CaseList",
+    "CaseTable",
+    "ControlDesign",
+    "FlightSet",
+    "OrbitSet",
+    "PeriodicOrbits",
+    "Trajectories",
+    "load_product",
+    "save_product",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        return getattr(import_module("hillsphere.products.products"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

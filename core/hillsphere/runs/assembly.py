@@ -1,0 +1,185 @@
+"""From a mission's Specs to its components: classes are imported here, references injected."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from hillsphere.base.errors import HillsphereError, PluginError
+from hillsphere.mission.load import Mission
+from hillsphere.mission.links import Node, topological
+from hillsphere.base.problems import Key, MissionError, Problem
+from hillsphere.spec.base import Spec
+
+__all__ = ["Assembly", "build", "placed", "refused"]
+
+_KEYS = re.compile(r"([a-z]\w*(?:\.\w+)*): ")
+"""Keys, with dots between them, at the beginning of a component's message."""
+
+
+@dataclass
+class Assembly:
+    """The components of a mission, each made once, when it is first asked for.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    """
+
+    mission: Mission
+    _made: dict[Node, Any] = field(default_factory=dict, repr=False)
+
+    def get(self, kind: str, name: str) -> Any:
+        """Return the component of a table; what it refers to is made first.
+
+        Parameters
+        ----------
+        kind, name : str
+            The table ``[kind.name]``.
+
+        Returns
+        -------
+        object
+            The component. A stage's references to other stages (its needs) stay unbound: they
+            stand for products, which the pipeline passes.
+
+        Raises
+        ------
+        MissionError
+            If the component refuses its Spec or cannot read its data; the message begins with the
+            table's file, line and name, or with those of the key that names the data.
+        PluginError
+            If its class cannot be imported, or raises what is no `HillsphereError`.
+        """
+        if kind == "stage":
+            return self._one(kind, name)
+        if (kind, name) not in self._made:
+            # In order of dependence, so that a long chain of references needs no recursion.
+            for other_kind, other in topological([(kind, name)], self.mission.specs):
+                if other_kind != "stage":
+                    self._one(other_kind, other)
+        return self._made[kind, name]
+
+    def bound(self, kind: str, name: str) -> Spec:
+        """Return the Spec of a table with its references bound to their components."""
+        spec = self.mission.specs[kind][name]
+        return spec.bound(lambda other, ref: None if other == "stage" else self.get(other, ref))
+
+    def _one(self, kind: str, name: str) -> Any:
+        if (kind, name) not in self._made:
+            target = self.mission.components[kind][name].load_target()
+            spec = self.bound(kind, name)
+            try:
+                self._made[kind, name] = target(spec)
+            except (MissionError, PluginError):
+                raise
+            except (HillsphereError, OSError) as error:
+                raise MissionError([refused(self.mission, (kind, name), error)]) from error
+            except ArithmeticError as error:
+                # Every number is within its bounds, but a product or a quotient of them is not.
+                text = (
+                    f"it cannot be computed from these numbers ({type(error).__name__}: {error}); "
+                    "one of them, or of the tables that it refers to, is far too large or too small"
+                )
+                raise MissionError([placed(self.mission, (kind, name), text)]) from error
+            except Exception as error:  # the border of what a plugin's class may raise
+                record = self.mission.components[kind][name]
+                text = " ".join(f"{type(error).__name__}: {error}".split())
+                raise PluginError(
+                    f"{self.mission.places[kind, name]}: {kind}.{name}: plugin "
+                    f"{record.plugin!r} cannot make it: {text}"
+                ) from error
+        return self._made[kind, name]
+
+
+def placed(mission: Mission, key: Key, message: str) -> Problem:
+    """Return a problem at a table of a mission, or at one of its keys that has a place.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    key : tuple
+        Kind and name of the table, then the key in it.
+    message : str
+        What is wrong.
+    """
+    place = mission.places.get(key) or mission.places[key[:2]]
+    source, colon, line = place.rpartition(":")
+    if colon and line.isdigit():
+        return Problem(source, int(line), key, message)
+    return Problem(place, None, key, message)
+
+
+def refused(mission: Mission, node: Node, error: HillsphereError | OSError) -> Problem:
+    """Return what a component says of its table, at the key that it is about.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    node : tuple of str
+        Kind and name of the table.
+    error : HillsphereError or OSError
+        Its message may begin with a key of the table (``structured.parts: …``) or with the name of
+        an input file.
+    """
+    kind, name = node
+    message = str(error)
+    if where := _key_of_file(error, mission.specs[kind][name]):
+        return placed(mission, (kind, name, *where), message)
+    if found := _KEYS.match(message):
+        key = _as_written(mission, node, found[1].split("."))
+        if key in mission.places:
+            return placed(mission, key, message[found.end() :])
+        if key[:3] in mission.places:
+            return placed(mission, key[:3], message)
+    return placed(mission, node, message)
+
+
+def _as_written(mission: Mission, node: Node, path: Sequence[str]) -> Key:
+    """Return a key as the mission writes it: ``duration_min`` for ``duration_s``."""
+    part: Any = mission.specs[node[0]][node[1]]
+    written: Key = node
+    for step in path:
+        spellings = type(part).units_by_field().get(step, ()) if isinstance(part, Spec) else ()
+        given = (other for other in spellings if (*written, other) in mission.places)
+        written = (*written, next(given, step))
+        part = getattr(part, step, None)
+    return written
+
+
+def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:
+    """Key that names the file which an error is about; empty if it is about no input file.
+
+    An `OSError` carries the file; a reader's message begins with its path or name, as in
+    ``orbits.csv:3: …``.
+    """
+    for where, path in spec.data_paths():
+        heads = (f"{path}:", f"{path} ", f"{os.path.basename(path)}:")
+        carried = isinstance(error, OSError) and error.filename == path
+        if carried or str(error).startswith(heads):
+            return where
+    return ()
+
+
+def build(mission: Mission, kind: str, name: str) -> Any:
+    """Make one component of a mission and what it refers to.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    kind, name : str
+        The table ``[kind.name]``.
+
+    Returns
+    -------
+    object
+        The component; see `Assembly.get` for its errors. Use one `Assembly` to make several.
+    """
+    return Assembly(mission).get(kind, name)

@@ -1,0 +1,421 @@
+"""Running a mission: its stages in order, their products from one to the next, all on disk.
+
+Everything that can be wrong with the mission is found before the first stage runs: the output
+directory, the types that stages pass on, the components and their data. After that a stage that
+fails takes with it only the stages that need its product. A run that ended early, however it ended,
+is taken up again by `resume_run`: what it has stored is not computed twice.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import threading
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from hillsphere.show.drawing import Drawing, draw
+from hillsphere.runs.earlier_run import EarlierRun
+from hillsphere.base.errors import HillsphereError, InputError, Interrupted, StageError
+from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
+from hillsphere.mission.load import Mission
+from hillsphere.mission.check import check_mission
+from hillsphere.base.paths import cache_directory
+from hillsphere.plugins.registry import Registry, default_registry
+from hillsphere.show.presentation import Figure, Presentation, presentation_faults
+from hillsphere.products.product_codec import canonical
+from hillsphere.base.progress import Progress
+from hillsphere.runs.resume_choices import LOCAL, ResumeChoices, local_facts, resume_command
+from hillsphere.runs.run_record import RunRecord, StageRecord
+from hillsphere.runs.run_result import RunResult
+from hillsphere.base.signals import remedy, stop_signals
+from hillsphere.runs.stage_cache import StageCache
+from hillsphere.runs.stage_context import StageContext
+from hillsphere.runs.store import RunDirectory, plain_json
+from hillsphere.runs.wiring import inputs_of, repeated_of, takes_from
+
+__all__ = ["RunResult", "resume_run", "run_mission"]
+
+
+def run_mission(
+    mission: Mission,
+    *,
+    out: str | Path | None = None,
+    use_cache: bool = True,
+    executor: ExecutorChoice = "serial",
+    progress: Progress | None = None,
+    registry: Registry | None = None,
+) -> RunResult:
+    """Run the stages of a mission and write its run directory.
+
+    Parameters
+    ----------
+    mission : Mission
+        From `hillsphere.load_mission`.
+    out : str or Path, optional
+        Run directory, empty or absent; by default ``runs/<mission>-<UTC>-<8 hex>`` in the working
+        directory.
+    use_cache : bool
+        Take unchanged results of stages from the cache, and put new ones there.
+    executor : str, mapping or Executor
+        Where campaigns do their work: a type, ``"pool"``, its table, ``{"type": "pool", "workers":
+        4}``, or the object. ``"serial"`` is this process; ``"pool"`` are others, which find only
+        components that stand in modules they can import. The results are the same bits for all.
+    progress : Progress, optional
+        Where progress is shown; by default nowhere.
+    registry : Registry, optional
+        Where the executor is found and broken plugins are listed from, for the log; the mission
+        already holds its components.
+
+    Returns
+    -------
+    RunResult
+        Also if stages failed: see its `state` and `failures`.
+
+    Raises
+    ------
+    InputError
+        Before anything runs: the output directory cannot be used, a component refuses its
+        parameters, a data file cannot be read, a stage needs a product of another type or repeats
+        one that cannot be repeated.
+    PluginError
+        Before anything runs: a class cannot be imported.
+    StageError
+        If the run directory cannot be written to.
+    Interrupted
+        If the run was stopped by SIGINT, SIGTERM or SIGHUP; what was finished is in the run
+        directory, its manifest says ``"interrupted"``, and `resume_run` continues it.
+    """
+    RunDirectory.check(out)
+    with _attended(progress) as (bars, stopped):
+        try:
+            run = _Run(mission, bars, stopped, use_cache, executor, registry)
+            directory = RunDirectory.create(out, mission.name, run.record.started)
+        except KeyboardInterrupt:
+            raise Interrupted("interrupted before any stage ran") from None
+        with directory.locked():
+            return run.run(directory)
+
+
+def resume_run(
+    run: str | Path,
+    *,
+    mission: str | os.PathLike[str] | None = None,
+    allow_path: bool = False,
+    executor: ExecutorChoice | None = None,
+    progress: Progress | None = None,
+    registry: Registry | None = None,
+) -> RunResult:
+    """Continue a run that was interrupted or killed, or in which a stage failed.
+
+    Products that are stored are loaded, the other stages run; campaigns take up the cases that they
+    have kept. What every stage shows is shown anew.
+
+    Parameters
+    ----------
+    run : str or Path
+        Its run directory. It is data: what it names beyond a packaged mission and an executor of
+        this machine must be given.
+    mission : str or path, optional
+        The mission of the run, needed if it is not a packaged one.
+    allow_path : bool
+        Accept input files outside the directory of the mission and the packaged data.
+    executor : str, mapping or Executor, optional
+        As for `run_mission`; by default as in the earlier run, if that was ``"serial"`` or
+        ``"pool"``.
+    progress, registry : optional
+        As for `run_mission`.
+
+    Returns
+    -------
+    RunResult
+        As if the run had not been interrupted, to the bit. Of a run that is finished, too.
+
+    Raises
+    ------
+    InputError
+        If something must be given that the run directory names, with the command line that does
+        so; if the directory is none of a run, another process is still writing to it, or anything
+        that the results depend on has changed: the mission, its inputs, the code, the versions of
+        the numerical packages, the processor's features. The message shows every difference.
+    PluginError, StageError, Interrupted
+        As `run_mission`.
+    """
+    given = ResumeChoices(mission, allow_path, executor)
+    EarlierRun.open(run).choices(given, ("resume",))
+    with _attended(progress) as (bars, stopped), RunDirectory(Path(run)).locked():
+        try:
+            earlier = EarlierRun.open(run)  # as it is now that nobody else writes to it
+            choices = earlier.choices(given, ("resume",))
+            loaded = earlier.mission(registry, choices)
+            executor = choices.executor or "serial"
+            use_cache = earlier.local.get("cache", True)
+            again = _Run(loaded, bars, stopped, use_cache, executor, registry, earlier)
+        except KeyboardInterrupt:
+            raise Interrupted("interrupted before any stage ran") from None
+        earlier.directory.clear_parts()
+        return again.run(earlier.directory)
+
+
+@contextmanager
+def _attended(progress: Progress | None) -> Iterator[tuple[Progress, threading.Event]]:
+    """Show progress, and take the signals that end a run."""
+    stopped = threading.Event()
+    with stop_signals(stopped), progress or Progress(quiet=True) as bars:
+        yield bars, stopped
+
+
+class _Run:
+    """One run: what is fixed before it starts, and the records that grow while it lasts."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        progress: Progress,
+        stopped: threading.Event,
+        use_cache: bool,
+        executor: ExecutorChoice,
+        registry: Registry | None,
+        earlier: EarlierRun | None = None,
+    ) -> None:
+        self.mission = mission
+        self.progress = progress
+        self.stopped = stopped
+        self.registry = registry
+        self.earlier = earlier
+        self.products: dict[str, Any] = {}
+        # Stages whose products a repetition might not reproduce: nothing of them is for the cache.
+        self.by_chance: set[str] = set()
+        # Stages with anything from the run directory that is resumed: others may have written it,
+        # and what the cache holds goes into other runs, which trust it.
+        self.from_directory: set[str] = set()
+        self.specs = mission.specs["stage"]
+        checked = check_mission(mission)
+        self.order, self.classes, self.stages = checked.order, checked.classes, checked.stages
+        self.executor = executor_of(executor, registry or default_registry())
+        # Judged here, before other processes begin, also if no results of stages are kept: what is
+        # wrong with the cache is said once.
+        cache_directory()
+        self.cache = StageCache() if use_cache else None
+        self.record = RunRecord.begun(mission)
+        if earlier is not None:
+            earlier.continue_in(self.record)
+        self.local = local_facts(mission, cache=use_cache, executor=executor_table(executor))
+
+    def run(self, directory: RunDirectory) -> RunResult:
+        self.directory = directory
+        with remedy(self._how_to_go_on()):
+            return self._run()
+
+    def _how_to_go_on(self) -> str:
+        place = self.directory.path
+        return f"results so far are in {place}; continue with: {resume_command(place, self.local)}"
+
+    def _run(self) -> RunResult:
+        directory = self.directory
+        for plugin, reason in (self.registry.broken if self.registry else {}).items():
+            directory.log(f"plugin {plugin} was set aside as broken: {reason}")
+        directory.put_json(LOCAL, self.local)
+        try:
+            self._put_manifest("running")
+            for number, name in enumerate(self.order, 1):
+                with self.progress.stage(name, number, len(self.order)):
+                    self._stage(name)
+                self._put_manifest("running")
+            state = "failed" if self.record.failures() else "success"
+            summary = self._finish(state)
+        except (KeyboardInterrupt, Interrupted) as stop:
+            self.stopped.set()
+            self._stopped()
+            done = [s.name for s in self.record.stages.values() if s.state == "done"]
+            kept = f"{stop.kept}; " if isinstance(stop, Interrupted) and stop.kept else ""
+            raise Interrupted(
+                f"interrupted; finished stages: {', '.join(done) or 'none'}; {kept}"
+                f"{self._how_to_go_on()}"
+            ) from None
+        return RunResult(
+            directory=directory.path,
+            state=state,
+            notes=tuple(self.record.notes()),
+            metrics=self.record.metrics(),
+            tables=self.record.tables(),
+            products=self.products,
+            failures=tuple(self.record.failures()),
+            summary=summary,
+        )
+
+    def _put_manifest(self, state: str) -> None:
+        self.directory.put_json("manifest.json", self.record.manifest(state))
+
+    def _stopped(self) -> None:
+        for stage in self.record.stages.values():
+            if stage.state == "running":
+                # Its product is stored as soon as it is there; presenting it may come too late.
+                stage.state = "done" if stage.product else "interrupted"
+        # First: should a second signal end this, the manifest already says how the run ended.
+        self._put_manifest("interrupted")
+        self._finish("interrupted")
+
+    def _finish(self, state: str) -> Mapping[str, Any]:
+        self.record.finished = datetime.now(UTC)
+        summary: Mapping[str, Any] = plain_json(self.record.summary(state))
+        self.directory.put_json("summary.json", summary)
+        self.directory.put_text("report.html", self.record.report(state))
+        # Last: a run whose manifest says that it is finished has all its files.
+        self._put_manifest(state)
+        return summary
+
+    def _stage(self, name: str) -> None:
+        """Run one stage, or say why not; only an interruption leaves this method."""
+        record = self.record.stages[name]
+        missing = [other for other in takes_from(self.specs[name]) if other not in self.products]
+        if missing:
+            record.state = "not run"
+            record.message = f"it needs {', '.join(missing)}"
+            return
+        record.state = "running"
+        # A key that nothing else has, where there is none.
+        fingerprint = record.key or secrets.token_hex(32)
+        context = StageContext(
+            name, self.mission.seed, self.directory, self.progress, self.stopped, fingerprint,
+            self.executor,
+        )  # fmt: skip
+        context.info(f"started ({record.type})")
+        begun = perf_counter()
+        try:
+            inputs = inputs_of(self.specs[name], self.products)
+            self.products[name] = self._product(record, inputs, context)
+            self._present(name, record, inputs)
+            record.state = "done"
+        except Interrupted:
+            raise
+        # The border between the framework and a stage: whatever a plugin raises (SystemExit too)
+        # fails its stage, is told in one sentence, and leaves its traceback in the log.
+        except (Exception, SystemExit) as error:
+            record.state = "failed"
+            record.error = type(error).__name__
+            record.message = _sentence(error)
+            context.info("failed\n" + "".join(traceback.format_exception(error)))
+        finally:
+            record.seconds += perf_counter() - begun
+        context.info(f"{record.state} after {record.seconds:.2f} s")
+
+    def _product(
+        self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
+    ) -> Any:
+        """Return the product of a stage, which is in the run directory then."""
+        taken = takes_from(self.specs[record.name])
+        settled = self.by_chance.isdisjoint(taken)
+        if self.earlier is not None and (
+            record.product
+            or not self.from_directory.isdisjoint(taken)
+            or (self.directory.path / "work" / record.name).exists()
+        ):
+            self.from_directory.add(record.name)
+        product = self._stored(record, context)
+        if product is None:
+            product = self._cached(record, context) if settled else None
+            if product is None:
+                product = self._computed(record, inputs, context)
+                kept = settled and record.name not in self.from_directory
+                if kept and getattr(product, "reproducible", True):
+                    self._keep(record, product, context)
+            record.product = self.directory.put_product(record.name, product)
+            self._put_manifest("running")
+        if not settled or not getattr(product, "reproducible", True):
+            self.by_chance.add(record.name)
+        self.directory.clear_workspace(record.name)
+        return product
+
+    def _stored(self, record: StageRecord, context: StageContext) -> Any:
+        """Return what an earlier part of this run has stored, or ``None``."""
+        if self.earlier is None or not record.product:
+            return None
+        try:
+            product = self.earlier.product(record.name, self.classes[record.name])
+        except (InputError, OSError) as error:
+            context.info(f"its product is damaged and computed again: {error}")
+            record.product, record.cached, record.seconds = None, False, 0.0
+            return None
+        context.info("taken from the earlier part of this run")
+        return product
+
+    def _cached(self, record: StageRecord, context: StageContext) -> Any:
+        if self.cache is None or record.key is None:
+            return None
+        try:
+            product = self.cache.load(record.key, self.classes[record.name])
+        except (InputError, OSError) as error:
+            context.info(f"its cache entry is damaged and computed again: {error}")
+            return None
+        except StageError as error:
+            context.info(f"it is computed again, as its cache entry stays unread: {error}")
+            return None
+        if product is not None:
+            context.info(f"taken from the cache ({record.key[:16]})")
+            record.cached = True
+        return product
+
+    def _computed(
+        self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
+    ) -> Any:
+        expected = self.classes[record.name]
+        repeated = repeated_of(self.mission, record.name, self.products)
+        product = self.stages[record.name].run(context, **repeated, **inputs)
+        if not isinstance(product, expected):
+            raise StageError(
+                f"it must yield a {expected.__name__}, but yielded a {type(product).__name__}"
+            )
+        # Later stages go on with what a resumed run would load.
+        return canonical(product)
+
+    def _keep(self, record: StageRecord, product: Any, context: StageContext) -> None:
+        if self.cache is not None and record.key is not None:
+            try:
+                self.cache.save(record.key, product)
+            except OSError as error:
+                context.info(f"its result could not be kept in the cache: {error}")
+
+    def _present(self, name: str, record: StageRecord, inputs: Mapping[str, Any]) -> None:
+        shown = self.stages[name].present(self.products[name], **inputs)
+        if not isinstance(shown, Presentation):
+            raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
+        if faults := presentation_faults(shown):
+            raise StageError("its presentation is not sound: " + "; ".join(faults))
+        record.notes = tuple(shown.verdict)
+        for key, metric in shown.metrics.items():
+            record.metrics[self.record.free_name("metrics", key, name)] = metric
+        for key, table in shown.tables.items():
+            free = self.record.free_name("tables", key, name)
+            self.directory.put_table(free, table)
+            record.tables[free] = table
+        figures = shown.figures if getattr(self.specs[name], "figures", True) else {}
+        for key, figure in figures.items():
+            drawing = _drawn(key, figure)
+            free = self.record.free_name("figures", key, name)
+            self.directory.put_drawing(free, drawing)
+            record.figures[free] = (figure, drawing)
+        for key, text in shown.files.items():
+            self.directory.put_text(f"files/{name}/{key}", text)
+            record.files = (*record.files, f"files/{name}/{key}")
+
+
+def _drawn(key: str, figure: Figure) -> Drawing:
+    try:
+        return draw(figure)
+    # What a figure's own code raises, told with the figure's name.
+    except Exception as error:
+        raise StageError(f"figure {key!r} cannot be drawn: {_sentence(error)}") from error
+
+
+def _sentence(error: BaseException) -> str:
+    """Return the message of an error; its class too where the framework did not raise it."""
+    text = " ".join(str(error).split())
+    if isinstance(error, HillsphereError) and text:
+        return text
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

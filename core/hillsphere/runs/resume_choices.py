@@ -1,0 +1,272 @@
+"""What of a run's ``resume.json`` is taken, and what must be given again.
+
+The file makes `hillsphere resume` work without further arguments. It may also have been written by
+somebody else: a run directory is what people send to each other. It is therefore data. Taken from
+it are the name of a packaged mission, whether the cache is used, and an executor of this machine
+(serial, or a pool with its number of workers). A scheduler's address would be connected to, and
+what it sends is unpickled; any other executor is a program that the file would choose; a mission
+elsewhere, and files outside the directory of a mission, would be read. Those must be given by who
+types the command, also if his own process wrote the file a moment ago: nothing in a directory
+proves that.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hillsphere.base.errors import InputError
+from hillsphere.runs.executor_choice import ExecutorChoice, executor_table
+from hillsphere.mission.load import Mission
+from hillsphere.base.paths import missions_directory
+from hillsphere.base.processors import processors
+from hillsphere.runs.run_manifest import SCHEMA, read_record
+from hillsphere.base.shell_words import shell_line
+
+__all__ = ["LOCAL", "ResumeChoices", "choose", "local_facts", "read_local", "resume_command"]
+
+LOCAL = "resume.json"
+"""File of what belongs to this machine."""
+
+_LONGEST_TEXT = 4096
+"""Characters of the longest path of Linux."""
+
+_MOST_WORKERS = 64
+"""Workers that a file may ask for however few processors there are: more, each of which is a Python
+process of some 200 MB, could bring a machine down."""
+
+
+@dataclass(frozen=True)
+class ResumeChoices:
+    """How a run is continued.
+
+    Parameters
+    ----------
+    mission : str or Path, optional
+        Name of a packaged mission, or path of a mission file.
+    allow_path : bool
+        Whether files outside the directory of the mission may be read.
+    executor : str, mapping or Executor, optional
+        Where campaigns do their work.
+    """
+
+    mission: str | os.PathLike[str] | None = None
+    allow_path: bool = False
+    executor: ExecutorChoice | None = None
+
+
+def local_facts(mission: Mission, *, cache: bool, executor: Any) -> dict[str, Any]:
+    """Return the content of `LOCAL`.
+
+    Parameters
+    ----------
+    mission : Mission
+        What is run.
+    cache : bool
+        Whether results of stages may come from the cache.
+    executor : mapping or None
+        Table of the executor; ``None`` for one that was made in Python.
+
+    Returns
+    -------
+    dict
+        Where the mission is, whether it reads files elsewhere, and the other arguments.
+    """
+    packaged = missions_directory().resolve()
+    is_packaged = mission.path.parent.resolve() == packaged and mission.path.suffix == ".toml"
+    roots = (mission.directory, packaged)
+    return {
+        "schema": SCHEMA,
+        "mission": mission.path.stem if is_packaged else str(mission.path),
+        "allow_path": any(
+            not any(Path(path).is_relative_to(root) for root in roots)
+            for specs in mission.specs.values()
+            for spec in specs.values()
+            for _, path in spec.data_paths()
+        ),
+        "cache": cache,
+        "executor": executor,
+    }
+
+
+def read_local(directory: Path) -> Mapping[str, Any]:
+    """Return the content of `LOCAL` in a run directory.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is not what a run writes.
+    """
+    path = directory / LOCAL
+    found = read_record(path, ("mission", "allow_path"))
+    mission, executor = found["mission"], found.get("executor")
+    is_sound = (
+        isinstance(mission, str)
+        and 0 < len(mission) <= _LONGEST_TEXT
+        and isinstance(found["allow_path"], bool)
+        and isinstance(found.get("cache", True), bool)
+        and (executor is None or (isinstance(executor, dict) and _is_word(executor.get("type"))))
+    )
+    if not is_sound:
+        raise InputError(f"{path}: is not the file that a run writes")
+    return found
+
+
+def choose(
+    local: Mapping[str, Any],
+    given: ResumeChoices,
+    command: Sequence[str],
+    settings: Sequence[str],
+    *,
+    needs_executor: bool = True,
+) -> ResumeChoices:
+    """Return what is given, and of the rest what may be taken from `LOCAL`.
+
+    Parameters
+    ----------
+    local : mapping
+        Content of `LOCAL`.
+    given : ResumeChoices
+        What the caller says.
+    command : sequence of str
+        The command line so far: ``("hillsphere", "resume", "runs/one")``.
+    settings : sequence of str
+        Of the run, which its manifest says and which change what the mission reads.
+    needs_executor : bool
+        Whether the command works with the executor of the run.
+
+    Raises
+    ------
+    InputError
+        If something must be given again. The message holds the whole command line.
+    """
+    if not needs_executor:
+        local = {**local, "executor": None}
+    wanted = _wanted(local)
+    missing = []
+    if given.mission is None and not is_packaged(local["mission"]):
+        missing.append(f"the mission file {_shown(local['mission'])}")
+    if not given.allow_path and local["allow_path"]:
+        what = "leave to read files outside the directory of the mission"
+        if settings:
+            what += f", of which the run's settings may name some: {_shown(' '.join(settings))}"
+        missing.append(what)
+    if given.executor is None and not _is_of_this_machine(local.get("executor")):
+        missing.append(f"the executor {_shown(_described(local['executor']))}")
+    if missing:
+        whole = replace(
+            wanted,
+            mission=given.mission if given.mission is not None else wanted.mission,
+            executor=given.executor if given.executor is not None else wanted.executor,
+        )
+        items = "\n".join(f"  {item}" for item in missing)
+        raise InputError(
+            f"{command[2]!r} names what is not taken from a run directory, which anybody may have "
+            f"written:\n{items}\n"
+            "if that is what you want, give it again; the whole command:\n"
+            f"  {shell_line([*command, *_options(whole)])}{_left_out(whole.executor)}"
+        )
+    return ResumeChoices(
+        mission=given.mission if given.mission is not None else wanted.mission,
+        allow_path=given.allow_path,
+        executor=given.executor if given.executor is not None else local.get("executor"),
+    )
+
+
+def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
+    """Return the command line that continues a run.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    local : mapping
+        Content of its `LOCAL`.
+    """
+    return shell_line(["hillsphere", "resume", _as_argument(directory), *_options(_wanted(local))])
+
+
+def is_packaged(name: str) -> bool:
+    """Whether a text is the name of a packaged mission."""
+    return name in {path.stem for path in missions_directory().glob("*.toml")}
+
+
+def _wanted(local: Mapping[str, Any]) -> ResumeChoices:
+    """Return what a file says, of which only what must be given is an option."""
+    executor = local.get("executor")
+    return ResumeChoices(
+        local["mission"], local["allow_path"], None if _is_of_this_machine(executor) else executor
+    )
+
+
+def _is_of_this_machine(executor: Mapping[str, Any] | None) -> bool:
+    """Whether an executor starts nothing but so many processes of this program."""
+    if executor is None or executor == {"type": "serial"}:
+        return True
+    workers = executor.get("workers")
+    return (
+        executor.get("type") == "pool"
+        and executor.keys() <= {"type", "workers"}
+        and (
+            workers is None
+            or (type(workers) is int and 1 <= workers <= max(_MOST_WORKERS, processors()))
+        )
+    )
+
+
+def _options(choices: ResumeChoices) -> list[str]:
+    words = []
+    if choices.mission is not None and not is_packaged(str(choices.mission)):
+        words += _option("--mission", os.fspath(choices.mission))
+    if choices.allow_path:
+        words.append("--allow-path")
+    table = executor_table(choices.executor) or {}
+    type_, scheduler, workers = (table.get(key) for key in ("type", "scheduler", "workers"))
+    if _is_word(scheduler) and scheduler:
+        words += _option("--scheduler", scheduler)
+    if type_ is not None and (type_ != "dask" or not scheduler):
+        words += _option("--executor", type_)
+    if type(workers) is int:
+        words += _option("--workers", str(workers))
+    return words
+
+
+def _option(name: str, value: str) -> list[str]:
+    # One word where the value would be taken for another option.
+    return [f"{name}={value}"] if value.startswith("-") else [name, value]
+
+
+def _left_out(executor: ExecutorChoice | None) -> str:
+    """Say what of an executor has no option."""
+    table = executor_table(executor) or {}
+    others = sorted(table.keys() - {"type", "scheduler", "workers"})
+    if not others:
+        return ""
+    return (
+        f"\nonly Python can give {_shown(', '.join(others))} of the executor: "
+        "hillsphere.resume_run(…, executor={…})"
+    )
+
+
+def _described(executor: Mapping[str, Any]) -> str:
+    scheduler = executor.get("scheduler")
+    at = f" at {scheduler}" if _is_word(scheduler) and scheduler else ""
+    workers = executor.get("workers")
+    return f"{executor['type']}{at}" + (f" of {workers} workers" if workers is not None else "")
+
+
+def _is_word(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= _LONGEST_TEXT
+
+
+def _shown(text: str) -> str:
+    """Return a text of a stranger's within quotes, cut short, that cannot steer a terminal."""
+    return ascii(text[:200]) if not text.isprintable() else repr(text[:200])
+
+
+def _as_argument(path: Path) -> str:
+    text = str(path)
+    return f"./{text}" if text.startswith("-") else text

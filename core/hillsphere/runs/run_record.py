@@ -1,0 +1,264 @@
+"""The record of a run: what becomes manifest, summary and report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from hillsphere.show.drawing import Drawing
+from hillsphere.base.environment import environment, package_versions
+from hillsphere.mission.load import Mission
+from hillsphere.base.paths import missions_directory
+from hillsphere.show.presentation import Figure, Metric, Table
+from hillsphere.show.report import Report, Section, render
+from hillsphere.runs.run_manifest import SCHEMA
+from hillsphere.base.shell_words import shell_line
+from hillsphere.runs.stage_cache import StageKeys, file_digest
+
+__all__ = ["Failure", "RunRecord", "StageRecord"]
+
+PLATFORM = ("system", "machine", "c_library", "cpu_features", "kernels")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A stage that failed, was interrupted, or was not run because one that it needs failed.
+
+    Parameters
+    ----------
+    stage : str
+        Its name.
+    state : str
+        ``"failed"``, ``"interrupted"`` or ``"not run"``.
+    error : str
+        Class of the exception; ``""`` if there was none.
+    message : str
+        What went wrong, and where.
+    """
+
+    stage: str
+    state: str
+    error: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"stage {self.stage!r} {'was ' * (self.state != 'failed')}{self.state}" + (
+            f": {self.message}" if self.message else ""
+        )
+
+
+@dataclass
+class StageRecord:
+    """What is known of one stage; grows while it runs.
+
+    `product` is the SHA-256 of the file of its product, once that is written.
+    """
+
+    name: str
+    type: str
+    state: str = "not run"
+    key: str | None = None
+    product: str | None = None
+    cached: bool = False
+    seconds: float = 0.0
+    error: str = ""
+    message: str = ""
+    notes: tuple[str, ...] = ()
+    metrics: dict[str, Metric] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)
+    figures: dict[str, tuple[Figure, Drawing]] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
+
+
+@dataclass
+class RunRecord:
+    """What is known of a run; its methods return the contents of the files.
+
+    `sources` holds the digest of the source files of every package that the results depend on,
+    `resumed` when the run was taken up again.
+    """
+
+    mission: Mission
+    started: datetime
+    stages: dict[str, StageRecord] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
+    resumed: Sequence[datetime] = ()
+    finished: datetime | None = None
+
+    def __post_init__(self) -> None:
+        # Now, not at the end: the run uses the files as they are at its start.
+        self._inputs = {
+            key: {"file": name, "sha256": file_digest(Path(path))}
+            for key, path, name in self._data_files()
+        }
+
+    @classmethod
+    def begun(cls, mission: Mission) -> RunRecord:
+        """Return the record of a run that is to begin now: no stage has run, all have keys."""
+        keys = StageKeys(mission)
+        stages = {
+            name: StageRecord(
+                name, mission.components["stage"][name].component.type, key=keys.of(name)
+            )
+            for name in mission.order()
+        }
+        return cls(mission, datetime.now(UTC), stages, keys.sources)
+
+    def free_name(self, group: str, name: str, stage: str) -> str:
+        """Return an identifier that no other stage used for a metric, table or figure."""
+        used = {key for s in self.stages.values() for key in getattr(s, group)}
+        free = name
+        while free in used:
+            free = f"{free}_{stage.replace('-', '_')}"
+        return free
+
+    def metrics(self) -> dict[str, Metric]:
+        """Return the metrics of all stages."""
+        return {key: item for s in self.stages.values() for key, item in s.metrics.items()}
+
+    def tables(self) -> dict[str, Table]:
+        """Return the tables of all stages."""
+        return {key: item for s in self.stages.values() for key, item in s.tables.items()}
+
+    def notes(self) -> list[str]:
+        """Return the sentences of the verdict, each once."""
+        return list(dict.fromkeys(note for s in self.stages.values() for note in s.notes))
+
+    def failures(self) -> list[Failure]:
+        """Return the stages that failed, were interrupted or could not run, in order."""
+        return [
+            Failure(s.name, s.state, s.error, s.message)
+            for s in self.stages.values()
+            if s.state in ("failed", "interrupted", "not run")
+        ]
+
+    def summary(self, state: str) -> dict[str, Any]:
+        """Return the content of ``summary.json``."""
+        return {
+            "schema": SCHEMA,
+            "mission": self.mission.name,
+            "verdict": {"state": state, "notes": self.notes()},
+            "metrics": {
+                key: {"value": metric.value, "unit": metric.unit}
+                for key, metric in self.metrics().items()
+            },
+            "tables": {
+                key: {
+                    "columns": [{"name": c.name, "unit": c.unit} for c in table.columns],
+                    "rows": [
+                        {c.name: row.get(c.name) for c in table.columns} for row in table.rows
+                    ],
+                }
+                for key, table in self.tables().items()
+            },
+            "failures": [vars(failure) for failure in self.failures()],
+        }
+
+    def manifest(self, state: str) -> dict[str, Any]:
+        """Return the content of ``manifest.json``; it names no user, host or absolute path."""
+        return {
+            "schema": SCHEMA,
+            "state": "finished" if state == "success" else state,
+            "started_utc": _utc(self.started),
+            "resumed_utc": [_utc(moment) for moment in self.resumed],
+            "finished_utc": _utc(self.finished) if self.finished else None,
+            "command": self.command(),
+            "seed": self.mission.seed,
+            "profile": self.mission.profile,
+            "sets": list(self.mission.sets),
+            "mission": self._resolved(),
+            "inputs": self._inputs,
+            "versions": {
+                "python": environment()["python"],
+                "packages": package_versions(),
+                "plugins": self._plugins(),
+            },
+            "sources": dict(self.sources),
+            "platform": {key: environment()[key] for key in PLATFORM},
+            "stages": {
+                s.name: {
+                    "type": s.type,
+                    "state": s.state,
+                    "cached": s.cached,
+                    "seconds": round(s.seconds, 6),
+                    "key": s.key,
+                    "product": s.product,
+                }
+                for s in self.stages.values()
+            },
+        }
+
+    def command(self) -> str:
+        """Return what to type to get the same results."""
+        path = self.mission.path
+        packaged = path.parent.resolve() == missions_directory().resolve()
+        words = ["hillsphere", "run", path.stem if packaged else path.name]
+        if self.mission.profile is not None:
+            words += ["--profile", self.mission.profile]
+        for setting in self.mission.sets:
+            words += ["--set", setting]
+        return shell_line(words)
+
+    def report(self, state: str) -> str:
+        """Return the report, an HTML page."""
+        finished = self.finished or datetime.now(UTC)
+        return render(
+            Report(
+                mission=self.mission.name,
+                title=self.mission.title,
+                description=self.mission.description,
+                state=state,
+                notes=self.notes(),
+                sections=[
+                    Section(
+                        s.name, s.type, s.state, s.seconds, s.cached, s.message,
+                        s.metrics, s.tables, s.figures, s.files,
+                    )
+                    for s in self.stages.values()
+                ],
+                started=_utc(self.started),
+                seconds=(finished - self.started).total_seconds(),
+                command=self.command(),
+                mission_text=self.mission.text,
+                versions={
+                    "python": environment()["python"], **package_versions(), **self._plugins()
+                },
+            )
+        )  # fmt: skip
+
+    def _plugins(self) -> dict[str, str]:
+        """Return the plugins that the mission uses, with the distributions that brought them."""
+        records = [r for group in self.mission.components.values() for r in group.values()]
+        return {r.plugin: r.distribution for r in sorted(records, key=lambda r: r.plugin)}
+
+    def _data_files(self) -> Iterator[tuple[str, str, str]]:
+        """Yield (key, absolute path, name to show) of every input file."""
+        roots = (self.mission.directory, missions_directory().resolve())
+        for kind, specs in self.mission.specs.items():
+            for table, spec in specs.items():
+                for where, text in spec.data_paths():
+                    path = Path(text)
+                    inside = [r for r in roots if path.is_relative_to(r)]
+                    name = path.relative_to(inside[0]).as_posix() if inside else path.name
+                    yield ".".join(map(str, (kind, table, *where))), text, name
+
+    def _resolved(self) -> Any:
+        names = {path: name for _, path, name in self._data_files()}
+        return _renamed(self.mission.resolved(), names)
+
+
+def _renamed(value: Any, names: Mapping[str, str]) -> Any:
+    if isinstance(value, str):
+        return names.get(value, value)
+    if isinstance(value, Mapping):
+        return {key: _renamed(item, names) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_renamed(item, names) for item in value]
+    return value
+
+
+def _utc(moment: datetime) -> str:
+    return moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,0 +1,73 @@
+"""What a run left behind, for those who ran it from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hillsphere.base.errors import InputError, StageError
+from hillsphere.show.presentation import Metric, Table
+from hillsphere.runs.run_record import Failure
+
+__all__ = ["RunResult"]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run left behind.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    state : str
+        ``"success"`` or ``"failed"``.
+    notes : tuple of str
+        Sentences of the verdict.
+    metrics, tables : mapping
+        What the stages show, by identifier.
+    products : mapping
+        Stage name to product, of the stages that finished.
+    failures : tuple of Failure
+        One per stage that failed or could not run.
+    summary : mapping
+        The content of ``summary.json``.
+    """
+
+    directory: Path
+    state: str
+    notes: tuple[str, ...]
+    metrics: Mapping[str, Metric] = field(repr=False)
+    tables: Mapping[str, Table] = field(repr=False)
+    products: Mapping[str, Any] = field(repr=False)
+    failures: tuple[Failure, ...]
+    summary: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every stage finished."""
+        return self.state == "success"
+
+    @property
+    def report(self) -> Path:
+        """The report."""
+        return self.directory / "report.html"
+
+    def product(self, stage: str) -> Any:
+        """Return the product of a stage.
+
+        Raises
+        ------
+        StageError
+            If it failed or was not run; the message says why.
+        InputError
+            If the mission has no such stage.
+        """
+        if stage in self.products:
+            return self.products[stage]
+        for failure in self.failures:
+            if failure.stage == stage:
+                raise StageError(str(failure))
+        raise InputError(f"no stage {stage!r} in this run; it has {', '.join(self.products)}")

@@ -1,0 +1,186 @@
+"""What stages pass to each other: products, and the stage that a campaign repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from hillsphere.runs.assembly import placed
+from hillsphere.base.errors import InputError, PluginError
+from hillsphere.interfaces.stages import CaseStage
+from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import load_object
+from hillsphere.base.problems import MissionError, Problem, with_article
+from hillsphere.spec.base import Ref, Spec
+
+if TYPE_CHECKING:
+    from hillsphere.cases.repeated import Repeated
+
+__all__ = [
+    "inputs_of",
+    "needs_faults",
+    "product_class",
+    "repeat_faults",
+    "repeated_by",
+    "repeated_of",
+    "takes_from",
+]
+
+
+def product_class(mission: Mission, stage: str) -> type:
+    """Return the class of what a stage yields.
+
+    Raises
+    ------
+    PluginError
+        If its Spec does not say, or what it names is no class that can be imported, or none that
+        can be stored: a frozen dataclass.
+    """
+    path = str(getattr(mission.specs["stage"][stage], "produces", ""))
+    what = f"stage {stage!r} ({_type(mission, stage)})"
+    if not path:
+        raise PluginError(f"{what}: its Spec does not say what it produces")
+    found = _class(path, what)
+    if not (is_dataclass(found) and found.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+        raise PluginError(
+            f"{what}: its product class {path!r} must be a frozen dataclass, which can be stored; "
+            "decorate it with @dataclass(frozen=True)"
+        )
+    return found
+
+
+def needs_faults(mission: Mission, classes: Mapping[str, type]) -> Iterator[Problem]:
+    """Yield a problem for every need that is not met by a product of the class that is needed.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    classes : mapping
+        Stage → class of its product.
+    """
+    for name in classes:
+        for where, path, ref in mission.specs["stage"][name].needs_of():
+            wanted = _class(path, f"stage {name!r} ({_type(mission, name)})")
+            given = classes[ref.name]
+            if not issubclass(given, wanted):
+                yield placed(
+                    mission,
+                    ("stage", name, *where),
+                    f"needs {with_article(wanted.__name__)}, but stage {ref.name!r} yields "
+                    f"{with_article(given.__name__)}",
+                )
+
+
+def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield what is wrong with stages that repeat others.
+
+    Parameters
+    ----------
+    mission : Mission
+        The mission.
+    stages : mapping
+        Stage → its component. What its method ``check`` raises, if it has one, is told with the
+        place of the stage in the mission; it is given the `Repeated` without products.
+    """
+    for name, stage in stages.items():
+        for field, other in repeated_by(mission.specs["stage"][name]):
+            if other not in stages:  # it could not be made, which is told elsewhere
+                continue
+            if not isinstance(stages[other], CaseStage):
+                fitting = [key for key, made in stages.items() if isinstance(made, CaseStage)]
+                hint = f"it can repeat {', '.join(fitting)}" if fitting else "nor can any other"
+                yield placed(
+                    mission,
+                    ("stage", name, field),
+                    f"stage {other!r} ({_type(mission, other)}) cannot be "
+                    f"repeated: it has no run_cases; {hint}",
+                )
+                continue
+            check = getattr(stage, "check", None)
+            if check is None:
+                continue
+            try:
+                check(_repeated(mission, other, {}, by=name))
+            except MissionError as error:
+                yield from error.problems
+            except InputError as error:
+                yield placed(mission, ("stage", name), str(error))
+
+
+def repeated_by(spec: Spec) -> Iterator[tuple[str, str]]:
+    """Yield (field, name of the stage) of what a stage repeats, see `hillsphere.spec.repeated`."""
+    for field in type(spec).model_fields:
+        value = getattr(spec, field)
+        if isinstance(value, Ref) and type(spec).schema_extra(field).get("x-repeats"):
+            yield field, value.name
+
+
+def takes_from(spec: Spec) -> list[str]:
+    """Return the stages whose products a stage cannot do without, each once, by name."""
+    return sorted(
+        {ref.name for _, _, ref in spec.needs_of()} | {name for _, name in repeated_by(spec)}
+    )
+
+
+def inputs_of(spec: Spec, products: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a stage is given by earlier ones.
+
+    Parameters
+    ----------
+    spec : Spec
+        The stage's.
+    products : mapping
+        Stage → product, at least of those that it needs.
+
+    Returns
+    -------
+    dict
+        One item per field of its ``needs``.
+    """
+    needs = getattr(spec, "needs", None)
+    if not isinstance(needs, Spec):
+        return {}
+    return {field: _given(getattr(needs, field), products) for field in type(needs).model_fields}
+
+
+def _given(value: Any, products: Mapping[str, Any]) -> Any:
+    if isinstance(value, Ref):
+        return products[value.name]
+    if isinstance(value, tuple):
+        return tuple(_given(item, products) for item in value)
+    if isinstance(value, dict):
+        return {key: _given(item, products) for key, item in value.items()}
+    return value
+
+
+def repeated_of(mission: Mission, stage: str, products: Mapping[str, Any]) -> dict[str, Repeated]:
+    """Return what a stage repeats, by field, each with the products that it needs itself."""
+    return {
+        field: replace(
+            _repeated(mission, other, inputs_of(mission.specs["stage"][other], products), by=stage),
+            nominal=products.get(other),
+        )
+        for field, other in repeated_by(mission.specs["stage"][stage])
+    }
+
+
+def _repeated(mission: Mission, stage: str, inputs: Mapping[str, Any], by: str) -> Repeated:
+    from hillsphere.cases.repeated import Repeated
+
+    return Repeated(mission, stage, inputs, by)
+
+
+def _type(mission: Mission, stage: str) -> str:
+    return mission.components["stage"][stage].component.type
+
+
+def _class(path: str, what: str) -> type:
+    try:
+        found = load_object(path)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise PluginError(f"{what}: product class {path!r} cannot be imported: {error}") from error
+    if not isinstance(found, type):
+        raise PluginError(f"{what}: {path!r} is not a class")
+    return found

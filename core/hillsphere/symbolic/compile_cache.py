@@ -1,0 +1,145 @@
+"""Compiled functions kept between processes, under a key of all that they depend on.
+
+The compile layer keeps machine code on the disk by itself, but finds it only after it has taken
+the expressions apart, which for a whole step of a Runge–Kutta formula with derivatives (32,000
+terms) takes two seconds. Here the whole function is kept, under the SHA-256 of the equations that
+it was composed of, the options, the source files that compose it, and the compiled form of one
+small function, which tells versions, target and features of the compiler. It is the same machine
+code as a fresh compilation gives, so results are the same bits.
+
+It goes along with the compile layer's own cache: in a directory beside it, off if that is off, and
+used with `--no-cache` too, which is about results.
+
+Entries are pickles, and unpickling runs what is in them. `hillsphere.symbolic._heyoka` has judged
+the directory and all above it; of the files only those are read that belong to this user and that
+nobody else may write to. Whoever can make such a file can run anything as this user anyway.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from hillsphere.base.atomic import PART_SUFFIX, replacing
+from hillsphere.base.cached_files import drop_oldest, tree_digest
+from hillsphere.base.environment import package_versions
+from hillsphere.base.private_cache import is_private
+from hillsphere.base.regular_files import open_regular
+from hillsphere.symbolic._heyoka import heyoka as _hy
+from hillsphere.symbolic.expressions import Expr, variable
+
+__all__ = ["kept_function"]
+
+MAX_BYTES = 1 << 30
+WORTH_S = 0.1
+"""What is compiled within this time is not kept: reading it back would save little."""
+
+_PROTOCOL = 5
+_SUFFIX = ".function"
+_DIGEST_BYTES = sha256().digest_size
+
+
+def kept_function(
+    options: Mapping[str, Any], equations: Iterable[Expr], make: Callable[[], Any]
+) -> Any:
+    """Return a compiled function: the one that was kept, or a new one, which is kept.
+
+    Parameters
+    ----------
+    options : mapping
+        All that `make` depends on but the equations, as JSON knows it.
+    equations : iterable of Expr
+        The expressions that `make` begins with, in their order; those that it composes need not
+        be named, which saves composing and writing them out.
+    make : callable
+        Compiles; its source is in `hillsphere.dynamics`, whose files are part of the key.
+
+    Returns
+    -------
+    object
+        What `make` returns, picklable. An entry that is damaged, of another user or of another key
+        is as good as none; so is a directory that cannot be written.
+    """
+    if not _hy.llvm_state.get_diskcache_enabled():
+        return make()
+    key = _key(options, equations)
+    path = _directory() / f"{key}{_SUFFIX}"
+    function = _load(path, key)
+    if function is None:
+        begin = monotonic()
+        function = make()
+        if monotonic() - begin >= WORTH_S:
+            with suppress(
+                OSError
+            ):  # `hillsphere.symbolic._heyoka` has told if nothing can be written
+                _save(path, key, function)
+    return function
+
+
+def _directory() -> Path:
+    return Path(_hy.llvm_state.get_diskcache_path()) / "functions"
+
+
+def _key(options: Mapping[str, Any], equations: Iterable[Expr]) -> str:
+    digest = sha256(_maker().encode())
+    digest.update(json.dumps(options, sort_keys=True).encode())
+    for equation in equations:
+        # One by one: a pickle of several depends on which objects they share. Printed, they would
+        # be cut short.
+        digest.update(sha256(pickle.dumps(equation, _PROTOCOL)).digest())
+    return digest.hexdigest()
+
+
+@cache
+def _maker() -> str:
+    """Digest of what makes functions: source files, versions and the compiler's target."""
+    here = Path(__file__).parents[1]
+    x = variable("x")
+    probe = _hy.cfunc([x + 1.0], vars=[x])
+    facts = [
+        tree_digest(here / "engine" / "dynamics"),
+        tree_digest(here / "symbolic"),
+        package_versions(("hillsphere", "heyoka")),
+        [repr(state) for state in probe.llvm_states],  # target, CPU and its features, options
+        sha256(pickle.dumps(probe, _PROTOCOL)).hexdigest(),  # holds the compiler's version
+    ]
+    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _load(path: Path, key: str) -> Any:
+    """Return the function in a file, or None if there is none that can be trusted."""
+    try:
+        with open_regular(path, MAX_BYTES, follow_links=False) as stream:
+            if not is_private(os.fstat(stream.fileno())):
+                return None
+            digest, content = stream.read(_DIGEST_BYTES), stream.read()
+        if digest != _digest(key, content):
+            return None
+        function = pickle.loads(content)
+    except Exception:  # what a foreign pickle raises, nobody knows
+        return None
+    with suppress(OSError):  # only its age in the cache
+        os.utime(path)
+    return function
+
+
+def _save(path: Path, key: str, function: Any) -> None:
+    content = pickle.dumps(function, _PROTOCOL)
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with replacing(path, mode=0o600) as stream:  # whatever the umask, or it would not be read
+        stream.write(_digest(key, content))
+        stream.write(content)
+    drop_oldest(path.parent, (_SUFFIX, PART_SUFFIX), MAX_BYTES)
+
+
+def _digest(key: str, content: bytes) -> bytes:
+    # With the key: an entry that was renamed is another function.
+    return sha256(key.encode() + content).digest()

@@ -1,0 +1,417 @@
+"""Expressions: the language in which gravity models, plants and laws write their equations.
+
+A model writes its equations once, on the expressions given here; `hillsphere.dynamics` derives the
+rest from them (array evaluators, exact derivatives, variational equations, propagators). This is
+the only module that a plugin needs for its equations.
+
+Facts of the engine behind it that a model must respect:
+
+- No control flow on values: use `select`. Both branches are evaluated, so both must be finite (or
+  at least not poison the derivative) everywhere.
+- `where_x = substitute(model(x), {x: shifted})` is how a model is placed elsewhere: write it on
+  plain variables, differentiate, then substitute. Differentiating by a composite is refused.
+- Run-time parameters are named with `parameter`; the engine numbers them when it compiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import reduce
+from operator import add, mul
+from typing import Any, Protocol, TypeAlias, cast
+
+from hillsphere.base.errors import InputError
+from hillsphere.symbolic._heyoka import heyoka as _hy
+
+__all__ = [
+    "Expr", "Overloaded", "Params", "Scalar", "Vec3", "absolute", "acos", "asin", "atan2",
+    "constant", "cos", "cross", "dot", "eccentric_anomaly", "exp", "gradient", "greater",
+    "is_zero", "jacobian", "kepler", "less", "log", "matvec", "maximum", "minimum", "norm",
+    "number_in", "parameter", "parameter_names", "pi", "power", "product", "select", "sin",
+    "spherical_harmonics_potential", "sqrt", "substitute", "sum_of", "tan", "time", "variable",
+    "variable_names", "variables",
+]  # fmt: skip
+
+
+class Expr(Protocol):
+    """An expression; supports ``+ - * / **`` with expressions and numbers, and unary minus."""
+
+    def __add__(self, other: Scalar, /) -> Expr: ...
+    def __radd__(self, other: Scalar, /) -> Expr: ...
+    def __sub__(self, other: Scalar, /) -> Expr: ...
+    def __rsub__(self, other: Scalar, /) -> Expr: ...
+    def __mul__(self, other: Scalar, /) -> Expr: ...
+    def __rmul__(self, other: Scalar, /) -> Expr: ...
+    def __truediv__(self, other: Scalar, /) -> Expr: ...
+    def __rtruediv__(self, other: Scalar, /) -> Expr: ...
+    def __pow__(self, other: Scalar, /) -> Expr: ...
+    def __neg__(self) -> Expr: ...
+
+
+Scalar: TypeAlias = Expr | float | int
+Vec3: TypeAlias = tuple[Expr, Expr, Expr]
+Params: TypeAlias = Mapping[str, Expr]
+"""Parameter name → expression; the engine decides whether it is a constant or set at run time."""
+
+_PARAMETER = "param:"
+
+
+class Overloaded:
+    """Base of types of numbers that may stand in the place of expressions.
+
+    The functions below pass such an argument on to its method ``symbolic_`` + their own name, so
+    that equations written for the engine can be evaluated in another arithmetic
+    (`hillsphere.engine.dynamics.bounds`). What only the engine knows raises a TypeError.
+    """
+
+    __array_ufunc__ = None  # a number of numpy times this is the business of this
+
+    @classmethod
+    def of(cls, item: object) -> Any:
+        """Return a number, or an expression that is one, as this type."""
+        raise NotImplementedError
+
+
+def _overloaded(*items: object) -> type[Overloaded] | None:
+    """Return the type of the first operand that is no expression of the engine."""
+    return next((type(item) for item in items if isinstance(item, Overloaded)), None)
+
+
+def _call(name: str, engine: Callable[..., Any], *items: Scalar) -> Expr:
+    """Call the engine's function, or the method of an operand of another arithmetic."""
+    kind = _overloaded(*items)
+    if kind is None:
+        return cast(Expr, engine(*(_as_expr(item) for item in items)))
+    first, *rest = (kind.of(item) for item in items)
+    return cast(Expr, getattr(first, "symbolic_" + name)(*rest))
+
+
+def number_in(item: object) -> float:
+    """Return the number that an expression consists of.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    # The engine writes a number with 17 digits, from which it is read back exactly.
+    text = "3.14159265358979323846" if str(item) == "π" else str(item)
+    try:
+        return float(text)
+    except ValueError:
+        raise TypeError(f"{text[:60]} is not a number") from None
+
+
+time: Expr = cast(Expr, _hy.time)
+"""The independent variable of a system of equations, s."""
+pi: Expr = cast(Expr, _hy.pi)
+
+
+def constant(value: float) -> Expr:
+    """Return a number as an expression."""
+    return cast(Expr, _hy.expression(float(value)))
+
+
+def variable(name: str) -> Expr:
+    """Return the variable of this name."""
+    if name.startswith(_PARAMETER):
+        raise InputError(f"variable {name!r}: names with {_PARAMETER!r} are run-time parameters")
+    return cast(Expr, _hy.expression(name))
+
+
+def variables(*names: str) -> tuple[Expr, ...]:
+    """Return the variables of these names."""
+    return tuple(variable(name) for name in names)
+
+
+def parameter(name: str) -> Expr:
+    """Return the run-time parameter of this name; it gets its value at each evaluation."""
+    return cast(Expr, _hy.expression(_PARAMETER + name))
+
+
+def variable_names(expressions: Iterable[Expr]) -> list[str]:
+    """Names of the variables in the expressions, sorted; run-time parameters are left out."""
+    names = _hy.get_variables([_as_expr(e) for e in expressions])
+    return [name for name in names if not name.startswith(_PARAMETER)]
+
+
+def parameter_names(expressions: Iterable[Expr]) -> list[str]:
+    """Names of the run-time parameters in the expressions, sorted."""
+    names = _hy.get_variables([_as_expr(e) for e in expressions])
+    return [n.removeprefix(_PARAMETER) for n in names if n.startswith(_PARAMETER)]
+
+
+def _as_expr(value: Scalar) -> Expr:
+    return constant(value) if isinstance(value, int | float) else value
+
+
+def sqrt(x: Scalar) -> Expr:
+    """Square root."""
+    return _call("sqrt", _hy.sqrt, x)
+
+
+def sin(x: Scalar) -> Expr:
+    """Sine."""
+    return _call("sin", _hy.sin, x)
+
+
+def cos(x: Scalar) -> Expr:
+    """Cosine."""
+    return _call("cos", _hy.cos, x)
+
+
+def tan(x: Scalar) -> Expr:
+    """Tangent."""
+    return _call("tan", _hy.tan, x)
+
+
+def asin(x: Scalar) -> Expr:
+    """Inverse sine, rad."""
+    return _call("asin", _hy.asin, x)
+
+
+def acos(x: Scalar) -> Expr:
+    """Inverse cosine, rad; keep the argument off ±1, where the derivative is infinite."""
+    return _call("acos", _hy.acos, x)
+
+
+def atan2(y: Scalar, x: Scalar) -> Expr:
+    """Angle of the point (x, y), rad, in (−π, π]."""
+    if _overloaded(x, y):
+        return _call("atan2", _hy.atan2, x, y)
+    return cast(Expr, _hy.atan2(_as_expr(y), _as_expr(x)))
+
+
+def exp(x: Scalar) -> Expr:
+    """Exponential."""
+    return _call("exp", _hy.exp, x)
+
+
+def log(x: Scalar) -> Expr:
+    """Natural logarithm."""
+    return _call("log", _hy.log, x)
+
+
+def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
+    """Solve Kepler's equation D + s (1 − cos D) − c sin D = M for D, where s² + c² < 1.
+
+    s and c are e sin E₀ and e cos E₀ at an eccentric anomaly E₀, D and M the differences of the
+    eccentric and the mean anomaly from there. Without singularity at e = 0.
+    """
+    if _overloaded(e_sin, e_cos, difference):
+        raise TypeError("the difference of anomalies is known to the engine only")
+    s, c, m = _as_expr(e_sin), _as_expr(e_cos), _as_expr(difference)
+    within = cast(Expr, _hy.kepDE(s, c, m))
+    # The engine's D is in [0, 2π); the equation itself gives the one that belongs to M.
+    return m + c * sin(within) - s * (1.0 - cos(within))
+
+
+def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
+    """Solve Kepler's equation E − e sin E = M for E, 0 ≤ e < 1; in the revolution of M.
+
+    Unlike `kepler` it is known to the Taylor propagator.
+    """
+    if _overloaded(eccentricity, mean):
+        return _call("eccentric_anomaly", _hy.kepE, mean, eccentricity)
+    e, m = _as_expr(eccentricity), _as_expr(mean)
+    # The engine's E is in [0, 2π); the equation itself gives the one that belongs to M.
+    return m + e * sin(cast(Expr, _hy.kepE(e, m)))
+
+
+def power(x: Scalar, exponent: float) -> Expr:
+    """Raise x to a constant power."""
+    return _as_expr(x) ** exponent
+
+
+def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
+    """One of two expressions, lane by lane; both are evaluated.
+
+    A Taylor series is that of the branch on which its step begins: a model tells where it changes
+    branch by `switches` (`hillsphere.interfaces.Piecewise`, or `PiecewisePlant` for a plant), or
+    `hillsphere.dynamics.Taylor` flies past without notice. The step map needs no such help.
+    """
+    if isinstance(condition, _Comparison):
+        kind = type(condition.difference)
+        yes, no = condition.sides()
+        first, last = kind.of(if_true), kind.of(if_false)
+        return cast(Expr, first.symbolic_select(last, yes, no))
+    return cast(Expr, _hy.select(condition, _as_expr(if_true), _as_expr(if_false)))
+
+
+def greater(a: Scalar, b: Scalar) -> Expr:
+    """Condition a > b, for `select`."""
+    if _overloaded(a, b):
+        return cast(Expr, _Comparison(cast(Any, a) - b))
+    return cast(Expr, _hy.gt(_as_expr(a), _as_expr(b)))
+
+
+def less(a: Scalar, b: Scalar) -> Expr:
+    """Condition a < b, for `select`."""
+    if _overloaded(a, b):
+        return cast(Expr, _Comparison(cast(Any, b) - a))
+    return cast(Expr, _hy.lt(_as_expr(a), _as_expr(b)))
+
+
+class _Comparison:
+    """A condition in another arithmetic: that a difference is positive."""
+
+    def __init__(self, difference: Any) -> None:
+        self.difference = difference
+
+    def sides(self) -> tuple[Any, Any]:
+        """Say where it surely holds, and where it surely does not."""
+        low, high = self.difference.value
+        return low > 0.0, high <= 0.0
+
+
+def minimum(a: Scalar, b: Scalar) -> Expr:
+    """Smaller of two expressions, lane by lane."""
+    if _overloaded(a, b):
+        return _call("minimum", _hy.select, a, b)
+    return select(less(a, b), a, b)
+
+
+def maximum(a: Scalar, b: Scalar) -> Expr:
+    """Larger of two expressions, lane by lane."""
+    if _overloaded(a, b):
+        return -minimum(-cast(Expr, a), -cast(Expr, b))
+    return select(greater(a, b), a, b)
+
+
+def is_zero(e: Scalar) -> bool:
+    """Whether an expression is literally the number zero (``0 * x`` is, ``x - x`` is not)."""
+    return not _overloaded(e) and bool(_as_expr(e) == constant(0.0))
+
+
+def absolute(x: Scalar) -> Expr:
+    """|x|, by `select`; its derivative at zero is that of −x."""
+    e = _as_expr(x)
+    if _overloaded(e):
+        return maximum(e, -e)
+    return select(greater(e, 0.0), e, -e)
+
+
+def sum_of(terms: Iterable[Scalar]) -> Expr:
+    """Sum of any number of terms; better for the compiler than a chain of ``+``."""
+    items = list(terms)
+    if _overloaded(*items):
+        return cast(Expr, reduce(add, items))
+    return cast(Expr, _hy.sum([_as_expr(term) for term in items]))
+
+
+def product(factors: Iterable[Scalar]) -> Expr:
+    """Product of any number of factors."""
+    items = list(factors)
+    if _overloaded(*items):
+        return cast(Expr, reduce(mul, items))
+    return cast(Expr, _hy.prod([_as_expr(factor) for factor in items]))
+
+
+def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Expr:
+    """Scalar product."""
+    if _overloaded(*a, *b):
+        return sum_of([cast(Any, x) * y for x, y in zip(a, b, strict=True)])
+    return sum_of(_as_expr(x) * y for x, y in zip(a, b, strict=True))
+
+
+def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
+    """Vector product of two 3-vectors."""
+    ax, ay, az = (cast(Any, x) for x in a) if _overloaded(*b) else (_as_expr(x) for x in a)
+    bx, by, bz = (_as_expr(x) for x in b)
+    return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+
+
+def norm(a: Sequence[Scalar]) -> Expr:
+    """Euclidean length."""
+    kind = _overloaded(*a)
+    if kind is None:
+        return sqrt(dot(a, a))
+    # Another arithmetic may know more of a length than of the root of a sum.
+    first, *rest = (kind.of(item) for item in a)
+    return cast(Expr, first.symbolic_norm(*rest))
+
+
+def matvec(matrix: Sequence[Sequence[Scalar]], vector: Sequence[Scalar]) -> tuple[Expr, ...]:
+    """Matrix times vector."""
+    return tuple(dot(row, vector) for row in matrix)
+
+
+def substitute(
+    expressions: Sequence[Expr],
+    replacements: Mapping[Expr, Scalar] | Mapping[str, Scalar] | Mapping[Expr | str, Scalar],
+) -> tuple[Expr, ...]:
+    """Replace variables, all at once.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+        What to rewrite.
+    replacements : mapping
+        Variable (or its name) to what takes its place.
+
+    Returns
+    -------
+    tuple of Expr
+        In the order given.
+    """
+    table = {
+        (variable(key) if isinstance(key, str) else key): _as_expr(value)
+        for key, value in replacements.items()
+    }
+    return tuple(cast("list[Expr]", _hy.subs([_as_expr(e) for e in expressions], table)))
+
+
+def jacobian(expressions: Sequence[Scalar], by: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
+    """Exact first derivatives.
+
+    Parameters
+    ----------
+    expressions : sequence of Expr
+        m functions.
+    by : sequence of Expr
+        n variables or run-time parameters (plain, not composite).
+
+    Returns
+    -------
+    tuple of tuple of Expr
+        m rows of n derivatives.
+    """
+    functions = [_as_expr(e) for e in expressions]
+    if not functions or not by:
+        return ((),) * len(functions)
+    tensors = _hy.diff_tensors(functions, diff_args=list(by), diff_order=1)
+    table = tensors.jacobian
+    return tuple(
+        tuple(cast(Expr, table[i][j]) for j in range(len(by))) for i in range(len(functions))
+    )
+
+
+def gradient(expression: Scalar, by: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Exact derivatives of one function by n variables."""
+    return jacobian([expression], by)[0]
+
+
+def spherical_harmonics_potential(
+    r: Vec3,
+    coefficients: Sequence[tuple[Scalar, Scalar]],
+    gm: Scalar,
+    radius: Scalar,
+) -> Expr:
+    """Potential of a spherical-harmonic series, +U, finite at the poles.
+
+    Parameters
+    ----------
+    r : Vec3
+        Body-fixed position.
+    coefficients : sequence of (C, S)
+        Fully normalised (4π), in degree-then-order order, degrees 0 and 1 included.
+    gm, radius : Scalar
+        Gravitational parameter and reference radius, in units that fit `r`.
+
+    Returns
+    -------
+    Expr
+        (GM/R) Σ (R/r)^{n+1} P̄nm(sin φ)(C̄ cos mλ + S̄ sin mλ).
+    """
+    table = [[_as_expr(c), _as_expr(s)] for c, s in coefficients]
+    return cast(Expr, _hy.model.sh_gravity_pot(list(r), table, _as_expr(gm), _as_expr(radius)))

@@ -1,0 +1,1 @@
+"""Campaigns on the same random numbers, compared case by case."""

@@ -1,0 +1,267 @@
+"""What a comparison of campaigns shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.uncertainty.matching import matched
+from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
+from hillsphere_campaigns.figures import grid_of, grid_size, labelled
+from hillsphere_campaigns.result_tables import MOST_ROWS, first_rows, number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+__all__ = ["chosen", "present_comparison"]
+
+_PANELS = 6
+_SENTENCES = 6
+_BARS = 40
+
+_WHO = (Column("campaign", "", "campaign"), Column("point", "", "point"))
+_FAILURES = (
+    *_WHO,
+    Column("pairs", "-", "pairs"),
+    Column("unpaired", "-", "cases without partner"),
+    Column("undecided", "-", "pairs with an undecided case"),
+    Column("baseline_failures", "-", "first failed"),
+    Column("failures", "-", "this failed"),
+    Column("only_baseline", "-", "only the first failed"),
+    Column("only_this", "-", "only this failed"),
+    Column("difference", "-", "difference of the failure ratios", 4),
+    Column("difference_low", "-", "at least", 4),
+    Column("difference_high", "-", "at most", 4),
+    Column("p", "-", "p (McNemar, exact)", 2),
+)
+_METRICS = (
+    *_WHO,
+    Column("metric", "", "metric"),
+    Column("unit", "", "unit"),
+    Column("pairs", "-", "pairs that came to their end"),
+    Column("baseline_mean", "-", "mean of the first", 5),
+    Column("difference", "-", "mean difference", 5),
+    Column("difference_low", "-", "at least", 5),
+    Column("difference_high", "-", "at most", 5),
+    Column("less", "-", "share of pairs where less", 4),
+    Column("less_low", "-", "at least", 4),
+    Column("less_high", "-", "at most", 4),
+    Column("more", "-", "share of pairs where more", 4),
+    Column("more_low", "-", "at least", 4),
+    Column("more_high", "-", "at most", 4),
+    Column("p", "-", "p (Wilcoxon)", 2),
+)
+
+
+def present_comparison(product: CampaignComparison, show: Sequence[str] = ()) -> Presentation:
+    """Show how campaigns differ from the first one.
+
+    Parameters
+    ----------
+    product : CampaignComparison
+        What is shown.
+    show : sequence of str
+        Names or patterns of the metrics that are shown; none for all.
+
+    Returns
+    -------
+    Presentation
+        Tables ``comparison_failures`` and ``comparison_metrics``, figures of the same names.
+
+    Raises
+    ------
+    InputError
+        If a pattern finds no metric, though there are some.
+    """
+    metrics = chosen(product.metrics, show)
+    level = f"{100 * product.level:g} %"
+    note = (
+        f"Differences are those of a campaign less {product.baseline!r}, on the same draws; ends "
+        f"are those of {level} confidence intervals, each row by itself."
+    )
+    tables = {
+        "comparison_failures": Table(
+            f"Failures compared with {product.baseline}",
+            _FAILURES,
+            _failure_rows(product)[:MOST_ROWS],
+            [note + " Interval of the difference by Tango (1998).", *_undecided_notes(product)],
+        ),
+        "comparison_metrics": Table(
+            f"Metrics compared with {product.baseline}",
+            _METRICS,
+            [_metric_row(one) for one in metrics[:MOST_ROWS]],
+            [
+                note,
+                "Over pairs that both came to their end; each number in the unit of its row."
+                + first_rows(len(metrics), "rows"),
+            ],
+        ),
+    }
+    shown = [one for one in metrics if one.pairs > 1 and np.ptp(one.differences) > 0.0]
+    some, rows = shown[:_PANELS], min(len(product.campaign), _BARS)
+    left = f" The first {_PANELS} of {len(shown)}." if len(shown) > _PANELS else ""
+    figures = {
+        "comparison_failures": Figure(
+            "Difference of the failure ratios",
+            lambda figure: _draw_failures(figure, product, rows),
+            f"Against {product.baseline}, with {level} intervals."
+            + (f" The first {rows} of {len(product.campaign)}." if rows < len(product.campaign)
+               else ""),
+            size_in=(8.0, 1.5 + 0.3 * max(rows, 3)),
+        )
+    }  # fmt: skip
+    if some:
+        figures["comparison_metrics"] = Figure(
+            "Differences of the metrics, case by case",
+            lambda figure: _draw_differences(figure, some),
+            f"Each pair's difference to {product.baseline}; the bar at the top is the {level} "
+            "interval of the mean." + left,
+            size_in=grid_size(len(some)),
+        )
+    return Presentation(
+        metrics={"comparison_pairs": Metric(int(product.pairs.sum()))},
+        tables=tables,
+        figures=figures,
+        verdict=_verdict(product, metrics),
+    )
+
+
+def chosen(metrics: Sequence[PairedMetrics], show: Sequence[str]) -> Sequence[PairedMetrics]:
+    """Return the metrics that are shown, see `present_comparison`."""
+    if not show or not metrics:
+        return metrics
+    names = matched(show, list(dict.fromkeys(one.metric for one in metrics)), "show: what is "
+                    "compared", "metric")  # fmt: skip
+    return [one for one in metrics if one.metric in names]
+
+
+def _failure_rows(product: CampaignComparison) -> list[dict[str, Cell]]:
+    return [
+        {
+            "campaign": product.campaign[r],
+            "point": product.point[r],
+            "pairs": int(product.pairs[r]),
+            "unpaired": int(product.unpaired[r]),
+            "undecided": int(product.undecided[r]),
+            "baseline_failures": int(product.both_failed[r] + product.only_baseline_failed[r]),
+            "failures": int(product.both_failed[r] + product.only_other_failed[r]),
+            "only_baseline": int(product.only_baseline_failed[r]),
+            "only_this": int(product.only_other_failed[r]),
+            "difference": float(product.difference[r]),
+            "difference_low": float(product.difference_interval[0, r]),
+            "difference_high": float(product.difference_interval[1, r]),
+            "p": float(product.mcnemar_p[r]),
+        }
+        for r in range(len(product.campaign))
+    ]
+
+
+def _metric_row(one: PairedMetrics) -> dict[str, Cell]:
+    count = max(one.pairs, 1)
+    return {
+        "campaign": one.campaign,
+        "point": one.point,
+        "metric": one.metric,
+        "unit": one.unit,
+        "pairs": one.pairs,
+        "baseline_mean": number(one.baseline_mean),
+        "difference": number(one.mean),
+        "difference_low": number(float(one.mean_interval[0])),
+        "difference_high": number(float(one.mean_interval[1])),
+        "less": one.less / count if one.pairs else None,
+        "less_low": float(one.less_interval[0]),
+        "less_high": float(one.less_interval[1]),
+        "more": one.more / count if one.pairs else None,
+        "more_low": float(one.more_interval[0]),
+        "more_high": float(one.more_interval[1]),
+        "p": number(one.p),
+    }
+
+
+def _verdict(product: CampaignComparison, metrics: Sequence[PairedMetrics]) -> list[str]:
+    sentences: list[str] = []
+    failures = _failure_rows(product)[:_SENTENCES]
+    ends = 100.0 * np.array([product.difference, *product.difference_interval]).T
+    for r, (row, (middle, low, high)) in enumerate(zip(failures, ends, strict=False)):
+        at = f" at {row['point']}" if row["point"] else ""
+        sentences.append(
+            f"{row['campaign']} against {product.baseline}{at}: {row['failures']} failures instead "
+            f"of {row['baseline_failures']} in {row['pairs']} pairs, failure ratio {middle:+.3g} "
+            f"percentage points ({low:+.3g} to {high:+.3g}, {100 * product.level:g} % interval; "
+            f"p = {row['p']:.2g}, exact)." + _undecided_pairs(product, r)
+        )
+    room = _SENTENCES if len(product.campaign) == 1 else 0
+    for one in metrics[:room]:
+        if one.pairs > 1 and not one.less and not one.more:
+            sentences.append(f"{one.metric}: the same in all {one.pairs} pairs.")
+        elif one.pairs > 1:
+            low, high = one.mean_interval
+            unit = f" {one.unit}" if one.unit not in ("", "-") else ""
+            sentences.append(
+                f"{one.metric}: {one.mean:+.4g}{unit} on average ({low:+.4g} to {high:+.4g}), less "
+                f"in {100 * one.less / one.pairs:.3g} % and more in "
+                f"{100 * one.more / one.pairs:.3g} % of {one.pairs} pairs."
+            )
+    return sentences
+
+
+def _undecided_notes(product: CampaignComparison) -> list[str]:
+    if not product.undecided.any():
+        return []
+    return ["Pairs with an undecided case are left out; the figure and p are of the others."]
+
+
+def _undecided_pairs(product: CampaignComparison, r: int) -> str:
+    """Say how many pairs a row leaves out, and whether they could turn it; ``""`` for none."""
+    count = int(product.undecided[r])
+    if not count:
+        return ""
+    low, high = 100.0 * product.sure_interval[:, r]
+    of_decided = product.difference_interval[:, r]
+    differs = of_decided[0] > 0.0 or of_decided[1] < 0.0
+    turns = differs and low <= 0.0 <= high
+    return (
+        f" {count} pair{'' if count == 1 else 's'} with an undecided case left out: with them "
+        f"{low:+.3g} to {high:+.3g}"
+        + (", which leaves the difference undecided." if turns else ".")
+    )
+
+
+def _draw_failures(figure: Canvas, product: CampaignComparison, rows: int) -> None:
+    axes = figure.add_subplot()
+    places = np.arange(rows)
+    low, high = 100.0 * product.difference_interval[:, :rows]
+    axes.hlines(places, low, high, color=PALETTE["blue"], lw=2.0,
+                label=f"{100 * product.level:g} % interval")  # fmt: skip
+    axes.plot(100.0 * product.difference[:rows], places, "o", color=PALETTE["blue"],
+              label="difference")  # fmt: skip
+    axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
+    names = [
+        labelled(f"{campaign}, {point}" if point else campaign, "")
+        for campaign, point in zip(product.campaign[:rows], product.point[:rows], strict=True)
+    ]
+    axes.set_yticks(places, names, fontsize=8)
+    axes.set_ylim(rows - 0.4, -0.6)
+    axes.set_xlabel(f"failure ratio less that of {product.baseline} (percentage points)")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+
+
+def _draw_differences(figure: Canvas, shown: Sequence[PairedMetrics]) -> None:
+    for axes, one in zip(grid_of(figure, len(shown)), shown, strict=True):
+        bins = np.histogram_bin_edges(one.differences, bins="auto")
+        if bins.size > 61:
+            bins = np.linspace(bins[0], bins[-1], 61)
+        count, edges = np.histogram(one.differences, bins=bins)
+        axes.stairs(count, edges, fill=True, color=PALETTE["sky"], label="pairs")
+        axes.axvline(0.0, color=PALETTE["black"], lw=0.8)
+        top = 1.06 * float(count.max())
+        axes.plot(one.mean_interval, [top, top], color=PALETTE["vermillion"], lw=3.0)
+        axes.plot([one.mean], [top], "o", color=PALETTE["vermillion"], label="mean")
+        axes.set_title(f"{one.campaign}{f', {one.point}' if one.point else ''}"[:44], fontsize=9)
+        axes.set_xlabel(f"difference of {labelled(one.metric, one.unit)}")
+        axes.set_ylabel("pairs")
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=2, fontsize=8)

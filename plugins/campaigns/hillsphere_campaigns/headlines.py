@@ -1,0 +1,99 @@
+"""The sentences at the head of a campaign's report."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.cases.case_classes import ratio_at_points, ratio_of, undecided_sentence
+from hillsphere.products import CaseTable
+from hillsphere_campaigns.sensitivity import RankCorrelations
+from hillsphere_campaigns.statistics import classes
+
+__all__ = ["clearest", "outcome", "worst_points"]
+
+_WORTH_SAYING = 0.1
+"""A smaller rank correlation is no headline, however many cases make it sure."""
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.3g} %"
+
+
+def outcome(table: CaseTable, level: float, drawn: bool) -> list[str]:
+    """Say how many cases failed and how; `drawn` says whether they are independent."""
+    total = table.case.size
+    if total == 0:
+        return [f"No case of stage {table.stage!r} was computed."]
+    count = table.points.shape[1] if table.points is not None else 1
+    cases = f"{total} case{'' if total == 1 else 's'} of stage {table.stage!r}"
+    cases += f" at {count} points" if count > 1 else ""
+    ratio = ratio_of(table, level)
+    said = f"{cases} ({table.design.replace('_', ' ')}): "
+    if not ratio.decided:
+        said += "none is decided"
+    else:
+        failures, decided = int(ratio.failures), int(ratio.decided)
+        said += f"{failures} failed, {_percent(failures / decided)}"
+        said += " of the decided ones" if ratio.undecided else ""
+        if drawn:
+            low, high = ratio.interval
+            said += f" ({100 * level:g} % interval {100 * low:.3g} to {_percent(high)})"
+    sentences = [said + "."]
+    if told := undecided_sentence(table):
+        sentences.append(told)
+    found = classes(table, level=level)
+    for question, some in (
+        ("How they failed", [one for one in found if one.failed]),
+        ("Undecided", [one for one in found if one.undecided]),
+    ):
+        if not some:
+            continue
+        words = [
+            f"{one.count} {one.status}{f' ({one.cause})' if one.cause else ''}, first case "
+            f"{one.first_case}"
+            for one in some[:4]
+        ]
+        more = sum(one.count for one in some[4:])
+        words += [f"{more} in {len(some) - 4} further classes"] if more else []
+        sentences.append(f"{question}: {'; '.join(words)}.")
+    if table.stopped:
+        sentences.append(f"It ended after {total} of {table.planned} cases: {table.stopped}.")
+    elif total < table.planned:
+        sentences.append(f"{table.planned - total} of {table.planned} planned cases are missing.")
+    sentences += [f"Warning of the nominal flight: {warning}" for warning in table.warnings]
+    return sentences
+
+
+def worst_points(table: CaseTable, level: float) -> list[str]:
+    """Name the points of a sweep with the most and the fewest failures."""
+    assert table.points is not None
+    count = table.points.shape[1]
+    found = ratio_at_points(table, table.point, count, level)
+    if not found.failures.any():
+        return []
+    ratio, there = found.value, found.decided > 0
+    # A point of which no case is decided is neither the best nor the worst.
+    ends = (
+        int(np.argmax(np.where(there, ratio, -1.0))),
+        int(np.argmin(np.where(there, ratio, 2.0))),
+    )
+    words = []
+    for word, p in zip(("most", "fewest"), ends, strict=True):
+        low, high = found.interval[:, p]
+        left = f", {found.undecided[p]} undecided" if found.undecided[p] else ""
+        words.append(
+            f"{word} at {table.point_labels[p]}: {_percent(ratio[p])} of {found.decided[p]} "
+            f"({100 * low:.3g} to {_percent(high)}{left})"
+        )
+    return [f"Failures are {'; '.join(words)}."]
+
+
+def clearest(found: RankCorrelations, level: float) -> list[str]:
+    """Name the input that goes most with failure and with each of the first metrics."""
+    said: dict[int, str] = {}
+    for i, j in found.strongest():
+        sure = found.p_holm[i, j] < 1.0 - level
+        if j not in said and sure and abs(found.rho[i, j]) >= _WORTH_SAYING:
+            said[j] = f"{found.metrics[j]} with {found.inputs[i]} ({found.rho[i, j]:+.2f})"
+    words = [said[j] for j in sorted(said)[:4]]
+    return [f"Clearest rank correlations: {', '.join(words)}."] if words else []

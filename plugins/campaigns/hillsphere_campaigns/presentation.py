@@ -1,0 +1,357 @@
+"""What a campaign shows: sentences, metrics, tables and figures, however large it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hillsphere.cases.case_classes import (
+    LEVEL,
+    UNDECIDED,
+    decided_failures,
+    ended,
+    is_undecided,
+    ratio_at_points,
+    ratio_of,
+)
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.products import CaseTable
+from hillsphere.uncertainty.matching import matched
+from hillsphere_campaigns.band_figures import band_figure
+from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
+from hillsphere_campaigns.figures import (
+    Shown,
+    draw_convergence,
+    draw_correlations,
+    draw_cumulative,
+    draw_histograms,
+    draw_scatter,
+    draw_sobol,
+    grid_size,
+    labelled,
+)
+from hillsphere_campaigns.headlines import clearest, outcome, worst_points
+from hillsphere_campaigns.result_tables import (
+    class_table,
+    correlation_table,
+    extreme_table,
+    failed_table,
+    percentile,
+    point_statistics_table,
+    point_table,
+    sobol_table,
+    statistics_table,
+    undecided_table,
+)
+from hillsphere_campaigns.sensitivity import (
+    RankCorrelations,
+    SobolIndices,
+    explanatory,
+    independent_cases,
+    rank_correlations,
+    sobol_of,
+)
+from hillsphere_campaigns.statistics import MetricStatistics, metric_statistics
+from hillsphere_campaigns.sweep_figures import PointValues, draw_sweep, points_of
+
+__all__ = ["present_campaign"]
+
+_PANELS = 6
+"""Panels of a figure; a campaign has a dozen figures at most, however many metrics it has."""
+
+_BARS = 20
+_METRICS = 20
+
+_CAVEATS = {
+    "latin_hypercube": "The cases of a Latin hypercube are more even than random ones: the "
+    "intervals are mostly too wide.",
+    "sobol": "The cases of a Sobol sequence are more even than random ones: the intervals are "
+    "mostly too wide.",
+    "sobol_indices": "Over the first of the design's samples, which is a Sobol sequence: the "
+    "intervals are mostly too wide.",
+    "grid": "The cases of a grid were not drawn: the intervals are those of as many random ones.",
+    "list": "The cases of a list were not drawn: the intervals are those of as many random ones.",
+}
+
+
+def present_campaign(
+    table: CaseTable,
+    *,
+    level: float = LEVEL,
+    levels: Sequence[float] = (0.05, 0.5, 0.95),
+    show: Sequence[str] = (),
+) -> Presentation:
+    """Show a campaign.
+
+    Parameters
+    ----------
+    table : CaseTable
+        The cases.
+    level : float
+        Confidence level of all intervals.
+    levels : sequence of float
+        Levels of the quantiles.
+    show : sequence of str
+        Names or patterns of the metrics that are shown, in this order; none for all.
+
+    Returns
+    -------
+    Presentation
+        Tables ``campaign_classes``, ``campaign_failed`` (if any did), ``campaign_undecided`` (if
+        any is), ``campaign_extremes``,
+        ``campaign_correlations`` and ``campaign_sobol`` (if the design allows it); for random cases
+        ``campaign_statistics`` with figures of distributions and convergence; for the points of a
+        sweep ``sweep_failures`` and ``sweep_statistics`` with figures over what was swept; figure
+        ``campaign_bands`` of the quantiles over time.
+
+    Raises
+    ------
+    InputError
+        If a pattern finds no metric, though the campaign has some.
+    """
+    levels, table = tuple(levels), _with_metrics(table, show)
+    sets = table.points is not None and table.points.shape[1] > 1
+    repeated = sets and table.case.size > np.unique(table.point).size
+    figures: dict[str, Figure] = {}
+    # Of other cases than independent ones a ratio has no interval.
+    drawn = not repeated and table.design in ("random", "latin_hypercube", "sobol")
+    tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
+    metrics = _counts(table, level, drawn)
+    verdict = outcome(table, level, drawn)
+    if decided_failures(table).any():
+        tables["campaign_failed"] = failed_table(table)
+    if is_undecided(table.status).any():
+        tables["campaign_undecided"] = undecided_table(table)
+    if not repeated:
+        usable = independent_cases(table)
+        found = metric_statistics(table, usable, level=level, levels=levels)
+        caveat = _CAVEATS.get(table.design, "")
+        tables["campaign_statistics"] = statistics_table(found, levels, level, caveat)
+        metrics |= _metric_values(found)
+        if table.design != "list":  # worst cases, say: they were chosen, not drawn
+            figures |= _distributions(table, found, level)
+    if sets:
+        tables["sweep_failures"] = point_table(table, level)
+        tables["sweep_statistics"] = point_statistics_table(table, levels, level)
+        figures |= _over_points(table, level, repeated)
+        verdict += worst_points(table, level) if repeated else []
+    if table.bands is not None:
+        figures["campaign_bands"] = band_figure(table.bands)
+    tables["campaign_extremes"] = extreme_table(table)
+    correlations = rank_correlations(table, level)
+    if correlations.strongest() and table.design != "list":  # of chosen cases ρ says nothing
+        tables["campaign_correlations"] = correlation_table(correlations, level)
+        figures |= _sensitivities(table, correlations, level)
+        verdict += clearest(correlations, level)
+    if table.design == "sobol_indices":
+        indices = sobol_of(table, level=level)
+        if isinstance(indices, str):
+            verdict.append(f"{indices}.")
+        else:
+            tables["campaign_sobol"] = sobol_table(indices, level)
+            figures |= _sobol(indices)
+    return Presentation(metrics=metrics, tables=tables, figures=figures, verdict=verdict)
+
+
+def _with_metrics(table: CaseTable, show: Sequence[str]) -> CaseTable:
+    """Return the campaign with the metrics that are shown."""
+    if not show or not table.metrics:
+        return table
+    names = matched(show, table.metrics, f"show: stage {table.stage!r}", "metric")
+    rows = [table.metrics.index(name) for name in names]
+    return replace(
+        table, metrics=names, units=tuple(table.units[i] for i in rows), values=table.values[rows]
+    )
+
+
+def _counts(table: CaseTable, level: float, drawn: bool) -> dict[str, Metric]:
+    found, total = ratio_of(table, level), table.case.size
+    computation = [word for word, reason in UNDECIDED.items() if reason == "computation"]
+    lost = int(np.count_nonzero(np.isin(table.status, computation)))
+    made = {
+        "campaign_cases": Metric(total),
+        "campaign_failures": Metric(int(found.failures)),
+        "campaign_undecided": Metric(int(found.undecided)),
+        "campaign_not_computed": Metric(lost),
+        "campaign_failure_ratio": Metric(float(found.value)),
+    }
+    if drawn:
+        made["campaign_failure_ratio_low"] = Metric(float(found.interval[0]))
+        made["campaign_failure_ratio_high"] = Metric(float(found.interval[1]))
+    if found.undecided:
+        made["campaign_failure_ratio_least"] = Metric(float(found.range[0]))
+        made["campaign_failure_ratio_most"] = Metric(float(found.range[1]))
+    return made
+
+
+def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
+    made: dict[str, Metric] = {}
+    for one in found[:_METRICS]:
+        stem = "campaign_" + re.sub(r"[^a-z0-9]+", "_", one.name.lower()).strip("_")[:60]
+        while f"{stem}_mean" in made:
+            stem += "_"
+        unit = one.unit or "-"
+        made[f"{stem}_mean"] = Metric(one.mean, unit)
+        if one.levels:
+            q = max(one.levels)
+            made[f"{stem}_{percentile(q)}"] = Metric(
+                float(one.quantiles[one.levels.index(q)]), unit
+            )
+    return made
+
+
+def _distributions(
+    table: CaseTable, found: Sequence[MetricStatistics], level: float
+) -> dict[str, Figure]:
+    usable = independent_cases(table) & ended(table)
+    varied = [
+        (Shown(values[usable & np.isfinite(values)], one), values)
+        for one, values in zip(found, table.values, strict=True)
+        if one.count > 1 and one.least < one.largest
+    ]
+    shown = [one for one, _ in varied[:_PANELS]]
+    left = f" The first {_PANELS} of {len(varied)} metrics." if len(varied) > _PANELS else ""
+    made: dict[str, Figure] = {}
+    if shown:
+        made["campaign_histograms"] = Figure(
+            "Distributions of the metrics",
+            lambda figure: draw_histograms(figure, shown),
+            "Cases that came to their end." + left,
+            size_in=grid_size(len(shown)),
+        )
+        made["campaign_distributions"] = Figure(
+            "Cumulative distributions of the metrics",
+            lambda figure: draw_cumulative(figure, shown, level),
+            "Share of the cases that came to their end; the band holds the whole curve with this "
+            "confidence." + left,
+            size_in=grid_size(len(shown)),
+        )
+    rows = independent_cases(table)
+    if table.case.size > 1 and rows.any():
+        failed = decided_failures(table)[rows]
+        undecided = is_undecided(table.status)[rows]
+        traces = [("failure ratio", convergence_of_failures(failed, undecided, level=level))]
+        for one, values in varied[: _PANELS - 1]:
+            kept = (usable & np.isfinite(values))[rows]
+            label = f"mean {one.label}"
+            traces.append((label, convergence_of_mean(values[rows], kept, level=level)))
+        made["campaign_convergence"] = Figure(
+            "Convergence",
+            lambda figure: draw_convergence(figure, traces, level),
+            "Estimates from the first cases, in the order of their numbers; each interval by "
+            "itself.",
+            size_in=grid_size(len(traces)),
+        )
+    return made
+
+
+def _over_points(table: CaseTable, level: float, repeated: bool) -> dict[str, Figure]:
+    assert table.points is not None
+    points, count = points_of(table), table.points.shape[1]
+    if not points.labels and count > table.case.size // 2 and len(table.swept) > 2:
+        return {}  # scattered points, one case each: the scatter plots show them
+    left = "" if (points.places[0] >= 0).all() else f" The first {len(points.ticks[0])} points."
+    made: dict[str, Figure] = {}
+    if repeated:
+        found = ratio_at_points(table, table.point, count, level)
+        low, high = found.sure
+        of_failures = [PointValues("failure ratio", found.value, low, high)]
+        if points.is_map:
+            of_failures.append(PointValues("failure ratio, at most", high))
+        made["sweep_failures"] = Figure(
+            "Failures over the sweep",
+            lambda figure: draw_sweep(
+                figure, points, of_failures, f"{100 * level:g} % interval", "failure ratio"
+            ),
+            "Over decided cases. Clopper–Pearson intervals, each by itself, from where none of the "
+            "undecided cases had failed to where all had." + left,
+            size_in=grid_size(2) if points.is_map else (8.0, 4.2),
+        )
+    medians = _medians(table, count, repeated)
+    if medians:
+        made["sweep_metrics"] = Figure(
+            "Metrics over the sweep",
+            lambda figure: draw_sweep(
+                figure,
+                points,
+                medians,
+                "5 % to 95 % of the cases",
+                "median" if repeated else "value",
+            ),
+            ("Median" + ("" if points.is_map else ", 5 % and 95 %") if repeated else "Value")
+            + " over the cases that came to their end."
+            + left,
+            size_in=grid_size(len(medians)),
+        )
+    return made
+
+
+def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
+    """Return median, 5 % and 95 % of the first metrics at every point."""
+    order = np.argsort(table.point, kind="stable")
+    parts = np.split(order, np.searchsorted(table.point[order], np.arange(1, count)))
+    made, sound = [], ended(table)
+    for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
+        ends = np.full((3, count), np.nan)
+        for p, rows in enumerate(parts):
+            kept = values[rows][sound[rows] & np.isfinite(values[rows])]
+            if kept.size:
+                ends[:, p] = np.quantile(kept, [0.05, 0.5, 0.95])
+        known = ends[1][np.isfinite(ends[1])]
+        if known.size > 1 and np.nanmin(ends) < np.nanmax(ends):
+            label = labelled(name, unit)
+            made.append(
+                PointValues(label, ends[1], ends[0], ends[2])
+                if repeated
+                else PointValues(label, ends[1])
+            )
+        if len(made) == _PANELS:
+            break
+    return made
+
+
+def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> dict[str, Figure]:
+    pairs = found.strongest()
+    rows = independent_cases(table) & ~is_undecided(table.status)
+    given = explanatory(table)
+    arguments: Mapping[str, Any] = {
+        "values": np.where(ended(table), table.values, np.nan)[:, rows],
+        "units": table.units,
+        "failed": decided_failures(table)[rows],
+    }
+    shown = type(given)(given.names, given.units, given.values[:, rows])
+    few, bars = pairs[:_PANELS], pairs[:_BARS]
+    return {
+        "campaign_correlations": Figure(
+            "Clearest rank correlations",
+            lambda figure: draw_correlations(figure, bars, found, level),
+            f"The {len(bars)} clearest of {len(pairs)}, judged with all in view (Holm).",
+            size_in=(8.0, 1.6 + 0.26 * max(len(bars), 3)),
+        ),
+        "campaign_scatter": Figure(
+            "Metrics against the inputs that they go with",
+            lambda figure: draw_scatter(figure, few, shown, found, **arguments),
+            "The clearest rank correlations; at most 2000 cases are drawn.",
+            size_in=grid_size(len(few)),
+        ),
+    }
+
+
+def _sobol(found: SobolIndices) -> dict[str, Figure]:
+    known = [j for j in range(len(found.metrics)) if np.isfinite(found.total[:, j]).all()]
+    some = known[:_PANELS]
+    if not some:
+        return {}
+    left = f" The first {_PANELS} of {len(known)} metrics." if len(known) > _PANELS else ""
+    return {
+        "campaign_sobol": Figure(
+            "Sobol indices",
+            lambda figure: draw_sobol(figure, found, some, 10),
+            "The inputs with the largest total indices; lines: bootstrap intervals." + left,
+            size_in=grid_size(len(some)),
+        )
+    }

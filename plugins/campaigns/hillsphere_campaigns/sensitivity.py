@@ -1,0 +1,423 @@
+"""What the results of a campaign depend on: rank correlations and Sobol indices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtr
+from scipy.stats import norm, rankdata, tiecorrect
+
+from hillsphere.base.arrays import Array
+from hillsphere.cases.case_classes import LEVEL, decided_failures, ended, is_undecided
+from hillsphere.products import CaseTable
+
+__all__ = [
+    "LEAST_FOR_CORRELATION",
+    "Explanatory",
+    "RankCorrelations",
+    "SobolIndices",
+    "explanatory",
+    "holm",
+    "independent_cases",
+    "rank_correlations",
+    "sobol_of",
+    "too_few_failures",
+]
+
+LEAST_FOR_CORRELATION = 10
+"""Cases of each kind below which no rank correlation is given.
+
+By chance alone Spearman's coefficient of n cases has a standard deviation of 1/√(n − 1), and the
+rank-biserial one of f failures among many more cases one of about 1/√(3 f). With ten they are 0.33
+and 0.18; with three failures the latter is 0.33, so that every third of a dozen inputs would show
+a coefficient above 0.3 that means nothing. The p values rest on a normal approximation of the rank
+sum, which fails for samples smaller than about ten (Mann and Whitney, 1947, tabulate up to eight).
+"""
+
+SAMPLES = 1000
+"""Bootstrap samples of the intervals of Sobol indices."""
+
+
+@dataclass(frozen=True)
+class Explanatory:
+    """What differed from case to case.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Of the k quantities: what was swept, then the other inputs. Quantities that took the same
+        value as an earlier one in every case stand for one; those that never changed, or that some
+        cases did not have, are left out.
+    values : ndarray, shape (k, N)
+        Their values.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+
+
+def explanatory(table: CaseTable) -> Explanatory:
+    """Return what differed from case to case, each quantity once."""
+    names: list[str] = []
+    units: list[str] = []
+    values: list[Array] = []
+    if table.points is not None:
+        for name, unit, at_points in zip(table.swept, table.swept_units, table.points, strict=True):
+            names, units, values = [*names, name], [*units, unit], [*values, at_points[table.point]]
+    for name, unit, row in zip(table.inputs, table.input_units, table.input_values, strict=True):
+        names, units, values = [*names, name], [*units, unit], [*values, row]
+    seen: set[bytes] = set()
+    kept = []
+    for i, row in enumerate(values):
+        key = (row + 0.0).tobytes()  # −0 is 0
+        if np.isfinite(row).all() and (row != row[:1]).any() and key not in seen:
+            kept.append(i)
+            seen.add(key)
+    return Explanatory(
+        tuple(names[i] for i in kept),
+        tuple(units[i] for i in kept),
+        np.array([values[i] for i in kept]).reshape(len(kept), table.case.size),
+    )
+
+
+@dataclass(frozen=True)
+class RankCorrelations:
+    """Rank correlation of every quantity that differed with every metric, and with failure.
+
+    Parameters
+    ----------
+    inputs : tuple of str
+        Names of the k quantities, see `Explanatory`.
+    metrics : tuple of str
+        Names of the m metrics; the last may be ``"failed"``.
+    count : ndarray of int, shape (m,)
+        Cases that were looked at: those that came to their end, for ``"failed"`` all decided ones.
+    rho : ndarray, shape (k, m)
+        Spearman's coefficient with a metric; with failure the rank-biserial one, which is 1 if all
+        failed cases have larger values of the input than all others. NaN where either is constant.
+    interval : ndarray, shape (2, k, m)
+        Of Spearman's coefficient; NaN for failure.
+    p : ndarray, shape (k, m)
+        Probability that a coefficient is as far from zero by chance.
+    p_holm : ndarray, shape (k, m)
+        The same with all k·m comparisons in view, see `holm`.
+    dependent : bool
+        Whether cases shared their random numbers (the points of a sweep do) or differed in nothing
+        random: `p`, `p_holm` and `interval` then are NaN.
+    """
+
+    inputs: tuple[str, ...]
+    metrics: tuple[str, ...]
+    count: NDArray[np.int64]
+    rho: Array
+    interval: Array
+    p: Array
+    p_holm: Array
+    dependent: bool
+
+    def strongest(self) -> list[tuple[int, int]]:
+        """Return (input, metric) of all known coefficients, those least likely by chance first.
+
+        Size alone would not do: with a few failures large coefficients come by chance. Where there
+        are no p values, and among equal ones, the larger comes first.
+        """
+        order = np.lexsort(
+            (-np.abs(np.nan_to_num(self.rho)).ravel(), np.nan_to_num(self.p).ravel())
+        )
+        pairs = np.column_stack(np.unravel_index(order, self.rho.shape)).tolist()
+        return [(i, j) for i, j in pairs if np.isfinite(self.rho[i, j])]
+
+
+def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelations:
+    """Return the rank correlations of a campaign.
+
+    Parameters
+    ----------
+    table : CaseTable
+        The cases.
+    level : float
+        Confidence level of the intervals.
+
+    Returns
+    -------
+    RankCorrelations
+        For a design ``"sobol_indices"`` over the independent part of its cases.
+
+    Notes
+    -----
+    The p values are those of Student's distribution for Spearman's coefficient and of the normal
+    one (Mann and Whitney, corrected for ties) for failure; the intervals those of Fisher's
+    transformation with the variance of Bonett and Wright [1]_. A correlation is no cause: of two
+    inputs that are drawn together both correlate with what depends on one.
+
+    References
+    ----------
+    .. [1] D. G. Bonett, T. A. Wright (2000), Psychometrika 65, 23–28.
+    """
+    given = explanatory(table)
+    usable = independent_cases(table)
+    failed, sound = decided_failures(table)[usable], ended(table)[usable]
+    decided = ~is_undecided(table.status)[usable]
+    failures = int(np.count_nonzero(failed))
+    both = min(failures, int(np.count_nonzero(decided)) - failures) >= LEAST_FOR_CORRELATION
+    names = table.metrics + (("failed",) if both else ())
+    k, m = len(given.names), len(names)
+    rho, p = np.full((k, m), np.nan), np.full((k, m), np.nan)
+    interval = np.full((2, k, m), np.nan)
+    count = np.zeros(m, dtype=np.int64)
+    # Points of a sweep that see the same draws; a single draw is as good as a constant, but then
+    # the points themselves must have come by chance.
+    draws = table.draw[usable]
+    least = 0 if table.design in ("grid", "list") else 1
+    dependent = least < np.unique(draws).size < draws.size
+    inputs = given.values[:, usable]
+    ranks_of: dict[bytes, Array] = {}
+    for j, name in enumerate(names):
+        if name == "failed" and j == len(table.metrics):
+            count[j] = np.count_nonzero(decided)
+            ranks = rankdata(inputs[:, decided], axis=1)
+            rho[:, j], p[:, j] = _rank_biserial(ranks, failed[decided])
+            continue
+        metric = table.values[j, usable]
+        rows = sound & np.isfinite(metric)
+        n = count[j] = np.count_nonzero(rows)
+        if n < LEAST_FOR_CORRELATION:
+            continue
+        key = rows.tobytes()
+        if key not in ranks_of:
+            ranks_of[key] = _centred(rankdata(inputs[:, rows], axis=1))
+        rho[:, j] = ranks_of[key] @ _centred(rankdata(metric[rows])[None])[0]
+        rho[:, j] = np.clip(rho[:, j], -1.0, 1.0)
+        p[:, j], interval[:, :, j] = _spearman_chance(rho[:, j], int(n), level)
+    if dependent:
+        p[:], interval[:] = np.nan, np.nan
+    return RankCorrelations(given.names, names, count, rho, interval, p, holm(p), dependent)
+
+
+def too_few_failures(table: CaseTable) -> str:
+    """Say why failure is correlated with nothing; ``""`` if it is, or none or all failed."""
+    usable = independent_cases(table) & ~is_undecided(table.status)
+    failures = int(np.count_nonzero(decided_failures(table) & usable))
+    others = int(np.count_nonzero(usable)) - failures
+    fewer = min(failures, others)
+    if not 0 < fewer < LEAST_FOR_CORRELATION:
+        return ""
+    what = f"failure{'' if fewer == 1 else 's'}" if failures <= others else "without failure"
+    return (
+        f"No correlation with failure is given: {fewer} {what}, fewer than "
+        f"{LEAST_FOR_CORRELATION}, from which large coefficients come by chance."
+    )
+
+
+def _centred(ranks: Array) -> Array:
+    """Return ranks (k, n) about their mean, of length one; NaN where all are equal."""
+    about = ranks - ranks.mean(axis=1, keepdims=True)
+    size = np.sqrt(np.sum(about**2, axis=1, keepdims=True))
+    unit: Array = np.divide(about, size, out=np.full_like(about, np.nan), where=size > 0)
+    return unit
+
+
+def _spearman_chance(rho: Array, n: int, level: float) -> tuple[Array, Array]:
+    p, interval = np.full(rho.shape, np.nan), np.full((2, *rho.shape), np.nan)
+    if n > 2:
+        with np.errstate(divide="ignore"):
+            t = np.abs(rho) * np.sqrt((n - 2.0) / (1.0 - rho**2))
+        p = 2.0 * stdtr(n - 2, -t)
+    if n > 3:
+        half = ndtri(0.5 * (1.0 + level)) * np.sqrt((1.0 + 0.5 * rho**2) / (n - 3.0))
+        with np.errstate(divide="ignore"):
+            z = np.arctanh(rho)
+        interval = np.tanh(np.array([z - half, z + half]))
+    return p, interval
+
+
+def _rank_biserial(ranks: Array, failed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    n = failed.size
+    n1 = int(np.count_nonzero(failed))
+    n0 = n - n1
+    u = ranks[:, failed].sum(axis=1) - 0.5 * n1 * (n1 + 1.0)
+    ties = np.array([tiecorrect(row) for row in ranks])
+    known = ties > 0
+    sigma = np.sqrt(np.where(known, ties, 1.0) * n1 * n0 * (n + 1.0) / 12.0)
+    z = np.maximum(np.abs(u - 0.5 * n1 * n0) - 0.5, 0.0) / sigma
+    rho = np.where(known, 2.0 * u / (n1 * n0) - 1.0, np.nan)
+    return rho, np.where(known, np.minimum(2.0 * norm.sf(z), 1.0), np.nan)
+
+
+def holm(p: Array) -> Array:
+    """Return p values corrected for their number, of the same shape; NaN stays out of it.
+
+    Below α with a probability of at most α for any of those that are chance, however they depend
+    on each other.
+
+    References
+    ----------
+    .. [1] S. Holm (1979), Scandinavian Journal of Statistics 6, 65–70.
+    """
+    flat = p.ravel()
+    known = np.flatnonzero(np.isfinite(flat))
+    order = known[np.argsort(flat[known], kind="stable")]
+    factors = np.arange(order.size, 0, -1)
+    corrected = np.full(flat.shape, np.nan)
+    corrected[order] = np.minimum(np.maximum.accumulate(flat[order] * factors), 1.0)
+    return corrected.reshape(p.shape)
+
+
+def independent_cases(table: CaseTable) -> NDArray[np.bool_]:
+    """Return which cases (N,) are independent draws.
+
+    All, but for a design ``"sobol_indices"``: there the first of the samples. The others repeat its
+    random numbers, or its inputs.
+    """
+    if table.design != "sobol_indices":
+        return np.ones(table.case.size, dtype=bool)
+    # Every sample sees the same draws. Quantities that came out constant belong to the samples too.
+    size = int(table.draw.max(initial=-1)) + 1
+    return np.asarray(table.case < size)
+
+
+@dataclass(frozen=True)
+class SobolIndices:
+    """Which share of the variance of each metric comes from which input.
+
+    Parameters
+    ----------
+    inputs, metrics : tuple of str
+        Names of the k inputs and m metrics.
+    samples : int
+        Cases in each of the k + 2 samples.
+    first, total : ndarray, shape (k, m)
+        Of the input alone; with all that it does together with others. NaN for a metric that is
+        constant. Small ones may come out below zero.
+    first_interval, total_interval : ndarray, shape (2, k, m)
+        Bootstrap intervals (percentiles).
+    """
+
+    inputs: tuple[str, ...]
+    metrics: tuple[str, ...]
+    samples: int
+    first: Array
+    total: Array
+    first_interval: Array
+    total_interval: Array
+
+
+def sobol_of(
+    table: CaseTable, *, level: float = LEVEL, resamples: int = SAMPLES, seed: int = 0
+) -> SobolIndices | str:
+    """Return the Sobol indices of a campaign whose design allows it.
+
+    Parameters
+    ----------
+    table : CaseTable
+        Of design ``"sobol_indices"``: N cases of sample A, N of sample B, then for each input N
+        cases of A with this input from B.
+    level : float
+        Confidence level of the intervals.
+    resamples : int
+        Bootstrap samples.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    SobolIndices or str
+        The indices, or why there are none.
+
+    Notes
+    -----
+    The estimators are those of `scipy.stats.sobol_indices`, which takes samples of a power of two
+    only (Saltelli's of 2010 for the first, Jansen's for the total indices [1]_).
+
+    References
+    ----------
+    .. [1] A. Saltelli et al. (2010), Computer Physics Communications 181, 259–270.
+    """
+    given = explanatory(table)
+    alone = _samples(table, given)
+    if isinstance(alone, str):
+        return alone
+    k, n = len(alone), int(table.draw.max()) + 1
+    parts = table.values.reshape(len(table.metrics), -1, n)
+    f_a, f_b, f_ab = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, alone], 1, 0)
+    constant = np.ptp(table.values, axis=1) == 0.0
+    found = np.full((2, k, len(table.metrics)), np.nan)
+    for j in np.flatnonzero(~constant):
+        found[:, :, j] = _resampled(f_a[j], f_b[j], f_ab[:, j], np.full((1, n), 1.0 / n))[:, 0]
+    bounds = np.full((2, 2, k, len(table.metrics)), np.nan)
+    varies = np.flatnonzero(~constant)
+    samples: list[list[Array]] = [[] for _ in varies]
+    for weights in _weights(n, resamples, seed):
+        for kept, j in zip(samples, varies, strict=True):
+            kept.append(_resampled(f_a[j], f_b[j], f_ab[:, j], weights))
+    tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+    for kept, j in zip(samples, varies, strict=True):
+        sample = np.concatenate(kept, axis=1)
+        bounds[..., j] = np.moveaxis(np.quantile(sample, tails, axis=1), 1, 0)
+    return SobolIndices(given.names, table.metrics, n, *found, *bounds)
+
+
+def _weights(n: int, resamples: int, seed: int) -> Iterator[Array]:
+    """Yield how much each of n rows counts in bootstrap samples, (R, n), a few megabytes each."""
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    left = resamples
+    while left > 0:
+        some = min(left, max(1, 1_000_000 // n))
+        yield random.multinomial(n, np.full(n, 1.0 / n), size=some) / n
+        left -= some
+
+
+def _resampled(f_a: Array, f_b: Array, f_ab: Array, weights: Array) -> Array:
+    """Return first and total indices (2, R, k) of resampled rows, by the rows' weights (R, n)."""
+    centre = 0.5 * (f_a.mean() + f_b.mean())
+    a, b, ab = f_a - centre, f_b - centre, f_ab - centre
+    mean = 0.5 * (weights @ (a + b))
+    variance = 0.5 * (weights @ (a**2 + b**2)) - mean**2
+    # The mean is taken off each sample anew: it changes no expectation, but the variance.
+    first = weights @ (b * (ab - a)).T - mean[:, None] * (weights @ (ab - a).T)
+    whole = 0.5 * (weights @ ((a - ab) ** 2).T)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares: Array = np.array([first, whole]) / variance[:, None]
+    return shares
+
+
+def _samples(table: CaseTable, given: Explanatory) -> list[int] | str:
+    """Return in which sample each quantity changed alone, or why there are no Sobol indices.
+
+    Quantities that came out constant have a sample of their own as well, equal to the first.
+    """
+    k, total = len(given.names), table.case.size
+    if table.design != "sobol_indices":
+        return f"design {table.design!r} does not allow Sobol indices; use 'sobol_indices'"
+    if total < table.planned:
+        return f"Sobol indices need all {table.planned} cases; {total} were computed"
+    lost = ~ended(table)
+    if count := int(np.count_nonzero(lost)):
+        return (
+            f"Sobol indices need every case; {count} of {total} did not come to their end, the "
+            f"first of them case {int(table.case[lost][0])}: smaller dispersions would do"
+        )
+    if not np.isfinite(table.values).all():
+        return "Sobol indices need finite metrics"
+    n = int(table.draw.max(initial=-1)) + 1
+    if not k or total % n or total < n * (k + 2):
+        return f"{total} cases are no {k + 2} samples of equal size for {k} inputs"
+    if n < 2:
+        return "Sobol indices need samples of more than one case"
+    parts = given.values.reshape(k, -1, n)
+    found = []
+    for i in range(k):
+        expected = parts[:, 0].copy()
+        expected[i] = parts[i, 1]
+        same = (parts[:, 2:] == expected[:, None]).all(axis=(0, 2))
+        if not same.any():
+            return (
+                "Sobol indices need inputs that are independent of each other; here "
+                f"{given.names[i]!r} does not change alone (correlated inputs)"
+            )
+        found.append(2 + int(np.argmax(same)))
+    return found

@@ -1,0 +1,94 @@
+"""A dispersion seen by whoever works on a model rather than on cases: filters, LFTs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from hillsphere.base.arrays import Array
+from hillsphere.errors import InputError
+from hillsphere.interfaces.dispersion import Dispersion
+from hillsphere.interfaces.quantities import Parameter
+from hillsphere.uncertainty.matching import matched
+
+__all__ = ["Parametric", "Uncertain", "uncertain"]
+
+
+class Parametric(Protocol):
+    """A component with run-time parameters: gravity model, plant."""
+
+    def parameters(self) -> Sequence[Parameter]:
+        """Return them with nominal values, SI."""
+        ...
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Parameters of a model and how far they may be from nominal.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Of the k parameters.
+    nominal, mean : ndarray, shape (k,)
+        SI.
+    covariance : ndarray, shape (k, k)
+        About the mean, SI.
+    lower, upper : ndarray, shape (k,)
+        Bounds at so many standard deviations, within what is possible, SI.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    nominal: Array
+    mean: Array
+    covariance: Array
+    lower: Array
+    upper: Array
+
+
+def uncertain(model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0) -> Uncertain:
+    """Return the parameters of a model that a dispersion stands for.
+
+    Parameters
+    ----------
+    model : Parametric
+        What the dispersion's table `of` makes; the caller sees to it.
+    dispersion : Dispersion
+        The distribution.
+    sigmas : float
+        How many standard deviations the bounds are away.
+
+    Returns
+    -------
+    Uncertain
+        In the order in which the dispersion finds them.
+
+    Raises
+    ------
+    InputError
+        If the model has no such parameter or it has another unit.
+    """
+    offered = {parameter.name: parameter for parameter in model.parameters()}
+    names = matched(dispersion.keys, list(offered), dispersion.of)
+    found = [offered[name] for name in names]
+    for parameter in found:
+        if dispersion.unit and parameter.unit != dispersion.unit:
+            raise InputError(
+                f"the dispersion's numbers stand for {dispersion.unit}, but {parameter.name} is in "
+                f"{parameter.unit}"
+            )
+    nominal = np.array([parameter.value for parameter in found])
+    lower, upper = dispersion.bounds(nominal, sigmas)
+    return Uncertain(
+        names=names,
+        units=tuple(parameter.unit for parameter in found),
+        nominal=nominal,
+        mean=dispersion.mean(nominal),
+        covariance=dispersion.covariance(nominal),
+        lower=lower,
+        upper=upper,
+    )

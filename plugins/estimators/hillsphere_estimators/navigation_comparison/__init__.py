@@ -1,0 +1,1 @@
+"""Flights under navigation compared with each other."""

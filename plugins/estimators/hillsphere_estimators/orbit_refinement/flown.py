@@ -1,0 +1,46 @@
+"""True flights of bodies from one time to the next, for stages that filter along them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_estimators.orbit_refinement.motion import BodiesModel
+
+__all__ = ["flown"]
+
+
+def flown(
+    model: BodiesModel, x: Array, times_s: Array, random: np.random.Generator | None
+) -> list[Array]:
+    """Return the true states at each time, with random accelerations if numbers are given.
+
+    Parameters
+    ----------
+    model : BodiesModel
+        Motion, and how large the accelerations are.
+    x : ndarray, shape (n, N)
+        At the first time.
+    times_s : ndarray, shape (K,)
+        Times, s.
+    random : Generator, optional
+        Of the accelerations.
+
+    Returns
+    -------
+    list of ndarray, shape (n, N)
+        K of them.
+    """
+    cases = x.shape[1]
+    none, case, found = np.zeros((0, cases)), np.arange(cases), [x]
+    for before, after in pairwise(times_s.tolist()):
+        last, now = np.full(cases, before), np.full(cases, after)
+        there = model.advance(x, last, now, none, case)
+        if random is not None:
+            root = model.process_noise(x, last, now, none)
+            there = there + np.einsum("nij,nj->in", root, random.normal(size=root.shape[::2]))
+        x = there
+        found.append(x)
+    return found

@@ -1,0 +1,87 @@
+"""By what errors of an asteroid's orbit fall while spacecraft near it are tracked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.interfaces import Array, Integers
+from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
+from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
+
+__all__ = ["gain_ranges", "gains", "held", "median_gain_range", "observed", "reported", "rms"]
+
+_DAY = 86400.0
+_AGAIN = 400
+"""How often cases are drawn anew for the range of a ratio."""
+
+
+def reported(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
+    """Return when the table shows what is known: s after tracking began, and its index."""
+    since = known.t_s - known.t_s[0]
+    wanted = list(spec.reported_s) or [_DAY * k for k in range(1, int(since[-1] // _DAY) + 1)]
+    indices = sorted({int(np.argmin(np.abs(since - t))) for t in wanted} | {len(since) - 1})
+    return [(float(since[k]), k) for k in indices]
+
+
+def observed(product: OrbitRefinement) -> Integers:
+    """Return the geometries in which a telescope saw the asteroid: elsewhere nothing is fitted."""
+    return np.flatnonzero(product.optical.rows.sum(axis=0) > 0.0)
+
+
+def held(product: OrbitRefinement, arm: int) -> Integers:
+    """Return the geometries in which tracking did not diverge.
+
+    It did where it converged in no case, or where an error is not finite: such numbers are shown in
+    their rows, and enter nothing that is said over geometries.
+    """
+    known = product.tracked[arm]
+    errors = known.position_m + known.velocity_m_s + known.nees
+    finite = np.isfinite(errors).all(axis=(0, 2)) & np.isfinite(product.joint_nees[arm]).all(axis=1)
+    return np.flatnonzero(finite & (product.tracked_settled[arm] > 0.0).any(axis=1))
+
+
+def rms(values: Array) -> Array:
+    """Return the root mean square over the last axis."""
+    return np.asarray(np.sqrt(np.mean(values**2, axis=-1)))
+
+
+def gains(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Array]:
+    """Return by what rms errors of position and velocity fell (G,)."""
+    known = product.tracked[arm]
+    return (
+        rms(known.position_m[0]) / rms(known.position_m[at]),
+        rms(known.velocity_m_s[0]) / rms(known.velocity_m_s[at]),
+    )
+
+
+def gain_ranges(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Array]:
+    """Return 5 % and 95 % (2, G) of the gains of position and velocity over cases drawn anew."""
+    position, velocity = (
+        np.percentile(anew, [5.0, 95.0], axis=-1) for anew in _drawn_anew(product, arm, at)
+    )
+    return position, velocity
+
+
+def median_gain_range(product: OrbitRefinement, arm: int, at: int) -> tuple[Array, Array]:
+    """Return 5 % and 95 % (2,) of the median over geometries of the gains, likewise.
+
+    Over those in which tracking `held`, at least one.
+    """
+    some = held(product, arm)
+    position, velocity = (
+        np.percentile(np.median(anew[some], axis=0), [5.0, 95.0])
+        for anew in _drawn_anew(product, arm, at)
+    )
+    return position, velocity
+
+
+def _drawn_anew(product: OrbitRefinement, arm: int, at: int) -> list[Array]:
+    """Return the gains (G, B) of position and velocity of B samples of the cases."""
+    known = product.tracked[arm]
+    cases = known.position_m.shape[-1]
+    # the same samples for every set of sensors and time, so that these can be compared
+    some = np.random.default_rng(0).integers(cases, size=(_AGAIN, cases))
+    return [
+        rms(errors[0][:, some]) / rms(errors[at][:, some])
+        for errors in (known.position_m, known.velocity_m_s)
+    ]

@@ -1,0 +1,290 @@
+"""Bodies around the Sun as an estimator sees them: their motion, sensors, and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Integers, Plant, Scales, Scene
+from hillsphere.sensor_suite import SensorSuite
+from hillsphere_estimators.plant_model import PlantModel
+
+__all__ = ["BodiesModel"]
+
+_OF_MOTION = 1e-6
+_OF_SENSORS = 1e-5
+"""Steps of differences: of motion as parts of the plant's scales, of sensors as parts of what they
+reach, far less than distances and far more than the rounding of states."""
+_AT_ONCE = 200_000
+"""Columns that sensors are asked about at once."""
+
+
+class BodiesModel(PlantModel):
+    """A `PlantModel` of the first bodies of a plant, in scenes that change with time.
+
+    A `hillsphere.interfaces.LinearisedModel` by differences, for which a sensor is asked only about
+    the states that it depends on.
+
+    Parameters
+    ----------
+    plant : Plant
+        Whose bodies have six states each and do not act on each other.
+    suite : SensorSuite
+        What sees them.
+    scenes : mapping of float to Scene
+        By time, s, arrays (…, N) or (…, 1).
+    bodies : int
+        How many bodies are estimated, from the first.
+    reach_m : float
+        How far apart are, at least, what sensors see and who carries them.
+    noise : callable, optional
+        See `PlantModel`.
+    step_s : float
+        Longest step of the step map.
+    noise_step_s : float
+        How long random accelerations are held.
+
+    Raises
+    ------
+    InputError
+        If the plant has not so many bodies.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        suite: SensorSuite,
+        scenes: Mapping[float, Scene],
+        bodies: int,
+        *,
+        reach_m: float,
+        noise: Callable[[Array], Array] | None = None,
+        step_s: float = 3600.0,
+        noise_step_s: float = 3600.0,
+    ) -> None:
+        if len(plant.states) % 6 or len(plant.states) < 6 * bodies:
+            raise InputError(
+                f"{bodies} bodies need a plant of six states each, this one has "
+                f"{len(plant.states)} states"
+            )
+        super().__init__(plant, suite, noise=noise, step_s=step_s, noise_step_s=noise_step_s)
+        self._scenes = scenes
+        self.n = 6 * bodies
+        self._copies = len(plant.states) // self.n + 1
+        self._seen: dict[int, Integers] = {}
+        self._steps = _OF_MOTION * plant.scales.of(plant.states)[: self.n]
+        near = Scales(reach_m, plant.scales.time_s)
+        self._near = _OF_SENSORS * near.of(plant.states)[: self.n]
+
+    @property
+    def times_s(self) -> tuple[float, ...]:
+        """Times whose scenes are known, s."""
+        return tuple(self._scenes)
+
+    def beside(self, copies: int) -> Self:
+        """Return the same model for so many copies of all cases, one after the other."""
+        made = copy(self)
+        made._scenes = {
+            t: {
+                name: value if value.shape[-1] == 1 else np.concatenate([value] * copies, axis=-1)
+                for name, value in scene.items()
+            }
+            for t, scene in self._scenes.items()
+        }
+        return made
+
+    def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
+        """Return the states (n, K) later."""
+        return super().advance(self._all(x), t0_s, t1_s, control, case)[: self.n]
+
+    def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
+        """Return roots (N, n, r) of what noise adds."""
+        roots = super().process_noise(self._all(x), t0_s, t1_s, control)
+        return roots if len(roots[0]) == self.n else np.zeros((x.shape[1], self.n, 1))
+
+    def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
+        """Return what perfect sensors show, all at one time."""
+        return self.suite.observe(x, t_s, _taken(self.scene(t_s), case))
+
+    def scene(self, t_s: Array) -> Scene:
+        """Return what surrounds the sensors at a time that all cases share."""
+        return self._scenes[float(t_s[0])]
+
+    def scene_of(self, times_s: Array, cases: int) -> dict[str, Array]:
+        """Return what surrounds sensors in columns that count times, then cases."""
+        scenes = [self._scenes[float(t)] for t in times_s]
+        return _stacked(scenes, np.arange(len(scenes) * cases), cases)
+
+    def transition(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
+        """Return the derivatives (N, n, n) of `advance`; of all bodies at once, each of its own."""
+        cases, bodies = x.shape[1], self.n // 6
+        points = np.repeat(x[:, None], 12, axis=1)
+        steps = np.empty((6, bodies))
+        for body in range(bodies):
+            rows = slice(6 * body, 6 * body + 6)
+            steps[:, body] = self._steps[rows]
+            change = steps[:, body, None, None] * np.eye(6)[:, :, None]
+            points[rows, :6] += change
+            points[rows, 6:] -= change
+        moved = self.advance(
+            points.reshape(self.n, -1), np.tile(t0_s, 12), np.tile(t1_s, 12),
+            np.tile(control, 12), np.tile(np.arange(cases), 12),
+        ).reshape(self.n, 12, cases)  # fmt: skip
+        phi = np.zeros((cases, self.n, self.n))
+        for body in range(bodies):
+            rows = slice(6 * body, 6 * body + 6)
+            slope = (moved[rows, :6] - moved[rows, 6:]) / (2.0 * steps[:, body, None])
+            phi[:, rows, rows] = slope.transpose(2, 0, 1)
+        return phi
+
+    def sensitivity(self, x: Array, t_s: Array) -> Array:
+        """Return the derivatives (N, m, n) of `observe` by the states."""
+        scene = self.scene(t_s)
+        slopes = np.zeros((self.suite.rows, self.n, x.shape[1]))
+        for i, rows in enumerate(self._rows):
+            slopes[rows] = self._slopes_of(i, x, t_s, scene)[1]
+        return slopes.transpose(2, 0, 1)
+
+    def path(self, x: Array, times_s: Array) -> tuple[Array, Array]:
+        """Return states along the way, and their derivatives by those at the start.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, N)
+            At the first time.
+        times_s : ndarray, shape (K,)
+            Times, s.
+
+        Returns
+        -------
+        path : ndarray, shape (n, K, N)
+            States.
+        phi : ndarray, shape (N, K, n, n)
+            Derivatives by the states at the start.
+        """
+        n, cases = x.shape
+        step = self._steps
+        points = np.repeat(x[:, None], 2 * n + 1, axis=1)
+        own = np.arange(n)
+        points[own, 1 + own] += step[:, None]
+        points[own, 1 + n + own] -= step[:, None]
+        now = points.reshape(n, -1)
+        none, case = np.zeros((0, now.shape[1])), np.arange(now.shape[1])
+        found = [now]
+        for before, after in pairwise(times_s.tolist()):
+            last, then = (np.full(now.shape[1], t) for t in (before, after))
+            now = self.advance(now, last, then, none, case)
+            found.append(now)
+        every = np.array(found).reshape(len(times_s), n, 2 * n + 1, cases)
+        slopes = (every[:, :, 1 : n + 1] - every[:, :, n + 1 :]) / (2.0 * step[:, None])
+        return every[:, :, 0].transpose(1, 0, 2), slopes.transpose(3, 0, 1, 2)
+
+    def along(self, path: Array, times_s: Array, present: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return what sensors show along a way, where they do, and its derivatives.
+
+        Parameters
+        ----------
+        path : ndarray, shape (n, K, N)
+            States.
+        times_s : ndarray, shape (K,)
+            Times, s.
+        present : ndarray of bool, shape (m, K, N)
+            Which rows are asked for; others hold zeros.
+
+        Returns
+        -------
+        shown : ndarray, shape (m, K, N)
+            Values, SI.
+        slopes : ndarray, shape (m, n, K, N)
+            Derivatives by the states at that time.
+        """
+        n, count, cases = path.shape
+        flat, asked = path.reshape(n, -1), present.reshape(len(present), -1)
+        times = np.repeat(times_s, cases)
+        scenes = [self._scenes[float(t)] for t in times_s]
+        shown = np.zeros(asked.shape)
+        slopes = np.zeros((len(asked), n, asked.shape[1]))
+        for i, rows in enumerate(self._rows):
+            every = np.flatnonzero(asked[rows].any(axis=0))
+            for first in range(0, every.size, _AT_ONCE // (n + 1)):
+                some = every[first : first + _AT_ONCE // (n + 1)]
+                scene = _stacked(scenes, some, cases)
+                shown[rows, some], slopes[rows, :, some] = self._slopes_of(
+                    i, flat[:, some], times[some], scene
+                )
+        return shown.reshape(present.shape), slopes.reshape(len(asked), n, count, cases)
+
+    @property
+    def _rows(self) -> list[slice]:
+        sizes = [sum(channel.rows for channel in block) for block in self.suite.blocks]
+        ends = np.cumsum(sizes)
+        return [slice(int(end) - m, int(end)) for end, m in zip(ends, sizes, strict=True)]
+
+    def _slopes_of(self, i: int, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
+        """Return what a sensor shows (m, N) and its derivatives (m, n, N)."""
+        sensor, block, cases = self.suite.sensors[i], self.suite.blocks[i], x.shape[1]
+        if i not in self._seen:
+            self._seen[i] = self._dependence(i, x, t_s, scene)
+        seen = self._seen[i]
+        k = len(seen)
+        points = np.repeat(x[:, None], k + 1, axis=1)
+        points[seen, 1 + np.arange(k)] += self._near[seen, None]
+        width = points[seen, 1 + np.arange(k)] - x[seen]
+        lanes = np.tile(np.arange(cases), k + 1)
+        z = sensor.observe(points.reshape(self.n, -1), t_s[lanes], _taken(scene, lanes))
+        z = z.reshape(-1, k + 1, cases)
+        off = z[:, 1:] - z[:, :1]
+        row = 0
+        for channel in block:
+            if channel.kind == "angle":
+                off[row] -= 2.0 * np.pi * np.rint(off[row] / (2.0 * np.pi))
+            row += channel.rows
+        slopes = np.zeros((len(z), self.n, cases))
+        slopes[:, seen] = off / width
+        return z[:, 0], slopes
+
+    def _dependence(self, i: int, x: Array, t_s: Array, scene: Scene) -> Integers:
+        """Return which states change what a sensor shows."""
+        few = np.arange(min(8, x.shape[1]))
+        x, t_s, scene = x[:, few], t_s[few], _taken(scene, few)
+        sensor = self.suite.sensors[i]
+        before = sensor.observe(x, t_s, scene)
+        found = []
+        for state in range(self.n):
+            moved = x.copy()
+            moved[state] += self._near[state]
+            if not np.array_equal(sensor.observe(moved, t_s, scene), before):
+                found.append(state)
+        return np.array(found, dtype=np.int64)
+
+    def _all(self, x: Array) -> Array:
+        """Return states of all bodies of the plant: those that are not estimated repeat others."""
+        if len(x) == self._n:
+            return x
+        return np.ascontiguousarray(np.tile(x, (self._copies, 1))[: self._n])
+
+
+def _taken(scene: Scene, case: Integers) -> dict[str, Array]:
+    return {
+        name: value if value.shape[-1] == 1 else np.take(value, case, axis=-1)
+        for name, value in scene.items()
+    }
+
+
+def _stacked(scenes: list[Scene], some: Integers, cases: int) -> dict[str, Array]:
+    """Return the scene of columns that count times, then cases."""
+    time, case = np.divmod(some, cases)
+    found: dict[str, Array] = {}
+    for name, value in scenes[0].items():
+        if value.shape[-1] == 1:
+            found[name] = value
+        else:
+            every = np.stack([scene[name] for scene in scenes], axis=-2)
+            found[name] = every[..., time, case]
+    return found

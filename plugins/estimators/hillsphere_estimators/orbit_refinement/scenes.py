@@ -1,0 +1,119 @@
+"""Where the Earth and the asteroid truly are, in each geometry; lanes are geometry by geometry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hillsphere.base.orientation import UT1_IS_UTC
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Scene
+from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.earth.rotation import earth_fixed
+from hillsphere.model.ephemeris import (
+    Ephemeris,
+    FixedOrbit,
+    KeplerOrbit,
+    from_equator,
+    states_of_elements,
+)
+from hillsphere.time import Epoch
+from hillsphere_estimators.orbit_refinement.specs import GeometrySpec
+
+__all__ = ["earth_at", "orbit_of", "scenes_at", "starts"]
+
+
+def orbit_of(body: Any, key: str) -> Ephemeris:
+    """Return where a body of the mission is over time.
+
+    Raises
+    ------
+    InputError
+        If it is a body that no ephemeris is known of.
+    """
+    if isinstance(body, OrbitingBody):
+        return KeplerOrbit.of(body)
+    if not isinstance(body, Ephemeris):
+        raise InputError(
+            f"{key}: a {type(body).__name__} has no place in the Solar System over time; take a "
+            "body of type 'solar_orbit', 'asteroid' or 'spice'"
+        )
+    return body
+
+
+def starts(body: Any, geometries: tuple[GeometrySpec, ...]) -> Array:
+    """Return the heliocentric states (6, G) of the asteroid at the first observations.
+
+    Raises
+    ------
+    InputError
+        If a mean anomaly is given for a body that has no elements.
+    """
+    found = []
+    for geometry in geometries:
+        epoch, mean = Epoch.parse(geometry.epoch, "TDB"), geometry.mean_anomaly_rad
+        if mean is None:
+            found.append(orbit_of(body, "asteroid").states(np.zeros(1), epoch))
+        elif isinstance(body, OrbitingBody):
+            found.append(KeplerOrbit.of(body, mean).states(np.zeros(1), epoch))
+        elif isinstance(body, FixedOrbit):
+            elements = body.elements.copy()
+            elements[5] = mean
+            found.append(states_of_elements(elements[:, None], body.gm_m3_s2))
+        else:
+            raise InputError(
+                f"geometries: {geometry.name!r} gives a mean anomaly, but the asteroid comes "
+                f"from a {type(body).__name__}; leave it out, or give the asteroid's elements"
+            )
+    return np.concatenate(found, axis=1)
+
+
+def scenes_at(
+    times_s: Array, earth: Ephemeris, geometries: tuple[GeometrySpec, ...], seeds: int
+) -> dict[float, Scene]:
+    """Return what surrounds sensors at each time, for geometries × seeds lanes.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (K,)
+        Since each geometry's epoch, s.
+    earth : Ephemeris
+        Of the Earth.
+    geometries : tuple of GeometrySpec
+        G of them.
+    seeds : int
+        Cases of each.
+
+    Returns
+    -------
+    dict of float to Scene
+        States are heliocentric, so that the frame is the Sun's: ``origin``, ``axes`` and ``rate``
+        say nothing, ``sun`` is zero; ``earth``, (6, G seeds), and ``earth_axes``, (3, 3, G seeds).
+    """
+    still = {
+        "origin": np.zeros((6, 1)), "axes": np.eye(3)[:, :, None],
+        "rate": np.zeros((3, 1)), "sun": np.zeros((3, 1)),
+    }  # fmt: skip
+    epochs = [Epoch.parse(geometry.epoch, "TDB") for geometry in geometries]
+    states, turns = (
+        np.stack(part, axis=-1)
+        for part in zip(*(earth_at(times_s, earth, epoch) for epoch in epochs), strict=True)
+    )
+    return {
+        float(t): still
+        | {
+            "earth": np.repeat(states[:, k], seeds, axis=-1),
+            "earth_axes": np.repeat(turns[:, :, k], seeds, axis=-1),
+        }
+        for k, t in enumerate(times_s)
+    }
+
+
+def earth_at(times_s: Array, earth: Ephemeris, epoch: Epoch) -> tuple[Array, Array]:
+    """Return the Earth's heliocentric states (6, K), and the turns (3, 3, K) to its own axes.
+
+    At times (K,), s after an epoch.
+    """
+    turn = earth_fixed("gcrs", epoch, times_s, UT1_IS_UTC)
+    return earth.states(times_s, epoch), from_equator(turn)

@@ -1,0 +1,368 @@
+"""The stage ``orbit_refinement``: an asteroid's orbit by telescopes, then with spacecraft near."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hillsphere.errors import InputError
+from hillsphere.estimation import Belief, MeasurementSet
+from hillsphere.interfaces import Array, Context
+from hillsphere.model.ephemeris import hill_axes
+from hillsphere.presentation import Presentation
+from hillsphere.sensor_suite import SensorSuite
+from hillsphere.spec import Ref
+from hillsphere_estimators.consistency import nees
+from hillsphere_estimators.initialisation.arc_fit import arc_fit, screened
+from hillsphere_estimators.orbit_refinement.flown import flown as flown_along
+from hillsphere_estimators.orbit_refinement.linearised import LinearPath, path_to
+from hillsphere_estimators.orbit_refinement.motion import BodiesModel
+from hillsphere_estimators.orbit_refinement.optical import fitted
+from hillsphere_estimators.orbit_refinement.presentation import present_refinement
+from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
+from hillsphere_estimators.orbit_refinement.scenes import orbit_of, scenes_at, starts
+from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
+from hillsphere_estimators.resting import distance
+
+__all__ = ["OrbitRefinementStage"]
+
+_STARTS = np.linspace(-3.0, 3.0, 241)
+"""Standard deviations along the direction in which the asteroid's place is least known."""
+_TRIED = 3
+_RESTED = 0.1
+"""Standard deviations by which a last repetition may move what counts as converged."""
+_FAR_M = 1e8
+"""A distance that heliocentric states resolve well, for sensors without anything near."""
+_AT_ONCE = 20_000
+"""Columns that sensors measure at once."""
+_SHOWN_OPTICAL = 30
+"""At how many times, about, the first part's knowledge is kept."""
+
+
+class OrbitRefinementStage:
+    """An asteroid's orbit, refined.
+
+    First it is observed from the Earth, and the angles are fitted (see `optical`). Then spacecraft
+    stand near it whose places are hardly known: a filter estimates all of them together from what
+    each arm's sensors show. Arms see the same flights and, sensor by sensor, the same noise.
+
+    All cases of all geometries are computed at once, geometry by geometry.
+
+    Parameters
+    ----------
+    spec : OrbitRefinementSpec
+        With its references bound.
+    """
+
+    def __init__(self, spec: OrbitRefinementSpec) -> None:
+        self.spec = spec
+        plant = spec.plant.get()
+        if len(plant.states) != 6 * (1 + len(spec.spacecraft)):
+            raise InputError(
+                f"the plant of an orbit refinement with {len(spec.spacecraft)} spacecraft needs "
+                f"{6 * (1 + len(spec.spacecraft))} states, the asteroid's six first; it has "
+                f"{len(plant.states)}: list as many bodies in the plant"
+            )
+        self._earth = orbit_of(spec.earth.get(), "earth")
+        self._starts = starts(spec.asteroid.get(), spec.geometries)
+
+    def run(self, ctx: Context) -> OrbitRefinement:
+        """Observe and track.
+
+        Parameters
+        ----------
+        ctx : Context
+            Gives the random numbers.
+
+        Returns
+        -------
+        OrbitRefinement
+            Errors and covariances over time.
+        """
+        spec, seeds = self.spec, self.spec.seeds
+        truth = np.repeat(self._starts, seeds, axis=1)
+        times = _times(spec.optical_duration_s, spec.optical_interval_s)
+        scenes = scenes_at(times, self._earth, spec.geometries, seeds)
+        suite = SensorSuite([ref.get() for ref in spec.optical])
+        model = BodiesModel(spec.plant.get(), suite, scenes, 1, reach_m=_FAR_M, step_s=spec.step_s)
+        flown = flown_along(model, truth, times, None)
+        sets = _measured(suite, "optical", spec.optical, flown, model, ctx)
+        prior = self._prior(truth, ctx)
+        ctx.info(f"{len(times)} optical observations of {truth.shape[1]} cases are fitted")
+        kept = np.unique(np.linspace(0, len(times) - 1, _SHOWN_OPTICAL).astype(int))
+        known, settled = fitted(model, prior, sets, kept.tolist())
+        optical = self._knowledge(known, [flown[k] for k in kept], [sets[k] for k in kept])
+        distance = np.min(
+            [np.linalg.norm((x - scenes[float(t)]["earth"])[:3], axis=0)
+             for x, t in zip(flown, times, strict=True)], axis=0,
+        )[::seeds]  # fmt: skip
+        tracked, joint, rested, craft = self._refined(known[-1], flown[-1], float(times[-1]), ctx)
+        return OrbitRefinement(
+            tuple(g.name for g in spec.geometries),
+            tuple(arm.name for arm in spec.arms),
+            distance,
+            optical,
+            settled.reshape(-1, seeds).astype(float),
+            tracked,
+            joint,
+            6 * (1 + len(spec.spacecraft)),
+            rested.astype(float),
+            craft,
+        )
+
+    def present(self, product: OrbitRefinement) -> Presentation:
+        """Show tables and figures.
+
+        Parameters
+        ----------
+        product : OrbitRefinement
+            What `run` returned.
+
+        Returns
+        -------
+        Presentation
+            Errors after each part, gains, consistency; errors over time.
+        """
+        return present_refinement(product, self.spec)
+
+    def _prior(self, truth: Array, ctx: Context) -> Belief:
+        """Return what is known before any observation."""
+        sizes = [np.linalg.norm(truth[rows], axis=0) for rows in (slice(3), slice(3, 6))]
+        sigma = self.spec.initial_error * np.repeat(sizes, 3, axis=0)
+        x = truth + sigma * ctx.rng("prior").normal(size=truth.shape)
+        root = sigma.T[:, :, None] * np.eye(6)
+        return Belief(x, root, np.zeros(truth.shape[1]))
+
+    def _refined(
+        self, asteroid: Belief, truth: Array, start_s: float, ctx: Context
+    ) -> tuple[tuple[Knowledge, ...], Array, NDArray[np.bool_], Array]:
+        """Track the spacecraft with each arm.
+
+        Returns knowledge; of each arm (A, G, M) the NEES of all states at last and which cases have
+        converged; over time (A, K, G, M) how well the spacecraft's velocity is known, m/s.
+        """
+        spec, cases = self.spec, truth.shape[1]
+        crafts = len(spec.spacecraft)
+        times = start_s + np.concatenate([[0.0], _times(spec.duration_s, spec.interval_s)[1:]])
+        scenes = scenes_at(times, self._earth, spec.geometries, spec.seeds)
+
+        def noise(t_s: Array) -> Array:
+            held = np.repeat([0.0] + [spec.acceleration_noise_m_s2] * crafts, 3)
+            return np.broadcast_to(held[:, None], (held.size, np.size(t_s)))
+
+        refs = _unique([ref for arm in spec.arms for ref in arm.sensors])
+        suite = SensorSuite([ref.get() for ref in refs])
+        quiet = spec.acceleration_noise_m_s2 == 0.0 or not crafts
+        model = BodiesModel(
+            spec.plant.get(), suite, scenes, 1 + crafts, reach_m=self._reach(),
+            noise=None if quiet else noise, step_s=spec.step_s, noise_step_s=spec.interval_s,
+        )  # fmt: skip
+        places = np.concatenate([truth, *(self._craft(i, truth) for i in range(crafts))])
+        flown = flown_along(model, places, times, None if quiet else ctx.rng("accelerations"))
+        sets = _measured(suite, "tracking", refs, flown, model, ctx)
+        prior = self._joint_prior(asteroid, places, ctx)
+        found, joint = [], []
+        beliefs, seen, settled = self._tracked(model, prior, sets, self._used(suite), ctx)
+        for a in range(len(spec.arms)):
+            own = slice(a * cases, (a + 1) * cases)
+            of_arm = [Belief(b.x[:, own], b.root[own], b.t_s[own]) for b in beliefs]
+            shown = [
+                replace(m, present=present[:, own]) for m, present in zip(sets, seen, strict=True)
+            ]
+            found.append(self._knowledge(of_arm, flown, shown))
+            joint.append(nees(of_arm[-1], flown[-1]).reshape(-1, spec.seeds))
+        by_arm = (len(spec.arms), len(spec.geometries), spec.seeds)
+        sigma = np.array([b.sigma for b in beliefs])
+        # without spacecraft no rows, and zeros
+        speeds = sigma[:, 6:].reshape(len(times), crafts, 6, sigma.shape[2])[:, :, 3:]
+        worst = np.max(np.linalg.norm(speeds, axis=2), axis=1, initial=0.0)
+        craft = np.moveaxis(worst.reshape(len(times), *by_arm), 1, 0)
+        return tuple(found), np.array(joint), settled.reshape(by_arm), craft
+
+    def _reach(self) -> float:
+        """Return the least distance between the bodies."""
+        offsets = np.reshape([craft.offset_m for craft in self.spec.spacecraft], (-1, 3))
+        return float(np.min(np.linalg.norm(offsets, axis=1), initial=_FAR_M))
+
+    def _used(self, suite: SensorSuite) -> NDArray[np.bool_]:
+        """Return which rows each arm has, (A, m)."""
+        own = [{id(ref.get()) for ref in arm.sensors} for arm in self.spec.arms]
+        used = [[id(sensor) in ids for sensor in suite.sensors] for ids in own]
+        sizes = [sum(channel.rows for channel in block) for block in suite.blocks]
+        return np.repeat(np.array(used), sizes, axis=1)
+
+    def _tracked(
+        self,
+        model: BodiesModel,
+        prior: Belief,
+        sets: list[MeasurementSet],
+        used: NDArray[np.bool_],
+        ctx: Context,
+    ) -> tuple[list[Belief], list[NDArray[np.bool_]], NDArray[np.bool_]]:
+        """Filter what each arm's sensors show, arms side by side as lanes.
+
+        Once as a filter does, from a fit to the first measurements; then anew with sensors
+        linearised along the path of the result, see `LinearPath`.
+
+        Returns
+        -------
+        beliefs : list of Belief
+            The first is before any measurement; at the other times after the measurements.
+        present : list of ndarray of bool
+            Which rows were used.
+        settled : ndarray of bool, shape (A N,)
+            Where the last repetition changed the result by less than a tenth of its spread.
+        """
+        arms, cases = len(used), len(prior.t_s)
+        model = model.beside(arms)
+        belief = Belief(
+            np.tile(prior.x, arms), np.tile(prior.root, (arms, 1, 1)), np.tile(prior.t_s, arms)
+        )
+        present = [np.tile(m.present, arms) & np.repeat(used.T, cases, axis=1) for m in sets]
+        shown = [
+            MeasurementSet(
+                np.tile(m.t_s, arms), np.tile(m.values, arms), np.tile(m.sigma, arms), m.blocks, own
+            )
+            for m, own in zip(sets, present, strict=True)
+        ]
+        advance = ctx.track("tracking", len(sets) * (1 + self.spec.passes))
+        begun = screened(model, shown[0], _spread(belief), _TRIED)
+        first = arc_fit(model, belief, shown[:1], begun)
+        advance(1)
+        beliefs = self._filtered(model, [belief, first.belief], shown[1:], advance)
+        settled = first.settled
+        every = np.stack(present, axis=1)
+        for _ in range(self.spec.passes):
+            linear = LinearPath.about(model, path_to(model, beliefs[-1]), every)
+            beyond = [linear.beyond(one) for one in shown]
+            found = self._filtered(linear, [belief], beyond, advance)
+            settled = distance(found[-1], beliefs[-1]) < _RESTED
+            beliefs = found
+        # of the first two one is before any measurement, the other after those of the same time
+        return [beliefs[0], *beliefs[2:]], present, settled
+
+    def _filtered(
+        self, model: BodiesModel, beliefs: list[Belief], sets: list[MeasurementSet], advance: Any
+    ) -> list[Belief]:
+        """Return beliefs, and after them those after each further set of measurements."""
+        estimator: Any = self.spec.estimator.get()
+        none = np.zeros((0, len(beliefs[0].t_s)))
+        for one in sets:
+            belief = beliefs[-1]
+            if one.t_s[0] != belief.t_s[0]:
+                belief = estimator.predict(model, belief, one.t_s, none)
+            beliefs.append(estimator.update(model, belief, one)[0])
+            advance(1)
+        return beliefs
+
+    def _craft(self, number: int, asteroid: Array) -> Array:
+        """Return the heliocentric states (6, N) of a spacecraft."""
+        craft = self.spec.spacecraft[number]
+        axes, _ = hill_axes(asteroid)
+        place, speed = np.array(craft.offset_m), np.array(craft.speed_m_s)
+        turned = [np.einsum("ijn,j->in", axes, vector) for vector in (place, speed)]
+        return np.asarray(asteroid + np.concatenate(turned))
+
+    def _joint_prior(self, asteroid: Belief, places: Array, ctx: Context) -> Belief:
+        """Return what is known of the asteroid and the spacecraft when tracking begins."""
+        spec, (n, cases) = self.spec, places.shape
+        sigma = np.repeat([spec.spacecraft_position_sigma_m, spec.spacecraft_speed_sigma_m_s], 3)
+        root = np.zeros((cases, n, n))
+        root[:, :6, :6] = asteroid.root
+        x = places.copy()
+        x[:6] = asteroid.x
+        random = ctx.rng("spacecraft")
+        for first in range(6, n, 6):
+            rows = slice(first, first + 6)
+            root[:, rows, rows] = np.diag(sigma)
+            x[rows] += sigma[:, None] * random.normal(size=(6, cases))
+        return Belief(x, root, asteroid.t_s)
+
+    def _knowledge(
+        self, beliefs: Sequence[Belief], truth: Sequence[Array], sets: Sequence[MeasurementSet]
+    ) -> Knowledge:
+        """Return errors and covariances of the asteroid, geometry by geometry."""
+        seeds = self.spec.seeds
+
+        def by_geometry(values: list[Array]) -> Array:
+            return np.array(values).reshape(len(values), -1, seeds)
+
+        off = [b.x[:6] - x[:6] for b, x in zip(beliefs, truth, strict=True)]
+
+        def sizes(states: list[Array], rows: slice) -> Array:
+            return by_geometry([np.linalg.norm(x[rows], axis=0) for x in states])
+
+        place, speed = slice(3), slice(3, 6)
+        spread = [b.sigma for b in beliefs]
+        own = [nees(b, x, np.arange(6)) for b, x in zip(beliefs, truth, strict=True)]
+        seen = [m.present.sum(axis=0).reshape(-1, seeds).mean(axis=1) for m in sets]
+        return Knowledge(
+            np.array([b.t_s[0] for b in beliefs]),
+            sizes(off, place),
+            sizes(off, speed),
+            sizes(spread, place),
+            sizes(spread, speed),
+            by_geometry(own),
+            np.array(seen),
+        )
+
+
+def _spread(prior: Belief) -> Array:
+    """Return starts (n, S, N) along the direction in which the asteroid's place is least known.
+
+    It may be known worse than it is distant from the spacecraft: the first fit has several minima.
+    """
+    values, axes = np.linalg.eigh(prior.covariance[:, :3, :3])
+    worst = (axes[:, :, -1] * np.sqrt(values[:, -1:])).T
+    starts = np.repeat(prior.x[:, None], len(_STARTS), axis=1)
+    starts[:3] += worst[:, None] * _STARTS[:, None]
+    return starts
+
+
+def _unique(refs: Sequence[Ref]) -> list[Ref]:
+    """Return references to different components, in order."""
+    return list({id(ref.get()): ref for ref in refs}.values())
+
+
+def _times(duration_s: float, interval_s: float) -> Array:
+    return np.asarray(interval_s * np.arange(int(np.floor(duration_s / interval_s + 1e-9)) + 1.0))
+
+
+def _measured(
+    suite: SensorSuite,
+    part: str,
+    refs: Sequence[Ref],
+    truth: Sequence[Array],
+    model: BodiesModel,
+    ctx: Context,
+) -> list[MeasurementSet]:
+    """Return what sensors measure; each has its own stream, whatever stands beside it."""
+    cases, times = truth[0].shape[1], np.array(model.times_s)
+    # one that was given in Python has no name of its own: its place makes it one
+    names = [ref.name if ref.name != "(given)" else f"{k}" for k, ref in enumerate(refs)]
+    streams = [ctx.rng(f"{part} {name}") for name in names]
+    pairs = list(zip(suite.sensors, streams, strict=True))
+    constant = np.concatenate([r.normal(size=(s.draws[0], cases)) for s, r in pairs])
+    width = max(1, _AT_ONCE // cases)
+    found = []
+    for first in range(0, len(times), width):
+        some = times[first : first + width]
+        x = np.concatenate(truth[first : first + width], axis=1)
+        noise = np.concatenate([r.normal(size=(s.draws[1], x.shape[1])) for s, r in pairs])
+        every = suite.measurements(
+            x, np.repeat(some, cases), model.scene_of(some, cases),
+            np.tile(constant, len(some)), noise,
+        )  # fmt: skip
+        for k in range(len(some)):
+            own = slice(k * cases, (k + 1) * cases)
+            found.append(
+                MeasurementSet(
+                    every.t_s[own], every.values[:, own], every.sigma[:, own], every.blocks,
+                    every.present[:, own],
+                )
+            )  # fmt: skip
+    return found

@@ -1,0 +1,93 @@
+"""What is checked of a flight before it begins."""
+
+from __future__ import annotations
+
+from hillsphere.engine.course import Rows
+from hillsphere.errors import InputError
+from hillsphere.interfaces.control import Compensator, SynthesisedLaw
+from hillsphere.simulation import ContinuousLaw, Flights
+from hillsphere_flight.specs import ClosedLoopSpec
+
+__all__ = ["begun_after_its_end", "check", "ended_at_start", "lands"]
+
+
+def lands(spec: ClosedLoopSpec) -> bool:
+    """Return whether flights follow a reference and may end by an impact."""
+    return spec.needs.reference is not None and "impact" in spec.success
+
+
+def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, kind: str) -> None:
+    """Raise unless Spec, plant and law fit together.
+
+    Parameters
+    ----------
+    spec : ClosedLoopSpec
+        As declared.
+    rows : Rows
+        Of the plant.
+    law : Compensator or ContinuousLaw
+        What commands.
+    kind : str
+        What it commands, in words.
+
+    Raises
+    ------
+    InputError
+        Saying which does not.
+    """
+    most = len(rows.positions)
+    given = {"start.position_m": spec.start.position_m}
+    given["start.velocity_m_s"] = spec.start.velocity_m_s
+    if spec.target is not None:
+        given["target.position_m"] = spec.target.position_m
+        given["target.velocity_m_s"] = spec.target.velocity_m_s
+    for key, values in given.items():
+        if values is not None and len(values) != most:
+            named = rows.positions if "position" in key else rows.velocities
+            raise InputError(
+                f"{key}: the plant has {most} ({', '.join(rows.names[i] for i in named)}), "
+                f"got {len(values)} numbers"
+            )
+    others = [rows.names[i] for i in rows.others]
+    if unknown := sorted(set(spec.start.others) - set(others)):
+        raise InputError(
+            f"start.others: no state {', '.join(unknown)} that is neither position nor "
+            f"velocity; the plant has {', '.join(others) or 'none'}"
+        )
+    waits = isinstance(law, SynthesisedLaw) and not law.complete
+    if waits and not spec.needs.controller:
+        raise InputError(
+            "law: it has no controller; give it one, or the synthesis as needs.controller"
+        )
+    if spec.needs.controller and not waits:
+        raise InputError("needs.controller: the law has all that it needs; leave it out")
+    if spec.design > 1 and not waits:
+        raise InputError("design: the law waits for no synthesis; leave it out")
+    wrong = "largest_acceleration_m_s2" if kind == "impulses" else "largest_impulse_m_s"
+    if getattr(spec.require, wrong) is not None:
+        raise InputError(f"require.{wrong}: the law commands {kind}; limit those")
+    missing = [name for name in others if name not in spec.start.others]
+    if missing and not spec.needs.reference:
+        raise InputError(f"start.others: give the value of {', '.join(missing)}")
+
+
+def begun_after_its_end(flights: Flights) -> None:
+    """Raise if the first flight ended before its law acted.
+
+    Raises
+    ------
+    InputError
+        If it did: it begins below the ground, beyond where it has escaped, or outside of a limit.
+        `hillsphere_flight.foresight` tells it before anything runs where no product of an
+        earlier stage says where the flight begins.
+    """
+    if flights.status[0] in ("impact", "escape", "constraint") and not flights.samples[0]:
+        raise InputError(ended_at_start("start", flights.cause[0]))
+
+
+def ended_at_start(key: str, cause: str) -> str:
+    """Return what is said of a flight that has ended where it begins."""
+    return (
+        f"{key}: the flight has ended where it begins, by {cause!r}; begin above the ground, and "
+        "within the distance of escape and the limits"
+    )

@@ -1,0 +1,88 @@
+"""What ends a flight early, as the Spec declares it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hillsphere.base.arrays import Array, Integers
+from hillsphere.engine.course import Course, Rows
+from hillsphere.simulation import Limit
+from hillsphere_flight.specs import LimitsSpec
+
+__all__ = ["limits_of"]
+
+
+def limits_of(spec: LimitsSpec, rows: Rows, course: Course, begun: Array) -> list[Limit]:
+    """Return what ends the flights of one batch beside the plant's events.
+
+    Each is a distance or speed in units of its limit, and so Lipschitz continuous: a length
+    changes by no more than the sum of the changes of its components.
+
+    Parameters
+    ----------
+    spec : LimitsSpec
+        As declared.
+    rows : Rows
+        Of the plant.
+    course : Course
+        What is followed.
+    begun : ndarray, shape (N,)
+        When the cases begin; they are numbered by their place in the batch.
+
+    Returns
+    -------
+    list of Limit
+        Positive within; without dimension.
+    """
+    found: list[Limit] = []
+    speed, acceleration = course.fastest()
+
+    def slopes(which: Sequence[int], size: float) -> Array:
+        constants = np.zeros(len(rows.names))
+        constants[list(which)] = 1.0 / size
+        return constants
+
+    errors = (
+        ("position_error", spec.position_error_m, rows.distance, rows.positions, speed),
+        ("velocity_error", spec.velocity_error_m_s, rows.speed, rows.velocities, acceleration),
+    )
+    for name, most, size, which, drift in errors:
+        if most is None:
+            continue
+
+        def near(
+            t: Array,
+            x: Array,
+            cases: Integers,
+            size: Callable[[Array], Array] = size,
+            most: float = most,
+        ) -> Array:
+            return np.asarray(1.0 - size(x - course.at(t - begun[cases])) / most)
+
+        found.append(Limit(name, near, lipschitz=slopes(which, most), drift=drift / most))
+    least, farthest = spec.distance_min_m, spec.distance_max_m
+
+    def distances(x: Array) -> Array:
+        each = x[rows.positions].reshape(rows.vectors, -1, x.shape[1])
+        return np.asarray(np.sqrt(np.sum(each * each, axis=1)))
+
+    if least is not None:
+        found.append(
+            Limit(
+                "distance_min",
+                lambda t, x, cases: distances(x).min(axis=0) / least - 1.0,
+                lipschitz=slopes(rows.positions, least),
+            )
+        )
+    if farthest is not None:
+        found.append(
+            Limit(
+                "distance_max",
+                lambda t, x, cases: 1.0 - distances(x).max(axis=0) / farthest,
+                "escape",
+                lipschitz=slopes(rows.positions, farthest),
+            )
+        )
+    return found

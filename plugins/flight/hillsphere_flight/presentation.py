@@ -1,0 +1,196 @@
+"""Tables, figures and sentences about the nominal flight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hillsphere.cases.case_classes import UNDECIDED, what_left_it_undecided
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_flight.figures import (
+    draw_accelerations,
+    draw_command,
+    draw_errors,
+    draw_path,
+    has_accelerations,
+)
+from hillsphere_flight.metrics import requirement
+from hillsphere_flight.products import ClosedLoopFlight
+from hillsphere_flight.specs import ClosedLoopSpec
+
+__all__ = ["present_flight", "warnings_of"]
+
+_BEYOND_HILL = 0.01
+_COARSE = 1e-3
+"""Part of the largest distance from the reference that the sub-steps may cost unremarked."""
+
+_COLUMNS = (
+    Column("metric", "", "metric"),
+    Column("value", "", "value", 6),
+    Column("unit", "", "unit"),
+    Column("required", "", "at most", 6),
+)
+
+
+def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentation:
+    """Show the nominal flight.
+
+    Parameters
+    ----------
+    product : ClosedLoopFlight
+        What is shown.
+    spec : ClosedLoopSpec
+        What was asked for.
+
+    Returns
+    -------
+    Presentation
+        Table ``closed_loop``, figures ``closed_loop_errors``, ``closed_loop_command``, for
+        positions in space ``closed_loop_path``, and for a reference with a command about a body
+        with a surface ``closed_loop_accelerations``.
+    """
+
+    def named(name: str) -> str:
+        return f"{name}_{spec.label}" if spec.label else name
+
+    rows: list[dict[str, Cell]] = []
+    for name, unit, value in zip(product.metrics, product.units, product.values, strict=True):
+        most = requirement(spec.require, name)
+        if name == "final_speed" and most is None:
+            most = spec.require.touchdown_speed_m_s
+        rows.append(
+            {
+                "metric": name.replace("_", " "),
+                "value": float(value) if np.isfinite(value) else None,
+                "unit": unit,
+                "required": most,
+            }
+        )
+    figures = {
+        "closed_loop_errors": Figure(
+            "Distance and speed from the reference",
+            lambda canvas: draw_errors(canvas, product, spec),
+            "True deviations at the samples and at the end; dashed: limits and requirements.",
+        ),
+        "closed_loop_command": Figure(
+            "Command",
+            lambda canvas: draw_command(canvas, product),
+            "What the actuator did at each sample.",
+        ),
+    }
+    if len(product.position_rows) % 3 == 0:
+        figures["closed_loop_path"] = Figure(
+            "Path",
+            lambda canvas: draw_path(canvas, product),
+            f"In the frame {product.frame}; Δ: from where the reference begins. Dashed, or a "
+            "cross: the reference.",
+            size_in=(6.5, 5.5),
+        )
+    if has_accelerations(product):
+        figures["closed_loop_accelerations"] = Figure(
+            "Accelerations along the path",
+            lambda canvas: draw_accelerations(canvas, product),
+            f"In the frame {product.frame}: what the reference commands, what the law adds, and "
+            "their sum, all to one scale, before errors of the actuator.",
+            size_in=(7.0, 6.0),
+        )
+    metrics = {
+        f"closed_loop_{name}": Metric(float(value), unit)
+        for name, unit, value in zip(product.metrics, product.units, product.values, strict=True)
+        if np.isfinite(value)
+    }
+    metrics["closed_loop_step_error"] = Metric(product.step_error, "-")
+    metrics["closed_loop_status"] = Metric(product.status, "")
+    return Presentation(
+        metrics={named(name): metric for name, metric in metrics.items()},
+        tables={
+            named("closed_loop"): Table("Nominal flight", _COLUMNS, rows, _notes(product, spec))
+        },
+        figures={named(name): figure for name, figure in figures.items()},
+        verdict=_verdict(product, spec),
+    )
+
+
+def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
+    seen = ", ".join(product.seen_states)
+    return [
+        f"The law acts every {product.period_s:g} s on {seen}. Navigation and actuator err as in "
+        "case 0 of a campaign. The largest errors and commands are those over the flight, between "
+        "samples too; the largest command is what the law asks for, before the actuator limits it. "
+        "Firings are the samples at which something other than zero was done (of a continuous law "
+        "all); early is how long before its planned end the flight ended."
+        + _overtime(spec)
+        + _inputs(spec),
+        "The estimated step error is in the plant's natural units of length and velocity.",
+    ]
+
+
+def _overtime(spec: ClosedLoopSpec) -> str:
+    if not spec.overtime_s:
+        return ""
+    late = spec.require.late_s
+    return (
+        f" A flight that has not ended with its reference goes on for at most "
+        f"{spec.overtime_s:g} s, rounded up to whole periods of the law, along the reference's "
+        f"last velocity, its command {spec.overtime_command}; early is then negative"
+        f"{'' if late is None else f', and may be no less than −{late:g} s'}, the errors at the "
+        "end are from there, and the largest are those until the reference's end."
+    )
+
+
+def _inputs(spec: ClosedLoopSpec) -> str:
+    told = ", ".join(f"{name} = {value:g}" for name, value in spec.flight_inputs.items())
+    return f" It differs from nominal by {told}." if told else ""
+
+
+def _verdict(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
+    ended = product.end_s
+    # A flight that ended where it began saw no sample.
+    begun = float(np.fmin(product.time_s[0], ended))
+    what = product.status + (f" ({product.cause.replace('_', ' ')})" if product.cause else "")
+    counted = f" after {spec.errors_from_s / 60.0:g} min" if spec.errors_from_s else ""
+    values = dict(zip(product.metrics, product.values.tolist(), strict=True))
+    sentences = [
+        f"The {'flight' if spec.flight_inputs else 'nominal flight'}"
+        f"{f' ({spec.label})' if spec.label else ''} "
+        f"{_judgement(product)}: {what} after "
+        f"{(ended - begun) / 3600.0:.4g} h, at most "
+        f"{values['largest_position_error']:.4g} m from its reference{counted}, with "
+        f"{values['dv']:.4g} m/s of Δv."
+    ]
+    if meaning := what_left_it_undecided([product.status]):
+        sentences.append(f"Meaning of {meaning}.")
+    return [*sentences, *warnings_of(product)]
+
+
+def _judgement(product: ClosedLoopFlight) -> str:
+    reason = UNDECIDED.get(product.status)
+    if reason is not None:
+        return f"is undecided, by {reason}"
+    return "failed" if product.failed else "succeeded"
+
+
+def warnings_of(product: ClosedLoopFlight) -> list[str]:
+    """Return what a reader must bear in mind of the flight, and of campaigns that repeat it."""
+    values = dict(zip(product.metrics, product.values.tolist(), strict=True))
+    sentences: list[str] = []
+    if product.step_error_m is not None and not product.step_error_m <= _COARSE * max(
+        values["largest_position_error"], 1.0
+    ):
+        sentences.append(
+            f"With twice as many sub-steps the flight ends {product.step_error_m:.2g} m from "
+            "there: too few; raise substeps, or give a tolerance."
+        )
+    if product.series_radius_m is not None and product.nearest_m < product.series_radius_m:
+        sentences.append(
+            f"The flight comes as near as {product.nearest_m / 1e3:.4g} km, inside the sphere of "
+            f"{product.series_radius_m / 1e3:.4g} km outside which the harmonic series is sure to "
+            "converge: its gravity is used there without that guarantee."
+        )
+    if product.hill_distance_m is not None:
+        share = product.farthest_m / product.hill_distance_m
+        if share > _BEYOND_HILL:
+            sentences.append(
+                f"It reaches {100 * share:.2g} % of the distance to the primary: the Hill "
+                "approximation neglects terms of that relative order."
+            )
+    return sentences

@@ -1,0 +1,1 @@
+"""Transfers along invariant manifolds of periodic orbits."""

@@ -1,0 +1,399 @@
+"""Tables, metrics and sentences about transfers along manifolds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
+from hillsphere.show.reference import ReferenceTable
+from hillsphere_orbits.manifold_transfers.figures import draw_front, draw_transfer
+from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
+from hillsphere_orbits.manifold_transfers.specs import ManifoldTransfersSpec
+from hillsphere_orbits.qso.presentation import counted, named
+
+__all__ = ["present_transfers"]
+
+_DAY = 86400.0
+_SAME_KM = 1e-6  # a published amplitude is a round number
+_CELLS = (
+    Column("orbit", "", "through"),
+    Column("n", "-", "revolutions"),
+    Column("Az_km", "km", "amplitude z", 9),
+    Column("status", "", "status"),
+    Column("connects", "", "connects"),
+    Column("dv_m_s", "m/s", "least ΔV", 7),
+    Column("tof_d", "d", "its time of flight", 6),
+    Column("dv_departure_m_s", "m/s", "ΔV at departure", 7),
+    Column("dv_arrival_m_s", "m/s", "ΔV at arrival", 7),
+    Column("tof_departure_d", "d", "to the orbit", 6),
+    Column("tof_arrival_d", "d", "from the orbit", 6),
+    Column("quickest_dv_m_s", "m/s", "ΔV of the quickest", 7),
+    Column("quickest_tof_d", "d", "least time of flight", 6),
+    Column("bound_m_s", "m/s", "ΔV at least, by energy", 6),
+    Column("closure_km", "km", "closure", 2),
+    Column("altitude_km", "km", "least altitude", 4),
+)
+_BESIDE = (
+    Column("connects_paper", "", "connects, paper"),
+    Column("dv_m_s_paper", "m/s", "ΔV, paper", 6),
+    Column("dv_less_paper_m_s", "m/s", "ΔV less the paper's", 4),
+    Column("tof_d_paper", "d", "time of flight, paper", 4),
+    Column("tof_less_paper_d", "d", "time of flight less the paper's", 4),
+    Column("dominated", "", "an entry of the ladder betters the paper in both"),
+)
+_LADDER = (
+    Column("tof_d", "d", "time of flight", 7),
+    Column("dv_m_s", "m/s", "ΔV", 8),
+    Column("dv_departure_m_s", "m/s", "at departure", 8),
+    Column("dv_arrival_m_s", "m/s", "at arrival", 8),
+    Column("tof_departure_d", "d", "to the orbit", 7),
+    Column("tof_arrival_d", "d", "from the orbit", 7),
+    Column("closure_km", "km", "closure", 2),
+    Column("closure_m_s", "m/s", "closure", 2),
+    Column("altitude_km", "km", "least altitude", 4),
+)
+_LEGS = (
+    Column("orbit", "", "orbit"),
+    Column("leg", "", "leg"),
+    Column("side", "", "side"),
+    Column("p", "-", "p", 9),
+    Column("tof_d", "d", "time of flight", 7),
+    Column("dv_m_s", "m/s", "ΔV", 8),
+    Column("bound_m_s", "m/s", "ΔV at least there, by energy", 8),
+    Column("closure_km", "km", "closure", 2),
+    Column("closure_m_s", "m/s", "closure", 2),
+    Column("altitude_km", "km", "least altitude", 4),
+    Column("impact", "", "impact"),
+)
+_CHECKS = (
+    Column("orbit", "", "orbit"),
+    Column("entries", "-", "entries"),
+    Column("entries_doubled", "-", "with twice the samples"),
+    Column("moved_m_s", "m/s", "moved by", 2),
+)
+
+
+def present_transfers(
+    product: ManifoldTransfers, spec: ManifoldTransfersSpec, reference: ReferenceTable | None
+) -> Presentation:
+    """Show transfers.
+
+    Parameters
+    ----------
+    product : ManifoldTransfers
+        What is shown.
+    spec : ManifoldTransfersSpec
+        For the samples and the label.
+    reference : ReferenceTable or None
+        Published transfers.
+
+    Returns
+    -------
+    Presentation
+        Tables ``table_4``, ``ladder_ORBIT``, ``legs``, ``transfer_convergence``, figures of the
+        cheapest and the quickest transfer and of the fronts.
+    """
+    about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
+    rows = _cells(product)
+    beside = _beside(rows, product, reference)
+    names = f"{product.departure.labels[0]} to {product.arrival.labels[0]}"
+    tables = {
+        "table_4": Table(
+            f"Transfers {names}{about}",
+            (*_CELLS, *(_BESIDE if reference is not None else ())),
+            rows,
+            [*_notes(product, spec), *beside],
+        ),
+        "legs": Table("Legs", _LEGS, _legs(product)),
+    }
+    for i, label in enumerate(product.orbits.labels):
+        if ladder := _ladder(product, i):
+            tables[f"ladder_{_identifier(label)}"] = Table(
+                f"Transfers through {label} that none betters", _LADDER, ladder
+            )
+    if product.checked:
+        tables["transfer_convergence"] = Table(
+            "The search repeated with twice the samples", _CHECKS, _convergence(product)
+        )
+    figures = {"transfer_front": Figure(
+        "Time of flight against impulse", lambda figure: draw_front(figure, product, reference),
+        "Transfers through each orbit that no other through it betters; colours tell n, markers "
+        "the amplitude z.", size_in=(8.0, 5.5),
+    )}  # fmt: skip
+    if product.transfer_legs.shape[1]:
+        best = {
+            "cheapest_transfer": int(np.argmin(product.transfer_dv_m_s)),
+            "quickest_transfer": int(np.argmin(product.transfer_tof_s)),
+        }
+        for name, q in best.items():
+            figures[name] = Figure(
+                f"{name.replace('_', ' ').capitalize()} {names}",
+                lambda figure, q=q: draw_transfer(figure, product, q),  # type: ignore[misc]
+                f"Through {product.orbits.labels[product.transfer_member[q]]}: "
+                f"{product.transfer_dv_m_s[q]:.2f} m/s in {product.transfer_tof_s[q] / _DAY:.2f} d."
+                " Dashed: cylinders over the planar orbits. Equal axes.",
+                size_in=(8.0, 7.0),
+            )
+    label = spec.label
+    return Presentation(
+        metrics={named(k, label): v for k, v in _metrics(product).items()},
+        tables={named(k, label): v for k, v in tables.items()},
+        figures={named(k, label): v for k, v in figures.items()},
+        verdict=[*_verdict(product, names), *beside[:3]],
+    )
+
+
+def _notes(product: ManifoldTransfers, spec: ManifoldTransfersSpec) -> list[str]:
+    days = product.leg_limit_s / _DAY
+    legs = (
+        "Legs to the unstable orbit are mirror images of legs along its unstable manifold."
+        if product.mirrored
+        else "Legs to the unstable orbit are flown along its stable manifold."
+    )
+    return [
+        f"Each leg takes {days:g} d at most, from or to the last moment at which it is "
+        f"{product.distance:g} away from the unstable orbit (Euclidean norm of the normalised "
+        "state, both at the same time). The impulse falls in steps as legs get longer, so that it "
+        "means little without that limit; how long the unstable orbit is flown is not counted.",
+        f"{legs} Trajectories start at {product.start_distance:g} at most; "
+        f"{spec.samples} of each side, and more where needed.",
+        f"An entry of a ladder betters all quicker ones by {spec.least_gain_m_s:g} m/s at least.",
+        "Closure: largest miss when a leg, and the planar orbit to where they meet, are flown anew "
+        "by Taylor series from their first states. Legs that pass low over the body magnify the "
+        f"last digits of their first state; those that miss by more than {spec.closure_limit_m:g} "
+        "m make no transfer.",
+    ]
+
+
+def _ends(product: ManifoldTransfers, q: int, prefix: str = "") -> dict[str, Cell]:
+    a, b = product.transfer_legs[:, q]
+    return {
+        "dv_departure_m_s": float(product.leg_dv_m_s[a]),
+        "dv_arrival_m_s": float(product.leg_dv_m_s[b]),
+        "tof_departure_d": float(product.leg_tof_s[a] / _DAY),
+        "tof_arrival_d": float(product.leg_tof_s[b] / _DAY),
+        "closure_km": float(max(product.leg_closure_km[a], product.leg_closure_km[b])),
+        "altitude_km": _number(min(product.leg_altitude_m[a], product.leg_altitude_m[b]) / 1e3),
+    }
+
+
+def _cells(product: ManifoldTransfers) -> list[dict[str, Cell]]:
+    member, dv, tof = product.transfer_member, product.transfer_dv_m_s, product.transfer_tof_s
+    rows: list[dict[str, Cell]] = []
+    for i, label in enumerate(product.orbits.labels):
+        row: dict[str, Cell] = {
+            "orbit": label,
+            "n": int(product.revolutions[i]) or None,
+            "Az_km": _number(product.z_m[i] / 1e3),
+            "status": product.status[i],
+            "connects": False,
+            "bound_m_s": _number(float(np.sum(product.bound_m_s[:, i]))),
+        }
+        own = np.flatnonzero(member == i)
+        if own.size:
+            least, quick = own[np.argmin(dv[own])], own[np.argmin(tof[own])]
+            row |= {
+                "connects": True,
+                "dv_m_s": float(dv[least]),
+                "tof_d": float(tof[least] / _DAY),
+                **_ends(product, int(least)),
+                "quickest_dv_m_s": float(dv[quick]),
+                "quickest_tof_d": float(tof[quick] / _DAY),
+            }
+        rows.append(row)
+    return rows
+
+
+def _ladder(product: ManifoldTransfers, i: int) -> list[dict[str, Cell]]:
+    rows: list[dict[str, Cell]] = []
+    for q in np.flatnonzero(product.transfer_member == i):
+        pair = product.transfer_legs[:, q]
+        rows.append(
+            {
+                "tof_d": float(product.transfer_tof_s[q] / _DAY),
+                "dv_m_s": float(product.transfer_dv_m_s[q]),
+                **_ends(product, int(q)),
+                "closure_m_s": float(np.max(product.leg_closure_m_s[pair])),
+            }
+        )
+    return rows
+
+
+def _legs(product: ManifoldTransfers) -> list[dict[str, Cell]]:
+    return [
+        {
+            "orbit": product.orbits.labels[int(i)],
+            "leg": "arrival" if product.leg_arrives[k] else "departure",
+            "side": "+" if product.leg_side[k] > 0 else "−",
+            "p": float(product.leg_p[k]),
+            "tof_d": float(product.leg_tof_s[k] / _DAY),
+            "dv_m_s": float(product.leg_dv_m_s[k]),
+            "bound_m_s": _number(product.leg_place_bound_m_s[k]),
+            "closure_km": _number(product.leg_closure_km[k]),
+            "closure_m_s": _number(product.leg_closure_m_s[k]),
+            "altitude_km": _number(product.leg_altitude_m[k] / 1e3),
+            "impact": bool(product.leg_impact[k]),
+        }
+        for k, i in enumerate(product.leg_member)
+    ]
+
+
+def _convergence(product: ManifoldTransfers) -> list[dict[str, Cell]]:
+    return [
+        {
+            "orbit": label,
+            "entries": int(product.check_entries[0, c]),
+            "entries_doubled": int(product.check_entries[1, c]),
+            "moved_m_s": _number(product.check_shift_m_s[c]),
+        }
+        for c, label in enumerate(product.checked)
+    ]
+
+
+def _beside(
+    rows: list[dict[str, Cell]], product: ManifoldTransfers, reference: ReferenceTable | None
+) -> list[str]:
+    """Put published values into the rows; return what is to be said of them."""
+    if reference is None:
+        return []
+    printed: Mapping[tuple[int, float], Mapping[str, Cell]] = {
+        (int(_float(row["n"])), _float(row["Az_km"])): row for row in reference.rows
+    }
+    ours_only: list[str] = []
+    paper_only: list[str] = []
+    bettered: list[str] = []
+    cheaper = compared = 0
+    for i, row in enumerate(rows):
+        n, z = row["n"], row["Az_km"]
+        key = next((k for k in printed if k[0] == n and abs(k[1] - _float(z)) <= _SAME_KM), None)
+        if key is None:
+            continue
+        paper = printed[key]
+        total, v_cm = paper["total_m_s"], paper["v_cm_m_s"]
+        there = isinstance(total, Printed)
+        row["connects_paper"] = there
+        if row["connects"] != there:
+            (paper_only if there else ours_only).append(str(row["orbit"]))
+        if not there:
+            continue
+        dv = _float(total) - _float(v_cm)
+        row["dv_m_s_paper"] = dv
+        if row["connects"]:
+            row["dv_less_paper_m_s"] = _float(row["dv_m_s"]) - dv
+        compared += bool(row["connects"])
+        cheaper += bool(row["connects"]) and _float(row["dv_m_s"]) < dv
+        if isinstance(paper["tof_d"], Printed):
+            tof = _float(paper["tof_d"])
+            row["tof_d_paper"] = tof
+            if row["connects"]:
+                row["tof_less_paper_d"] = _float(row["tof_d"]) - tof
+            own = product.transfer_member == i
+            row["dominated"] = bool(
+                np.any(
+                    own & (product.transfer_dv_m_s <= dv) & (product.transfer_tof_s <= tof * _DAY)
+                )
+            )
+            bettered.append(
+                f"{row['orbit']}: the paper's {dv:.2f} m/s in {tof:g} d is "
+                f"{'bettered in both' if row['dominated'] else 'not bettered in both'}."
+            )
+    notes = [
+        f"Of {counted(compared, 'orbit')} that connect{'s' if compared == 1 else ''} here and in "
+        f"the paper, {cheaper} {'has' if cheaper == 1 else 'have'} a transfer of a smaller impulse "
+        "here, whatever its time of flight."
+    ]
+    notes.append(f"Connect here and not in the paper: {'; '.join(ours_only) or 'none'}.")
+    notes.append(f"Connect in the paper and not here: {'; '.join(paper_only) or 'none'}.")
+    source = (
+        f"The paper: {reference.source}. Its impulse is the printed total less the printed "
+        "station-keeping cost."
+    )
+    both = (
+        "Differences are those of the transfer in the row, the one of least ΔV. Bettered in both: "
+        "whether any entry of the ladder of that orbit takes at most the paper's ΔV and at most "
+        "its time of flight."
+    )
+    return [*notes, *bettered, both, source]
+
+
+def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
+    metrics = {
+        "connected_orbits": Metric(sum(status == "connected" for status in product.status)),
+        "legs": Metric(len(product.leg_member)),
+        "leg_impacts": Metric(int(np.count_nonzero(product.leg_impact))),
+        "trajectories": Metric(int(np.sum(product.trajectories))),
+    }
+    if product.leg_member.size:
+        margin = product.leg_dv_m_s - product.leg_place_bound_m_s
+        whole = (
+            product.leg_dv_m_s
+            - product.bound_m_s[product.leg_arrives.astype(int), product.leg_member]
+        )
+        metrics["legs_too_sensitive"] = Metric(_too_sensitive(product))
+        if np.all(np.isfinite(margin)):
+            metrics["energy_margin_min_m_s"] = Metric(
+                float(min(np.min(margin), np.min(whole))), "m/s"
+            )
+    if product.transfer_legs.shape[1]:
+        kept = np.unique(product.transfer_legs)
+        metrics["closure_max_km"] = Metric(float(np.max(product.leg_closure_km[kept])), "km")
+        metrics["closure_max_m_s"] = Metric(float(np.max(product.leg_closure_m_s[kept])), "m/s")
+        metrics["least_dv_m_s"] = Metric(float(np.min(product.transfer_dv_m_s)), "m/s")
+        metrics["least_tof_d"] = Metric(float(np.min(product.transfer_tof_s)) / _DAY, "d")
+    if product.checked:
+        metrics["convergence_moved_m_s"] = Metric(float(np.max(product.check_shift_m_s)), "m/s")
+    return metrics
+
+
+def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
+    count = sum(status == "connected" for status in product.status)
+    limit = f"with legs of {product.leg_limit_s / _DAY:g} d at most"
+    whole = counted(count, "orbit", of=len(product.status))
+    sentences = [f"{whole} connect{'s' if count == 1 else ''} {names} {limit}."]
+    if product.transfer_legs.shape[1]:
+        dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / _DAY
+        for what, q in (("The least impulse", np.argmin(dv)), ("The quickest", np.argmin(tof))):
+            name = product.orbits.labels[int(product.transfer_member[q])]
+            sentences.append(f"{what}: {dv[q]:.2f} m/s in {tof[q]:.2f} d through {name}.")
+    if product.leg_member.size:
+        sentences.append(_closure(product))
+    unstable = [
+        f"{name} ({status})"
+        for name, status in zip(product.orbits.labels, product.status, strict=True)
+        if status not in ("connected", "no leg", "no departure leg", "no arrival leg")
+    ]
+    if unstable:
+        sentences.append(f"Without transfers: {'; '.join(unstable)}.")
+    return sentences
+
+
+def _too_sensitive(product: ManifoldTransfers) -> int:
+    """Return how many legs miss by so much, flown anew, that they make no transfer."""
+    return int(np.count_nonzero(~(product.leg_closure_km * 1e3 <= product.closure_limit_m)))
+
+
+def _closure(product: ManifoldTransfers) -> str:
+    """Say how well the transfers close, and how many legs were not taken because they do not."""
+    out = (
+        f"set aside as too sensitive (missing by more than {product.closure_limit_m:g} m): "
+        f"{counted(_too_sensitive(product), 'leg', of=len(product.leg_member))}"
+    )
+    if not product.transfer_legs.shape[1]:
+        return f"No transfer is kept; {out}."
+    largest = float(np.max(product.leg_closure_km[product.transfer_legs])) * 1e3
+    return f"Flown anew, the transfers kept miss by at most {largest:.2g} m; {out}."
+
+
+def _identifier(label: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", label.lower()).strip("_")[:80] or "orbit"
+
+
+def _float(cell: Cell) -> float:
+    return float(cell) if isinstance(cell, int | float) else float("nan")
+
+
+def _number(value: float) -> Cell:
+    return float(value) if np.isfinite(value) else None

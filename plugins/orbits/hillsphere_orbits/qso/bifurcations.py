@@ -1,0 +1,223 @@
+"""The stage ``bifurcations``: where other families branch off a family of planar orbits.
+
+A family of orbits that close after n revolutions branches off where a pair of multipliers is
+e^{±2πi d/n}, that is where the stability index of its plane is b = 2 cos(2π d/n).
+
+References
+----------
+.. [1] Robin, I. A., Markellos, V. V., Numerical determination of three-dimensional periodic orbits
+   generated from vertical self-resonant satellite orbits, Celestial Mechanics 21, 1980, p. 395.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, gcd, pi
+
+import numpy as np
+
+from hillsphere.errors import StageError
+from hillsphere.interfaces import Array, Context
+from hillsphere.presentation import Cell, Column, Figure, Presentation, Table
+from hillsphere.products import Bifurcations
+from hillsphere_orbits.continuation import Branch
+from hillsphere_orbits.correction import tangents
+from hillsphere_orbits.members import members_where, resolved
+from hillsphere_orbits.qso.families import Qso
+from hillsphere_orbits.qso.figures import draw_resonances
+from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.qso.qso_family import family_of
+from hillsphere_orbits.qso.specs import BifurcationSpec, read_resonance
+from hillsphere_orbits.shooting import Shooting
+from hillsphere_orbits.stability import stability_indices
+from hillsphere_orbits.survey import Surveyor, require_accuracy
+
+__all__ = ["BifurcationStage", "resonances_up_to"]
+
+_SAME_EQUATIONS = 1e-8
+_RESOLUTION = 1e-4  # of the index: extrema this shallow are seen
+_PLANES = ("planar", "vertical")
+_COLUMNS = (
+    Column("plane", "", "plane"),
+    Column("resonance", "", "d:n"),
+    Column("d", "-"),
+    Column("n", "-"),
+    Column("x0_km", "km", "x at the crossing", 12),
+    Column("period", "-", "period in 1/n", 12),
+    Column("period_h", "h", "period", 8),
+    Column("vy0", "-", "ẏ at the crossing", 12),
+    Column("jacobi", "-", "Jacobi constant", 10),
+    Column("b", "-", "stability index", 10),
+)
+
+
+def resonances_up_to(d_max: int, n_max: int) -> list[tuple[int, int]]:
+    """Return every d:n in lowest terms with d ≤ d_max, n ≤ n_max and d ≤ n/2, and 1:1."""
+    found = [
+        (d, n)
+        for n in range(1, n_max + 1)
+        for d in range(1, min(d_max, max(1, n // 2)) + 1)
+        if gcd(d, n) == 1
+    ]
+    return sorted(found, key=lambda pair: (pair[0], pair[1]))
+
+
+class BifurcationStage:
+    """Where other families branch off a family.
+
+    Parameters
+    ----------
+    spec : BifurcationSpec
+        With its references bound.
+    """
+
+    def __init__(self, spec: BifurcationSpec) -> None:
+        self.spec = spec
+        self.qso = family_of(
+            spec.plant.get() if spec.plant else None,
+            spec.family.get() if spec.family else None,
+            spec.accuracy,
+        )
+
+    def run(
+        self, ctx: Context, family: QsoFamily, compare: QsoFamily | None = None
+    ) -> Bifurcations:
+        """Find every bifurcation asked for, each of them wherever it occurs.
+
+        Parameters
+        ----------
+        ctx : Context
+            Log and progress.
+        family : QsoFamily
+            The family that is searched.
+        compare : QsoFamily, optional
+            Shown beside it only.
+
+        Returns
+        -------
+        Bifurcations
+            In the order asked for, planar before vertical, and along the family.
+
+        Raises
+        ------
+        StageError
+            If the family is one of other equations than this stage's.
+        InputError
+            If a vertical resonance is asked for of orbits whose vertical motion is not separate.
+        """
+        problem, branch = self._branch(family)
+        surveyor = Surveyor(self.qso.plant, problem)
+        columns: list[Array] = []
+        plane_of: list[str] = []
+        pairs: list[tuple[int, int]] = []
+        advance = ctx.track("bifurcations", len(_PLANES))
+        for row, plane in enumerate(_PLANES):
+            wanted = self._wanted(plane)
+            if wanted:
+
+                def index(z: Array, row: int = row) -> Array:
+                    return stability_indices(problem.monodromy(z))[row]
+
+                found = members_where(
+                    problem,
+                    resolved(problem, branch, index, _RESOLUTION),
+                    index,
+                    np.array([2.0 * cos(2.0 * pi * d / n) for d, n in wanted]),
+                )
+                columns.append(found.z)
+                plane_of += [plane] * len(found.target)
+                pairs += [wanted[k] for k in found.target]
+                for k in found.missing(len(wanted)):
+                    ctx.info(f"no {plane} bifurcation {wanted[k][0]}:{wanted[k][1]} on this family")
+            advance(1)
+        z = np.concatenate(columns, axis=1) if columns else branch.z[:, :0]
+        labels = tuple(f"{p} {d}:{n}" for p, (d, n) in zip(plane_of, pairs, strict=True))
+        orbits = surveyor.orbits(z, labels)
+        require_accuracy(orbits, self.qso.accuracy)
+        indices = np.array(stability_indices(orbits.monodromy))
+        rows = [_PLANES.index(plane) for plane in plane_of]
+        return Bifurcations(
+            orbits=orbits,
+            plane=tuple(plane_of),
+            d=tuple(d for d, _ in pairs),
+            n=tuple(n for _, n in pairs),
+            index=indices[rows, np.arange(len(rows))],
+        )
+
+    def present(
+        self, product: Bifurcations, family: QsoFamily, compare: QsoFamily | None = None
+    ) -> Presentation:
+        """Show the list and the stability indices with the resonances marked."""
+        orbits, label = product.orbits, self.spec.label
+        speed = orbits.length_m / orbits.time_s
+        rows: list[dict[str, Cell]] = [
+            {
+                "plane": product.plane[i],
+                "resonance": f"{product.d[i]}:{product.n[i]}",
+                "d": product.d[i],
+                "n": product.n[i],
+                "x0_km": float(orbits.x0[0, i] / 1e3),
+                "period": float(orbits.period_s[i] / orbits.time_s),
+                "period_h": float(orbits.period_s[i] / 3600.0),
+                "vy0": float(orbits.x0[4, i] / speed),
+                "jacobi": float(orbits.integral[i]),
+                "b": float(product.index[i]),
+            }
+            for i in range(len(product.plane))
+        ]
+        low, high = family.curve.x0[0, [-1, 0]] / 1e3
+        verdict = [
+            f"{len(rows)} bifurcations of the resonances asked for lie between x = {low:.6g} km "
+            f"and {high:.6g} km."
+        ]
+        absent = [
+            f"{plane} {d}:{n}"
+            for plane in _PLANES
+            for d, n in self._wanted(plane)
+            if (plane, d, n) not in set(zip(product.plane, product.d, product.n, strict=True))
+        ]
+        if absent:
+            verdict.append(f"Not met there: {', '.join(absent)}.")
+        title = "Bifurcations of the family"
+        return Presentation(
+            tables={named("bifurcations", label): Table(title, _COLUMNS, rows)},
+            figures={
+                named("resonances", label): Figure(
+                    "Stability indices with the resonances",
+                    lambda figure: draw_resonances(figure, family, compare, product),
+                    "Marked: where a family of orbits of n revolutions branches off, "
+                    "b = 2 cos(2π d/n); where they crowd, some stay without a name (the table has "
+                    "all). Dashed: the family compared with.",
+                    size_in=(8.0, 5.0),
+                )
+            },
+            verdict=verdict,
+        )
+
+    def _wanted(self, plane: str) -> Sequence[tuple[int, int]]:
+        listed = self.spec.planar if plane == "planar" else self.spec.vertical
+        pairs = [pair for text in listed if (pair := read_resonance(text))]
+        if self.spec.n_max is not None:
+            pairs += resonances_up_to(self.spec.d_max, self.spec.n_max)
+        return list(dict.fromkeys(pairs))
+
+    def _branch(self, family: QsoFamily) -> tuple[Shooting, Branch]:
+        """Take the family's curve up again on this stage's own equations."""
+        qso: Qso = self.qso
+        problem, _ = qso.problem
+        system, curve = problem.flow.system, family.curve
+        scales = qso.plant.scales
+        z = problem.unknowns_at(curve.x0 / system.unit[:, None], curve.period_s / scales.time_s)
+        problem = problem.with_steps(
+            problem.flow.steps_for(problem.state(z), z[-1], 0.1 * qso.accuracy)
+        )
+        error = float(np.max(np.abs(problem.residual(z)[0])))
+        if curve.frame != system.frame or not error <= _SAME_EQUATIONS:
+            raise StageError(
+                f"the family's orbits (frame {curve.frame}) do not solve the equations of this "
+                f"stage's plant (frame {system.frame}; residual {error:.1e}); give the plant with "
+                "which the family was computed"
+            )
+        ends = family.ends
+        return problem, Branch(z, tangents(problem, z, np.gradient(z, axis=1)), ends)

@@ -1,0 +1,251 @@
+"""The stage ``qso_family``: the family, its members at prescribed values, and what is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol, TypeGuard, runtime_checkable
+
+import numpy as np
+
+from hillsphere.base.contracts import Contract
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context, Plant
+from hillsphere.presentation import Presentation
+from hillsphere.show.reference import ReferenceTable
+from hillsphere_orbits.members import Quantity, members_at
+from hillsphere_orbits.qso.families import Family, Qso
+from hillsphere_orbits.qso.presentation import present_family
+from hillsphere_orbits.qso.products import QsoFamily
+from hillsphere_orbits.qso.specs import QsoFamilySpec, QsoSpec
+from hillsphere_orbits.stability import stability_indices
+from hillsphere_orbits.survey import (
+    LockedMoon,
+    Surveyor,
+    TruePrimary,
+    extent,
+    nearest,
+    require_accuracy,
+    tracks,
+)
+from hillsphere_orbits.winding import Winding, primary_distance, require_motion, require_smooth
+
+__all__ = ["QsoFamilyStage", "family_of"]
+
+_SAME_ORBIT_KM = 1e-6  # a published amplitude is a round number
+_FAR, _PRIMARY_SHARE = 4.0, 0.5
+"""Largest amplitude where none is given: in units of length, there the attraction is 1/64 of the
+tide; and of the primary's distance, since orbits that reach farther pass it ever more closely."""
+
+
+@runtime_checkable
+class QuasiSatelliteFamily(Contract, Protocol):
+    """What stages need of a family of quasi-satellite orbits; `Qso` says what is what.
+
+    The shooting problem (`hillsphere.interfaces.OrbitFamily.problem`) is needed too, but not looked
+    for, which would compile its equations.
+    """
+
+    plant: Plant
+    accuracy: float
+
+    @property
+    def winding(self) -> Winding:
+        """How often members wind about the moon, and about the primary."""
+        ...
+
+    def family(self, x_min_m: float | None, x_max_m: float, members: int = 161) -> Family:
+        """Compute the family between two amplitudes."""
+        ...
+
+
+def _is_of_quasi_satellites(family: object) -> TypeGuard[Qso]:
+    return isinstance(family, QuasiSatelliteFamily)
+
+
+def family_of(plant: object | None, family: object | None, accuracy: float) -> Qso:
+    """Return the family that a stage's Spec names, directly or by its plant."""
+    if family is None:
+        return Qso(QsoSpec.model_validate({"plant": plant, "accuracy": accuracy}))
+    if not _is_of_quasi_satellites(family):
+        raise InputError(
+            "this stage needs a family of quasi-satellite orbits, as of type 'qso', got a "
+            f"{type(family).__name__}"
+        )
+    return family
+
+
+def _snap(x_m: Array, asked_m: Sequence[float]) -> None:
+    """Put amplitudes that were asked for in place of those that differ by scaling's rounding."""
+    for value in asked_m:
+        x_m[np.abs(x_m - value) <= 4.0 * np.spacing(value)] = value
+
+
+class QsoFamilyStage:
+    """The family of quasi-satellite orbits and its members at prescribed values.
+
+    Parameters
+    ----------
+    spec : QsoFamilySpec
+        With its references bound.
+    """
+
+    def __init__(self, spec: QsoFamilySpec) -> None:
+        self.spec = spec
+        self.qso = family_of(
+            spec.plant.get() if spec.plant else None,
+            spec.family.get() if spec.family else None,
+            spec.accuracy,
+        )
+        self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
+        if spec.needs.compare is None:
+            self._range(None)  # refuses an empty range
+
+    def run(self, ctx: Context, compare: QsoFamily | None = None) -> QsoFamily:
+        """Compute the family.
+
+        Parameters
+        ----------
+        ctx : Context
+            Log and progress.
+        compare : QsoFamily, optional
+            Another family, whose range is taken where the Spec gives none.
+
+        Returns
+        -------
+        QsoFamily
+            Curve and members.
+
+        Raises
+        ------
+        InputError
+            If the family has none of the orbits asked for; all are named. If it has some, the
+            others are named in `QsoFamily.missing`.
+        ConvergenceError
+            If the family cannot be followed, or an orbit does not keep the accuracy.
+        """
+        qso, spec = self.qso, self.spec
+        low, high = self._range(compare)
+        advance = ctx.track("quasi-satellite orbits", 4)
+        family = qso.family(low, high, spec.curve_members)
+        problem = family.problem
+        ctx.info(f"orbits found over {family.method}; {problem.steps} sub-steps")
+        ctx.info(f"ends of the family: {family.branch.ends[0]}; {family.branch.ends[1]}")
+        advance(1)
+        z, labels, missing = self._members(family)
+        for fault in missing:
+            ctx.info(fault)
+        advance(1)
+        surveyor = Surveyor(qso.plant, problem)
+        members = surveyor.orbits(z, labels)
+        _snap(members.x0[0], spec.x_amplitudes_m)
+        curve = surveyor.orbits(family.branch.z, ("",) * family.branch.size)
+        advance(1)
+        drift = surveyor.drift(z, spec.drift_revolutions)
+        require_accuracy(curve, qso.accuracy)
+        require_accuracy(members, qso.accuracy, drift)
+        unit = qso.plant.scales.length_m
+        require_motion(problem, z, unit)
+        qso.winding.require(problem, z, unit, "quasi-satellite orbit", "ask for more curve_members")
+        indices = np.array(stability_indices(curve.monodromy))
+        require_smooth(indices, family.amplitude(family.branch.z)[0], unit)
+        y_max, vx = extent(problem, z)
+        advance(1)
+        scales = qso.plant.scales
+        moon = qso.plant if isinstance(qso.plant, LockedMoon) else None
+        approximate = moon is not None and not isinstance(moon, TruePrimary)
+        return QsoFamily(
+            members=members,
+            curve=curve,
+            member_indices=np.array(stability_indices(members.monodromy)),
+            curve_indices=indices,
+            y_max_m=y_max * scales.length_m,
+            vx_at_y_max_m_s=vx * scales.length_m / scales.time_s,
+            tracks_m=tracks(problem, z) * scales.length_m,
+            nearest_m=float(nearest(problem, family.branch.z) * scales.length_m),
+            drift=drift,
+            drift_revolutions=spec.drift_revolutions,
+            name=spec.label.replace("_", " ") or (moon.gravity_name if moon else "this family"),
+            body=moon.body_name if moon else "",
+            semi_axes_m=tuple(moon.semi_axes_m or ()) if moon else (),
+            prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
+            primary_distance_m=moon.primary_distance_m if moon and approximate else None,
+            series_radius_m=moon.series_radius_m if moon else None,
+            method=family.method,
+            check=surveyor.check,
+            ends=family.branch.ends,
+            missing=missing,
+        )
+
+    def present(self, product: QsoFamily, compare: QsoFamily | None = None) -> Presentation:
+        """Show table, figures and checks, beside published values where the Spec cites them."""
+        return present_family(product, compare, self.reference, self.spec.label)
+
+    def _range(self, compare: QsoFamily | None) -> tuple[float | None, float]:
+        spec = self.spec
+        low, high = spec.x_min_m, spec.x_max_m
+        asked = max(spec.x_amplitudes_m, default=0.0)
+        if compare is not None:
+            x = compare.curve.x0[0]
+            low = float(x.min()) if low is None else low
+            high = max(float(x.max()), asked) if high is None else high
+        if high is None:
+            distance = primary_distance(self.qso.plant)
+            far = _FAR if distance is None else min(_FAR, _PRIMARY_SHARE * distance)
+            high = max(far * self.qso.plant.scales.length_m, 1.05 * asked)
+        if low is not None and low >= high:
+            raise InputError(
+                f"the range of amplitudes is empty: x_min {low / 1e3:.6g} km, "
+                f"x_max {high / 1e3:.6g} km"
+            )
+        return low, high
+
+    def _members(self, family: Family) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
+        """Find every member asked for, and say of all that are missing what there is instead."""
+        spec, scales = self.spec, self.qso.plant.scales
+        asked: list[tuple[str, str, float, Quantity, tuple[float, ...]]] = [
+            ("x", " km", scales.length_m / 1e3, family.amplitude,
+             tuple(x / 1e3 for x in spec.x_amplitudes_m)),
+            ("T", " h", scales.time_s / 3600.0, family.period,
+             tuple(t / 3600.0 for t in spec.periods_s)),
+        ]  # fmt: skip
+        if spec.jacobi_constants:
+            asked.append(("C", "", 1.0, family.integral, spec.jacobi_constants))
+        columns: list[Array] = []
+        labels: list[str] = []
+        missing: list[str] = []
+        for symbol, unit, size, quantity, values in asked:
+            if not values:
+                continue
+            found = members_at(family.problem, family.branch, quantity, np.array(values) / size)
+            columns.append(found.z)
+            labels.extend(f"{symbol} = {values[k]:.9g}{unit}" for k in found.target)
+            if lost := found.missing(len(values)):
+                span = quantity(family.branch.z)[0] * size
+                missing.append(
+                    f"{symbol} = {', '.join(f'{values[k]:.9g}' for k in lost)}{unit} (it has "
+                    f"{span.min():.9g} to {span.max():.9g}{unit})"
+                )
+        z = np.concatenate(columns, axis=1)
+        faults: tuple[str, ...] = ()
+        if missing:
+            inner = family.amplitude(family.branch.z)[0][-1] * scales.length_m / 1e3
+            faults = (
+                f"the family has no member with {'; '.join(missing)}; its ends: "
+                f"{family.branch.ends[0]}; {family.branch.ends[1]} ({inner:.6g} km)",
+            )
+            if not labels:
+                raise InputError(faults[0])
+        return z, self._named(family.amplitude(z)[0] * scales.length_m / 1e3, labels), faults
+
+    def _named(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
+        """Return the published names where there are some, else the labels, made different."""
+        published: Mapping[int, str] = {}
+        if self.reference is not None and {"x0_km", "name"} <= set(self.reference.columns):
+            rows = (self.reference.match("x0_km", float(x), _SAME_ORBIT_KM) for x in x_km)
+            published = {i: str(row["name"]) for i, row in enumerate(rows) if row}
+        names: list[str] = []
+        for i, label in enumerate(labels):
+            name = published.get(i, label)
+            count = sum(other.split(" #")[0] == name for other in names)
+            names.append(f"{name} #{count + 1}" if count else name)
+        return tuple(names)

@@ -1,0 +1,352 @@
+"""Tables, metrics, figures and sentences about families of orbits in space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from hillsphere.interfaces import Array
+from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+__all__ = ["family_colours", "present_families"]
+
+_POINTS = 600  # of a curve in a figure
+_REAL = 1e-6  # imaginary part of an index, relative, that is rounding
+
+_MEMBERS = (
+    Column("orbit", "", "orbit"),
+    Column("resonance", "", "d:n"),
+    Column("z_km", "km", "amplitude z", 9),
+    Column("x0", "-", "x at the start", 12),
+    Column("vy0", "-", "ẏ at the start", 12),
+    Column("period", "-", "period in 1/n", 12),
+    Column("period_h", "h", "period", 9),
+    Column("jacobi", "-", "Jacobi constant", 12),
+    Column("lambda_real", "-", "Re λ", 9),
+    Column("lambda_imag", "-", "Im λ", 9),
+    Column("lambda_max", "-", "largest |λ|", 9),
+    Column("stable", "", "stable"),
+    Column("closure", "-", "closure", 2),
+    Column("half_closure", "-", "at half a period", 2),
+)
+_FAMILIES = (
+    Column("resonance", "", "d:n"),
+    Column("start", "", "starts"),
+    Column("other", "", "the other family than z ≠ 0 at x > 0"),
+    Column("x0_km", "km", "x of the planar orbit", 9),
+    Column("orbits", "-", "orbits along it"),
+    Column("z_max_km", "km", "largest z", 6),
+    Column("lambda_max", "-", "largest |λ|", 6),
+    Column("end", "", "it ends"),
+)
+_SECONDARY = (
+    Column("resonance", "", "d:n"),
+    Column("kind", "", "kind"),
+    Column("z_km", "km", "amplitude z", 8),
+    Column("jacobi", "-", "Jacobi constant", 10),
+    Column("b", "-", "b of the dominant pair", 6),
+)
+_STARTS = {
+    "position": "on the plane xz, z ≠ 0",
+    "velocity": "on the x axis, ż ≠ 0",
+    "y_position": "on the plane yz, z ≠ 0",
+}
+_MARKERS = {"fold": "s", "branching": "^", "doubling": "v", "krein": "D"}
+_WINDOWS = (
+    Column("resonance", "", "d:n"),
+    Column("z_from_km", "km", "from z", 6),
+    Column("z_to_km", "km", "to z", 6),
+)
+
+
+def family_colours(families: int) -> list[str]:
+    """Return one colour per family, from dark to light (they are ordered by n)."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    shades = colormaps["viridis"](np.linspace(0.0, 0.9, max(families, 1)))
+    return [to_hex(shade) for shade in shades]
+
+
+def present_families(product: SpatialFamilies, label: str) -> Presentation:
+    """Show families in space.
+
+    Parameters
+    ----------
+    product : SpatialFamilies
+        What is shown.
+    label : str
+        Appended to all identifiers.
+
+    Returns
+    -------
+    Presentation
+        Tables ``spatial_families``, ``spatial_members``, ``stability_windows`` and
+        ``secondary_bifurcations``, figures ``families_3d`` and ``multipliers``, checks as metrics.
+    """
+    notes = [
+        "Without unit: in units of L = (μ/n²)^(1/3) = "
+        f"{product.members.length_m / 1e3:.12g} km and 1/n = {product.members.time_s:.12g} s; "
+        "periods are those of all revolutions.",
+        f"Orbits found over {product.method}; closure {product.check}.",
+        "λ is the multiplier of the dominant pair, from the trace of M; the others are 1/λ and, "
+        "to within rounding where the resonance is of high order, four times 1.",
+    ]
+    about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
+    size = np.maximum(1e3, np.abs(product.member_multipliers[0]))
+    metrics = {
+        "closure_max": Metric(float(np.max(product.members.residual))),
+        "closure_over_lambda_max": Metric(float(np.max(product.members.residual / size))),
+        "half_closure_max": Metric(
+            float(max(product.member_half_residual.max(), product.curve_half_residual.max()))
+        ),
+        "families": Metric(len(product.n)),
+        "families_not_followed": Metric(len(product.n) - len(set(product.curve_family.tolist()))),
+        "stable_members": Metric(int(np.count_nonzero(product.member_stable))),
+    }
+    figures = {
+        "families_3d": Figure(
+            f"One member of each family{about}",
+            lambda figure: _draw_space(figure, product),
+            "The largest orbits asked for and the body to scale (equal axes).",
+            size_in=(8.0, 8.0),
+        ),
+        "multipliers": Figure(
+            "Stability along the families",
+            lambda figure: _draw_multipliers(figure, product),
+            "Above: largest modulus of a multiplier against the amplitude, with the orbits asked "
+            "for; between the orbits computed the index is interpolated. Below: where the orbits "
+            "are linearly stable, and secondary bifurcations.",
+            size_in=(8.0, 7.0),
+        ),
+    }
+    title = f"Orbits in space{about}"
+    tables = {
+        "spatial_families": Table(
+            "Families", _FAMILIES, _family_rows(product), _family_notes(product)
+        ),
+        "spatial_members": Table(title, _MEMBERS, _member_rows(product), notes),
+        "stability_windows": Table(
+            "Windows of stability", _WINDOWS, _window_rows(product),
+            ["A window that ends with its family is cut off there."],
+        ),
+        "secondary_bifurcations": Table(
+            "Secondary bifurcations", _SECONDARY, _secondary_rows(product),
+            ["fold: λ = 1 where the Jacobi constant turns; branching: λ = 1 and it does not, a "
+             "family of less symmetry begins; doubling: λ = −1, a family of twice the period "
+             "begins (an orbit with two mirrors stays stable there: its index touches −2); krein: "
+             "two pairs of multipliers meet."],
+        ),
+    }  # fmt: skip
+    return Presentation(
+        metrics={named(name, label): metric for name, metric in metrics.items()},
+        tables={named(name, label): table for name, table in tables.items()},
+        figures={named(name, label): figure for name, figure in figures.items()},
+        verdict=_verdict(product, label),
+    )
+
+
+def _name(product: SpatialFamilies, family: int) -> str:
+    return f"{product.d[family]}:{product.n[family]}"
+
+
+def _member_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
+    orbits = product.members
+    speed = orbits.length_m / orbits.time_s
+    return [
+        {
+            "orbit": orbits.labels[i],
+            "resonance": _name(product, int(family)),
+            "z_km": float(product.member_z_m[i] / 1e3),
+            "x0": float(orbits.x0[0, i] / orbits.length_m),
+            "vy0": float(orbits.x0[4, i] / speed),
+            "period": float(orbits.period_s[i] / orbits.time_s),
+            "period_h": float(orbits.period_s[i] / 3600.0),
+            "jacobi": float(orbits.integral[i]),
+            "lambda_real": float(product.member_multipliers[0, i].real),
+            "lambda_imag": float(product.member_multipliers[0, i].imag),
+            "lambda_max": float(np.max(np.abs(product.member_multipliers[:, i]))),
+            "stable": bool(product.member_stable[i]),
+            "closure": float(orbits.residual[i]),
+            "half_closure": float(product.member_half_residual[i]),
+        }
+        for i, family in enumerate(product.member_family)
+    ]
+
+
+def _family_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
+    rows: list[dict[str, Cell]] = []
+    for f, end in enumerate(product.ends):
+        own = product.curve_family == f
+        row: dict[str, Cell] = {
+            "resonance": _name(product, f),
+            "start": _STARTS[product.starts[f]],
+            "other": not product.of_position[f],
+            "x0_km": float(product.bifurcation_x_m[f] / 1e3),
+            "orbits": int(np.count_nonzero(own)),
+            "end": end,
+        }
+        if np.any(own):
+            row["z_max_km"] = float(product.curve_z_m[own].max() / 1e3)
+            row["lambda_max"] = float(np.max(np.abs(product.curve_multipliers[:, own])))
+        rows.append(row)
+    return rows
+
+
+def _family_notes(product: SpatialFamilies) -> list[str]:
+    notes = [
+        "Two families branch off at every vertical bifurcation. Which of them a start belongs to "
+        "follows from its phase in the kernel of the n-revolution map.",
+    ]
+    if same := [
+        _name(product, f)
+        for f, start in enumerate(product.starts)
+        if product.of_position[f] and start != "position"
+    ]:
+        notes.append(
+            f"{', '.join(same)}: the start asked for ({product.branch}) belongs to the same family "
+            'as z ≠ 0 at x > 0, seen some revolutions later; the other one is branch "companion".'
+        )
+    return notes + [f"{sentence}." for sentence in product.missing]
+
+
+def _secondary_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
+    return [
+        {
+            "resonance": _name(product, int(family)),
+            "kind": kind,
+            "z_km": float(z / 1e3),
+            "jacobi": float(jacobi),
+            "b": float(b.real),
+        }
+        for family, kind, z, jacobi, b in zip(
+            product.secondary_family,
+            product.secondary_kind,
+            product.secondary_z_m,
+            product.secondary_jacobi,
+            product.secondary_index[0],
+            strict=True,
+        )
+    ]
+
+
+def _window_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
+    return [
+        {
+            "resonance": _name(product, int(family)),
+            "z_from_km": float(begin / 1e3),
+            "z_to_km": float(end / 1e3),
+        }
+        for family, begin, end in zip(product.window_family, *product.window_z_m, strict=True)
+    ]
+
+
+def _verdict(product: SpatialFamilies, label: str) -> list[str]:
+    followed = set(product.curve_family.tolist())
+    reached: dict[str, list[str]] = {}
+    for f, end in enumerate(product.ends):
+        if f in followed:
+            top = product.curve_z_m[product.curve_family == f].max() / 1e3
+            reached.setdefault(end, []).append(f"{_name(product, f)} to {top:.4g} km")
+    said = "; ".join(f"{', '.join(names)} ({end})" for end, names in reached.items())
+    closure, half = product.members.residual.max(), product.member_half_residual.max()
+    members, one = len(product.member_stable), len(product.member_stable) == 1
+    which = f"{label.replace('_', ' ')}, " if label else ""
+    sentences = [
+        f"{'Family' if len(followed) == 1 else 'Families'} in space ({which}branch "
+        f"{product.branch}): {said}.",
+        f"{'Its' if len(followed) == 1 else 'Their'} {counted(members, 'member')} "
+        f"{'closes' if one else 'close'} to {half:.1e} after half a period and to {closure:.1e} "
+        f"after a whole one ({product.check}).",
+    ]
+    if lost := [
+        f"{_name(product, f)} ({end})" for f, end in enumerate(product.ends) if f not in followed
+    ]:
+        sentences.append(f"Not followed: {', '.join(lost)}.")
+    sentences += _family_notes(product)[1:]
+    if stable := [
+        name
+        for name, good in zip(product.members.labels, product.member_stable, strict=True)
+        if good
+    ]:
+        sentences.append(f"Linearly stable: {'; '.join(stable)}.")
+    return sentences
+
+
+def _draw_space(figure: Canvas, product: SpatialFamilies) -> None:
+    axes = figure.add_subplot(projection="3d")
+    colours = family_colours(len(product.n))
+    for f in sorted({0, len(product.n) // 2, len(product.n) - 1}):
+        own = np.flatnonzero(product.member_family == f)
+        if own.size:
+            i = own[np.argmax(product.member_z_m[own])]
+            axes.plot(*product.tracks_m[:, :, i] / 1e3, color=colours[f], lw=0.6,
+                      label=product.members.labels[i])  # fmt: skip
+    if product.semi_axes_m:
+        a, b, c = np.array(product.semi_axes_m) / 1e3
+        u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 33), np.linspace(0.0, np.pi, 17))
+        p, q = a * np.cos(u) * np.sin(v), b * np.sin(u) * np.sin(v)
+        cos, sin = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
+        axes.plot_surface(cos * p - sin * q, sin * p + cos * q, c * np.cos(v), color="#777777")
+    axes.set_box_aspect(np.ptp(np.array(axes.get_w_lims()).reshape(3, 2), axis=1))
+    axes.set_xlabel("x, away from the primary (km)")
+    axes.set_ylabel("y, along the orbital velocity (km)")
+    axes.set_zlabel("z, north (km)")
+    axes.legend(loc="upper right", fontsize=8)
+
+
+def _draw_multipliers(figure: Canvas, product: SpatialFamilies) -> None:
+    axes, below = figure.subplots(2, sharex=True, height_ratios=(3, 2))
+    colours = family_colours(len(product.n))
+    for f, colour in enumerate(colours[: len(product.n)]):
+        own = np.flatnonzero(product.curve_family == f)
+        if not own.size:
+            continue
+        z, values = _smooth(product, own)
+        axes.semilogy(z, values, color=colour, lw=1.1, label=_name(product, f))
+        for begin, end in product.window_z_m[:, product.window_family == f].T / 1e3:
+            below.barh(f, end - begin, left=begin, height=0.7, color=colour)
+    members = np.max(np.abs(product.member_multipliers), axis=0)
+    axes.semilogy(product.member_z_m / 1e3, members, ".", color=PALETTE["black"], ms=4,
+                  label="asked for")  # fmt: skip
+    for kind, marker in _MARKERS.items():
+        own = np.flatnonzero(np.array(product.secondary_kind) == kind)
+        if own.size:
+            below.plot(product.secondary_z_m[own] / 1e3, product.secondary_family[own], marker,
+                       color=PALETTE["vermillion"], mec="white", mew=0.5, ms=6, ls="",
+                       label=kind)  # fmt: skip
+    if product.secondary_kind:
+        below.legend(loc="lower right", fontsize=8)
+    axes.set_ylabel("largest modulus of\na multiplier")
+    axes.legend(loc="upper left", fontsize=8, ncols=2)
+    below.set_yticks(range(len(product.n)), [_name(product, f) for f in range(len(product.n))])
+    below.tick_params(axis="y", labelsize=8)
+    below.set_ylabel("stable")
+    below.set_xlabel("amplitude z (km)")
+
+
+def _smooth(product: SpatialFamilies, own: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return amplitudes (km) and largest moduli along a family, densely interpolated.
+
+    What is interpolated is the dominant index of the return map: it is smooth where the modulus
+    leaves 1 steeply, and where the index of M touches −2 it passes 0.
+    """
+    z, place = product.curve_z_m[own] / 1e3, product.curve_place[own]
+    c = product.curve_return_index[:, own]
+    alone = np.all(np.abs(c[0].imag) <= _REAL * np.abs(c[0])) and np.all(c[1] == 2.0)
+    if own.size < 4 or not alone:
+        # two pairs take part: they may swap or leave the real axis, and are not smooth there
+        return z, np.max(np.abs(product.curve_multipliers[:, own]), axis=0)
+    dense = np.unique(np.concatenate([place, np.linspace(place[0], place[-1], _POINTS)]))
+    index = np.sinh(CubicSpline(place, np.arcsinh(c[0].real))(dense))
+    half = np.maximum(0.5 * np.abs(index), 1.0)
+    power = int(product.curve_return_power[own[0]])
+    return CubicSpline(place, z)(dense), (half + np.sqrt(half**2 - 1.0)) ** power

@@ -1,0 +1,204 @@
+"""Table and figure of the station-keeping index, beside published values."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hillsphere.presentation import (
+    PALETTE,
+    Cell,
+    Column,
+    Figure,
+    Metric,
+    Presentation,
+    Printed,
+    Table,
+)
+from hillsphere.show.reference import ReferenceTable
+from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.spatial_qso_families.presentation import family_colours
+from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
+from hillsphere_orbits.spatial_qso_families.specs import StationKeepingSpec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+__all__ = ["AGREES", "present_index"]
+
+AGREES = 5e-4
+"""Relative difference up to which a published value counts as reproduced."""
+
+_NEARLY_ALL = 0.9  # of the cells: then the model is the paper's and the rest is print
+
+
+_SAME_KM = 1e-6  # a published amplitude is a round number
+_COLUMNS = (
+    Column("n", "-", "revolutions"),
+    Column("Az_km", "km", "amplitude z", 9),
+    Column("x0", "-", "x at the start", 12),
+    Column("vy", "-", "ẏ at the start", 12),
+    Column("period", "-", "period in 1/n", 12),
+    Column("jacobi", "-", "Jacobi constant", 12),
+    Column("lambda_max", "-", "largest |λ|", 9),
+    Column("v_cm_m_s", "m/s", "v_cm", 6),
+    Column("stable", "", "stable"),
+)
+_PAPER = Column("v_cm_paper", "m/s", "", 6)
+_DIFFERENCES = (
+    Column("n", "-", "revolutions"),
+    Column("Az_km", "km", "amplitude z", 9),
+    Column("difference", "-", "relative difference of v_cm", 2),
+    Column("agrees", "", f"within {AGREES:g}"),
+)
+
+
+def present_index(
+    product: StationKeepingIndex, spec: StationKeepingSpec, reference: ReferenceTable | None
+) -> Presentation:
+    """Show the index.
+
+    Parameters
+    ----------
+    product : StationKeepingIndex
+        What is shown.
+    spec : StationKeepingSpec
+        The assumptions.
+    reference : ReferenceTable or None
+        Published values with the columns n, Az_km, v_cm_m_s.
+
+    Returns
+    -------
+    Presentation
+        Tables ``table_3`` and ``table_3_differences``, figure ``station_keeping``.
+    """
+    rows = _rows(product)
+    days = spec.duration_s / 86400.0
+    notes = [
+        f"v_cm is an index, not a cost that can be flown: it nulls the unstable component once "
+        f"per period, adds up {spec.sigmas:g}σ of it over {days:g} days, and takes the state to "
+        f"be known perfectly (σ = {spec.sigma_position_m:g} m and "
+        f"{100.0 * spec.sigma_velocity_m_s:g} cm/s per axis; no navigation or execution error).",
+        "A stable member has no unstable component: it has no index, not an index of zero.",
+    ]
+    columns = list(_COLUMNS)
+    label, tables = spec.label, {}
+    if reference is not None:
+        said, differences = _beside(rows, reference)
+        notes += said
+        columns[-1:] = [_PAPER, _COLUMNS[-1]]
+        if differences:
+            tables[named("table_3_differences", label)] = Table(
+                "Station-keeping index against the published one", _DIFFERENCES, differences
+            )
+    unstable = product.v_cm_m_s[~product.stable]
+    metrics = {"stable_members": Metric(int(np.count_nonzero(product.stable)))}
+    verdict = [f"{_number(product)} judged; {metrics['stable_members'].value} stable."]
+    if unstable.size:
+        metrics["v_cm_least"] = Metric(float(unstable.min()), "m/s")
+        metrics["v_cm_largest"] = Metric(float(unstable.max()), "m/s")
+        verdict[0] = (
+            f"The index of {unstable.size} unstable members of {_number(product)} is "
+            f"{unstable.min():.4g} to {unstable.max():.4g} m/s per {days:g} days, with perfect "
+            "knowledge of the state and one correction per period."
+        )
+    title = f"Station-keeping index, {days:g} days"
+    figure = Figure(
+        title,
+        lambda canvas: _draw(canvas, product, rows, days),
+        "v_cm against the amplitude, one line per family; a stable member has none.",
+        size_in=(8.0, 5.0),
+    )
+    return Presentation(
+        metrics={named(name, label): metric for name, metric in metrics.items()},
+        tables={named("table_3", label): Table(title, columns, rows, notes), **tables},
+        figures={named("station_keeping", label): figure},
+        verdict=verdict,
+    )
+
+
+def _number(product: StationKeepingIndex) -> str:
+    count = len(product.n)
+    return f"{count} member{'' if count == 1 else 's'}"
+
+
+def _rows(product: StationKeepingIndex) -> list[dict[str, Cell]]:
+    return [
+        {
+            "n": n,
+            "Az_km": float(product.z_m[i] / 1e3),
+            "x0": float(product.x0[i]),
+            "vy": float(product.vy[i]),
+            "period": float(product.period[i]),
+            "jacobi": float(product.jacobi[i]),
+            "lambda_max": float(product.lambda_max[i]),
+            "v_cm_m_s": None if product.stable[i] else float(product.v_cm_m_s[i]),
+            "stable": bool(product.stable[i]),
+        }
+        for i, n in enumerate(product.n)
+    ]
+
+
+def _beside(
+    rows: list[dict[str, Cell]], reference: ReferenceTable
+) -> tuple[list[str], list[dict[str, Cell]]]:
+    """Add the published value to each row that has one; say and list how they compare."""
+    printed = {
+        (float(row["n"]), float(row["Az_km"])): row["v_cm_m_s"]
+        for row in reference.rows
+        if isinstance(row["n"], Printed) and isinstance(row["Az_km"], Printed)
+    }
+    differences: list[dict[str, Cell]] = []
+    apart, blank = [], []
+    for row in rows:
+        n, z = row["n"], row["Az_km"]
+        key = next((k for k in printed if k[0] == n and abs(k[1] - _float(z)) <= _SAME_KM), None)
+        if key is None:
+            continue
+        name, paper, ours = f"1:{n} at {key[1]:g} km", printed[key], row["v_cm_m_s"]
+        row["v_cm_paper"] = paper
+        if not isinstance(paper, Printed):
+            blank.append(
+                f"The paper leaves {name} blank; that member is "
+                f"{'stable' if ours is None else 'not stable'} here."
+            )
+        elif ours is None:
+            apart.append(f"{name}: stable here, {paper.text} m/s in the paper.")
+        else:
+            off = _float(ours) / float(paper) - 1.0
+            agrees = abs(off) <= AGREES
+            differences.append({"n": n, "Az_km": z, "difference": off, "agrees": agrees})
+            if not agrees:
+                apart.append(f"{name}: {_float(ours):.4f} against the printed {paper.text} m/s.")
+    if not differences:
+        return [*apart, *blank], []
+    agreeing = sum(bool(row["agrees"]) for row in differences)
+    head = (
+        f"{agreeing} of {len(differences)} values agree within {AGREES:g} (relative) with "
+        f"{reference.source}."
+    )
+    if apart and agreeing >= _NEARLY_ALL * len(differences):
+        head += " Nearly all agree, so the printed ones look like misprints."
+    return [head, *apart, *blank], differences
+
+
+def _float(cell: Cell) -> float:
+    return float(cell) if isinstance(cell, int | float) else float("nan")
+
+
+def _draw(
+    figure: Canvas, product: StationKeepingIndex, rows: list[dict[str, Cell]], days: float
+) -> None:
+    axes = figure.add_subplot()
+    orders = sorted(set(product.n))
+    for n, colour in zip(orders, family_colours(len(orders)), strict=True):
+        own = [row for row in rows if row["n"] == n]
+        axes.plot([_float(row["Az_km"]) for row in own], [_float(row["v_cm_m_s"]) for row in own],
+                  "o-", color=colour, ms=3.5, lw=1.2, label=f"n = {n}")  # fmt: skip
+    paper = [(_float(r["Az_km"]), _float(r["v_cm_paper"])) for r in rows if r.get("v_cm_paper")]
+    if paper:
+        axes.plot(*np.array(paper).T, "x", color=PALETTE["vermillion"], ms=6, label="the paper")
+    axes.set_xlabel("amplitude z (km)")
+    axes.set_ylabel(f"v_cm (m/s per {days:g} days)")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)

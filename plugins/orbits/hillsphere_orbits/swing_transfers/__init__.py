@@ -1,0 +1,1 @@
+"""Transfers in the plane by way of families of swing orbits."""

@@ -1,0 +1,1 @@
+"""Reference trajectories of a formation near an asteroid."""

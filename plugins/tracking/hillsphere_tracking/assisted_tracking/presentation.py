@@ -1,0 +1,305 @@
+"""How the stage ``assisted_tracking`` shows one case: tables beside the paper's, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from hillsphere.interfaces import Array, Integers
+from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.show.reference import (
+    PAPER_SUFFIX,
+    ReferenceTable,
+    beside,
+    difference_notes,
+    with_paper,
+)
+from hillsphere_tracking.assisted_tracking.figures import (
+    ROWS_PER_FIGURE,
+    SKIES_PER_FIGURE,
+    draw_errors,
+    draw_skies,
+    draw_spread,
+)
+from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
+from hillsphere_tracking.assisted_tracking.products import AssistedTracking
+from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
+
+__all__ = ["case_values", "presented"]
+
+_MOST_PASSES = 12
+_PASSES = (
+    Column("pass", "", "pass"),
+    Column("station", "", "station"),
+    Column("revolution", "-", "revolution"),
+    Column("direction", "", "direction"),
+    Column("duration_s", "s", "duration, as the elements have it", 5),
+    Column("elevation_max_deg", "deg", "highest elevation, as the elements have it", 4),
+    Column("earth_turned_deg", "deg", "Earth turned eastwards by", 5),
+    Column("tracked_acquisition_s", "s", "acquisition, as tracked", 7),
+    Column("tracked_duration_s", "s", "duration, as tracked", 5),
+    Column("tracked_elevation_max_deg", "deg", "highest elevation, as tracked", 4),
+    Column("station_error_km", "km", "station told off by", 3),
+    Column("note", "", "note"),
+)
+_ERRORS = (
+    Column("pass", "", "pass"),
+    Column("station", "", "station"),
+    Column("bias_azimuth_deg", "deg", "largest bias, azimuth", 3),
+    Column("bias_elevation_deg", "deg", "largest bias, elevation", 3),
+    Column("noise_azimuth_deg", "deg", "largest noise, azimuth", 3),
+    Column("noise_elevation_deg", "deg", "largest noise, elevation", 3),
+    Column("sigma_azimuth_deg", "deg", "largest σ, azimuth", 3),
+    Column("sigma_elevation_deg", "deg", "largest σ, elevation", 3),
+)
+_DRAWN = ("noise_azimuth_deg", "noise_elevation_deg")
+_PUBLISHED = "published_"
+_SHOWN_IN = {"rad": ("deg", 180.0 / np.pi), "s": ("s", 1.0), "-": ("-", 1.0)}
+_HEADINGS = {
+    "error_max": "largest error √(ΔA² + Δh²)",
+    "sky_error_max": "largest error on the sky",
+    "encoder_error_max": "largest error at the encoders",
+    "time_outside": "time outside the beam",
+    "nees": "NEES in the middle of the outage",
+    "time_to_reacquire": "time to reacquire, to the set if not found",
+    "found": "found before the set",
+    "found_at_once": "found at once",
+}
+
+
+def presented(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presentation:
+    """Show one case.
+
+    Parameters
+    ----------
+    product : AssistedTracking
+        The case.
+    spec : AssistedTrackingSpec
+        What was asked for: gives the published values and the label.
+
+    Returns
+    -------
+    Presentation
+        Tables ``tracked_passes``, ``antenna_errors`` and ``tracking``; figures ``tracking_errors``,
+        ``tracking_spread`` and ``tracking_sky``; of each tracker the largest errors' mean over the
+        outages.
+
+    Raises
+    ------
+    InputError
+        If the published values cannot be read, or have no column ``pass``.
+    """
+    reference = ReferenceTable.read(spec.reference) if spec.reference else None
+    suffix = f"_{spec.label}" if spec.label else ""
+    values = case_values(product)
+    tables = {
+        "tracked_passes": _pass_table(product, reference),
+        "antenna_errors": _error_table(product, reference),
+        "tracking": _case_table(product, values),
+    }
+    metrics = {
+        f"tracking_{tracker}_{measure}".lower().replace("-", "_"): Metric(
+            float(np.mean(values[measure][t])), MEASURES[measure]
+        )
+        for measure in ("error_max", "encoder_error_max")
+        for t, tracker in enumerate(product.trackers)
+        if np.isfinite(values[measure][t]).all()
+    }
+    return Presentation(
+        metrics={name + suffix: metric for name, metric in metrics.items()},
+        tables={name + suffix: table for name, table in tables.items()},
+        figures={name + suffix: figure for name, figure in _figures(product).items()},
+        verdict=_verdict(product, values),
+    )
+
+
+def case_values(product: AssistedTracking) -> dict[str, Array]:
+    """Return each measure of the case, (T, L); NaN where there is none."""
+    trackers = {name: t for t, name in enumerate(product.trackers)}
+    outages = {
+        (product.passes[p], name): k
+        for k, (p, name) in enumerate(zip(product.outage_pass, product.outage_names, strict=True))
+    }
+    found = {name: np.full((len(trackers), len(outages)), np.nan) for name in MEASURES}
+    for metric, value in zip(product.metrics, product.values, strict=True):
+        name = MetricName.parse(metric)
+        if name is not None and name.measure in found:
+            found[name.measure][trackers[name.tracker], outages[name.pass_, name.outage]] = value
+    return found
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _pass_table(product: AssistedTracking, reference: ReferenceTable | None) -> Table:
+    rows: list[dict[str, Cell]] = []
+    degrees = 180.0 / np.pi
+    for p, name in enumerate(product.passes):
+        rows.append(
+            {
+                "pass": name,
+                "station": product.stations[p],
+                "revolution": int(product.revolution[p]),
+                "direction": product.directions[p],
+                "duration_s": _number(product.plain_duration_s[p]),
+                "elevation_max_deg": _number(degrees * product.plain_elevation_max_rad[p]),
+                "earth_turned_deg": float(degrees * product.earth_shift_rad[p]),
+                "tracked_acquisition_s": float(product.acquisition_s[p]),
+                "tracked_duration_s": float(product.duration_s[p]),
+                "tracked_elevation_max_deg": float(degrees * product.elevation_max_rad[p]),
+                "station_error_km": float(1e-3 * product.station_error_m[p]),
+            }
+        )
+    notes = [
+        "The Earth is turned by the least angle, to the side asked for, that gives the elevation."
+    ]
+    columns: list[Column] = list(_PASSES)
+    if reference is None:
+        columns = columns[:-1]
+    else:
+        rows = beside(rows, reference, on="pass")
+        for row in rows:
+            twin = reference.match("pass", row["pass"], 0.0) or {}
+            row["note"] = twin.get("note")
+        columns = with_paper(columns, rows)
+        notes += difference_notes(rows, reference, label="pass")
+    return Table("Passes", columns, rows, notes)
+
+
+def _error_table(product: AssistedTracking, reference: ReferenceTable | None) -> Table:
+    noise = product.measured_rad - product.true_rad - product.bias_rad
+    noise[0] = np.arctan2(np.sin(noise[0]), np.cos(noise[0]))
+    rows: list[dict[str, Cell]] = []
+    for p, name in enumerate(product.passes):
+        row: dict[str, Cell] = {"pass": name, "station": product.stations[p]}
+        for what, angles in (
+            ("bias", product.bias_rad), ("noise", noise), ("sigma", product.sigma_rad),
+        ):  # fmt: skip
+            for i, angle in enumerate(("azimuth", "elevation")):
+                row[f"{what}_{angle}_deg"] = _number(_largest(angles[i, :, p]))
+        rows.append(row)
+    notes = ["Largest by size over the pass, with its sign. The noise is one draw."]
+    columns: list[Column] = list(_ERRORS)
+    if reference is not None:
+        rows = [_draws_apart(row) for row in beside(rows, reference, on="pass")]
+        columns = with_paper(columns, rows)
+        for name in _DRAWN:
+            if any(f"{_PUBLISHED}{name}" in row for row in rows):
+                at = next(k for k, column in enumerate(columns) if column.name == name)
+                label = f"{columns[at].label}, paper's draw"
+                columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
+                notes[0] = (
+                    "Largest by size over the pass, with its sign. The noise is one draw, and so "
+                    "is the paper's: they stand side by side, and no difference of them means "
+                    "anything."
+                )
+        notes.append(f"Paper: {reference.source}.")
+    return Table("Errors of the antenna", columns, rows, notes)
+
+
+def _draws_apart(row: Mapping[str, Cell]) -> dict[str, Cell]:
+    """Return a row whose published draws are not what a computed value is compared with."""
+    apart = {f"{name}{PAPER_SUFFIX}": f"{_PUBLISHED}{name}" for name in _DRAWN}
+    return {apart.get(name, name): cell for name, cell in row.items()}
+
+
+def _largest(angles: Array) -> float:
+    """Return the largest angle (K,) by size, in degrees, with its sign; NaN if there is none."""
+    known = angles[np.isfinite(angles)]
+    return float(np.degrees(known[np.argmax(np.abs(known))])) if known.size else np.nan
+
+
+def _case_table(product: AssistedTracking, values: dict[str, Array]) -> Table:
+    used = [name for name in MEASURES if np.isfinite(values[name]).any()]
+    columns = [
+        Column("pass", "", "pass"),
+        Column("outage_s", "s", "signal lost after", 5),
+        Column("tracker", "", "tracker"),
+    ]
+    keys = {}
+    for name in used:
+        unit = _SHOWN_IN[MEASURES[name]][0]
+        keys[name] = name if unit == "-" else f"{name}_{unit}"
+        columns.append(Column(keys[name], unit, _HEADINGS[name], 4))
+    rows: list[dict[str, Cell]] = [
+        {
+            "pass": product.passes[product.outage_pass[k]],
+            "outage_s": float(product.outage_s[k]),
+            "tracker": tracker,
+        }
+        | {keys[name]: _number(values[name][t, k] * _SHOWN_IN[MEASURES[name]][1]) for name in used}
+        for k in range(product.outage_s.size)
+        for t, tracker in enumerate(product.trackers)
+    ]
+    notes = [
+        f"One case. The beam is {np.degrees(product.lock_angle_rad):g}° wide to each side. Errors "
+        "are those of the predictions from the loss to the set: against where the satellite truly "
+        "is, or against what the antenna's encoders would show without noise.",
+    ]
+    return Table("Trackers after a loss of signal", columns, rows, notes)
+
+
+def _figures(product: AssistedTracking) -> dict[str, Figure]:
+    shown = np.flatnonzero(np.bincount(product.outage_pass, minlength=len(product.passes)))
+    shown = shown[:_MOST_PASSES]
+    lock = f"{np.degrees(product.lock_angle_rad):g}°"
+    figures: dict[str, Figure] = {}
+    for page, first in enumerate(range(0, shown.size, ROWS_PER_FIGURE)):
+        chosen = shown[first : first + ROWS_PER_FIGURE]
+        most = int(np.bincount(product.outage_pass)[chosen].max())
+        columns = min(most, 4)
+        rows = sum(-(-int(np.sum(product.outage_pass == p)) // columns) for p in chosen)
+        figures["tracking_errors" + (f"_{page + 1}" if page else "")] = Figure(
+            "Errors over time" + _of(product, chosen, shown.size),
+            partial(draw_errors, product=product, chosen=chosen, columns=columns),
+            "Shaded: the signal is there and measurements are used; then it is lost, and what is "
+            f"drawn is the error of the prediction. Dashed: the beam, {lock}.",
+            size_in=(1.2 + 3.3 * columns, 0.9 + 2.5 * rows),
+        )
+    knowing = np.flatnonzero(np.isfinite(product.spread_rad).any(axis=(1, 2)))
+    if knowing.size and shown.size:
+        columns = min(3, knowing.size)
+        first_outage = int(np.flatnonzero(product.outage_pass == shown[0])[0])
+        figures["tracking_spread"] = Figure(
+            f"What trackers say of their errors, {product.passes[shown[0]]}",
+            partial(draw_spread, product=product, outage=first_outage, chosen=knowing),
+            "Line: error on the sky. Bands: one, two and three standard deviations, in the worst "
+            "direction, as the tracker tells them. Shaded: the signal is there.",
+            size_in=(1.0 + 3.3 * columns, 0.9 + 2.6 * -(-knowing.size // columns)),
+        )
+    for page, first in enumerate(range(0, shown.size, SKIES_PER_FIGURE)):
+        chosen = shown[first : first + SKIES_PER_FIGURE]
+        columns, rows = min(3, chosen.size), -(-chosen.size // 3)
+        figures["tracking_sky" + (f"_{page + 1}" if page else "")] = Figure(
+            "Passes in the sky" + _of(product, chosen, shown.size),
+            partial(draw_skies, product=product, chosen=chosen),
+            "North is up, east to the right as on a map; the rim is the horizon. Dots: measured "
+            "before the first loss; diamonds: where the signal is lost; line: the true path; "
+            "square: set.",
+            size_in=(0.6 + 2.9 * columns, 0.6 + 3.2 * rows),
+        )
+    return figures
+
+
+def _of(product: AssistedTracking, chosen: Integers, count: int) -> str:
+    """Return which passes a figure shows, if not all."""
+    if chosen.size == count:
+        return ""
+    return ": " + ", ".join(product.passes[int(p)] for p in chosen)
+
+
+def _verdict(product: AssistedTracking, values: dict[str, Array]) -> list[str]:
+    outages = product.outage_s.size
+    inside = np.sum(values["encoder_error_max"] <= product.lock_angle_rad, axis=1)
+    kept = ", ".join(f"{name} in {n}" for name, n in zip(product.trackers, inside, strict=True))
+    said = [
+        f"{product.satellite}: {len(product.passes)} passes, {outages} outages in one case. The "
+        f"predictions stay within the beam ({np.degrees(product.lock_angle_rad):g}°, at the "
+        f"encoders) to the set: {kept} of {outages}."
+    ]
+    if len(product.passes) > _MOST_PASSES:
+        said.append(f"No more than {_MOST_PASSES} of the passes are drawn.")
+    return [*said, *product.warnings]

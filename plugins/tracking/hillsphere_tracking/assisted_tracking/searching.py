@@ -1,0 +1,98 @@
+"""How long a search takes until it finds the satellite, case by case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.interfaces import Array
+from hillsphere_tracking.assisted_tracking.specs import SearchSpec
+from hillsphere_tracking.pointing.search import Search, plan_search
+
+__all__ = ["Reacquired", "reacquired"]
+
+_STEPS_PER_BEAM = 20.0
+_FIRST_LOOK_S = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reacquired:
+    """What came of the searches of N cases; NaN for errors that are not finite.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (N,)
+        From the signal's return until the satellite is found, to the set if it is not.
+    found : ndarray, shape (N,)
+        1 where it is found before it sets, else 0.
+    at_once : ndarray, shape (N,)
+        1 where it is found at the prediction, without a search, else 0.
+    """
+
+    time_s: Array
+    found: Array
+    at_once: Array
+
+
+def reacquired(
+    spec: SearchSpec, beam_rad: float, times_s: Array, off_rad: Array, covariance: Array
+) -> Reacquired:
+    """Return how long each case searches, and whether it finds the satellite.
+
+    When the signal comes back the antenna stays at the prediction for one dwell; then it searches,
+    back and forth, about the prediction as that moves on.
+
+    Parameters
+    ----------
+    spec : SearchSpec
+        How it is searched.
+    beam_rad : float
+        Error up to which the signal is received.
+    times_s : ndarray, shape (K,)
+        From the signal's return to the set, rising.
+    off_rad : ndarray, shape (2, K, N)
+        Arcs from the prediction to where the antenna would show the satellite.
+    covariance : ndarray, shape (2, 2, N)
+        Of the prediction when the signal returns, rad².
+
+    Returns
+    -------
+    Reacquired
+        Of each case.
+    """
+    since = times_s - times_s[0]
+    wait = min(spec.dwell_s, float(since[-1]))
+    known = np.isfinite(off_rad).all(axis=(0, 1)) & np.isfinite(covariance).all(axis=(0, 1))
+    time, found = np.full((2, off_rad.shape[2]), np.nan)
+    first = int(np.searchsorted(since, wait)) + 1
+    # at all samples up to the end of the dwell: errors hardly change between two of them
+    at_once = known & (np.hypot(*off_rad[:, :first]) <= beam_rad).all(axis=0)
+    time[at_once], found[at_once] = wait, 1.0
+    for n in np.flatnonzero(known & ~at_once):
+        search = plan_search(
+            covariance[:, :, n], beam_rad, spec.speed_rad_s, begin_s=wait, dwell_s=spec.dwell_s,
+            sigmas=spec.sigmas,
+        )  # fmt: skip
+        held_s = _time(search, since, off_rad[:, :, n])
+        found[n] = held_s is not None
+        time[n] = since[-1] if held_s is None else held_s
+    return Reacquired(time, found, np.where(known, at_once, np.nan))
+
+
+def _time(search: Search, since: Array, off: Array) -> float | None:
+    """Return when the satellite has been in the beam for the dwell, None if never."""
+    end, horizon = float(since[-1]), _FIRST_LOOK_S
+    step = search.beam_rad / search.speed_rad_s / _STEPS_PER_BEAM
+    while True:
+        t = np.arange(0.0, min(horizon, end) + step, step)
+        right, up = search.at(t)
+        away = np.hypot(np.interp(t, since, off[0]) - right, np.interp(t, since, off[1]) - up)
+        outside = away > search.beam_rad
+        entered = np.maximum.accumulate(np.where(outside, np.arange(t.size) + 1, 0))
+        held = ~outside & ((np.arange(t.size) - entered) * step >= search.dwell_s - 1e-9)
+        if held.any():
+            return min(float(t[np.argmax(held)]), end)
+        if horizon >= end:
+            return None
+        horizon *= 4.0

@@ -1,0 +1,204 @@
+"""Spec of the stage ``assisted_tracking``: what a mission may write."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Literal, Self
+
+from pydantic import model_validator
+
+from hillsphere.spec import (
+    DataPath,
+    Ref,
+    Spec,
+    StageSpec,
+    data_path,
+    option,
+    quantity,
+    reference,
+    rule,
+)
+from hillsphere_tracking.satellite_specs import SatelliteSpec
+
+__all__ = ["AssistedTrackingSpec", "NominalErrorSpec", "SearchSpec", "TrackedPassSpec"]
+
+_DEGREE = 0.017453292519943295
+
+
+class TrackedPassSpec(Spec):
+    """One pass, and when the signal is lost in it."""
+
+    examples = (
+        {"name": "ALC2", "sensor": "antenna", "revolution": 2, "outages_min": [1, 3.5]},
+        {
+            "name": "ALC7",
+            "sensor": "antenna",
+            "revolution": 7,
+            "elevation_max_deg": 36.8,
+            "outages_min": [5],
+        },
+    )
+
+    name: str = option(
+        "of the pass, part of the metrics' names",
+        pattern=r"^[A-Za-z][A-Za-z0-9_-]*$",
+        max_length=30,
+    )
+    sensor: Ref = reference("sensor", "the station's antenna")
+    revolution: int = option(
+        "number of the revolution in which it culminates; the first lasts from the elements' epoch "
+        "to the first ascending node",
+        ge=1,
+    )
+    elevation_max_rad: float | None = quantity(
+        "angle",
+        "highest elevation that the pass shall have: the Earth is turned by the least angle that "
+        "gives it; left out: as the elements have it",
+        default=None, gt=0, le=pi / 2,
+    )  # fmt: skip
+    turn: Literal["least", "east", "west"] = option(
+        "to which side the Earth is turned for elevation_max: by the least angle at all, or by the "
+        "least one to the east or west",
+        default="least",
+    )
+    outages_s: tuple[float, ...] = quantity(
+        "time",
+        "when the signal is lost, after the acquisition, each in a flight of its own; it stays "
+        "lost until the set",
+        min_length=1, max_length=20, gt=0,
+    )  # fmt: skip
+
+
+class NominalErrorSpec(Spec):
+    """How far the nominal orbit is from the true one when the antenna acquires the satellite."""
+
+    examples = (
+        {"position_km": 3, "velocity_m_s": 3},
+        {"semi_major_axis_sigma_km": 5, "node_sigma_deg": 0.5, "mean_anomaly_sigma_deg": 2},
+    )
+
+    position_m: float = quantity(
+        "length", "error of the position along each inertial axis", default=0.0, ge=0
+    )
+    velocity_m_s: float = quantity(
+        "speed", "error of the velocity along each inertial axis", default=0.0, ge=0
+    )
+    distribution: Literal["signs", "normal"] = option(
+        "'signs': this size with a random sign on each axis; 'normal': standard deviations",
+        default="signs",
+    )
+    along_track_age_s: float = quantity(
+        "time",
+        "by how much the satellite is early or late, the sign at random: elements as old as that",
+        default=0.0, ge=0,
+    )  # fmt: skip
+    semi_major_axis_sigma_m: float = quantity(
+        "length", "standard deviation of the mean semi-major axis", default=0.0, ge=0
+    )
+    node_sigma_rad: float = quantity(
+        "angle", "standard deviation of the mean node", default=0.0, ge=0
+    )
+    mean_anomaly_sigma_rad: float = quantity(
+        "angle", "standard deviation of the mean anomaly", default=0.0, ge=0
+    )
+
+
+class SearchSpec(Spec):
+    """A spiral about the prediction, after the signal has come back and a dwell there."""
+
+    examples = ({"signal_back_s": 60, "speed_deg_s": 2, "dwell_s": 0.5},)
+
+    signal_back_s: float = quantity(
+        "time", "how long after the loss the signal comes back and the search begins",
+        default=60.0, gt=0,
+    )  # fmt: skip
+    speed_rad_s: float = quantity(
+        "angular_rate", "largest speed of the search on the sky", default=2.0 * _DEGREE, gt=0
+    )
+    dwell_s: float = quantity(
+        "time", "how long the satellite must be in the beam to be found", default=0.5, ge=0
+    )
+    sigmas: float = option("size of the ellipse that is searched", default=3.0, gt=0, le=10)
+
+
+class AssistedTrackingSpec(StageSpec):
+    """Passes in which trackers use what an antenna measures, and predict when the signal is lost.
+
+    A case is one draw of all errors, the same for every tracker. Its metrics are named
+    ``PASS.OUTAGE.TRACKER.MEASURE``, such as ``ALC2.60s.average.error_max``.
+    """
+
+    produces = "hillsphere_tracking.assisted_tracking.products:AssistedTracking"
+    examples = (
+        {
+            "satellite": SatelliteSpec.examples[0],
+            "passes": [TrackedPassSpec.examples[0]],
+            "trackers": ["average"],
+            "nominal_error": NominalErrorSpec.examples[0],
+            "osculating_as_mean": True,
+        },
+        {
+            "satellite": SatelliteSpec.examples[0],
+            "plant": "earth_orbit",
+            "body": "planet",
+            "passes": [TrackedPassSpec.examples[1]],
+            "trackers": ["least_squares"],
+            "nominal_error": NominalErrorSpec.examples[1],
+            "search": SearchSpec.examples[0],
+        },
+    )
+
+    satellite: SatelliteSpec = option("which satellite is tracked")
+    plant: Ref | None = reference(
+        "plant",
+        "plant by which it truly flies, from its elements; left out: by the theory of its elements",
+        default=None,
+    )
+    body: Ref | None = reference(
+        "body", "the Earth, a planet; left out: WGS 84 and the tables of the IERS", default=None
+    )
+    passes: tuple[TrackedPassSpec, ...] = option("which passes", min_length=1, max_length=60)
+    trackers: tuple[Ref, ...] = reference("tracker", "trackers that are compared")
+    nominal_error: NominalErrorSpec = option(
+        "error of the nominal orbit", default=NominalErrorSpec()
+    )
+    osculating_as_mean: bool = option(
+        "whether trackers without short-period terms take osculating elements for mean ones",
+        default=False,
+    )
+    believed_stations: bool = option(
+        "whether trackers are told the believed places of the stations, or the true ones",
+        default=True,
+    )
+    period_s: float = quantity(
+        "time", "between two measurements, and between two predictions", default=1.0, gt=0, le=60
+    )
+    lock_angle_rad: float = quantity(
+        "angle", "error up to which the signal is received", default=1.0 * _DEGREE, gt=0, le=0.5
+    )
+    search: SearchSpec | None = option("search after a loss; left out: none", default=None)
+    reference: DataPath | None = data_path(
+        "published values of the passes and of the antennas' errors, shown beside ours",
+        default=None,
+    )
+    label: str = option(
+        "appended to the names of tables and figures, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )
+
+    @model_validator(mode="after")
+    def _names(self) -> Self:
+        for key, names in (
+            ("passes", [p.name for p in self.passes]),
+            ("trackers", [ref.name for ref in self.trackers if ref.target is None]),
+        ):
+            if len(set(names)) < len(names):
+                raise rule(key, "a name stands twice")
+        if not self.trackers:
+            raise rule("trackers", "name at least one")
+        for p in self.passes:
+            if list(p.outages_s) != sorted(set(p.outages_s)):
+                raise rule("passes", f"{p.name}: the outages must rise")
+        return self

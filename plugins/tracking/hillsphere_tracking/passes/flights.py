@@ -1,0 +1,198 @@
+"""Numerical flights of satellites from their elements, as orbits.
+
+Where the mean elements of a theory put the satellite at their epoch, a plant takes over. Its force
+model is the plant's own; what the flight keeps of the theory is the state at its beginning.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, cast, get_args
+
+import numpy as np
+
+from hillsphere.dynamics import Taylor, system
+from hillsphere.errors import InputError, PropagationError
+from hillsphere.interfaces import Array, Plant
+from hillsphere.model.earth.rotation import InertialFrame, to_earth_fixed, to_inertial
+from hillsphere.time import Epoch
+from hillsphere_tracking.flown_orbit import FlownOrbit, missed
+from hillsphere_tracking.orbits import Orbit
+
+__all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "flown"]
+
+_DAY = 86400.0
+_ANGLE = "rotation_angle"
+_ENDS = {"impact": "has come down to the ground"}
+_LEAST_STATES = 9
+_MOST_STATES = 500_000
+_HALVINGS = 12
+
+
+class EarthPlant(Plant, Protocol):
+    """A plant of a satellite about the Earth: its times count from an epoch."""
+
+    @property
+    def epoch(self) -> Epoch:
+        """At which its time is zero."""
+        ...
+
+
+class PlantFlights:
+    """Flights of satellites by one plant, compiled once.
+
+    The Taylor propagator keeps state: one object for each thread.
+
+    Parameters
+    ----------
+    plant : EarthPlant
+        Positions and velocities in ``teme`` or ``gcrs``, times from its epoch. The satellites may
+        be flown at any other time, but what it takes as standing still (in ``gcrs`` the Earth's
+        axis) stands where it is at its epoch.
+
+    Raises
+    ------
+    InputError
+        If the plant is no such one.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        epoch = getattr(plant, "epoch", None)
+        names = [v.name for v in plant.states]
+        if not isinstance(epoch, Epoch) or plant.frame not in get_args(InertialFrame):
+            raise InputError(
+                "satellites are flown by a plant about the Earth (type 'earth_orbit') with an "
+                f"epoch, in the frame teme or gcrs; got {type(plant).__name__} in "
+                f"{plant.frame!r}"
+            )
+        if len(names) != 6:
+            raise InputError(
+                "satellites are flown by a plant with three positions and three velocities, "
+                f"{type(plant).__name__} has the states {', '.join(names)}"
+            )
+        self.epoch = epoch
+        self.frame = cast(InertialFrame, plant.frame)
+        angles = [q.value for q in plant.parameters() if q.name == _ANGLE]
+        self._angle_rad = angles[0] if angles else None
+        flow = system(plant, run_time=[_ANGLE] if angles else [], normalised=True)
+        self._unit, self._clock_s = flow.unit[:, None], flow.time_unit_s
+        self._sampled = Taylor(flow)
+        self._ended = Taylor(flow, events=tuple(flow.events))
+
+    def fly(
+        self,
+        orbit: Orbit,
+        start: Epoch,
+        duration_s: float,
+        *,
+        rotation_angle_rad: float | None = None,
+        step_s: float = 30.0,
+    ) -> FlownOrbit:
+        """Fly a satellite; parameters, result and errors as for `flown`."""
+        if not (np.isfinite(duration_s) and duration_s > 0.0 and step_s > 0.0):
+            raise InputError(
+                f"duration and step must be positive and finite, got {duration_s} s, {step_s} s"
+            )
+        begin = start.seconds_since(orbit.epoch)
+        first = min(begin, 0.0)
+        end, ending = begin + duration_s, ""
+        x = orbit.states(np.array([first]))
+        if orbit.frame != self.frame:
+            fixed = to_earth_fixed(orbit.frame, x, orbit.epoch, np.array([first]))
+            x = to_inertial(self.frame, fixed, orbit.epoch, np.array([first]))
+        shift = orbit.epoch.seconds_since(self.epoch)
+        x, t0 = x / self._unit, (first + shift) / self._clock_s
+        p = self._parameters(rotation_angle_rad)
+        flight = self._ended.fly(x, (end - first) / self._clock_s, p, t0)
+        if (event := flight.ended_by[0]) is not None:
+            end = float(flight.time[0]) * self._clock_s - shift
+            how = _ENDS.get(event, f"has met the event {event!r}")
+            ending = f"{how} {end / _DAY:+.4f} days from the epoch of its elements"
+            if end <= begin:
+                raise PropagationError(
+                    f"satellite {orbit.name!r} {ending}; ask for earlier times, or give newer "
+                    "elements"
+                )
+        count = max(_LEAST_STATES, int(np.ceil((end - begin) / step_s)) + 1)
+        if count > _MOST_STATES:
+            raise InputError(
+                f"satellite {orbit.name!r}: a flight of {(end - begin) / _DAY:.4g} days in steps "
+                f"of {step_s:g} s has {count} states, at most {_MOST_STATES}; fly it for a shorter "
+                "time or in longer steps"
+            )
+
+        def sampled(t: Array) -> Array:
+            found = self._sampled.sample(x, (t + shift) / self._clock_s, p, t0)[:, :, 0]
+            return np.asarray(found * self._unit)
+
+        t = np.linspace(begin, end, count)
+        states = sampled(t)
+        for _ in range(_HALVINGS):
+            middle, off, allowed = missed(t, states)
+            coarse = middle[off > allowed]
+            if coarse.size == 0:
+                break
+            # halve the steps between the four states that do not tell of the fifth
+            steps = np.unique(coarse + np.arange(-2, 2)[:, None])
+            t = np.insert(t, steps + 1, 0.5 * (t[steps] + t[steps + 1]))
+            states = sampled(t)
+        return FlownOrbit(orbit.name, orbit.epoch, self.frame, t, states, ending=ending)
+
+    def _parameters(self, rotation_angle_rad: float | None) -> Array | None:
+        if self._angle_rad is None:
+            if rotation_angle_rad is not None:
+                raise InputError(f"the plant has no parameter {_ANGLE!r} to be set")
+            return None
+        angle = self._angle_rad if rotation_angle_rad is None else rotation_angle_rad
+        return np.array([angle])
+
+
+def flown(
+    orbit: Orbit,
+    plant: Plant,
+    start: Epoch,
+    duration_s: float,
+    *,
+    rotation_angle_rad: float | None = None,
+    step_s: float = 30.0,
+) -> FlownOrbit:
+    """Fly a satellite by a plant from where its elements put it.
+
+    The flight begins at the orbit's epoch, or at `start` if that is earlier, with the osculating
+    state that the theory of the elements gives there. The Taylor propagator flies it; steps are
+    halved where polynomials through the states would miss by more than 1e-9 of the distance.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Of the satellite.
+    plant : EarthPlant
+        Positions and velocities in ``teme`` or ``gcrs``, and an epoch: ``earth_orbit``.
+    start : Epoch
+        From when the flight is asked for.
+    duration_s : float
+        For how long.
+    rotation_angle_rad : float, optional
+        By which the Earth has turned at the plant's epoch, instead of what the plant says.
+    step_s : float
+        Longest time between two states.
+
+    Returns
+    -------
+    FlownOrbit
+        In the plant's frame, named as the orbit, with its epoch. If the satellite comes down, the
+        flight ends there and says so.
+
+    Raises
+    ------
+    InputError
+        If the plant is no such one, durations are not positive, or there are too many states.
+    PropagationError
+        If there is no orbit where the flight begins, or it comes down before `start`.
+
+    Notes
+    -----
+    For several satellites or several angles use `PlantFlights`, which compiles once.
+    """
+    return PlantFlights(plant).fly(
+        orbit, start, duration_s, rotation_angle_rad=rotation_angle_rad, step_s=step_s
+    )

@@ -1,0 +1,158 @@
+"""From what a mission writes to orbits, stations, masks and blind sectors."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
+from hillsphere.base.regular_files import read_text
+from hillsphere.errors import InputError
+from hillsphere.time import Epoch
+from hillsphere_tracking.mean_elements import ZonalField
+from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
+from hillsphere_tracking.satellite_specs import MeanElementsSpec, SatelliteSpec, StationSpec
+from hillsphere_tracking.satellites import MeanElementsOrbit, Orbit, Sgp4Orbit, orbits_of
+
+__all__ = ["blind_sectors_of", "mask_of", "orbits_from", "orbits_of_file", "station_of"]
+
+_LARGEST_FILE = 20_000_000
+
+
+def orbits_from(specs: Sequence[SatelliteSpec]) -> tuple[Orbit, ...]:
+    """Return the orbits of satellites.
+
+    Parameters
+    ----------
+    specs : sequence of SatelliteSpec
+        Files among them are read.
+
+    Returns
+    -------
+    tuple of Orbit
+        In order; those of a file in its order. No two have one name.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or used, does not hold the satellite that is named, or two
+        satellites have one name.
+    """
+    found: list[Orbit] = []
+    for spec in specs:
+        if spec.elements is not None:
+            found.append(_mean_elements_orbit(spec.label or spec.name, spec.elements))
+        elif spec.file is not None:
+            found += orbits_of_file(Path(spec.file), spec.name, spec.label)
+        else:
+            orbits = orbits_of(spec.tle, "tle")
+            if len(orbits) != 1:
+                raise InputError(
+                    f"tle: expected one element set, got {len(orbits)}; write one satellite for "
+                    "each, or name a file"
+                )
+            if name := spec.label or spec.name:
+                orbits[0].name = name
+            found += orbits
+    names = [orbit.name for orbit in found]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"satellites: {twice[0]!r} stands twice; give every one a label of its own"
+        )
+    return tuple(found)
+
+
+def station_of(spec: StationSpec, ellipsoid: Ellipsoid = WGS84) -> Station:
+    """Return the place of a station on an ellipsoid."""
+    return Station(spec.name, spec.latitude_rad, spec.longitude_rad, spec.height_m, ellipsoid)
+
+
+def mask_of(spec: StationSpec) -> HorizonMask:
+    """Return a station's horizon mask."""
+    return HorizonMask(spec.mask_elevation_rad, spec.mask_azimuth_rad)
+
+
+def blind_sectors_of(spec: StationSpec) -> tuple[BlindSector, ...]:
+    """Return the parts of its sky in which a station is blind."""
+    return tuple(
+        BlindSector(sector.azimuth_rad, sector.elevation_rad, sector.reason)
+        for sector in spec.blind_sectors
+    )
+
+
+def _mean_elements_orbit(name: str, spec: MeanElementsSpec) -> MeanElementsOrbit:
+    try:
+        epoch = Epoch.parse(spec.epoch, "UTC")
+    except InputError as error:
+        raise InputError(f"satellite {name!r}: epoch: {error}") from error
+    elements = np.array(
+        [
+            spec.semi_major_axis_m, spec.eccentricity, spec.inclination_rad, spec.node_rad,
+            spec.perigee_rad, spec.mean_anomaly_rad,
+        ]
+    )  # fmt: skip
+    earth = ZonalField(spec.field.gm_m3_s2, spec.field.radius_m, spec.field.j2, spec.field.j4)
+    perigee = spec.semi_major_axis_m * (1.0 - spec.eccentricity)
+    if perigee < earth.radius_m:
+        raise InputError(
+            f"satellite {name!r}: its perigee, {perigee / 1e3:.6g} km from the centre, lies within "
+            "the Earth; check semi-major axis and eccentricity"
+        )
+    return MeanElementsOrbit(name, epoch, elements, earth, short_period=spec.short_period)
+
+
+def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbit]:
+    """Return the orbits of a file of element sets (TLE, or OMM in either form).
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    name : str
+        Name or catalogue number of the satellite that is meant; left out: all of them.
+    label : str
+        What it is called from now on.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or does not hold the satellite once.
+    """
+    try:
+        text = read_text(path, "utf-8-sig", _LARGEST_FILE)
+    except OSError as error:
+        if error.errno == errno.EFBIG:
+            raise InputError(
+                f"{path.name}: larger than {_LARGEST_FILE // 1_000_000} MB; split it"
+            ) from error
+        raise InputError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path.name}: not a text file: {error}") from error
+    orbits = orbits_of(text, path.name)
+    if not name:
+        if label and len(orbits) != 1:
+            raise InputError(
+                f"{path.name}: the label {label!r} would be that of {len(orbits)} satellites; "
+                "choose one with name"
+            )
+        return _labelled(list(orbits), label)
+    chosen = [orbit for orbit in orbits if name in (orbit.name, orbit.catalogue_number)]
+    if not chosen:
+        there = ", ".join(orbit.name for orbit in orbits[:10])
+        more = " …" if len(orbits) > 10 else ""
+        raise InputError(f"{path.name}: no satellite {name!r} in it; there are: {there}{more}")
+    if len(chosen) > 1:
+        raise InputError(
+            f"{path.name}: {len(chosen)} element sets of {name!r} in it; keep the one to be used"
+        )
+    return _labelled(chosen, label)
+
+
+def _labelled(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
+    if label:
+        orbits[0].name = label
+    return orbits

@@ -1,0 +1,80 @@
+"""Spec of the stage ``passes``: what a mission may write."""
+
+from __future__ import annotations
+
+from hillsphere.base.ranges import PRESSURE_HPA
+from hillsphere.spec import Ref, StageSpec, option, quantity, reference
+from hillsphere_tracking.satellite_specs import SatelliteSpec, StationSpec
+
+__all__ = ["PassesSpec"]
+
+
+class PassesSpec(StageSpec):
+    """Passes of satellites over ground stations."""
+
+    produces = "hillsphere_tracking.passes.products:PassList"
+    examples = (
+        {
+            "body": "planet",
+            "satellites": [SatelliteSpec.examples[0]],
+            "stations": [StationSpec.examples[0]],
+            "duration_h": 8,
+        },
+        {
+            "body": "planet",
+            "plant": "earth_orbit",
+            "satellites": [SatelliteSpec.examples[0]],
+            "stations": [StationSpec.examples[0]],
+            "duration_h": 3,
+        },
+        {
+            "satellites": [SatelliteSpec.examples[1]],
+            "stations": list(StationSpec.examples),
+            "start": "2019-12-10",
+            "duration_d": 1,
+            "refraction": True,
+        },
+    )
+
+    body: Ref | None = reference(
+        "body",
+        "the Earth, a planet: its ellipsoid and its rotation; left out: WGS 84 and the tables of "
+        "the IERS",
+        default=None,
+    )
+    plant: Ref | None = reference(
+        "plant",
+        "plant by which the satellites are flown from their elements; left out: by the theory of "
+        "their elements",
+        default=None,
+    )
+    satellites: tuple[SatelliteSpec, ...] = option("whose passes", min_length=1, max_length=400)
+    stations: tuple[StationSpec, ...] = option("over which stations", min_length=1, max_length=100)
+    start: str = option(
+        "date and time from which passes are looked for, UTC; left out: the epoch of the first "
+        "satellite's elements",
+        default="",
+        max_length=40,
+    )
+    duration_s: float = quantity(
+        "time", "for how long passes are looked for", default=86400.0, gt=0, le=400 * 86400.0
+    )
+    refraction: bool = option(
+        "whether elevations are apparent, lifted by the atmosphere, in masks and tables",
+        default=False,
+    )
+    pressure_hpa: float = option(
+        "pressure of the air, for refraction, hPa",
+        default=1010.0,
+        ge=PRESSURE_HPA["ge"],
+        le=PRESSURE_HPA["le"],
+    )
+    temperature_c: float = option(
+        "temperature of the air, for refraction, °C", default=10.0, gt=-150, lt=100
+    )
+    label: str = option(
+        "appended to the names of tables and figures, to tell two such stages apart",
+        default="",
+        pattern=r"^([a-z0-9][a-z0-9_]*)?$",
+        max_length=40,
+    )

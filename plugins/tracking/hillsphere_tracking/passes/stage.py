@@ -1,0 +1,311 @@
+"""The stage ``passes``: when satellites can be seen from ground stations, and what disturbs."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from hillsphere.base.geodetic import Ellipsoid, Station
+from hillsphere.base.orientation import EarthOrientationWarning, doubts
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context
+from hillsphere.model.earth.planet import Planet, StationedPlanet
+from hillsphere.model.earth.specs import PlanetSpec
+from hillsphere.presentation import Presentation
+from hillsphere.time import Epoch
+from hillsphere_tracking.ground_track import EarthTrack, ground_points
+from hillsphere_tracking.orbits import Orbit
+from hillsphere_tracking.passes.flights import PlantFlights
+from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
+from hillsphere_tracking.passes.passes import (
+    Air,
+    Passes,
+    blind_spans,
+    eclipses,
+    find_passes,
+    peak_azimuth_rates,
+    sun_in_beam,
+)
+from hillsphere_tracking.passes.presentation import presented
+from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
+from hillsphere_tracking.passes.search import intersection
+from hillsphere_tracking.passes.sources import blind_sectors_of, mask_of, orbits_from, station_of
+from hillsphere_tracking.passes.specs import PassesSpec
+from hillsphere_tracking.sun import sun_earth_fixed
+from hillsphere_tracking.topocentric import angles, rates, refracted
+
+__all__ = ["PassesStage"]
+
+_SAMPLES = 121
+_FRESH_DAYS = 30.0
+_GROUND_S = 86400.0
+_THICK_AIR_M = 180e3
+
+
+@dataclass(frozen=True)
+class _Site:
+    """A station with all that belongs to it."""
+
+    station: Station
+    mask: HorizonMask
+    sectors: tuple[BlindSector, ...]
+    beam_rad: float | None
+    keyhole_rad: float | None
+
+
+class PassesStage:
+    """Passes of satellites over ground stations.
+
+    Parameters
+    ----------
+    spec : PassesSpec
+        What to look for; its files are read.
+
+    Raises
+    ------
+    InputError
+        If a satellite, station or date cannot be used.
+    """
+
+    def __init__(self, spec: PassesSpec) -> None:
+        self.spec = spec
+        body = Planet(PlanetSpec()) if spec.body is None else spec.body.get()
+        if not isinstance(body, StationedPlanet):
+            raise InputError(
+                f"body: passes need a body of type 'planet', got {type(body).__name__}; leave it "
+                "out for the Earth"
+            )
+        self.ellipsoid, self.orientation = body.ellipsoid, body.orientation
+        self.flights = None if spec.plant is None else PlantFlights(spec.plant.get())
+        self.orbits: tuple[Orbit, ...] = orbits_from(spec.satellites)
+        self.sites = tuple(
+            _Site(station_of(s, self.ellipsoid), mask_of(s), blind_sectors_of(s),
+                  s.beam_half_angle_rad, s.keyhole_elevation_rad)
+            for s in spec.stations
+        )  # fmt: skip
+        names = [site.station.name for site in self.sites]
+        if len(set(names)) < len(names):
+            raise InputError(f"stations: a name stands twice in {', '.join(names)}")
+        try:
+            self.start = Epoch.parse(spec.start, "UTC") if spec.start else self.orbits[0].epoch
+        except InputError as error:
+            raise InputError(f"start: {error}") from error
+        self.air = Air(spec.pressure_hpa, spec.temperature_c) if spec.refraction else None
+
+    def run(self, ctx: Context) -> PassList:
+        """Find the passes of every satellite over every station.
+
+        Parameters
+        ----------
+        ctx : Context
+            Progress.
+
+        Returns
+        -------
+        PassList
+            With what is seen along each.
+
+        Raises
+        ------
+        PropagationError
+            If a satellite has decayed before the start.
+        """
+        with warnings.catch_warnings():
+            # the verdict says it once, in its own words
+            warnings.simplefilter("ignore", EarthOrientationWarning)
+            return self._found(ctx)
+
+    def present(self, product: PassList) -> Presentation:
+        """Show the passes as tables, sky plots and a map."""
+        return presented(product, self.start, self.spec.label)
+
+    def _found(self, ctx: Context) -> PassList:
+        advance = ctx.track("passes", len(self.orbits))
+        tracks: list[EarthTrack] = []
+        shadows: list[Array] = []
+        found: dict[tuple[int, int], Passes] = {}
+        columns: list[dict[str, Array]] = []
+        spans: list[tuple[int, int, float, str, float, float]] = []
+        for n, elements in enumerate(self.orbits):
+            orbit = self._flown(elements)
+            track = EarthTrack(orbit, self.start, self.spec.duration_s, self.orientation)
+            shadow = eclipses(track, self.ellipsoid)
+            for s, site in enumerate(self.sites):
+                passes = find_passes(site.station, track, site.mask, self.air)
+                found[s, n] = passes
+                columns.append(self._columns(s, n, site, track, passes, shadow))
+                spans += self._spans(s, n, site, track, passes)
+            tracks.append(track)
+            shadows.append(shadow)
+            advance(1)
+        merged = {key: np.concatenate([one[key] for one in columns], axis=-1) for key in columns[0]}
+        order = np.lexsort((merged["satellite"], merged["rise_s"], merged["station"]))
+        merged = {key: value[..., order] for key, value in merged.items()}
+        number = {
+            (int(s), int(n), float(rise)): k
+            for k, (s, n, rise) in enumerate(
+                zip(merged["station"], merged["satellite"], merged["rise_s"], strict=True)
+            )
+        }
+        spans.sort(key=lambda span: (number[span[:3]], span[4]))
+        ground_s, ground = _ground(tracks, self.ellipsoid)
+        shape = (len(self.sites), len(self.orbits))
+        each = [found[s, n] for s, n in np.ndindex(shape)]
+        return PassList(
+            stations=tuple(site.station.name for site in self.sites),
+            satellites=tuple(orbit.name for orbit in self.orbits),
+            start=self.start.isot(np.zeros(1), 6)[0],
+            refracted=self.air is not None,
+            place_rad=np.array(
+                [[q.station.latitude_rad, q.station.longitude_rad] for q in self.sites]
+            ).T,
+            mask_rad=np.array([q.mask.at(np.radians(np.arange(361.0))) for q in self.sites]).T,
+            searched_s=np.array([track.end_s for track in tracks]),
+            end_reasons=tuple(track.end_reason for track in tracks),
+            visibility=np.array([one.visibility for one in each]).reshape(shape),
+            highest_s=np.array([one.highest_s for one in each]).reshape(shape),
+            highest_rad=self._seen(np.array([one.highest_rad for one in each])).reshape(shape),
+            **merged,
+            span_pass=np.array([number[span[:3]] for span in spans], dtype=np.int64),
+            span_reason=np.array([span[3] for span in spans], dtype=np.str_),
+            span_s=np.array([span[4:] for span in spans], dtype=float).reshape(-1, 2).T,
+            eclipse_satellite=np.repeat(np.arange(len(tracks)), [q.shape[1] for q in shadows]),
+            eclipse_s=np.concatenate(shadows, axis=1),
+            ground_s=ground_s,
+            ground=ground,
+            warnings=self._warnings(tracks),
+        )
+
+    def _flown(self, orbit: Orbit) -> Orbit:
+        """Return the orbit by which a satellite moves."""
+        if self.flights is None:
+            return orbit
+        return self.flights.fly(orbit, self.start, self.spec.duration_s)
+
+    def _columns(
+        self, s: int, n: int, site: _Site, track: EarthTrack, passes: Passes, shadow: Array
+    ) -> dict[str, Array]:
+        """Return what the product says of each pass over one station."""
+        station, count = site.station, passes.rise_s.size
+        share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+        t_s = passes.rise_s + share * (passes.set_s - passes.rise_s)
+        azimuth, elevation, distance, _, _, range_rate = (
+            q.reshape(t_s.shape) for q in rates(station, track.states(t_s.ravel()))
+        )
+        top = track.states(passes.culmination_s)
+        highest_azimuth, highest, _ = angles(station, top[:3])
+        highest = self._seen(highest)
+        # the Sun is so far that its direction from the station is that from the Earth's centre
+        sun = sun_earth_fixed(self.start, passes.culmination_s, self.orientation)
+        sun_azimuth, sun_elevation, _ = angles(station, sun)
+        nodes = track.node_times()
+        dark = [
+            float(np.sum(np.diff(intersection(np.array([[rise], [set_]]), shadow), axis=0)))
+            for rise, set_ in zip(passes.rise_s, passes.set_s, strict=True)
+        ]
+        return {
+            "station": np.full(count, s),
+            "satellite": np.full(count, n),
+            "revolution": 1 + np.searchsorted(nodes, passes.culmination_s),
+            "ascending": top[5] > 0.0,
+            "rise_s": passes.rise_s,
+            "culmination_s": passes.culmination_s,
+            "set_s": passes.set_s,
+            "begun": passes.begun,
+            "unfinished": passes.unfinished,
+            "highest_azimuth_rad": highest_azimuth,
+            "elevation_max_rad": highest,
+            "peak_azimuth_rate_rad_s": peak_azimuth_rates(station, track, passes),
+            "keyhole": highest >= (site.keyhole_rad or np.inf),
+            "sunlit_part": 1.0 - np.array(dark) / (passes.set_s - passes.rise_s),
+            "t_s": t_s,
+            "azimuth_rad": azimuth,
+            "elevation_rad": self._seen(elevation),
+            "range_m": distance,
+            "range_rate_m_s": range_rate,
+            "sun_rad": np.array([sun_azimuth, self._seen(sun_elevation)]),
+        }
+
+    def _spans(
+        self, s: int, n: int, site: _Site, track: EarthTrack, passes: Passes
+    ) -> list[tuple[int, int, float, str, float, float]]:
+        """Return what disturbs: station, satellite, rise of the pass, reason, beginning, end."""
+        found = []
+        for rise, set_ in zip(passes.rise_s.tolist(), passes.set_s.tolist(), strict=True):
+            disturbed = [
+                (sector.reason, blind_spans(site.station, track, sector, rise, set_, self.air))
+                for sector in site.sectors
+            ]
+            if site.beam_rad is not None:
+                close = sun_in_beam(site.station, track, site.beam_rad, rise, set_)
+                disturbed.append((SUN_IN_BEAM, close))
+            found += [
+                (s, n, rise, reason, float(begin), float(end))
+                for reason, intervals in disturbed
+                for begin, end in intervals.T
+            ]
+        return found
+
+    def _seen(self, elevation_rad: Array) -> Array:
+        if self.air is None:
+            return elevation_rad
+        return refracted(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
+
+    def _warnings(self, tracks: list[EarthTrack]) -> tuple[str, ...]:
+        found = []
+        for orbit in self.orbits:
+            age = self.start.seconds_since(orbit.epoch) / 86400.0
+            farthest = max(abs(age), abs(age + self.spec.duration_s / 86400.0))
+            if farthest > _FRESH_DAYS:
+                found.append(
+                    f"The elements of {orbit.name} are {farthest:.0f} days away from the end or "
+                    "start of the search: its passes may be off by minutes."
+                )
+        span_s = [0.0, self.spec.duration_s]
+        if self.flights is not None:
+            since = self.flights.epoch.seconds_since(self.start)
+            span_s.append(since)
+            found += self._flight_warnings(since, tracks)
+        found += doubts(self.orientation, self.start, np.array(span_s))
+        return tuple(found)
+
+    def _flight_warnings(self, plant_epoch_s: float, tracks: list[EarthTrack]) -> list[str]:
+        """Return where the plant, whose time is zero so long after the start, is not to be trusted.
+
+        The density of the upper atmosphere goes on below 180 km as it was above, too thin.
+        """
+        found = []
+        away = max(-plant_epoch_s, plant_epoch_s - self.spec.duration_s) / 86400.0
+        if away > _FRESH_DAYS:
+            found.append(
+                f"The epoch of the plant is {away:.0f} days away from the search: what it takes as "
+                "standing still, such as the Earth's axis, has moved; give it a nearer one."
+            )
+        heights = [max(_lowest(track, self.ellipsoid), 0.0) for track in tracks]
+        found += [
+            f"{track.orbit.name} was flown down to {height / 1e3:.0f} km; below "
+            f"{_THICK_AIR_M / 1e3:.0f} km drag is too weak in models of the upper atmosphere: the "
+            "time of its fall may be hours off."
+            for track, height in zip(tracks, heights, strict=True)
+            if height < _THICK_AIR_M
+        ]
+        return found
+
+
+def _lowest(track: EarthTrack, ellipsoid: Ellipsoid) -> float:
+    """Return the least height above the ellipsoid, m."""
+    return float(ground_points(track.states(track.times_s)[:3], ellipsoid)[2].min())
+
+
+def _ground(tracks: list[EarthTrack], ellipsoid: Ellipsoid) -> tuple[Array, Array]:
+    """Return times (G, N) and ground points (3, G, N) of a day at most, NaN beyond the ends."""
+    times = [track.times_s[track.times_s <= _GROUND_S] for track in tracks]
+    most = max(t.size for t in times)
+    ground_s = np.full((most, len(tracks)), np.nan)
+    ground = np.full((3, most, len(tracks)), np.nan)
+    for n, (t, track) in enumerate(zip(times, tracks, strict=True)):
+        ground_s[: t.size, n] = t
+        ground[:, : t.size, n] = ground_points(track.states(t)[:3], ellipsoid)
+    return ground_s, ground

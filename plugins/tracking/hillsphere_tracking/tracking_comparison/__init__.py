@@ -1,0 +1,1 @@
+"""Strategies of assisted tracking compared over the cases of a campaign."""

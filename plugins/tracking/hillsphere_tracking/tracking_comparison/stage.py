@@ -1,0 +1,226 @@
+"""The stage ``tracking_comparison``: trackers over the outages of many cases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hillsphere.base.problems import did_you_mean
+from hillsphere.cases.specs import CampaignSpec, MonteCarloSpec, SweepSpec
+from hillsphere.errors import InputError
+from hillsphere.interfaces import Array, Context
+from hillsphere.presentation import Presentation
+from hillsphere.products import CaseTable
+from hillsphere.show.reference import ReferenceTable
+from hillsphere_tracking.assisted_tracking.measures import MEASURES
+from hillsphere_tracking.assisted_tracking.products import AssistedTracking
+from hillsphere_tracking.tracking_comparison.age_statistics import age_comparison, no_sweep
+from hillsphere_tracking.tracking_comparison.consistency_statistics import nees_consistency
+from hillsphere_tracking.tracking_comparison.presentation import present_tracking
+from hillsphere_tracking.tracking_comparison.products import COVERED, FRAMES, TrackingComparison
+from hillsphere_tracking.tracking_comparison.specs import TrackingComparisonSpec
+from hillsphere_tracking.tracking_comparison.statistics import (
+    Outages,
+    beyond_covariance,
+    locked_share,
+    medians,
+    outages_of,
+    reacquisitions,
+    resampled_means,
+)
+
+__all__ = ["TrackingComparisonStage"]
+
+_REQUIRED = ("pass", "outage", "error_max_deg")
+
+
+class TrackingComparisonStage:
+    """Compare trackers.
+
+    Parameters
+    ----------
+    spec : TrackingComparisonSpec
+        With its references bound.
+
+    Raises
+    ------
+    InputError
+        If the published values cannot be read, or lack a column.
+    """
+
+    def __init__(self, spec: TrackingComparisonSpec) -> None:
+        self.spec = spec
+        self.reference = ReferenceTable.read(spec.reference) if spec.reference else None
+        if self.reference is not None:
+            missing = [name for name in _REQUIRED if name not in self.reference.columns]
+            if missing:
+                raise InputError(
+                    f"reference {spec.reference}: no column {missing[0]!r}; it has "
+                    f"{', '.join(self.reference.columns)}"
+                )
+
+    def check_needs(self, tracking: object, campaign: object, **others: object) -> None:
+        """Refuse a baseline that is none of the trackers, and a campaign of another kind."""
+        of = getattr(campaign, "spec", None)
+        if isinstance(of, CampaignSpec):
+            self._check_campaign(of.repeat.name, swept=isinstance(of, SweepSpec))
+        if isinstance(getattr(others.get("ages"), "spec", None), MonteCarloSpec):
+            assert self.spec.needs.ages is not None
+            raise InputError(f"needs.ages: {no_sweep(self.spec.needs.ages.name)}")
+        if trackers := getattr(tracking, "trackers", None):  # as `AssistedTrackingStage` has them
+            self._check_baseline(tuple(trackers))
+
+    def run(
+        self,
+        ctx: Context,
+        tracking: AssistedTracking,
+        campaign: CaseTable,
+        ages: CaseTable | None = None,
+        consistency: CaseTable | None = None,
+    ) -> TrackingComparison:
+        """Compare them.
+
+        Parameters
+        ----------
+        ctx : Context
+            Gives the random numbers of the bootstrap.
+        tracking : AssistedTracking
+            One case of the stage that the campaign repeated.
+        campaign : CaseTable
+            Many cases of it.
+        ages : CaseTable, optional
+            A sweep of such a stage.
+        consistency : CaseTable, optional
+            Many cases of such a stage where the truth is what a tracker expects.
+
+        Returns
+        -------
+        TrackingComparison
+            The comparison.
+
+        Raises
+        ------
+        InputError
+            If a campaign is not what it should be, or there is no such baseline.
+        """
+        found = self._cases(tracking, campaign)
+        needs, spec = self.spec.needs, self.spec
+        shape = (len(MEASURES), len(found.trackers), len(found.keys))
+        quantiles, count = np.full((3, *shape), np.nan), np.zeros(shape, dtype=np.int64)
+        pooled = np.full((3, *shape[:2]), np.nan)
+        for m, values in ((m, found.values.get(name)) for m, name in enumerate(MEASURES)):
+            if values is not None:
+                quantiles[:, m], count[m] = medians(values), np.sum(np.isfinite(values), axis=-1)
+                pooled[:, m] = medians(values.reshape(values.shape[0], -1))
+        middle = quantiles[1, [list(MEASURES).index(name) for name in FRAMES]]
+        mean = np.mean(middle, axis=-1)
+        first, f = found.trackers.index(spec.baseline), FRAMES.index(spec.measure)
+        keys = [(tracking.passes[p], name) for p, name in
+                zip(tracking.outage_pass, tracking.outage_names, strict=True)]  # fmt: skip
+        order = [keys.index(key) for key in found.keys]
+        loss = tracking.outage_s[order]
+        drawn = self._drawn_anew(found, ctx)
+        tail = 0.5 * (1.0 - spec.confidence)
+        between = (tail, 1.0 - tail)
+        shares, times = reacquisitions(found, found.ended)
+        limit, uncovered = beyond_covariance(found, COVERED)
+        rng = ctx.rng("bootstrap of ages and consistency")
+        return TrackingComparison(
+            satellite=tracking.satellite,
+            stage=campaign.stage,
+            baseline=spec.baseline,
+            measure=spec.measure,
+            level=spec.confidence,
+            lock_angle_rad=tracking.lock_angle_rad,
+            cases=int(campaign.case.size),
+            ended=int(np.count_nonzero(found.ended)),
+            passes=tuple(key[0] for key in found.keys),
+            outages=tuple(key[1] for key in found.keys),
+            loss_s=loss,
+            prediction_s=tracking.duration_s[tracking.outage_pass[order]] - loss,
+            trackers=found.trackers,
+            measures=tuple(MEASURES),
+            units=tuple(MEASURES.values()),
+            quantiles=quantiles,
+            count=count,
+            locked=locked_share(found, tracking.lock_angle_rad),
+            pooled=pooled,
+            mean_median_rad=mean,
+            mean_interval_rad=medians(drawn, between),
+            worst_median_rad=np.max(middle, axis=-1),
+            ratio=mean[f] / mean[f, first],
+            ratio_interval=medians(drawn[f] / drawn[f, first], between),
+            reacquired=shares,
+            reacquire_s=times,
+            nees_limit=limit,
+            uncovered=uncovered,
+            station_error_m=float(np.max(tracking.station_error_m)),
+            ages=None
+            if ages is None or needs.ages is None
+            else age_comparison(
+                ages, needs.ages.name, spec.measure, spec.baseline, spec.resamples,
+                spec.confidence, rng,
+            ),
+            consistency=None
+            if consistency is None or needs.consistency is None
+            else nees_consistency(
+                consistency, needs.consistency.name, spec.consistent, spec.measure,
+                spec.resamples, spec.confidence, rng,
+            ),
+        )  # fmt: skip
+
+    def _drawn_anew(self, found: Outages, ctx: Context) -> Array:
+        """Return the means of medians in each frame, of cases drawn anew, (3, T, R)."""
+        means = np.full((len(FRAMES), len(found.trackers), self.spec.resamples), np.nan)
+        for f, frame in enumerate(FRAMES):
+            if frame in found.values:
+                # the same cases in each frame
+                rng = ctx.rng("bootstrap")
+                ended = found.values[frame][:, :, found.ended]
+                means[f] = resampled_means(ended, self.spec.resamples, rng)
+        return means
+
+    def present(
+        self,
+        product: TrackingComparison,
+        tracking: AssistedTracking,
+        campaign: CaseTable,
+        ages: CaseTable | None = None,
+        consistency: CaseTable | None = None,
+    ) -> Presentation:
+        """Show the comparison."""
+        return present_tracking(product, self.reference, campaign.bands)
+
+    def _cases(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
+        """Return the campaign's metrics, sorted, once it is sure that they are those meant."""
+        needs, name = self.spec.needs, self.spec.needs.campaign.name
+        self._check_campaign(campaign.stage, swept=bool(campaign.swept))
+        found = outages_of(campaign, name)
+        keys = {(tracking.passes[p], o) for p, o in
+                zip(tracking.outage_pass, tracking.outage_names, strict=True)}  # fmt: skip
+        if set(found.keys) != keys or set(found.trackers) != set(tracking.trackers):
+            raise InputError(
+                f"campaign {name!r} has other outages or trackers than stage "
+                f"{needs.tracking.name!r}; run both anew"
+            )
+        self._check_baseline(found.trackers)
+        return found
+
+    def _check_campaign(self, repeated: str, *, swept: bool) -> None:
+        needs, name = self.spec.needs, self.spec.needs.campaign.name
+        if repeated != needs.tracking.name:
+            raise InputError(
+                f"needs.campaign: campaign {name!r} repeats stage {repeated!r}, but needs.tracking "
+                f"is {needs.tracking.name!r}; name the stage that it repeats"
+            )
+        if swept:
+            raise InputError(
+                f"needs.campaign: campaign {name!r} is a sweep; needs.campaign takes one by "
+                "monte_carlo, needs.ages a sweep"
+            )
+
+    def _check_baseline(self, trackers: Sequence[str]) -> None:
+        if self.spec.baseline not in trackers:
+            hint = did_you_mean(self.spec.baseline, trackers, otherwise="there are")
+            raise InputError(f"baseline: no tracker {self.spec.baseline!r} is compared{hint}")
