@@ -31,6 +31,7 @@ from hillsphere.base.errors import HillsphereError, InputError, StageError
 from hillsphere.base.npz import read_arrays as read_members
 from hillsphere.base.private_cache import is_private
 from hillsphere.base.regular_files import open_regular
+from hillsphere.products.moved_classes import current_class
 
 __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_product"]
 
@@ -323,7 +324,7 @@ def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> An
 def _product_class(path: str, file: str) -> type:
     if not _CLASS.fullmatch(path):
         raise InputError(f"{file}: {path!r} is not a product class")
-    module_name, _, name = path.partition(":")
+    module_name, _, name = current_class(path).partition(":")
     module = sys.modules.get(module_name)
     if module is None:
         if module_name.partition(".")[0] not in _trusted_packages():

@@ -1,0 +1,52 @@
+"""Where the classes of products are now that an earlier version stored under another path."""
+
+from __future__ import annotations
+
+__all__ = ["current_class"]
+
+_MOVED = {
+    "hillsphere.campaign.block_outcome": "hillsphere.cases.block_outcome",
+    "hillsphere.campaign.cases": "hillsphere.interfaces.cases",
+    "hillsphere.campaign.checkpoints": "hillsphere.cases.checkpoints",
+    "hillsphere.campaign.comparison_products": "hillsphere_campaigns.campaign_comparison.products",
+    "hillsphere.campaign.summary_products": "hillsphere_campaigns.campaign_summary.products",
+    "hillsphere.closed_loop.products": "hillsphere_flight.products",
+    "hillsphere.estimation": "hillsphere.interfaces.beliefs",
+    "hillsphere.linear_products": "hillsphere.products.linear_products",
+    "hillsphere.lti": "hillsphere.base.lti",
+    "hillsphere.products": "hillsphere.products.products",
+    "hillsphere_estimators.navigation.comparison_products": "hillsphere_estimators.navigation_comparison.products",
+    "hillsphere_estimators.refinement.products": "hillsphere_estimators.orbit_refinement.products",
+    "hillsphere_orbits.fidelity.products": "hillsphere_orbits.fidelity_ladder.products",
+    "hillsphere_orbits.following.products": "hillsphere_orbits.orbit_family.products",
+    "hillsphere_orbits.manifolds.products": "hillsphere_orbits.invariant_manifolds.products",
+    "hillsphere_orbits.reflown.products": "hillsphere_orbits.transfers_reflown.products",
+    "hillsphere_orbits.robustness.products": "hillsphere_orbits.nonlinear_stability.products",
+    "hillsphere_orbits.spatial.products": "hillsphere_orbits.spatial_qso_families.products",
+    "hillsphere_orbits.swing.products": "hillsphere_orbits.swing_qso_families.products",
+    "hillsphere_orbits.transfers.manifold_products": "hillsphere_orbits.manifold_transfers.products",
+    "hillsphere_orbits.transfers.swing_products": "hillsphere_orbits.swing_transfers.products",
+    "hillsphere_plants.equilibria_stage": "hillsphere_plants.equilibria.stage",
+    "hillsphere_plants.proximity_reference": "hillsphere_plants.formation_reference.stage",
+    "hillsphere_tracking.assisted.comparison_products": "hillsphere_tracking.tracking_comparison.products",
+    "hillsphere_tracking.assisted.products": "hillsphere_tracking.assisted_tracking.products",
+    "hillsphere_tracking.pass_products": "hillsphere_tracking.passes.products",
+}
+"""Module of an earlier version → module of the same class today."""
+
+
+def current_class(path: str) -> str:
+    """Return the path of a product's class today, ``"module:Class"``.
+
+    Parameters
+    ----------
+    path : str
+        As a file says it: of this version or of an earlier one.
+
+    Returns
+    -------
+    str
+        The path itself if its module has not moved.
+    """
+    module, _, name = path.partition(":")
+    return f"{_MOVED.get(module, module)}:{name}"
