@@ -14,9 +14,9 @@ from hillsphere.base.ranges import LARGEST
 from hillsphere.cli.endings import run
 from hillsphere.errors import InputError, PluginError
 from hillsphere.interfaces import Context
-from hillsphere.mission.check import check_mission
 from hillsphere.plugins import Component, Registry, default_registry, hookimpl
 from hillsphere.presentation import Presentation
+from hillsphere.runs.mission_check import check_mission
 from hillsphere.spec import Spec, StageSpec
 from hillsphere.spec.units import UNITS
 

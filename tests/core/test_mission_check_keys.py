@@ -9,7 +9,7 @@ import pytest
 
 from hillsphere.base.problems import MissionError
 from hillsphere.mission import load_mission
-from hillsphere.mission.check import check_mission
+from hillsphere.runs.mission_check import check_mission
 
 HEAD = """format = 1
 name = "small"

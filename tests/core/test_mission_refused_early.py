@@ -14,7 +14,7 @@ from hillsphere.base.paths import missions_directory
 from hillsphere.base.problems import MissionError
 from hillsphere.cli.endings import run
 from hillsphere.mission import load_mission
-from hillsphere.mission.check import check_mission
+from hillsphere.runs.mission_check import check_mission
 
 TARGET = "target = { position_km = [20, 0, 0] }"
 LIMITS = "limits = { position_error_km = 2, dv_m_s = 40 }"

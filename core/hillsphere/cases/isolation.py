@@ -17,12 +17,12 @@ import numpy as np
 
 from hillsphere.base.arrays import Integers
 from hillsphere.base.errors import InputError, StageError
+from hillsphere.base.matching import matched
 from hillsphere.cases.block_outcome import BlockOutcome, joined, lost_rows, reordered
 from hillsphere.cases.case_classes import is_undecided
 from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories
 from hillsphere.interfaces.stages import CaseStage
 from hillsphere.products.product_codec import canonical
-from hillsphere.uncertainty.matching import matched
 
 __all__ = ["BlockOutcome", "compute", "only"]
 

@@ -59,8 +59,9 @@ def validate(
 ) -> int:
     """Check missions, under each of their profiles, without running them."""
     from hillsphere.base.errors import InputError, PluginError
-    from hillsphere.cli.endings import ExitCode, say
-    from hillsphere.mission.check import check_mission
+    from hillsphere.cli.exit_codes import ExitCode
+    from hillsphere.cli.streams import say
+    from hillsphere.runs.mission_check import check_mission
 
     registry = registry_of(strict_plugins)
     results: list[dict[str, Any]] = []
@@ -146,7 +147,7 @@ def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
 @app.command()
 def schema() -> None:
     """Write the JSON Schema of mission files."""
-    from hillsphere.cli.endings import say
+    from hillsphere.cli.streams import say
     from hillsphere.mission.schema import mission_schema
 
     registry = registry_of(strict=False)
@@ -159,7 +160,7 @@ def schema() -> None:
 def doctor(json: Json = False) -> int:
     """Check the installation."""
     from hillsphere.cli.doctor import examine
-    from hillsphere.cli.endings import ExitCode
+    from hillsphere.cli.exit_codes import ExitCode
 
     registry = registry_of(strict=False)
     findings = examine(registry, _contested(registry))
@@ -199,7 +200,7 @@ def _check_profiles(
     A setting may be meant for what a profile drops; which ones are is returned, as sentences.
     """
     from hillsphere.base.problems import MissionError
-    from hillsphere.mission.check import check_mission
+    from hillsphere.runs.mission_check import check_mission
 
     found: dict[Problem, list[str]] = {}
     idle: list[str] = []

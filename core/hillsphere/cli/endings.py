@@ -1,17 +1,4 @@
-"""How a command ends: one message on stderr and an exit code, never a traceback at a user.
-
-=====  ==================================================================================
-code   meaning
-=====  ==================================================================================
-0      success
-1      the mission ran but a stage failed; a check of ``doctor`` failed
-2      bad input: the command line, the mission, a plugin that cannot be used; an environment in
-       which no command can work (stdout closed or full, no working directory)
-3      internal error, or one of a plugin's command, which is named then; the traceback stands in
-       a log file that the message names
-130    interrupted (SIGINT, SIGTERM, SIGHUP); what was finished is kept
-=====  ==================================================================================
-"""
+"""How a command ends: one message on stderr and one of `ExitCode`, never a traceback at a user."""
 
 from __future__ import annotations
 
@@ -21,29 +8,19 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from enum import IntEnum
 from typing import NoReturn
 
 from hillsphere.base.errors import HillsphereError, InputError, Interrupted, PluginError
 from hillsphere.base.signals import STOPPING, end_in_time, ignore, interrupt
+from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.streams import drop, flush_stdout, replace_closed, say
 
-__all__ = ["ExitCode", "main", "run", "say"]
+__all__ = ["main", "run"]
 
 TRACEBACK_VARIABLE = "HILLSPHERE_TRACEBACK"
 """Set to 1, an internal error shows its traceback on stderr instead of logging it."""
 
 _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-
-
-class ExitCode(IntEnum):
-    """Exit codes of every command."""
-
-    SUCCESS = 0
-    FAILED = 1
-    BAD_INPUT = 2
-    INTERNAL = 3
-    INTERRUPTED = 130
 
 
 def main() -> NoReturn:

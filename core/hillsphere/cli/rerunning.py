@@ -7,7 +7,7 @@ from typing import Any
 
 from hillsphere.cases.block_outcome import BlockOutcome
 from hillsphere.cases.case_classes import case_class
-from hillsphere.cli.endings import ExitCode
+from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import number, write, write_json, write_table
 from hillsphere.plugins.registry import Registry
 from hillsphere.runs.rerun import Rerun, rerun_case

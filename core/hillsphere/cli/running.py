@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.progress import Progress
-from hillsphere.cli.endings import ExitCode, say
+from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.cli.output import number, write, write_json, write_table
+from hillsphere.cli.streams import say
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
 from hillsphere.runs.earlier_run import EarlierRun

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
-from hillsphere.uncertainty.matching import matched
+from hillsphere.base.matching import matched
 
 __all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "kept_histories"]
 

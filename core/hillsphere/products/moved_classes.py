@@ -4,6 +4,7 @@ from __future__ import annotations
 
 __all__ = ["current_class"]
 
+# fmt: off
 _MOVED = {
     "hillsphere.campaign.block_outcome": "hillsphere.cases.block_outcome",
     "hillsphere.campaign.cases": "hillsphere.interfaces.cases",
@@ -15,7 +16,8 @@ _MOVED = {
     "hillsphere.linear_products": "hillsphere.products.linear_products",
     "hillsphere.lti": "hillsphere.base.lti",
     "hillsphere.products": "hillsphere.products.products",
-    "hillsphere_estimators.navigation.comparison_products": "hillsphere_estimators.navigation_comparison.products",
+    "hillsphere_estimators.navigation.comparison_products":
+        "hillsphere_estimators.navigation_comparison.products",
     "hillsphere_estimators.refinement.products": "hillsphere_estimators.orbit_refinement.products",
     "hillsphere_orbits.fidelity.products": "hillsphere_orbits.fidelity_ladder.products",
     "hillsphere_orbits.following.products": "hillsphere_orbits.orbit_family.products",
@@ -24,14 +26,17 @@ _MOVED = {
     "hillsphere_orbits.robustness.products": "hillsphere_orbits.nonlinear_stability.products",
     "hillsphere_orbits.spatial.products": "hillsphere_orbits.spatial_qso_families.products",
     "hillsphere_orbits.swing.products": "hillsphere_orbits.swing_qso_families.products",
-    "hillsphere_orbits.transfers.manifold_products": "hillsphere_orbits.manifold_transfers.products",
+    "hillsphere_orbits.transfers.manifold_products":
+        "hillsphere_orbits.manifold_transfers.products",
     "hillsphere_orbits.transfers.swing_products": "hillsphere_orbits.swing_transfers.products",
     "hillsphere_plants.equilibria_stage": "hillsphere_plants.equilibria.stage",
     "hillsphere_plants.proximity_reference": "hillsphere_plants.formation_reference.stage",
-    "hillsphere_tracking.assisted.comparison_products": "hillsphere_tracking.tracking_comparison.products",
+    "hillsphere_tracking.assisted.comparison_products":
+        "hillsphere_tracking.tracking_comparison.products",
     "hillsphere_tracking.assisted.products": "hillsphere_tracking.assisted_tracking.products",
     "hillsphere_tracking.pass_products": "hillsphere_tracking.passes.products",
 }
+# fmt: on
 """Module of an earlier version → module of the same class today."""
 
 

@@ -24,7 +24,7 @@ from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.base.errors import HillsphereError, InputError, Interrupted, StageError
 from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
 from hillsphere.mission.load import Mission
-from hillsphere.mission.check import check_mission
+from hillsphere.runs.mission_check import check_mission
 from hillsphere.base.paths import cache_directory
 from hillsphere.plugins.registry import Registry, default_registry
 from hillsphere.show.presentation import Figure, Presentation, presentation_faults

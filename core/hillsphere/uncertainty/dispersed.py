@@ -9,10 +9,10 @@ import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
+from hillsphere.base.matching import matched
 from hillsphere.cases.repeated import Repeated
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
-from hillsphere.uncertainty.matching import matched
 
 __all__ = ["Dispersed", "Group", "Quantity", "quantities_of", "resolve"]
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hillsphere.base.errors import InputError
+from hillsphere.base.matching import matched
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
-from hillsphere.uncertainty.matching import matched
 
 __all__ = ["check_dispersion"]
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.base.matching import matched
 from hillsphere.cases.case_classes import (
     LEVEL,
     UNDECIDED,
@@ -20,7 +21,6 @@ from hillsphere.cases.case_classes import (
 )
 from hillsphere.presentation import Figure, Metric, Presentation, Table
 from hillsphere.products import CaseTable
-from hillsphere.uncertainty.matching import matched
 from hillsphere_campaigns.band_figures import band_figure
 from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
 from hillsphere_campaigns.figures import (

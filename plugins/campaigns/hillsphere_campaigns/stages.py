@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from hillsphere.base.arrays import Integers
+from hillsphere.base.matching import matched
 from hillsphere.cases.case_classes import ended
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.engine import run_campaign
@@ -20,7 +21,6 @@ from hillsphere.interfaces.cases import Histories
 from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseList, CaseTable
-from hillsphere.uncertainty.matching import matched
 from hillsphere_campaigns.bands import Parts, bands_of, lines_of
 from hillsphere_campaigns.case_plan import plan_of
 from hillsphere_campaigns.case_table import table_of

@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.matching import matched
 from hillsphere.errors import InputError
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
-from hillsphere.uncertainty.matching import matched
 
 __all__ = ["Parametric", "Uncertain", "uncertain"]
 

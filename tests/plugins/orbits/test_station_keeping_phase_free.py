@@ -23,7 +23,8 @@ from hillsphere_orbits.station_keeping_flown.phase_free import (
 )
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath, paths_of_orbits
-from hillsphere_orbits.station_keeping_flown.strategies import NearestPointLaw, Sampling, Weights
+from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
+from hillsphere_orbits.station_keeping_flown.strategies import NearestPointLaw
 from hillsphere_orbits.station_keeping_flown.tuning import Tuned, tune
 
 # The Phobos QSO bifurcation paper, Table 1: x km, |vy| m/s, period h; corrected below.

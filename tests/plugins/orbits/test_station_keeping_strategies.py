@@ -23,11 +23,10 @@ from hillsphere_orbits.station_keeping_flown.reference_path import (
     paths_of_flights,
     paths_of_orbits,
 )
+from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
 from hillsphere_orbits.station_keeping_flown.strategies import (
     FloquetMode,
     GainSchedule,
-    Sampling,
-    Weights,
     periodic_lqr_gains,
     target_point_gains,
 )

@@ -16,7 +16,8 @@ from numpy.testing import assert_allclose
 
 from hillsphere.base.geodetic import Station
 from hillsphere.base.orientation import ConstantOrientation
-from hillsphere.cli.endings import ExitCode, run
+from hillsphere.cli.endings import run
+from hillsphere.cli.exit_codes import ExitCode
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.matching import matched
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.uncertainty.matching import matched
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
 from hillsphere_campaigns.figures import grid_of, grid_size, labelled
 from hillsphere_campaigns.result_tables import MOST_ROWS, first_rows, number

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hillsphere.base.matching import matched
 from hillsphere.base.problems import did_you_mean
 from hillsphere.cases.case_classes import FailureRatio, failure_ratio
 from hillsphere.errors import InputError
 from hillsphere.presentation import Cell, Column, Metric, Presentation, Printed, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable, difference_notes, with_paper
 from hillsphere.spec.units import UNITS, unit_text
-from hillsphere.uncertainty.matching import matched
 from hillsphere_campaigns.campaign_summary.products import CampaignSummary
 from hillsphere_campaigns.result_tables import number
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.matching import matched as named
 from hillsphere.base.problems import did_you_mean
 from hillsphere.cases.case_classes import FailureRatio, ended, failure_ratio, is_undecided, ratio_of
 from hillsphere.errors import InputError
@@ -17,7 +18,6 @@ from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
 from hillsphere.show.reference import ReferenceTable
-from hillsphere.uncertainty.matching import matched as named
 from hillsphere_campaigns.campaign_comparison.stage import paired_failures, planned_draws
 from hillsphere_campaigns.campaign_summary.presentation import check_columns, present_summary
 from hillsphere_campaigns.campaign_summary.products import CampaignSummary, Claim

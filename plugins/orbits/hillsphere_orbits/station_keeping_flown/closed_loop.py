@@ -24,13 +24,12 @@ from hillsphere.simulation import (
 )
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
+from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
 from hillsphere_orbits.station_keeping_flown.specs import StationKeepingFlownSpec
 from hillsphere_orbits.station_keeping_flown.strategies import (
     STRATEGIES,
     NearestPointLaw,
-    Sampling,
     Uncorrected,
-    Weights,
 )
 from hillsphere_orbits.station_keeping_flown.tuning import (
     TUNABLE,

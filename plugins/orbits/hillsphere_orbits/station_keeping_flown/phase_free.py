@@ -28,7 +28,7 @@ from hillsphere.interfaces import Array
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
 
 if TYPE_CHECKING:
-    from hillsphere_orbits.station_keeping_flown.strategies import Sampling, Weights
+    from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
 
 __all__ = ["PhaseGains", "phase_free_lqr_gains", "phase_free_target_point_gains"]
 

@@ -14,7 +14,6 @@ weigh what lies across the orbit, see `hillsphere_orbits.station_keeping_flown.p
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -26,15 +25,14 @@ from hillsphere_orbits.station_keeping_flown.phase_free import (
     phase_free_target_point_gains,
 )
 from hillsphere_orbits.station_keeping_flown.reference_path import ReferencePath
+from hillsphere_orbits.station_keeping_flown.sampling import Sampling, Weights
 
 __all__ = [
     "STRATEGIES",
     "FloquetMode",
     "GainSchedule",
     "NearestPointLaw",
-    "Sampling",
     "Uncorrected",
-    "Weights",
     "floquet_mode",
     "periodic_lqr",
     "periodic_lqr_gains",
@@ -46,7 +44,6 @@ __all__ = [
 
 _SWEEPS = 500
 _CONVERGED = 1e-10
-_WHOLE = 1e-9
 
 
 class GainSchedule:
@@ -186,70 +183,6 @@ class Uncorrected:
     def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
         """Return a Δv of zero (3, N), m/s, and no states."""
         return np.zeros((3, y.shape[1])), xc
-
-
-@dataclass(frozen=True)
-class Weights:
-    """What deviations and impulses are weighed by: one over the square of a tolerable size [1]_.
-
-    Normalised.
-
-    References
-    ----------
-    .. [1] A. E. Bryson, Y.-C. Ho (1975), Applied Optimal Control, Hemisphere.
-    """
-
-    position: float
-    velocity: float
-    impulse: float
-    targets: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Sampling:
-    """A reference at its corrections; normalised.
-
-    Parameters
-    ----------
-    path : ReferencePath
-        The reference; its states begin with three positions and three velocities.
-    interval : float
-        Time between corrections.
-    count : int
-        Corrections K, the first at time zero.
-    """
-
-    path: ReferencePath
-    interval: float
-    count: int
-
-    @property
-    def interval_s(self) -> float:
-        """Time between corrections, s."""
-        return self.interval * self.path.flow.system.time_unit_s
-
-    @property
-    def times(self) -> Array:
-        """Times of the corrections, shape (K,)."""
-        return np.asarray(self.interval * np.arange(self.count, dtype=float))
-
-    def steps(self, count: int) -> Array:
-        """Return the matrices A_k (count, 6, 6) of positions and velocities, from k = 0 on.
-
-        Other states (the true anomaly of the moon) do not deviate.
-        """
-        starts = np.asarray(self.interval * np.arange(count, dtype=float))
-        phi = self.path.transitions(starts, self.interval)
-        return np.ascontiguousarray(np.moveaxis(phi[:6, :6], 2, 0))
-
-    @property
-    def cycle(self) -> int | None:
-        """Corrections in a period of the reference; None if that is no whole number."""
-        if self.path.period is None:
-            return None
-        ratio = self.path.period / self.interval
-        whole = round(ratio)
-        return whole if whole >= 1 and abs(ratio - whole) <= _WHOLE * whole else None
 
 
 def target_point_gains(sampling: Sampling, weights: Weights) -> Array:

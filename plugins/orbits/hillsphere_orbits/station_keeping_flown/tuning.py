@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from hillsphere_orbits.station_keeping_flown.strategies import Weights
+from hillsphere_orbits.station_keeping_flown.sampling import Weights
 
 __all__ = ["IMPULSE_FACTORS", "REGULATORS", "TUNABLE", "Tuned", "count_candidates", "tune"]
 

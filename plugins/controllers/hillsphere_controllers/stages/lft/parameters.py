@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.matching import matched
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
 from hillsphere.products.linear_products import LinearModels
-from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.lft.uncertainties import Uncertainty, dispersed, real_parameter
 from hillsphere_controllers.stages.lft.specs import LftSpec
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hillsphere.base.matching import matched
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
@@ -13,7 +14,6 @@ from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
 from hillsphere.products.linear_products import UncertainModel, UncertainModels
 from hillsphere.runs.workers import Workers
-from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.stages.frequencies import frequencies

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hillsphere.base.matching import matched
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
 from hillsphere.products.linear_products import LinearModels
-from hillsphere.uncertainty.matching import matched
 from hillsphere_controllers.analysis.sampled_loop import (
     SampledLoop,
     SampledMargins,
