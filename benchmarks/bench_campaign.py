@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors.pool import Pool
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
@@ -45,6 +44,7 @@ from hillsphere.runs.pipeline import run_mission
 from hillsphere.spec import StageSpec
 from hillsphere_campaigns.case_plan import plan_of
 from hillsphere_campaigns.case_table import table_of
+from hillsphere_campaigns.engine import run_campaign
 from hillsphere_flight.closed_loop import ClosedLoopStage
 
 Array = NDArray[np.float64]

@@ -17,12 +17,8 @@ import numpy as np
 from hillsphere import create
 from hillsphere.base.orientation import OrientationTable
 from hillsphere.base.paths import missions_directory
-from hillsphere.formats.icgem import read_icgem
 from hillsphere.formats.obj import read_obj
-from hillsphere.formats.oem import OemSegment, read_oem, write_oem
-from hillsphere.formats.shadr import read_shadr
 from hillsphere.formats.shape_harmonics import read_shape_harmonics
-from hillsphere.formats.tdm import read_tdm
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.mission import load_mission
@@ -32,11 +28,15 @@ from hillsphere.time import Epoch
 from hillsphere.uncertainty.samples import read_columns
 from hillsphere_controllers.stages.linear_models.systems import system_from_file
 from hillsphere_estimators.navigation_comparison.stage import published_errors
+from hillsphere_gravity.icgem import read_icgem
+from hillsphere_gravity.shadr import read_shadr
+from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, write_oem
 from hillsphere_tracking.live.feed import Recorded
 from hillsphere_tracking.live.inputs import input_of
 from hillsphere_tracking.memory import read_memory
 from hillsphere_tracking.passes.sources import orbits_of_file
 from hillsphere_tracking.pointing.pass_log import read_pass_log
+from hillsphere_tracking.tdm import read_tdm
 
 __all__ = ["NO_READERS", "READERS", "Reader"]
 

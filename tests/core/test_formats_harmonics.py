@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from hillsphere.errors import InputError
 from hillsphere.formats.coefficients import Coefficient
-from hillsphere.formats.icgem import read_icgem
-from hillsphere.formats.shadr import read_shadr
+from hillsphere_gravity.icgem import read_icgem
+from hillsphere_gravity.shadr import read_shadr
 
 ICGEM = """Phobos, a test
 radius of the Earth is not meant here, and

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
-from hillsphere.formats.tdm import Series, TdmMeta, TdmSegment, read_tdm, write_tdm
-from hillsphere.formats.tdm_records import PairedAngles, tdm_records
 from hillsphere.time import Epoch
+from hillsphere_tracking.tdm import Series, TdmMeta, TdmSegment, read_tdm, write_tdm
+from hillsphere_tracking.tdm_records import PairedAngles, tdm_records
 
 KVN = """CCSDS_TDM_VERS = 2.0
 COMMENT by hand

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from hillsphere.errors import InputError
 from hillsphere.model.bodies import Moon, MoonSpec
+from hillsphere.model.inertial import RotatingFrame
 from hillsphere.time import Epoch
-from hillsphere_orbits.inertial import RotatingFrame
 
 PHOBOS = {
     "name": "phobos",

@@ -173,8 +173,8 @@ def test_equations_are_compiled_on_first_use_and_shared(monkeypatch: pytest.Monk
         made.append(args[1])
         return StepMap(*args)
 
-    monkeypatch.setattr("hillsphere.engine.plant_flow.StepMap", counted)
-    monkeypatch.setattr("hillsphere.engine.plant_flow._MADE", {})
+    monkeypatch.setattr("hillsphere_estimators.plant_flow.StepMap", counted)
+    monkeypatch.setattr("hillsphere_estimators.plant_flow._MADE", {})
     one, other = PlantModel(PLANT, SUITE), PlantModel(plant(), SUITE)
     commanded = PlantModel(PLANT, SUITE, law=LAW)
     assert made == []

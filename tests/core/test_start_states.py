@@ -17,8 +17,8 @@ from hillsphere.engine.start_states import place_start, with_placed_start
 from hillsphere.errors import HillsphereError, InputError
 from hillsphere.interfaces import Array
 from hillsphere.model.ephemeris import anomaly_from_mean, mean_from_true
+from hillsphere.model.inertial import RotatingFrame
 from hillsphere.time import Epoch
-from hillsphere_orbits.inertial import RotatingFrame
 
 GM = 7.11e5
 MARS = 4.282837e13

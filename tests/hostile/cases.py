@@ -297,14 +297,14 @@ def _cache(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str,
 def _data(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str, Callable[[], int]]:
     """Return what reads a data file."""
     from hillsphere.base.orientation import OrientationTable
-    from hillsphere.formats.icgem import read_icgem
     from hillsphere.formats.obj import read_obj
-    from hillsphere.formats.shadr import read_shadr
     from hillsphere.formats.shape_harmonics import read_shape_harmonics
     from hillsphere.products.product_codec import load_product
     from hillsphere.show.reference import ReferenceTable
     from hillsphere.uncertainty.samples import read_columns
     from hillsphere_controllers.stages.linear_models.systems import system_from_file
+    from hillsphere_gravity.icgem import read_icgem
+    from hillsphere_gravity.shadr import read_shadr
     from hillsphere_tracking.memory import read_memory
     from hillsphere_tracking.passes.sources import orbits_of_file
     from hillsphere_tracking.pointing.pass_log import read_pass_log

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from hillsphere.formats.oem import read_oem
+from hillsphere_orbits.ephemeris.oem import read_oem
 
 if TYPE_CHECKING:
     from collections.abc import Callable

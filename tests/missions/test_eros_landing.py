@@ -14,7 +14,7 @@ from scipy.special import sph_legendre_p_all
 import hillsphere
 from hillsphere.base.paths import missions_directory
 from hillsphere.products import CaseTable, load_product
-from hillsphere.products.linear_products import LinearModels, UncertainModels
+from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis

@@ -15,7 +15,6 @@ from scipy.special import sph_legendre_p_all
 
 from hillsphere.cases.case_classes import ended
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import SerialSpec
 from hillsphere.cases.repeated import Repeated, RepeatedWork
@@ -23,6 +22,7 @@ from hillsphere.mission import load_mission
 from hillsphere.products import CaseTable, load_product
 from hillsphere_campaigns.case_plan import plan_of
 from hillsphere_campaigns.case_table import table_of
+from hillsphere_campaigns.engine import run_campaign
 
 if TYPE_CHECKING:
     from collections.abc import Callable

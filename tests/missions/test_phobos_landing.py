@@ -18,7 +18,7 @@ from tests.missions.conftest import Run
 import hillsphere
 from hillsphere.base.paths import missions_directory
 from hillsphere.products import CaseTable, load_product
-from hillsphere.products.linear_products import LinearModels, UncertainModels
+from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis

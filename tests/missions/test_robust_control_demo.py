@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from hillsphere.lti import LtiSystem
 from hillsphere.products import ControlDesign, load_product
-from hillsphere.products.linear_products import UncertainModels
+from hillsphere_controllers.linear_products import UncertainModels
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.uncertain import lft_of

@@ -35,7 +35,7 @@ class Plant(Protocol):
 
     @property
     def frame(self) -> str:
-        """Name of the frame of the states, see `hillsphere.model.frames`."""
+        """Name of the frame of the states, see `hillsphere.testing.frames`."""
         ...
 
     @property

@@ -13,7 +13,7 @@ _MOVED = {
     "hillsphere.campaign.summary_products": "hillsphere_campaigns.campaign_summary.products",
     "hillsphere.closed_loop.products": "hillsphere_flight.products",
     "hillsphere.estimation": "hillsphere.interfaces.beliefs",
-    "hillsphere.linear_products": "hillsphere.products.linear_products",
+    "hillsphere.linear_products": "hillsphere_controllers.linear_products",
     "hillsphere.lti": "hillsphere.base.lti",
     "hillsphere.products": "hillsphere.products.products",
     "hillsphere_estimators.navigation.comparison_products":

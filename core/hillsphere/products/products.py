@@ -38,7 +38,7 @@ class PeriodicOrbits:
     Parameters
     ----------
     frame : str
-        Frame of the states, see `hillsphere.model.frames`.
+        Frame of the states, see `hillsphere.testing.frames`.
     states : tuple of str
         Names of the n states.
     x0 : ndarray, shape (n, N)
@@ -95,7 +95,7 @@ class Trajectories:
     Parameters
     ----------
     frame : str
-        Frame of the states, see `hillsphere.model.frames`.
+        Frame of the states, see `hillsphere.testing.frames`.
     states : tuple of str
         Names of the n states.
     plans : tuple of str

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from hillsphere.engine.dynamics.step_map import StepMap
 from hillsphere.engine.dynamics.system import System, system
 from hillsphere.interfaces import Array
-from hillsphere.model.frames import frame
 from hillsphere.symbolic.expressions import jacobian, parameter, substitute
 from hillsphere.testing.contract import check_close, derivative_by_differences, require
+from hillsphere.testing.frames import frame
 
 __all__ = ["check_plant"]
 

@@ -11,7 +11,6 @@ from hillsphere.base.arrays import Integers
 from hillsphere.base.matching import matched
 from hillsphere.cases.case_classes import ended
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.repeated import Repeated, RepeatedWork
 from hillsphere.cases.specs import CampaignSpec, MonteCarloSpec, RangeSpec, SweepSpec
@@ -25,6 +24,7 @@ from hillsphere_campaigns.bands import Parts, bands_of, lines_of
 from hillsphere_campaigns.case_plan import plan_of
 from hillsphere_campaigns.case_table import table_of
 from hillsphere_campaigns.crossings import crossing_table
+from hillsphere_campaigns.engine import run_campaign
 from hillsphere_campaigns.line_figures import MOST_LINES, line_figure
 from hillsphere_campaigns.presentation import present_campaign
 from hillsphere_campaigns.sensitivity import independent_cases
@@ -38,7 +38,7 @@ _NO_BANDS = "needs.behind: this campaign has no bands; let it keep some"
 
 
 class Campaign(ABC):
-    """What the campaigns share; see `hillsphere.cases.engine`.
+    """What the campaigns share; see `hillsphere_campaigns.engine`.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Campaign(ABC):
             If the stage has no metric that `show` names.
         StageError
             If the stage keeps no history that bands name, the cases were not sampled at the same
-            times, or the campaign cannot go on, see `hillsphere.cases.engine`.
+            times, or the campaign cannot go on, see `hillsphere_campaigns.engine`.
         """
         self.foreseen = None  # it would stay in memory beside the plan with products
         warnings = repeat.warnings()

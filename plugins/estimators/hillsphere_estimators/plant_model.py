@@ -10,13 +10,13 @@ from typing import Self
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.engine.plant_flow import PlantFlow
 from hillsphere.engine.simulation.flow import velocity_rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces.loop import ContinuousLaw
 from hillsphere.interfaces.plant import Plant
 from hillsphere.interfaces.sensing import Scene
 from hillsphere.sensor_suite import SensorSuite
+from hillsphere_estimators.plant_flow import PlantFlow
 
 __all__ = ["PlantModel"]
 

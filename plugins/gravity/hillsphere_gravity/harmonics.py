@@ -6,8 +6,6 @@ from math import prod, sqrt
 
 from hillsphere.errors import InputError
 from hillsphere.formats.coefficients import Coefficient, CoefficientTable
-from hillsphere.formats.icgem import read_icgem
-from hillsphere.formats.shadr import read_shadr
 from hillsphere.interfaces import Parameter
 from hillsphere.symbolic import (
     Expr,
@@ -23,6 +21,8 @@ from hillsphere.symbolic import (
     variables,
 )
 from hillsphere.symbolic import sqrt as symbolic_sqrt
+from hillsphere_gravity.icgem import read_icgem
+from hillsphere_gravity.shadr import read_shadr
 from hillsphere_gravity.specs import HarmonicsSpec, file_format_of
 
 __all__ = ["Harmonics", "normalisation_factor"]

@@ -36,6 +36,7 @@ from hillsphere.interfaces import (
     Variable,
 )
 from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.inertial import RotatingFrame
 from hillsphere.model.shapes.levels import level_within
 from hillsphere.spec import Ref
 from hillsphere.symbolic import (
@@ -50,7 +51,6 @@ from hillsphere.symbolic import (
     variables,
 )
 from hillsphere.time import Epoch
-from hillsphere_orbits.inertial import RotatingFrame
 from hillsphere_plants.rotation import AxialRotation
 
 __all__ = [

@@ -32,7 +32,6 @@ import hillsphere.base.atomic
 import hillsphere.cli.running
 import hillsphere.runs.pipeline
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import _Campaign
 from hillsphere.cases.executors.pool import PoolCrew, _Worker
 from hillsphere.cases.executors.serial import SerialCrew
 from hillsphere.cli import main
@@ -40,6 +39,7 @@ from hillsphere.mission import load_mission
 from hillsphere.runs.assembly import Assembly
 from hillsphere.runs.store import RunDirectory
 from hillsphere.show.drawing import Drawing
+from hillsphere_campaigns.engine import _Campaign
 
 PATIENCE_S = 120.0
 

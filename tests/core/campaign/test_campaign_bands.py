@@ -17,7 +17,6 @@ from tests.core.campaign.toy_cases import Toy, ToyPlan, same
 from hillsphere.cases.block_outcome import BlockOutcome, joined
 from hillsphere.cases.case_classes import is_undecided
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import SerialSpec
 from hillsphere.cases.isolation import compute
@@ -38,6 +37,7 @@ from hillsphere.spec import Spec
 from hillsphere.testing import check_product
 from hillsphere_campaigns.band_figures import MOST_PANELS, band_figure
 from hillsphere_campaigns.bands import Parts, bands_of, lines_of
+from hillsphere_campaigns.engine import run_campaign
 from hillsphere_campaigns.line_figures import line_figure
 from hillsphere_campaigns.stages import Sweep
 from hillsphere_flight.specs import ClosedLoopSpec
@@ -255,7 +255,7 @@ def test_groups_are_not_larger_than_their_histories_allow(monkeypatch: pytest.Mo
             return counted
 
     # Two blocks of one quantity at three samples of 64 cases.
-    monkeypatch.setattr("hillsphere.cases.engine.MOST_BYTES", 2 * 3 * 64 * 8)
+    monkeypatch.setattr("hillsphere_campaigns.engine.MOST_BYTES", 2 * 3 * 64 * 8)
     run_campaign(PLAN, Counting(Toy(), ("x",)), executor=Serial(SerialSpec()))
     assert max(sizes) == 2
 

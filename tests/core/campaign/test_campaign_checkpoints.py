@@ -13,12 +13,12 @@ import pytest
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan, same
 
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import SerialSpec
 from hillsphere.cases.isolation import compute
 from hillsphere.errors import StageError
 from hillsphere.products import save_product
+from hillsphere_campaigns.engine import run_campaign
 
 PLAN = ToyPlan(500)
 STAGE = Toy({9: "raise", 130: "nan", **dict.fromkeys(range(256, 320), "memory")})

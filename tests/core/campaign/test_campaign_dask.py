@@ -22,12 +22,12 @@ from tests.core.campaign.toy_loop import Loop
 
 from hillsphere.cases.block_outcome import BlockOutcome
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors.pool import ONE_THREAD, Pool
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces.tasks import Task
+from hillsphere_campaigns.engine import run_campaign
 from hillsphere_dask import dask, dask_workers
 from hillsphere_dask.dask import Dask
 from hillsphere_dask.specs import DaskSpec
@@ -362,7 +362,7 @@ def test_dask_is_imported_only_when_used() -> None:
 
 
 SCRIPT = """
-from hillsphere.cases.engine import run_campaign
+from hillsphere_campaigns.engine import run_campaign
 from hillsphere_dask.dask import Dask
 from hillsphere.cases.executors.specs import DaskSpec
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan

@@ -16,13 +16,13 @@ from tests.core.campaign.toy_cases import Misshapen, StageWork, Toy, ToyPlan, sa
 
 from hillsphere.cases.block_outcome import BlockOutcome
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import SerialSpec
 from hillsphere.cases.repeated import RepeatedWork
 from hillsphere.errors import Interrupted, StageError
 from hillsphere.interfaces.cases import CaseBatch, CaseResults
 from hillsphere.interfaces.tasks import Finished, Job, Lost, Outcome, Task, Work
+from hillsphere_campaigns.engine import run_campaign
 
 PLAN = ToyPlan(1000)
 WORK = StageWork([Toy()])

@@ -22,13 +22,13 @@ from tests.core.campaign.toy_cases import ROOT, StageWork, Toy, ToyPlan, Unprepa
 from tests.core.campaign.toy_loop import Loop
 
 from hillsphere.cases.checkpoints import Checkpoints
-from hillsphere.cases.engine import run_campaign
 from hillsphere.cases.executors import pool as executors_pool
 from hillsphere.cases.executors.pool import Pool, PoolCrew
 from hillsphere.cases.executors.serial import Serial
 from hillsphere.cases.executors.specs import PoolSpec, SerialSpec
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces.tasks import Failed, Finished, Lost, Outcome, Task, Work
+from hillsphere_campaigns.engine import run_campaign
 
 PLAN = ToyPlan(330)
 SERIAL = Serial(SerialSpec())
@@ -386,7 +386,7 @@ SCRIPT = """
 import sys
 sys.path.insert(0, {root!r})
 from tests.core.campaign.toy_cases import StageWork, Toy, ToyPlan
-from hillsphere.cases.engine import run_campaign
+from hillsphere_campaigns.engine import run_campaign
 from hillsphere.cases.executors.pool import Pool
 from hillsphere.cases.executors.specs import PoolSpec
 {work}

@@ -14,7 +14,7 @@ from hillsphere.base.orientation import OrientationTable
 from hillsphere.errors import InputError
 from hillsphere.model.earth.planet import Planet
 from hillsphere.model.earth.specs import PlanetSpec
-from hillsphere.model.frames import frame
+from hillsphere.testing.frames import frame
 from hillsphere.time import Epoch
 
 EPOCH = Epoch.parse("2020-01-01", "UTC")

@@ -13,10 +13,10 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.products.linear_products import LinearModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere.uncertainty.distributions import Uniform
 from hillsphere.uncertainty.specs import UniformSpec
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 from hillsphere_controllers.stages.lft.stage import LftStage

@@ -13,9 +13,9 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import save_product
-from hillsphere.products.linear_products import LinearModels
 from hillsphere.testing import RecordingContext, check_presentation, check_stage
 from hillsphere_controllers.analysis.h2_norm import h2_norm
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.linear_models.presentation import presented
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage

@@ -14,8 +14,8 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import ControlDesign
-from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import mu_bounds_on_grid
 from hillsphere_controllers.stages.lft.specs import LftSpec

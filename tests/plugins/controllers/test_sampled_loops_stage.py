@@ -12,10 +12,10 @@ from hillsphere.errors import HillsphereError, InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
 from hillsphere.products import ControlDesign
-from hillsphere.products.linear_products import LinearModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product, example
 from hillsphere_controllers.analysis.sampled_loop import SampledLoop, sampled_margins
 from hillsphere_controllers.law_specs import LtiSpec
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.lti import LinearLaw, lti
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 from hillsphere_controllers.stages.sampled_loops.specs import SampledLoopsSpec

@@ -12,12 +12,12 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SingularProblemError
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.synthesis.presentation import presented
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec

@@ -15,7 +15,6 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.products.linear_products import LinearModels, UncertainModels
 from hillsphere.products.product_codec import load_product
 from hillsphere.testing import RecordingContext, check_presentation, check_product
 from hillsphere_controllers.analysis.h2_norm import h2_norm
@@ -23,6 +22,7 @@ from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
 from hillsphere_controllers.stages.step_responses import step_responses

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from hillsphere.errors import InputError, StageError
 from hillsphere.lti import LtiSystem
 from hillsphere.plugins import validate
-from hillsphere.products.linear_products import UncertainModel, UncertainModels
 from hillsphere.testing import RecordingContext, check_presentation, check_product
+from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec

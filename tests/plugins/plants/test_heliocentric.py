@@ -8,7 +8,7 @@ from hillsphere import create
 from hillsphere.dynamics import StepMap, Taylor, system
 from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.model.ephemeris import kepler_step, states_of_elements
-from hillsphere.model.frames import frame
+from hillsphere.testing.frames import frame
 
 AU = 1.495978707e11
 START = states_of_elements(

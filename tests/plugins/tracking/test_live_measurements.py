@@ -12,11 +12,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from hillsphere.errors import InputError
-from hillsphere.formats.tdm import TdmMeta, TdmSegment, write_tdm
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.feed import Arriving, Recorded
 from hillsphere_tracking.live.gate import Gate
 from hillsphere_tracking.live.measurements import Measurement, measurements
+from hillsphere_tracking.tdm import TdmMeta, TdmSegment, write_tdm
 
 START = Epoch.parse("2026-11-21T09:00:00", "UTC")
 

@@ -13,10 +13,10 @@ from scipy.integrate import solve_ivp
 from hillsphere import symbolic as sy
 from hillsphere.base.geodetic import Station
 from hillsphere.dynamics import ArrayFunction
-from hillsphere.formats.icgem import read_icgem
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import earth_angle, earth_fixed
 from hillsphere.time import Epoch
+from hillsphere_gravity.icgem import read_icgem
 from hillsphere_tracking.kepler import elements_from_states, wrapped
 from hillsphere_tracking.mean_elements import ZonalField, propagated, states
 from hillsphere_tracking.trackers.average import Average, AverageState, Circular

@@ -11,8 +11,8 @@ import typer
 from hillsphere.cli.output import write
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere.products.linear_products import UncertainModel
 from hillsphere.products.product_codec import load_product
+from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.stages.uncertain import lft_of
 from hillsphere_controllers.systems.exchange import Content, save_mat
 

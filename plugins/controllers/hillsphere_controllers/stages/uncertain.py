@@ -7,9 +7,9 @@ from typing import Literal, cast
 
 import numpy as np
 
-from hillsphere.products.linear_products import UncertainModel
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
+from hillsphere_controllers.linear_products import UncertainModel
 
 __all__ = ["lft_of", "uncertain_model"]
 

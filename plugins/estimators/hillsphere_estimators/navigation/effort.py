@@ -6,9 +6,9 @@ from math import ceil
 
 import numpy as np
 
-from hillsphere.engine.plant_flow import PlantFlow
 from hillsphere.interfaces import Array, Plant
 from hillsphere.simulation import ContinuousLaw
+from hillsphere_estimators.plant_flow import PlantFlow
 
 __all__ = ["spent"]
 

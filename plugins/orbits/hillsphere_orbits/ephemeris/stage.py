@@ -12,15 +12,15 @@ import numpy as np
 from hillsphere.base.contracts import Contract
 from hillsphere.dynamics import Taylor
 from hillsphere.errors import InputError, StageError
-from hillsphere.formats.oem import OemSegment, write_oem
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.bodies import OrbitingBody
+from hillsphere.model.inertial import RotatingFrame
 from hillsphere.presentation import Cell, Column, Presentation, Table
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
 from hillsphere.time import Epoch
+from hillsphere_orbits.ephemeris.oem import OemSegment, write_oem
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.inertial import RotatingFrame
 from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.sources import members_of
 

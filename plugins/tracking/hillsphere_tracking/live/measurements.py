@@ -15,8 +15,8 @@ from math import isfinite, nan, radians
 from typing import NamedTuple
 
 from hillsphere.errors import InputError
-from hillsphere.formats.tdm_records import PairedAngles, tdm_records_and_faults
 from hillsphere.time import Epoch
+from hillsphere_tracking.tdm_records import PairedAngles, tdm_records_and_faults
 
 __all__ = ["Measurement", "measurements"]
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import PALETTE
-from hillsphere.products.linear_products import LinearModels
 from hillsphere_controllers.analysis.frequency import largest_gains
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.uncertain import lft_of

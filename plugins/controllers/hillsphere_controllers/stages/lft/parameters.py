@@ -11,8 +11,8 @@ from hillsphere.base.matching import matched
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
-from hillsphere.products.linear_products import LinearModels
 from hillsphere_controllers.lft.uncertainties import Uncertainty, dispersed, real_parameter
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
 __all__ = ["Groups", "grouped", "reaching_beyond", "uncertain_parameters"]

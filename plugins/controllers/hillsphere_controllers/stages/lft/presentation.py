@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.products.linear_products import LinearModels
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses, draw_sizes
 from hillsphere_controllers.stages.lft.products import FittedModels
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.products.linear_products import UncertainModels
+from hillsphere_controllers.linear_products import UncertainModels
 
 __all__ = ["FittedModels"]
 

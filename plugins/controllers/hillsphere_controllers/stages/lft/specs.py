@@ -102,7 +102,7 @@ class LftNeeds(Spec):
     """Products of earlier stages that ``lft`` takes."""
 
     models: Ref = need(
-        "hillsphere.products.linear_products:LinearModels",
+        "hillsphere_controllers.linear_products:LinearModels",
         "models at several values of their parameters",
     )
 
@@ -111,7 +111,7 @@ class LftSpec(StageSpec):
     """An uncertain model M-Δ: polynomials fitted to models over their parameters, and blocks."""
 
     produces = "hillsphere_controllers.stages.lft.products:FittedModels"
-    provides = ("hillsphere.products.linear_products:UncertainModels",)
+    provides = ("hillsphere_controllers.linear_products:UncertainModels",)
     examples = (
         {"needs": {"models": "models"}, "degree": 1},
         {

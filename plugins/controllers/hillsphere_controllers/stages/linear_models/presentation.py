@@ -10,9 +10,9 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.products.linear_products import LinearModels
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.stability import spectral_abscissa
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.systems.balancing import balanced
 

@@ -260,7 +260,7 @@ class LinearModelsNeeds(Spec):
     """Products of earlier stages that ``linear_models`` takes."""
 
     models: Ref | None = need(
-        "hillsphere.products.linear_products:LinearModels",
+        "hillsphere_controllers.linear_products:LinearModels",
         "models, such as those of a plant along a trajectory, each of which takes the place of the "
         "system with model = true",
         default=None,
@@ -270,7 +270,7 @@ class LinearModelsNeeds(Spec):
 class LinearModelsSpec(InterconnectionSpec, StageSpec):
     """Linear models of one plant, weights and all, at one or more values of its parameters."""
 
-    produces = "hillsphere.products.linear_products:LinearModels"
+    produces = "hillsphere_controllers.linear_products:LinearModels"
     examples = (
         {
             "parameters": [{"name": "rate", "nominal": 1, "values": [0.5, 1, 1.5]}],

@@ -12,7 +12,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
-from hillsphere.products.linear_products import LinearModels
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.linear_models.presentation import presented
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers
-from hillsphere.products.linear_products import LinearModels
+from hillsphere_controllers.linear_products import LinearModels
 
 __all__ = ["LinearisedFlight"]
 

@@ -26,7 +26,7 @@ class LineariseSpec(StageSpec):
     """
 
     produces = "hillsphere_controllers.stages.linearise.products:LinearisedFlight"
-    provides = ("hillsphere.products.linear_products:LinearModels",)
+    provides = ("hillsphere_controllers.linear_products:LinearModels",)
     examples = (
         {"plant": "hill", "needs": {"reference": "reference_trajectories"}, "points": 2},
         {

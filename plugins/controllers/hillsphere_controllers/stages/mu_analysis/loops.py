@@ -11,10 +11,10 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.products.linear_products import UncertainModel
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import physical_values
+from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak
 from hillsphere_controllers.mu.division import Division, proved_in_parts

@@ -16,7 +16,8 @@ class MuNeeds(Spec):
     """Products of earlier stages that ``mu_analysis`` takes."""
 
     uncertain: Ref = need(
-        "hillsphere.products.linear_products:UncertainModels", "uncertain models that are analysed"
+        "hillsphere_controllers.linear_products:UncertainModels",
+        "uncertain models that are analysed",
     )
     controllers: tuple[Ref, ...] = need(
         "hillsphere.products:ControlDesign",

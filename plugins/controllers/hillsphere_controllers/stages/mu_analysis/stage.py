@@ -12,10 +12,10 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
-from hillsphere.products.linear_products import UncertainModel, UncertainModels
 from hillsphere.runs.workers import Workers
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.loops import Analyses, Piece
 from hillsphere_controllers.stages.mu_analysis.presentation import presented

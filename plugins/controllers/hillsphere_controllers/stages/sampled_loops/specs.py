@@ -15,7 +15,7 @@ class SampledLoopsNeeds(Spec):
     """Products of earlier stages that ``sampled_loops`` takes."""
 
     models: Ref = need(
-        "hillsphere.products.linear_products:LinearModels",
+        "hillsphere_controllers.linear_products:LinearModels",
         "plants in continuous time, without what a design puts for the hold between samples",
     )
     controllers: tuple[Ref, ...] = need(

@@ -12,13 +12,13 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import ControlDesign
-from hillsphere.products.linear_products import LinearModels
 from hillsphere_controllers.analysis.sampled_loop import (
     SampledLoop,
     SampledMargins,
     first_unstable_period,
     sampled_margins,
 )
+from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.lti import LinearLaw
 from hillsphere_controllers.stages.sampled_loops.presentation import presented
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops

@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
-from hillsphere.products.linear_products import UncertainModel, UncertainModels
+from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.synthesis.methods import (
     Designed,
     channels_of,

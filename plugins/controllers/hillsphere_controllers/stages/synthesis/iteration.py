@@ -7,9 +7,9 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
-from hillsphere.products.linear_products import UncertainModel
 from hillsphere_controllers.dk.results import DkIteration
 from hillsphere_controllers.dk.synthesis import dk_synthesis
+from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import Robustness, robust_stability
 from hillsphere_controllers.stages.synthesis.methods import Designed, stopped

@@ -274,16 +274,17 @@ class SynthesisNeeds(Spec):
     """Products of earlier stages that ``synthesis`` takes."""
 
     models: Ref = need(
-        "hillsphere.products.linear_products:LinearModels", "plants that the controller is made for"
+        "hillsphere_controllers.linear_products:LinearModels",
+        "plants that the controller is made for",
     )
     uncertain: Ref | None = need(
-        "hillsphere.products.linear_products:UncertainModels",
+        "hillsphere_controllers.linear_products:UncertainModels",
         "for the method 'dk': the uncertain model of these plants; for 'structured': any number, "
         "for whose worst cases the controller is made",
         default=None,
     )
     wider: Ref | None = need(
-        "hillsphere.products.linear_products:UncertainModels",
+        "hillsphere_controllers.linear_products:UncertainModels",
         "for the method 'structured': a wider uncertainty; between designs of equal γ its worst "
         "case decides",
         default=None,

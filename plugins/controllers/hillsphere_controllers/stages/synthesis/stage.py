@@ -12,8 +12,8 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
-from hillsphere.products.linear_products import LinearModels, UncertainModel, UncertainModels
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity_plant
+from hillsphere_controllers.linear_products import LinearModels, UncertainModel, UncertainModels
 from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
 from hillsphere_controllers.stages.synthesis.fixed_structure import by_search
 from hillsphere_controllers.stages.synthesis.iteration import by_iteration

@@ -17,7 +17,7 @@ class WorstCasesNeeds(Spec):
         "what was found to be worst",
     )
     uncertain: Ref = need(
-        "hillsphere.products.linear_products:UncertainModels",
+        "hillsphere_controllers.linear_products:UncertainModels",
         "the uncertain models that were analysed",
     )
     flight: Ref = need(

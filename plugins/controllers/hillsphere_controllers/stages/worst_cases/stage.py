@@ -8,8 +8,8 @@ from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
-from hillsphere.products.linear_products import UncertainModel, UncertainModels
 from hillsphere.products.products import Ladder
+from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.uncertain import lft_of

@@ -2,7 +2,7 @@
 
 Messages in the plain text form (KVN) and in XML are read, told apart by their first character;
 written is the plain text form. To follow a message while it is written, take its records one by
-one: `hillsphere.formats.tdm_records`.
+one: `hillsphere_tracking.tdm_records`.
 
 References
 ----------
@@ -24,7 +24,7 @@ import numpy as np
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 from hillsphere.base.time import Epoch
-from hillsphere.formats.tdm_records import (
+from hillsphere_tracking.tdm_records import (
     SCALAR,
     AnglePair,
     PairedAngles,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 from hillsphere.base.time import SCALES, Epoch
-from hillsphere.formats.tdm_entries import Entry, entries
+from hillsphere_tracking.tdm_entries import Entry, entries
 
 __all__ = [
     "SCALAR", "AnglePair", "PairedAngles", "TdmMeta", "TdmRecord", "tdm_records",
