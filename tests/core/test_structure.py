@@ -144,7 +144,9 @@ def unused_by_two(graph: dict[str, set[str]], named: set[str]) -> list[str]:
 def named_in_core() -> set[str]:
     """Return the modules that the core names in strings: its components, a process it starts."""
     texts = [path.read_text("utf-8") for path in CORE.rglob("*.py")]
-    named = {name for text in texts for name in re.findall(r'"(hillsphere[\w.]+)[:"]', text)}
+    named = {
+        name for text in texts for name in re.findall(r'"(?:from )?(hillsphere[\w.]+)[:" ]', text)
+    }
     return named & modules().keys()
 
 

@@ -207,7 +207,8 @@ class Synthesis(ControlDesign):
     controls, measurements : int
         Their last inputs and outputs.
     weights : tuple of LtiSystem
-        Square systems at the plants' ends, see `hillsphere_controllers.linear_products.LinearModels`.
+        Square systems at the plants' ends, see
+        `hillsphere_controllers.linear_products.LinearModels`.
     judged : Judged
         What the controller does with them.
     search : SearchResult or None
