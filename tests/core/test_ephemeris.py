@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from hillsphere import create
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.model.ephemeris import (
     KeplerOrbit,
     anomaly_from_mean,

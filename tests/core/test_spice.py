@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from hillsphere import create
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.model.ephemeris import Ephemeris, KeplerOrbit
 from hillsphere.testing import example
 from hillsphere.time import J2000, Epoch

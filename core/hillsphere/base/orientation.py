@@ -23,6 +23,7 @@ import erfa
 import numpy as np
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.constants import DAY_S, MODIFIED_JD
 from hillsphere.base.errors import InputError
 from hillsphere.base.regular_files import read_text
 from hillsphere.base.time import Epoch
@@ -36,9 +37,6 @@ __all__ = [
     "OrientationTable",
     "doubts",
 ]
-
-_DAY = 86400.0
-_MJD = 2400000.5
 
 
 class EarthOrientationWarning(UserWarning):
@@ -213,9 +211,9 @@ class OrientationTable:
         with warnings.catch_warnings():
             # Predictions may lie beyond the last leap second announced: "dubious", not wrong.
             warnings.simplefilter("ignore", erfa.ErfaWarning)
-            tai_utc = erfa.dat(*erfa.jd2cal(_MJD, mjd)[:3], 0.0)
+            tai_utc = erfa.dat(*erfa.jd2cal(MODIFIED_JD, mjd)[:3], 0.0)
         return cls(
-            source, mjd + tai_utc / _DAY, ut1_utc - tai_utc, x * erfa.DAS2R, y * erfa.DAS2R,
+            source, mjd + tai_utc / DAY_S, ut1_utc - tai_utc, x * erfa.DAS2R, y * erfa.DAS2R,
             float(mjd[max(observed, 1) - 1]),
         )  # fmt: skip
 
@@ -260,7 +258,7 @@ class OrientationTable:
 
     def _mjd(self, epoch: Epoch, t_s: Array) -> Array:
         day, fraction = tai_of(epoch)
-        return np.asarray((day - _MJD) + (fraction + np.asarray(t_s, dtype=float) / _DAY))
+        return np.asarray((day - MODIFIED_JD) + (fraction + np.asarray(t_s, dtype=float) / DAY_S))
 
 
 def doubts(orientation: EarthOrientation, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
@@ -334,5 +332,5 @@ def _row(line: str) -> tuple[float, float, float, float] | None:
 
 
 def _calendar(mjd: float) -> str:
-    year, month, day, _ = erfa.jd2cal(_MJD, mjd)
+    year, month, day, _ = erfa.jd2cal(MODIFIED_JD, mjd)
     return f"{year:04d}-{month:02d}-{day:02d}"

@@ -18,6 +18,7 @@ import erfa
 import numpy as np
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.errors import InputError
 
 __all__ = ["J2000", "SCALES", "Epoch"]
@@ -26,7 +27,6 @@ SCALES = ("TDB", "TT", "TAI", "UTC")
 """Time scales known here."""
 
 _ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d(?:\.\d{1,12})?))?)?")
-_DAY = 86400.0
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Epoch:
         """
         scale = "TAI" if self.scale == "UTC" else self.scale
         here, there = self.to(scale), other.to(scale)
-        return ((here.day - there.day) + (here.fraction - there.fraction)) * _DAY
+        return ((here.day - there.day) + (here.fraction - there.fraction)) * DAY_S
 
     def isot(self, offsets_s: Array, digits: int = 6) -> list[str]:
         """Return the calendar dates of instants after this epoch.
@@ -141,7 +141,7 @@ class Epoch:
         list of str
             ``"2027-06-01T12:30:00.000000"``, rounded.
         """
-        days = np.atleast_1d(np.asarray(offsets_s, dtype=float)) / _DAY
+        days = np.atleast_1d(np.asarray(offsets_s, dtype=float)) / DAY_S
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erfa.ErfaWarning)
             if self.scale == "UTC":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.base.contracts import Contract
 from hillsphere.base.ranges import BODY_RADIUS_M, ORBIT_RADIUS_M, ROTATION_RAD_S
 from hillsphere.spec.base import Ref, Spec, Vector3, option, quantity, reference, rule
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
     from hillsphere.interfaces.surface import ArraySurface, Surface
 
 __all__ = ["AsteroidSpec", "Moon", "MoonSpec", "OrbitingBody", "Orientation", "SurfacedBody"]
-
-NOMINAL_SOLAR_GM_M3_S2 = 1.3271244e20
-"""IAU 2015 Resolution B3 (Prša et al. 2016, Astron. J. 152, 41)."""
 
 
 class MoonSpec(Spec):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import pi
 
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.base.ranges import ORBIT_RADIUS_M, STAR_GM_M3_S2
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.spec.base import DataPath, Spec, data_path, option, quantity
 
 __all__ = ["KeplerOrbitSpec", "SpiceOrbitSpec"]

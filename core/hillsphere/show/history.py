@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.constants import DAY_S, HOUR_S, MINUTE_S
 from hillsphere.show.presentation import PALETTE, Figure
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["history_csv", "history_figure", "time_unit"]
 
 _COLUMNS = 3
-_TIMES = (("d", 86400.0), ("h", 3600.0), ("min", 60.0))
+_TIMES = (("d", DAY_S), ("h", HOUR_S), ("min", MINUTE_S))
 
 
 def time_unit(span_s: float) -> tuple[str, float]:

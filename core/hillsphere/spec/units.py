@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from hillsphere.base.constants import ARCSECOND_RAD, AU_M, DAY_S, HOUR_S, MINUTE_S
+
 __all__ = ["UNITS", "unit_keys", "unit_text"]
 
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "length": {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "au": 1.495978707e11},
-    "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0},
-    "angle": {"rad": 1.0, "deg": 0.017453292519943295, "arcsec": 4.84813681109536e-06},
+    "length": {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "au": AU_M},
+    "time": {"s": 1.0, "min": MINUTE_S, "h": HOUR_S, "d": DAY_S},
+    "angle": {"rad": 1.0, "deg": 0.017453292519943295, "arcsec": ARCSECOND_RAD},
     "speed": {"m_s": 1.0, "km_s": 1e3, "cm_s": 1e-2, "mm_s": 1e-3},
     "acceleration": {"m_s2": 1.0, "km_s2": 1e3, "mm_s2": 1e-3},
     "angular_rate": {
         "rad_s": 1.0,
         "deg_s": 0.017453292519943295,
-        "deg_h": 4.84813681109536e-06,
+        "deg_h": ARCSECOND_RAD,  # a degree per hour is an arcsecond per second
         "deg_d": 2.0200570046230665e-07,
     },
     "angular_acceleration": {"rad_s2": 1.0, "deg_s2": 0.017453292519943295},

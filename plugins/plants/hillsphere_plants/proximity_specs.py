@@ -6,8 +6,8 @@ from typing import ClassVar, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.base.ranges import STAR_GM_M3_S2
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.spec import Ref, Spec, StageSpec, option, quantity, reference, rule
 
 __all__ = [

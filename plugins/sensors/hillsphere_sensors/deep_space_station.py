@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array, Channel, Scene
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2
 from hillsphere.model.ephemeris import kepler_step
 from hillsphere_sensors.heliocentric import HeliocentricSensor
 from hillsphere_sensors.spacecraft import rotated

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere import create
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.dynamics import StepMap, Taylor, system
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.model.ephemeris import kepler_step, states_of_elements
 from hillsphere.testing.frames import frame
 

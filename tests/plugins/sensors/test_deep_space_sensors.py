@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import brentq
 
 from hillsphere import create
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.base.geodetic import Station
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere.model.bodies import NOMINAL_SOLAR_GM_M3_S2 as GM
 from hillsphere.model.ephemeris import KeplerOrbit, hill_axes, kepler_step
 from hillsphere.testing import example
 from hillsphere.time import Epoch

@@ -28,6 +28,7 @@ import erfa
 import numpy as np
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.constants import DAY_S, J2000_JD, TT_MINUS_TAI_S
 from hillsphere.base.errors import InputError
 from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation, tai_of
 from hillsphere.base.time import Epoch
@@ -50,9 +51,6 @@ ROTATION_RATES_RAD_S = MappingProxyType(
 """How fast the Earth turns in each frame about its axis: rate of GMST (1982, at J2000; it changes
 by 4e-16 of itself a century) and of the Earth rotation angle, rad per second of UT1."""
 
-_DAY = 86400.0
-_J2000 = 2451545.0
-_TT_MINUS_TAI = 32.184
 _NODES_PER_DAY = 8
 """Spacing of the precession-nutation values between which cubics run; error below 1e-12 rad."""
 
@@ -223,7 +221,7 @@ def celestial_to_intermediate(epoch: Epoch, t_s: Array) -> Array:
     """
     day, fraction = tai_of(epoch)
     t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
-    since = (day - _J2000) + fraction + (t_s + _TT_MINUS_TAI) / _DAY
+    since = (day - J2000_JD) + fraction + (t_s + TT_MINUS_TAI_S) / DAY_S
     place = since * _NODES_PER_DAY
     cell = np.floor(place).astype(np.int64)
     nodes = np.unique(np.concatenate([cell + k for k in (-1, 0, 1, 2)]))
@@ -235,7 +233,7 @@ def celestial_to_intermediate(epoch: Epoch, t_s: Array) -> Array:
         -(u + 1.0) * u * (u - 2.0) / 2.0,
         (u + 1.0) * u * (u - 1.0) / 6.0,
     )
-    angles = erfa.xys06a(_J2000, nodes / _NODES_PER_DAY)
+    angles = erfa.xys06a(J2000_JD, nodes / _NODES_PER_DAY)
     x, y, s = (
         sum((w * angle[at + k] for k, w in zip((-1, 0, 1, 2), weights, strict=True)), np.zeros(()))
         for angle in angles
@@ -266,14 +264,14 @@ def _factors(
         return turn, None
     # s' (below 0.1 mas) belongs to the system of 2006 only
     day, fraction = tai_of(epoch)
-    tt = fraction + (t_s + _TT_MINUS_TAI) / _DAY
+    tt = fraction + (t_s + TT_MINUS_TAI_S) / DAY_S
     sp = erfa.sp00(day, tt) if frame == "gcrs" else 0.0
     return turn, np.moveaxis(erfa.pom00(now.x_pole_rad, now.y_pole_rad, sp), 0, -1)
 
 
 def _angle(frame: InertialFrame, epoch: Epoch, t_s: Array, ut1_minus_tai_s: Array) -> Array:
     day, fraction = tai_of(epoch)
-    ut1 = fraction + (t_s + ut1_minus_tai_s) / _DAY
+    ut1 = fraction + (t_s + ut1_minus_tai_s) / DAY_S
     if frame == "teme":
         return np.asarray(erfa.gmst82(day, ut1))
     if frame == "gcrs":
