@@ -31,6 +31,7 @@ from hillsphere.base.errors import HillsphereError, InputError, StageError
 from hillsphere.base.npz import read_arrays as read_members
 from hillsphere.base.private_cache import is_private
 from hillsphere.base.regular_files import open_regular
+from hillsphere.products.fields import dimension_sizes
 from hillsphere.products.moved_classes import current_class
 
 __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_product"]
@@ -95,7 +96,8 @@ def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
     Raises
     ------
     InputError
-        If the product holds anything else; the field is named.
+        If the product holds anything else, or a field has another shape than its class declares
+        (`hillsphere.products.fields`); the field is named.
     OSError
         If the file cannot be written.
     """
@@ -131,7 +133,8 @@ def load_product(path: str | Path, *, own: bool = False) -> Any:
     ------
     InputError
         If there is no such file, if it is torn or was not written by `save_product`, if its class
-        does not belong to the framework or an installed plugin, or has changed since.
+        does not belong to the framework or an installed plugin, or has changed since; if a field
+        has another shape than its class declares.
     StageError
         If the file is there but cannot be read just now: a disk that does not answer, too many
         open files, too little memory. It may be as good as ever.
@@ -287,6 +290,7 @@ def _encode(
         path = f"{cls.__module__}:{cls.__qualname__}"
         if not _CLASS.fullmatch(path):
             raise InputError(f"product class {path} must stand at the top level of a module")
+        dimension_sizes(value)  # every field has its declared shape
         table = {
             name: _encode(getattr(value, name), (*where, name), arrays)
             for name in _stored_fields(cls)
@@ -309,7 +313,12 @@ def _decode(node: Any, arrays: dict[str, np.ndarray[Any, Any]], file: str) -> An
                 f"{file}: {cls.__name__} has other fields now than when the file was written; "
                 "run the mission again"
             )
-        return cls(**table)
+        product = cls(**table)
+        try:
+            dimension_sizes(product)
+        except InputError as error:
+            raise InputError(f"{file}: {error}; run the mission again") from error
+        return product
     ((tag, content),) = node.items()
     decoders: dict[str, Callable[[Any], Any]] = {
         "float": lambda text: _SPECIAL_FLOATS[text],

@@ -8,6 +8,7 @@ the same form.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
 from hillsphere.base.lti import LtiSystem
+from hillsphere.products.fields import Label, Shape
 from hillsphere.products.product_codec import load_product, save_product
 
 __all__ = [
@@ -33,40 +35,28 @@ __all__ = [
 
 @dataclass(frozen=True)
 class PeriodicOrbits:
-    """Periodic orbits of one plant, members of one or more families.
-
-    Parameters
-    ----------
-    frame : str
-        Frame of the states, see `hillsphere.testing.frames`.
-    states : tuple of str
-        Names of the n states.
-    x0 : ndarray, shape (n, N)
-        State at the start of each orbit, SI.
-    period_s : ndarray, shape (N,)
-        Full period.
-    integral : ndarray, shape (N,)
-        Conserved quantity in normalised units (NaN where the plant has none).
-    monodromy : ndarray, shape (n, n, N)
-        State transition matrix over one period, normalised units.
-    residual : ndarray, shape (N,)
-        Norm of x(T) − x(0), normalised units.
-    labels : tuple of str
-        One name per orbit.
-    length_m, time_s : float
-        Normalised unit of length and of time in SI.
-    """
+    """Periodic orbits of one plant, members of one or more families."""
 
     frame: str
-    states: tuple[str, ...]
-    x0: Array
-    period_s: Array
-    integral: Array
-    monodromy: Array
-    residual: Array
-    labels: tuple[str, ...]
+    """Frame of the states, see `hillsphere.testing.frames`."""
+    states: Annotated[tuple[str, ...], Shape("states")]
+    """Names of the states."""
+    x0: Annotated[Array, Shape("states", "orbits")]
+    """State at the start of each orbit, SI."""
+    period_s: Annotated[Array, Shape("orbits"), Label("period", 9, "h")]
+    """Full period."""
+    integral: Annotated[Array, Shape("orbits"), Label("Jacobi constant", 12)]
+    """Conserved quantity in normalised units (NaN where the plant has none)."""
+    monodromy: Annotated[Array, Shape("states", "states", "orbits")]
+    """State transition matrix over one period, normalised units."""
+    residual: Annotated[Array, Shape("orbits"), Label("closure", 2)]
+    """Norm of x(T) − x(0), normalised units."""
+    labels: Annotated[tuple[str, ...], Shape("orbits"), Label("orbit")]
+    """One name per orbit."""
     length_m: float
+    """Normalised unit of length."""
     time_s: float
+    """Normalised unit of time."""
 
 
 @dataclass(frozen=True)
@@ -91,35 +81,24 @@ class Trajectories:
 
     Flights under a command that is known beforehand (a reference to be tracked) stand here too:
     then `u` gives it.
-
-    Parameters
-    ----------
-    frame : str
-        Frame of the states, see `hillsphere.testing.frames`.
-    states : tuple of str
-        Names of the n states.
-    plans : tuple of str
-        Name of the plan that each of the N coasts belongs to; those of a plan follow each other.
-    labels : tuple of str
-        Name of each coast.
-    t_s : ndarray, shape (K, N)
-        Times since the beginning of the plan, rising; NaN beyond a coast's end.
-    x : ndarray, shape (n, K, N)
-        States, SI; NaN beyond a coast's end.
-    controls : tuple of str
-        Names of the p controls; none for coasts.
-    u : ndarray, shape (p, K, N), or None
-        Command from each time to the next, held, SI; the last is that beyond the end.
     """
 
     frame: str
-    states: tuple[str, ...]
-    plans: tuple[str, ...]
-    labels: tuple[str, ...]
-    t_s: Array
-    x: Array
-    controls: tuple[str, ...] = ()
-    u: Array | None = None
+    """Frame of the states, see `hillsphere.testing.frames`."""
+    states: Annotated[tuple[str, ...], Shape("states")]
+    """Names of the states."""
+    plans: Annotated[tuple[str, ...], Shape("coasts")]
+    """Name of the plan that each coast belongs to; those of a plan follow each other."""
+    labels: Annotated[tuple[str, ...], Shape("coasts")]
+    """Name of each coast."""
+    t_s: Annotated[Array, Shape("times", "coasts")]
+    """Times since the beginning of the plan, rising; NaN beyond a coast's end."""
+    x: Annotated[Array, Shape("states", "times", "coasts")]
+    """States, SI; NaN beyond a coast's end."""
+    controls: Annotated[tuple[str, ...], Shape("controls")] = ()
+    """Names of the controls; none for coasts."""
+    u: Annotated[Array | None, Shape("controls", "times", "coasts")] = None
+    """Command from each time to the next, held, SI; the last is that beyond the end."""
 
 
 @dataclass(frozen=True)
@@ -170,25 +149,18 @@ class ControlDesign:
 
 @dataclass(frozen=True)
 class Bifurcations:
-    """Members of a family at which another family branches off.
-
-    Parameters
-    ----------
-    orbits : PeriodicOrbits
-        The bifurcating members, labelled ``"vertical 1:17"`` and so on.
-    plane : tuple of str
-        ``"planar"`` or ``"vertical"``, per member.
-    d, n : tuple of int
-        Resonance d:n, per member: the stability index is 2 cos(2π d/n).
-    index : ndarray, shape (N,)
-        Stability index at the member.
-    """
+    """Members of a family at which another family branches off."""
 
     orbits: PeriodicOrbits
-    plane: tuple[str, ...]
-    d: tuple[int, ...]
-    n: tuple[int, ...]
-    index: Array
+    """The bifurcating members, labelled ``"vertical 1:17"`` and so on."""
+    plane: Annotated[tuple[str, ...], Shape("bifurcations"), Label("plane")]
+    """``"planar"`` or ``"vertical"``, per member."""
+    d: Annotated[tuple[int, ...], Shape("bifurcations")]
+    """The resonance is d:n, per member; the stability index is 2 cos(2π d/n)."""
+    n: Annotated[tuple[int, ...], Shape("bifurcations")]
+    """Revolutions of the orbits that branch off."""
+    index: Annotated[Array, Shape("bifurcations"), Label("stability index", 10)]
+    """Stability index at the member."""
 
 
 @dataclass(frozen=True)

@@ -442,7 +442,7 @@ def test_tables(plant: Any, given: NonlinearStability, radii: NonlinearStability
     assert row["dvy_cm_s"] == pytest.approx(10.0, rel=1e-12)
     assert row["time_h"] == pytest.approx(93.55, abs=0.03)
     assert shown.tables["offset_fates_again"].rows[0]["fate"] == "survives"
-    assert "time_h" not in shown.tables["offset_fates_again"].rows[0]
+    assert shown.tables["offset_fates_again"].rows[0]["time_h"] is None
     shown = judge(plant).present(radii)
     assert "offset_fates" not in shown.tables
     check_presentation(shown)

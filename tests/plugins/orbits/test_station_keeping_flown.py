@@ -175,10 +175,10 @@ def test_what_is_shown() -> None:
     assert len(grid) == 3 + 27
     free = [r for r in grid if r["strategy"] == "none"]
     assert [r["outcome"] for r in free] == ["lost", "lost", "partly lost"]
-    assert all("cost_m_s" not in r and "interval_h" not in r for r in free)
+    assert all(r["cost_m_s"] is None and r["interval_h"] is None for r in free)
     stable = [r for r in grid if r["outcome"] == "stable: nothing to correct"]
     assert len(stable) == 3
-    assert all("cost_m_s" not in r and "survival" not in r for r in stable)
+    assert all(r["cost_m_s"] is None and r["survival"] is None for r in stable)
     lost = [r for r in grid if r["outcome"] == "lost" and r["strategy"] != "none"]
     assert lost
     assert all(r["cost_m_s"] is None and r["survival"] == 0.0 for r in lost)

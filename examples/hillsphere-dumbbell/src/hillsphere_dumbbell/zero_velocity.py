@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from hillsphere.dynamics import System, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, ConservedQuantity, Context, Plant
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.products.fields import Shape
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere.symbolic import jacobian
 
 from hillsphere_dumbbell.specs import ZeroVelocitySpec
@@ -28,31 +30,22 @@ _MERGE = 1e-6
 
 @dataclass(frozen=True)
 class ZeroVelocity:
-    """Integral of motion of resting particles on a grid, and where they stay at rest.
-
-    Parameters
-    ----------
-    frame : str
-        Frame of the positions.
-    x_m, y_m : ndarray, shape (n,)
-        Grid in the plane z = 0.
-    integral_m2_s2 : ndarray, shape (n, n)
-        Integral of motion at rest at (y, x).
-    equilibria_m : ndarray, shape (2, K)
-        Positions x, y of the K equilibrium points, from −x to +x.
-    equilibrium_integral_m2_s2 : ndarray, shape (K,)
-        Integral of motion there: the zero-velocity curve through the point opens at this value.
-    growth_rate_1_s : ndarray, shape (K,)
-        Largest real part of the eigenvalues of the linearised motion; zero for a stable point.
-    """
+    """Integral of motion of resting particles on a grid, and where they stay at rest."""
 
     frame: str
-    x_m: Array
-    y_m: Array
-    integral_m2_s2: Array
-    equilibria_m: Array
-    equilibrium_integral_m2_s2: Array
-    growth_rate_1_s: Array
+    """Frame of the positions."""
+    x_m: Annotated[Array, Shape("columns")]
+    """Grid in the plane z = 0."""
+    y_m: Annotated[Array, Shape("rows")]
+    """Grid in the plane z = 0."""
+    integral_m2_s2: Annotated[Array, Shape("rows", "columns")]
+    """Integral of motion at rest."""
+    equilibria_m: Annotated[Array, Shape(2, "equilibria")]
+    """Positions x, y of the equilibrium points, from −x to +x."""
+    equilibrium_integral_m2_s2: Annotated[Array, Shape("equilibria")]
+    """Integral of motion there: the zero-velocity curve through the point opens at this value."""
+    growth_rate_1_s: Annotated[Array, Shape("equilibria")]
+    """Largest real part of the eigenvalues of the linearised motion; zero for a stable point."""
 
 
 class ZeroVelocityStage:
@@ -120,22 +113,14 @@ class ZeroVelocityStage:
     def present(self, product: ZeroVelocity) -> Presentation:
         """Return the table of equilibrium points and the map."""
         names = [f"E{i + 1}" for i in range(product.equilibria_m.shape[1])]
-        columns = (
-            Column("name", ""),
-            Column("x_km", "km"),
-            Column("y_km", "km"),
-            Column("integral_m2_s2", "m²/s²"),
-            Column("growth_rate_1_h", "1/h"),
-        )
-        rows: list[dict[str, Cell]] = [
-            {
-                "name": name,
-                "x_km": float(product.equilibria_m[0, i]) / 1e3,
-                "y_km": float(product.equilibria_m[1, i]) / 1e3,
-                "integral_m2_s2": float(product.equilibrium_integral_m2_s2[i]),
-                "growth_rate_1_h": float(product.growth_rate_1_s[i]) * 3600.0,
-            }
-            for i, name in enumerate(names)
+        x, y = product.equilibria_m
+        of = FieldColumns(product, "equilibria")
+        columns = [
+            text_column("name", names),
+            column("x_km", x),
+            column("y_km", y),
+            column("integral_m2_s2", product.equilibrium_integral_m2_s2, unit="m²/s²"),
+            of("growth_rate_1_s", "growth_rate_1_h"),
         ]
         unstable = int(np.count_nonzero(product.growth_rate_1_s > 0))
         return Presentation(
@@ -143,7 +128,7 @@ class ZeroVelocityStage:
                 "equilibria": Metric(len(names)),
                 "unstable_equilibria": Metric(unstable),
             },
-            tables={"equilibria": Table("Equilibrium points", columns, rows)},
+            tables={"equilibria": tabulate("Equilibrium points", columns)},
             figures={
                 "zero_velocity": Figure(
                     "Zero-velocity curves",

@@ -5,43 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Cell, Column, Figure, Presentation, Table
+from hillsphere.presentation import Figure, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.coverage.figures import draw_coverage, draw_tracks
 from hillsphere_orbits.coverage.products import Coverage
 from hillsphere_orbits.qso.presentation import named
 
 __all__ = ["present_coverage"]
 
-_ORBIT = Column("orbit", "", "orbit")
-_RANGE = (("min", "least"), ("mean", "mean"), ("max", "largest"))
-_COLUMNS = (
-    _ORBIT,
-    Column("latitude_min_deg", "deg", "least latitude", 5),
-    Column("latitude_max_deg", "deg", "largest latitude", 5),
-    Column("surface_part", "-", "surface between", 4),
-    Column("cells_part", "-", "surface in cells met", 4),
-    *(Column(f"altitude_{key}_km", "km", f"{word} altitude", 5) for key, word in _RANGE),
-    *(Column(f"distance_{key}_km", "km", f"{word} distance", 5) for key, word in _RANGE),
-    *(Column(f"speed_{key}_m_s", "m/s", f"{word} speed", 4) for key, word in _RANGE),
-    *(Column(f"eclipse_{key}", "-", f"eclipsed, {word} of the year", 4) for key, word in _RANGE),
-    Column("primary_eclipse_mean", "-", "by the primary, mean", 4),
-    Column("body_eclipse_mean", "-", "by the moon, mean", 4),
-    *(Column(f"lit_{key}", "-", f"ground lit, {word} of the year", 4) for key, word in _RANGE),
-)
-_BANDS = (
-    _ORBIT,
-    Column("latitude_from_deg", "deg", "from", 5),
-    Column("latitude_to_deg", "deg", "to", 5),
-    Column("time_part", "-", "part of the time", 4),
-)
-_SEASONS = (
-    _ORBIT,
-    Column("sun_declination_deg", "deg", "elevation of the Sun over the orbit plane", 4),
-    Column("eclipse", "-", "eclipsed", 4),
-    Column("primary_eclipse", "-", "by the primary", 4),
-    Column("body_eclipse", "-", "by the moon", 4),
-    Column("lit", "-", "ground lit", 4),
-)
+_RANGE = {"min": "least", "mean": "mean", "max": "largest"}
 
 
 def present_coverage(product: Coverage, label: str) -> Presentation:
@@ -62,9 +34,9 @@ def present_coverage(product: Coverage, label: str) -> Presentation:
     """
     notes = _notes(product)
     tables = {
-        "coverage": Table("Coverage", _COLUMNS, _rows(product), notes),
-        "latitude_bands": Table("Time over each latitude", _BANDS, _bands(product)),
-        "seasons": Table("Light in the course of the year", _SEASONS, _seasons(product), notes),
+        "coverage": tabulate("Coverage", _coverage(product), notes),
+        "latitude_bands": tabulate("Time over each latitude", _bands(product)),
+        "seasons": tabulate("Light in the course of the year", _seasons(product), notes),
     }
     about = f" of {product.body.capitalize()}" if product.body not in ("", "body") else ""
     rows = max(4, len(product.labels))
@@ -118,70 +90,53 @@ def _notes(product: Coverage) -> list[str]:
     return notes
 
 
-def _number(value: float, factor: float = 1.0) -> float | None:
-    return float(value * factor) if np.isfinite(value) else None
-
-
-def _spread(values: Array, stem: str, suffix: str = "", factor: float = 1.0) -> dict[str, Cell]:
-    return {
-        f"{stem}_{key}{suffix}": _number(value, factor)
-        for (key, _), value in zip(_RANGE, values, strict=True)
-    }
-
-
-def _year(values: Array) -> Array:
-    return np.array([values.min(axis=0), values.mean(axis=0), values.max(axis=0)])
-
-
-def _rows(product: Coverage) -> list[dict[str, Cell]]:
-    shadow, lit = _year(product.shadow), _year(product.lit_ground)
-    if not (np.isfinite(product.primary_shadow).all() or np.isfinite(product.body_shadow).all()):
-        shadow = np.full_like(shadow, np.nan)  # nothing is known of any shadow
+def _coverage(product: Coverage) -> list[FilledColumn]:
+    of = FieldColumns(product, "orbits")
+    known = np.isfinite(product.primary_shadow).all() or np.isfinite(product.body_shadow).all()
+    primary = [values.mean() for values in product.primary_shadow.T]
+    body = [values.mean() for values in product.body_shadow.T]
     return [
-        {
-            "orbit": name,
-            "latitude_min_deg": float(np.degrees(product.latitude_rad[0, i])),
-            "latitude_max_deg": float(np.degrees(product.latitude_rad[1, i])),
-            "surface_part": float(product.surface_part[i]),
-            "cells_part": float(product.cells_part[i]),
-            **_spread(product.altitude_m[:, i], "altitude", "_km", 1e-3),
-            **_spread(product.distance_m[:, i], "distance", "_km", 1e-3),
-            **_spread(product.speed_m_s[:, i], "speed", "_m_s"),
-            **_spread(shadow[:, i], "eclipse"),
-            "primary_eclipse_mean": _number(product.primary_shadow[:, i].mean()),
-            "body_eclipse_mean": _number(product.body_shadow[:, i].mean()),
-            **_spread(lit[:, i], "lit"),
-        }
-        for i, name in enumerate(product.labels)
+        of("labels", "orbit"),
+        *of.split("latitude_rad", min="least", max="largest"),
+        of("surface_part"),
+        of("cells_part"),
+        *of.split("altitude_m", **_RANGE),
+        *of.split("distance_m", **_RANGE),
+        *of.split("speed_m_s", **_RANGE),
+        *_year("eclipse", "eclipsed", product.shadow if known else product.shadow * np.nan),
+        column("primary_eclipse_mean", primary, "by the primary, mean", 4),
+        column("body_eclipse_mean", body, "by the moon, mean", 4),
+        *_year("lit", "ground lit", product.lit_ground),
     ]
 
 
-def _bands(product: Coverage) -> list[dict[str, Cell]]:
-    edges = np.degrees(product.band_rad)
+def _year(stem: str, label: str, values: Array) -> list[FilledColumn]:
+    spread = values.min(axis=0), values.mean(axis=0), values.max(axis=0)
     return [
-        {
-            "orbit": name,
-            "latitude_from_deg": float(edges[k]),
-            "latitude_to_deg": float(edges[k + 1]),
-            "time_part": float(product.band_time[k, i]),
-        }
-        for i, name in enumerate(product.labels)
-        for k in np.flatnonzero(product.band_time[:, i])
+        column(f"{stem}_{key}", part, f"{label}, {word} of the year", 4)
+        for (key, word), part in zip(_RANGE.items(), spread, strict=True)
     ]
 
 
-def _seasons(product: Coverage) -> list[dict[str, Cell]]:
+def _bands(product: Coverage) -> list[FilledColumn]:
+    orbit, band = np.nonzero(product.band_time.T)
     return [
-        {
-            "orbit": name,
-            "sun_declination_deg": float(np.degrees(tilt)),
-            "eclipse": _number(product.shadow[s, i]),
-            "primary_eclipse": _number(product.primary_shadow[s, i]),
-            "body_eclipse": _number(product.body_shadow[s, i]),
-            "lit": _number(product.lit_ground[s, i]),
-        }
-        for i, name in enumerate(product.labels)
-        for s, tilt in enumerate(product.declination_rad)
+        text_column("orbit", np.array(product.labels)[orbit], "orbit"),
+        column("latitude_from_deg", product.band_rad[band], "from", 5),
+        column("latitude_to_deg", product.band_rad[band + 1], "to", 5),
+        column("time_part", product.band_time[band, orbit], "part of the time", 4),
+    ]
+
+
+def _seasons(product: Coverage) -> list[FilledColumn]:
+    of = FieldColumns(product, "orbits", "seasons")
+    return [
+        of("labels", "orbit"),
+        of("declination_rad", "sun_declination_deg"),
+        of("shadow", "eclipse"),
+        of("primary_shadow", "primary_eclipse"),
+        of("body_shadow", "body_eclipse"),
+        of("lit_ground", "lit"),
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from math import ceil
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.model.bodies import OrbitingBody
 from hillsphere.model.inertial import RotatingFrame
-from hillsphere.presentation import Cell, Column, Presentation, Table
+from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits
+from hillsphere.products.fields import Shape
+from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere.time import Epoch
 from hillsphere_orbits.ephemeris.oem import OemSegment, write_oem
 from hillsphere_orbits.ephemeris.specs import EphemerisSpec
@@ -27,39 +29,28 @@ from hillsphere_orbits.sources import members_of
 __all__ = ["Ephemerides", "EphemerisStage"]
 
 _MOST_STATES = 2_000_000
-_COLUMNS = (
-    Column("file", "", "file"),
-    Column("begins", "", "begins"),
-    Column("ends", "", "ends"),
-    Column("states", "-", "states"),
-    Column("segments", "-", "segments"),
-)
 
 
 @dataclass(frozen=True)
 class Ephemerides:
-    """States in inertial axes, a coast per column.
-
-    Parameters
-    ----------
-    frame, centre, epoch, time_scale : str
-        Inertial frame, origin, and the instant from which times count.
-    plans, labels : tuple of str
-        Flight that each of the N coasts belongs to, and the coast's own name.
-    t_s : ndarray, shape (K, N)
-        Times after the epoch; NaN beyond a coast's end.
-    x : ndarray, shape (6, K, N)
-        Positions, m, and velocities, m/s.
-    """
+    """States in inertial axes, a coast per column."""
 
     frame: str
+    """Inertial frame."""
     centre: str
+    """Its origin."""
     epoch: str
+    """Instant from which times count."""
     time_scale: str
-    plans: tuple[str, ...]
-    labels: tuple[str, ...]
-    t_s: Array
-    x: Array
+    """Of the epoch."""
+    plans: Annotated[tuple[str, ...], Shape("coasts")]
+    """Flight that each coast belongs to."""
+    labels: Annotated[tuple[str, ...], Shape("coasts")]
+    """The coast's own name."""
+    t_s: Annotated[Array, Shape("samples", "coasts")]
+    """Times after the epoch; NaN beyond a coast's end."""
+    x: Annotated[Array, Shape(6, "samples", "coasts")]
+    """Positions, m, and velocities, m/s."""
 
 
 @runtime_checkable
@@ -201,32 +192,34 @@ class EphemerisStage:
         flights: tuple[FlightSet, ...] = (),
     ) -> Presentation:
         """List the files: one message and one CSV for each orbit or flight plan."""
-        rows: list[dict[str, Cell]] = []
         files: dict[str, str] = {}
+        flown: list[list[OemSegment]] = []
         for plan in dict.fromkeys(product.plans):
             coasts = [i for i, other in enumerate(product.plans) if other == plan]
             segments = [self._segment(product, plan, i) for i in coasts]
             name = _free(_slug(plan), files)
             files[f"{name}.oem"] = write_oem(segments)
             files[f"{name}.csv"] = _csv(segments)
-            rows.append(
-                {
-                    "file": f"{name}.oem",
-                    "begins": segments[0].epoch.isot(segments[0].t_s[:1], 3)[0],
-                    "ends": segments[-1].epoch.isot(segments[-1].t_s[-1:], 3)[0],
-                    "states": sum(segment.t_s.size for segment in segments),
-                    "segments": len(segments),
-                }
-            )
+            flown.append(segments)
+        begins = [coasts[0].epoch.isot(coasts[0].t_s[:1], 3)[0] for coasts in flown]
+        ends = [coasts[-1].epoch.isot(coasts[-1].t_s[-1:], 3)[0] for coasts in flown]
+        states = [sum(coast.t_s.size for coast in coasts) for coasts in flown]
+        columns = [
+            text_column("file", [name for name in files if name.endswith(".oem")], "file"),
+            text_column("begins", begins, "begins"),
+            text_column("ends", ends, "ends"),
+            column("states", states, "states"),
+            column("segments", [len(coasts) for coasts in flown], "segments"),
+        ]
         notes = (
             f"Frame ICRF, centre {product.centre}, times {product.time_scale}. The axes turn with "
             "the mean motion of the model from the body's orientation at the epoch; periodic "
             "and secular terms of that orientation (all but the constant rate of W), and the "
             "eccentricity of its orbit, are not in them.",
         )
-        title = "Ephemerides (CCSDS OEM and CSV)"
+        table = tabulate("Ephemerides (CCSDS OEM and CSV)", columns, notes)
         return Presentation(
-            tables={named("ephemerides", self.spec.label): Table(title, _COLUMNS, rows, notes)},
+            tables={named("ephemerides", self.spec.label): table},
             files=files,
         )
 
@@ -300,7 +293,7 @@ def _csv(segments: list[OemSegment]) -> str:
     for segment in segments:
         times = segment.epoch.isot(segment.t_s)
         lines += [
-            ",".join([when, *(repr(float(value)) for value in column)])
-            for when, column in zip(times, segment.x.T / 1e3, strict=True)
+            ",".join([when, *(repr(float(value)) for value in state)])
+            for when, state in zip(times, segment.x.T / 1e3, strict=True)
         ]
     return "\n".join(lines) + "\n"

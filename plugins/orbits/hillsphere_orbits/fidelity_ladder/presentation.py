@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.presentation import (
-    PALETTE,
-    Cell,
-    Column,
-    Figure,
-    Metric,
-    Presentation,
-    Table,
-)
+from hillsphere.interfaces import Array, Integers
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.qso.presentation import counted, named
 
@@ -29,43 +22,6 @@ _DAY = 86400.0
 _PARTS = 60
 _DRAWN = 6  # members in a figure: as many as colours that tell apart
 _COLOURS = [PALETTE[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky")]
-_FLIGHTS = (
-    Column("rung", "", "rung"),
-    Column("member", "", "orbit"),
-    Column("status", "", "status"),
-    Column("converged", "", "converged"),
-    Column("iterations", "-", "steps"),
-    Column("gap", "-", "largest gap", 2),
-    Column("departure_max_km", "km", "largest departure", 4),
-    Column("departure_rms_km", "km", "rms departure", 4),
-    Column("slip_h", "h", "ahead of the orbit at the end", 4),
-    Column("altitude_min_km", "km", "least height", 5),
-    Column("survival_d", "d", "survival without correction", 4),
-    Column("fate", "", "lost by"),
-)
-_RUNGS = (
-    Column("rung", "", "rung"),
-    Column("plant", "", "equations"),
-    Column("frame", "", "frame"),
-    Column("orbits", "-", "orbits"),
-    Column("converged", "-", "converged"),
-    Column("gap_max", "-", "largest gap", 2),
-    Column("departure_max_km", "km", "largest departure", 4),
-    Column("departure_rms_km", "km", "largest rms departure", 4),
-    Column("surviving", "-", "survive without correction"),
-    Column("survival_min_d", "d", "least survival", 4),
-)
-_PERIODIC = (
-    Column("rung", "", "rung"),
-    Column("member", "", "orbit"),
-    Column("status", "", "status"),
-    Column("x0_km", "km", "x at the start", 12),
-    Column("z0_km", "km", "z at the start", 12),
-    Column("vy0_m_s", "m/s", "ẏ at the start", 12),
-    Column("period_h", "h", "period", 12),
-    Column("period_change_s", "s", "longer than the orbit's by", 5),
-    Column("closure", "-", "closure", 2),
-)
 
 
 def present_ladder(product: FidelityLadder, label: str) -> Presentation:
@@ -85,8 +41,6 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
         ``fidelity_periodic``, figures ``fidelity_departures`` and ``fidelity_flights``.
     """
     days = product.times_s[-1] / _DAY
-    flights = _flight_rows(product)
-    rungs = _rung_rows(product, flights)
     notes = [
         f"Departure: distance from the nearest point of the orbit of the first rung, over {days:g} "
         "days; along the orbit the flight may slip, by the time given.",
@@ -101,7 +55,7 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
             f"{np.degrees(product.start_true_anomaly_rad):g}° at the start."
         )
     metrics = {
-        "ladder_flights": Metric(len(flights)),
+        "ladder_flights": Metric(product.converged.size),
         "ladder_converged": Metric(int(np.count_nonzero(product.converged))),
     }
     closed = product.gap[product.converged]
@@ -131,14 +85,13 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
         tables={
-            named("fidelity_ladder", label): Table(
-                f"Orbits on every rung, {days:g} days", _FLIGHTS, flights, notes
+            named("fidelity_ladder", label): tabulate(
+                f"Orbits on every rung, {days:g} days", _flights(product), notes
             ),
-            named("fidelity_rungs", label): Table("Rungs of the ladder", _RUNGS, rungs),
-            named("fidelity_periodic", label): Table(
+            named("fidelity_rungs", label): tabulate("Rungs of the ladder", _rungs(product)),
+            named("fidelity_periodic", label): tabulate(
                 "Periodic orbits of the rungs themselves",
-                _PERIODIC,
-                _periodic_rows(product),
+                _periodic(product),
                 [
                     "With the same amplitude: z at the start of orbits in space that begin off the "
                     "plane, else x. Equations with a clock have no such orbits."
@@ -146,84 +99,72 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
             ),
         },
         figures={named(name, label): figure for name, figure in figures.items()},
-        verdict=_verdict(product, flights),
+        verdict=_verdict(product),
     )
 
 
-def _number(value: float, unit: float = 1.0) -> float | None:
-    return float(value) / unit if isfinite(value) else None
+def _flights(product: FidelityLadder) -> list[FilledColumn]:
+    of = FieldColumns(product, "rungs", "members")
+    return [
+        of("rungs", "rung"),
+        of("members", "member"),
+        text_column("status", product.status, "status"),
+        *map(of, ("converged", "iterations", "gap", "departure_max_m", "departure_rms_m")),
+        *map(of, ("slip_s", "altitude_min_m", "survival_s")),
+        text_column("fate", [fate or None for fate in product.fate], "lost by"),
+    ]
 
 
-def _flight_rows(product: FidelityLadder) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for r, rung in enumerate(product.rungs):
-        for m, member in enumerate(product.members):
-            k = r * len(product.members) + m
-            rows.append(
-                {
-                    "rung": rung,
-                    "member": member,
-                    "status": product.status[k],
-                    "converged": bool(product.converged[m, r]),
-                    "iterations": int(product.iterations[m, r]),
-                    "gap": _number(product.gap[m, r]),
-                    "departure_max_km": _number(product.departure_max_m[m, r], 1e3),
-                    "departure_rms_km": _number(product.departure_rms_m[m, r], 1e3),
-                    "slip_h": _number(product.slip_s[m, r], 3600.0),
-                    "altitude_min_km": _number(product.altitude_min_m[m, r], 1e3),
-                    "survival_d": _number(product.survival_s[m, r], _DAY),
-                    "fate": product.fate[k] or None,
-                }
-            )
-    return rows
+def _periodic(product: FidelityLadder) -> list[FilledColumn]:
+    of = FieldColumns(product, "rungs", "members")
+    x, _, z, _, vy, _ = (of.spread(row, "members", "rungs") for row in product.periodic_x0_m)
+    change = product.periodic_s - product.period_s[:, None]
+    return [
+        of("rungs", "rung"),
+        of("members", "member"),
+        text_column("status", product.periodic_status, "status"),
+        column("x0_km", x, "x at the start", 12),
+        column("z0_km", z, "z at the start", 12),
+        column("vy0_m_s", vy, "ẏ at the start", 12),
+        of("periodic_s", "period_h"),
+        column("period_change_s", change.T.ravel(), "longer than the orbit's by", 5),
+        of("periodic_closure", "closure"),
+    ]
 
 
-def _periodic_rows(product: FidelityLadder) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for r, rung in enumerate(product.rungs):
-        for m, member in enumerate(product.members):
-            x0, period = product.periodic_x0_m[:, m, r], product.periodic_s[m, r]
-            rows.append(
-                {
-                    "rung": rung,
-                    "member": member,
-                    "status": product.periodic_status[r * len(product.members) + m],
-                    "x0_km": _number(x0[0], 1e3),
-                    "z0_km": _number(x0[2], 1e3),
-                    "vy0_m_s": _number(x0[4]),
-                    "period_h": _number(period, 3600.0),
-                    "period_change_s": _number(period - product.period_s[m]),
-                    "closure": _number(product.periodic_closure[m, r]),
-                }
-            )
-    return rows
+def _surviving(product: FidelityLadder) -> Integers:
+    """Return how many continuous flights on each rung (R,) survive without correction."""
+    fates = np.array(product.fate).reshape(len(product.rungs), len(product.members)).T
+    return np.asarray(np.count_nonzero(product.converged & (fates == ""), axis=0))
 
 
-def _rung_rows(product: FidelityLadder, flights: list[dict[str, Cell]]) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for r, rung in enumerate(product.rungs):
-        good = product.converged[:, r]
-        row: dict[str, Cell] = {
-            "rung": rung,
-            "plant": product.plants[r],
-            "frame": product.frames[r],
-            "orbits": len(product.members),
-            "converged": int(np.count_nonzero(good)),
-        }
-        if good.any():
-            own = [flight for flight in flights if flight["rung"] == rung and flight["converged"]]
-            row |= {
-                "gap_max": float(np.max(product.gap[good, r])),
-                "departure_max_km": float(np.max(product.departure_max_m[good, r]) / 1e3),
-                "departure_rms_km": float(np.max(product.departure_rms_m[good, r]) / 1e3),
-                "surviving": sum(flight["fate"] is None for flight in own),
-                "survival_min_d": float(np.min(product.survival_s[good, r]) / _DAY),
-            }
-        rows.append(row)
-    return rows
+def _rungs(product: FidelityLadder) -> list[FilledColumn]:
+    of, good = FieldColumns(product, "rungs"), product.converged
+    some = np.asarray(good.any(axis=0))
+
+    def largest(values: Array) -> Array:
+        """Return the largest over the continuous flights on each rung (R,), NaN without any."""
+        return np.where(some, np.max(values, axis=0, where=good, initial=-np.inf), np.nan)
+
+    surviving = zip(_surviving(product).tolist(), some, strict=True)
+    return [
+        of("rungs", "rung"),
+        of("plants", "plant"),
+        of("frames", "frame"),
+        column("orbits", [len(product.members)] * some.size, "orbits"),
+        column("converged", np.count_nonzero(good, axis=0), "converged"),
+        column("gap_max", largest(product.gap), "largest gap", 2),
+        column("departure_max_km", largest(product.departure_max_m), "largest departure", 4),
+        column("departure_rms_km", largest(product.departure_rms_m), "largest rms departure", 4),
+        column(
+            "surviving", [count if there else None for count, there in surviving],
+            "survive without correction",
+        ),
+        column("survival_min_d", -largest(-product.survival_s), "least survival", 4),
+    ]  # fmt: skip
 
 
-def _verdict(product: FidelityLadder, flights: list[dict[str, Cell]]) -> list[str]:
+def _verdict(product: FidelityLadder) -> list[str]:
     days = product.times_s[-1] / _DAY
     found = []
     for r, rung in enumerate(product.rungs):
@@ -236,18 +177,17 @@ def _verdict(product: FidelityLadder, flights: list[dict[str, Cell]]) -> list[st
         )
         if good.any():
             largest = product.departure_max_m[good, r]
-            alone = sum(
-                bool(flight["converged"]) and flight["fate"] is None
-                for flight in flights
-                if flight["rung"] == rung
-            )
+            alone = int(_surviving(product)[r])
             text += (
                 f", at most {np.min(largest) / 1e3:.3g} to {np.max(largest) / 1e3:.3g} km from the "
                 f"orbit; {alone} {'survives' if alone == 1 else 'survive'} without correction"
             )
         found.append(text + ".")
     if failed := [
-        f"{flight['member']} on {flight['rung']}" for flight in flights if not flight["converged"]
+        f"{member} on {rung}"
+        for r, rung in enumerate(product.rungs)
+        for m, member in enumerate(product.members)
+        if not product.converged[m, r]
     ]:
         found.append(f"Not converged: {', '.join(failed)}.")
     return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product as pairs
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.specs import InvariantManifoldsSpec
 from hillsphere_orbits.qso.presentation import counted, named
@@ -16,21 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 __all__ = ["draw_body", "draw_cylinder", "finish_space", "present_manifolds"]
-
-_COLUMNS = (
-    Column("orbit", "", "orbit"),
-    Column("kind", "", "orbit is"),
-    Column("multiplier", "-", "λ", 9),
-    Column("manifold", "", "manifold"),
-    Column("side", "", "side"),
-    Column("trajectories", "-", "trajectories"),
-    Column("impacts", "-", "impacts"),
-    Column("escapes", "-", "escapes"),
-    Column("event", "", "event"),
-    Column("reach_it", "-", "reach it"),
-    Column("crossings", "-", "crossings"),
-    Column("first_d", "d", "first after", 6),
-)
 
 
 def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Presentation:
@@ -50,7 +37,6 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
     """
     label = spec.label
     days = spec.duration_s / 86400.0
-    rows = _rows(product)
     impacts = sum(name == "impact" for name in product.ended_by)
     metrics = {
         "trajectories": Metric(len(product.ended_by)),
@@ -78,50 +64,54 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
         tables={
-            named("manifolds", label): Table(f"Invariant manifolds{about}", _COLUMNS, rows, notes)
+            named("manifolds", label): tabulate(
+                f"Invariant manifolds{about}", _manifolds(product), notes
+            )
         },
         figures=figures,
         verdict=_verdict(product, days),
     )
 
 
-def _rows(product: Manifolds) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
+def _manifolds(product: Manifolds) -> list[FilledColumn]:
+    cells: list[tuple[Any, ...]] = []
     ended = np.array(product.ended_by, dtype=object)
-    for i, name in enumerate(product.orbits.labels):
-        if product.kinds[i] != "unstable":
-            rows.append({"orbit": name, "kind": product.kinds[i]})
+    for i, (name, kind) in enumerate(zip(product.orbits.labels, product.kinds, strict=True)):
+        if kind != "unstable":
+            cells.append((name, kind, *[None] * 10))
             continue
-        for stable in (False, True):
-            for side in (1, -1):
-                own = (product.orbit == i) & (product.stable == stable) & (product.side == side)
-                if not own.any():
-                    continue
-                head: dict[str, Cell] = {
-                    "orbit": name,
-                    "kind": product.kinds[i],
-                    "multiplier": float(product.multiplier[i]),
-                    "manifold": "stable" if stable else "unstable",
-                    "side": "+" if side > 0 else "−",
-                    "trajectories": int(own.sum()),
-                    "impacts": int(np.count_nonzero(ended[own] == "impact")),
-                    "escapes": int(np.count_nonzero(ended[own] == "escape")),
-                }
-                after = product.met_time_s * np.where(stable, -1.0, 1.0) > 0.0
-                for e, event in enumerate(product.events):
-                    met = own[product.met_trajectory] & (product.met_event == e) & after
-                    first = np.min(np.abs(product.met_time_s[met]), initial=np.inf)
-                    reached = np.unique(product.met_trajectory[met]).size
-                    rows.append(
-                        {
-                            **head,
-                            "event": event,
-                            "reach_it": int(reached),
-                            "crossings": int(np.count_nonzero(met)),
-                            "first_d": float(first / 86400.0) if reached else None,
-                        }
-                    )
-    return rows
+        for stable, side in pairs((False, True), (1, -1)):
+            own = (product.orbit == i) & (product.stable == stable) & (product.side == side)
+            if not own.any():
+                continue
+            after = product.met_time_s * (-1.0 if stable else 1.0) > 0.0
+            for e, event in enumerate(product.events):
+                met = own[product.met_trajectory] & (product.met_event == e) & after
+                reached = np.unique(product.met_trajectory[met]).size
+                first = np.min(np.abs(product.met_time_s[met])) if reached else None
+                cells.append(
+                    (name, kind, product.multiplier[i], "stable" if stable else "unstable",
+                     "+" if side > 0 else "−", np.count_nonzero(own),
+                     np.count_nonzero(ended[own] == "impact"),
+                     np.count_nonzero(ended[own] == "escape"),
+                     event, reached, np.count_nonzero(met), first)
+                )  # fmt: skip
+    (orbits, kinds, multipliers, manifolds, sides, trajectories, impacts, escapes, events, reach,
+     crossings, firsts) = np.array(cells, dtype=object).reshape(-1, 12).T  # fmt: skip
+    return [
+        text_column("orbit", orbits, "orbit"),
+        text_column("kind", kinds, "orbit is"),
+        column("multiplier", multipliers, "λ", 9),
+        text_column("manifold", manifolds, "manifold"),
+        text_column("side", sides, "side"),
+        column("trajectories", trajectories, "trajectories"),
+        column("impacts", impacts, "impacts"),
+        column("escapes", escapes, "escapes"),
+        text_column("event", events, "event"),
+        column("reach_it", reach, "reach it"),
+        column("crossings", crossings, "crossings"),
+        column("first_d", firsts, "first after", 6),
+    ]
 
 
 def _verdict(product: Manifolds, days: float) -> list[str]:

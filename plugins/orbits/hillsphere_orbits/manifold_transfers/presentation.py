@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
 from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    tabulate,
+    take_or_blank,
+    text_column,
+)
 from hillsphere_orbits.manifold_transfers.figures import draw_front, draw_transfer
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
 from hillsphere_orbits.manifold_transfers.specs import ManifoldTransfersSpec
@@ -18,24 +28,6 @@ __all__ = ["present_transfers"]
 
 _DAY = 86400.0
 _SAME_KM = 1e-6  # a published amplitude is a round number
-_CELLS = (
-    Column("orbit", "", "through"),
-    Column("n", "-", "revolutions"),
-    Column("Az_km", "km", "amplitude z", 9),
-    Column("status", "", "status"),
-    Column("connects", "", "connects"),
-    Column("dv_m_s", "m/s", "least ΔV", 7),
-    Column("tof_d", "d", "its time of flight", 6),
-    Column("dv_departure_m_s", "m/s", "ΔV at departure", 7),
-    Column("dv_arrival_m_s", "m/s", "ΔV at arrival", 7),
-    Column("tof_departure_d", "d", "to the orbit", 6),
-    Column("tof_arrival_d", "d", "from the orbit", 6),
-    Column("quickest_dv_m_s", "m/s", "ΔV of the quickest", 7),
-    Column("quickest_tof_d", "d", "least time of flight", 6),
-    Column("bound_m_s", "m/s", "ΔV at least, by energy", 6),
-    Column("closure_km", "km", "closure", 2),
-    Column("altitude_km", "km", "least altitude", 4),
-)
 _BESIDE = (
     Column("connects_paper", "", "connects, paper"),
     Column("dv_m_s_paper", "m/s", "ΔV, paper", 6),
@@ -43,36 +35,6 @@ _BESIDE = (
     Column("tof_d_paper", "d", "time of flight, paper", 4),
     Column("tof_less_paper_d", "d", "time of flight less the paper's", 4),
     Column("dominated", "", "an entry of the ladder betters the paper in both"),
-)
-_LADDER = (
-    Column("tof_d", "d", "time of flight", 7),
-    Column("dv_m_s", "m/s", "ΔV", 8),
-    Column("dv_departure_m_s", "m/s", "at departure", 8),
-    Column("dv_arrival_m_s", "m/s", "at arrival", 8),
-    Column("tof_departure_d", "d", "to the orbit", 7),
-    Column("tof_arrival_d", "d", "from the orbit", 7),
-    Column("closure_km", "km", "closure", 2),
-    Column("closure_m_s", "m/s", "closure", 2),
-    Column("altitude_km", "km", "least altitude", 4),
-)
-_LEGS = (
-    Column("orbit", "", "orbit"),
-    Column("leg", "", "leg"),
-    Column("side", "", "side"),
-    Column("p", "-", "p", 9),
-    Column("tof_d", "d", "time of flight", 7),
-    Column("dv_m_s", "m/s", "ΔV", 8),
-    Column("bound_m_s", "m/s", "ΔV at least there, by energy", 8),
-    Column("closure_km", "km", "closure", 2),
-    Column("closure_m_s", "m/s", "closure", 2),
-    Column("altitude_km", "km", "least altitude", 4),
-    Column("impact", "", "impact"),
-)
-_CHECKS = (
-    Column("orbit", "", "orbit"),
-    Column("entries", "-", "entries"),
-    Column("entries_doubled", "-", "with twice the samples"),
-    Column("moved_m_s", "m/s", "moved by", 2),
 )
 
 
@@ -97,26 +59,19 @@ def present_transfers(
         cheapest and the quickest transfer and of the fronts.
     """
     about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
-    rows = _cells(product)
-    beside = _beside(rows, product, reference)
     names = f"{product.departure.labels[0]} to {product.arrival.labels[0]}"
-    tables = {
-        "table_4": Table(
-            f"Transfers {names}{about}",
-            (*_CELLS, *(_BESIDE if reference is not None else ())),
-            rows,
-            [*_notes(product, spec), *beside],
-        ),
-        "legs": Table("Legs", _LEGS, _legs(product)),
-    }
+    cells = tabulate(f"Transfers {names}{about}", _cells(product), _notes(product, spec))
+    cells, beside = _beside(cells, product, reference)
+    tables = {"table_4": cells, "legs": tabulate("Legs", _legs(product))}
     for i, label in enumerate(product.orbits.labels):
-        if ladder := _ladder(product, i):
-            tables[f"ladder_{_identifier(label)}"] = Table(
-                f"Transfers through {label} that none betters", _LADDER, ladder
+        own = np.flatnonzero(product.transfer_member == i)
+        if own.size:
+            tables[f"ladder_{_identifier(label)}"] = tabulate(
+                f"Transfers through {label} that none betters", _ladder(product, own)
             )
     if product.checked:
-        tables["transfer_convergence"] = Table(
-            "The search repeated with twice the samples", _CHECKS, _convergence(product)
+        tables["transfer_convergence"] = tabulate(
+            "The search repeated with twice the samples", _convergence(product)
         )
     figures = {"transfer_front": Figure(
         "Time of flight against impulse", lambda figure: draw_front(figure, product, reference),
@@ -168,97 +123,103 @@ def _notes(product: ManifoldTransfers, spec: ManifoldTransfersSpec) -> list[str]
     ]
 
 
-def _ends(product: ManifoldTransfers, q: int, prefix: str = "") -> dict[str, Cell]:
-    a, b = product.transfer_legs[:, q]
-    return {
-        "dv_departure_m_s": float(product.leg_dv_m_s[a]),
-        "dv_arrival_m_s": float(product.leg_dv_m_s[b]),
-        "tof_departure_d": float(product.leg_tof_s[a] / _DAY),
-        "tof_arrival_d": float(product.leg_tof_s[b] / _DAY),
-        "closure_km": float(max(product.leg_closure_km[a], product.leg_closure_km[b])),
-        "altitude_km": _number(min(product.leg_altitude_m[a], product.leg_altitude_m[b]) / 1e3),
-    }
-
-
-def _cells(product: ManifoldTransfers) -> list[dict[str, Cell]]:
-    member, dv, tof = product.transfer_member, product.transfer_dv_m_s, product.transfer_tof_s
-    rows: list[dict[str, Cell]] = []
-    for i, label in enumerate(product.orbits.labels):
-        row: dict[str, Cell] = {
-            "orbit": label,
-            "n": int(product.revolutions[i]) or None,
-            "Az_km": _number(product.z_m[i] / 1e3),
-            "status": product.status[i],
-            "connects": False,
-            "bound_m_s": _number(float(np.sum(product.bound_m_s[:, i]))),
-        }
-        own = np.flatnonzero(member == i)
-        if own.size:
-            least, quick = own[np.argmin(dv[own])], own[np.argmin(tof[own])]
-            row |= {
-                "connects": True,
-                "dv_m_s": float(dv[least]),
-                "tof_d": float(tof[least] / _DAY),
-                **_ends(product, int(least)),
-                "quickest_dv_m_s": float(dv[quick]),
-                "quickest_tof_d": float(tof[quick] / _DAY),
-            }
-        rows.append(row)
-    return rows
-
-
-def _ladder(product: ManifoldTransfers, i: int) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for q in np.flatnonzero(product.transfer_member == i):
-        pair = product.transfer_legs[:, q]
-        rows.append(
-            {
-                "tof_d": float(product.transfer_tof_s[q] / _DAY),
-                "dv_m_s": float(product.transfer_dv_m_s[q]),
-                **_ends(product, int(q)),
-                "closure_m_s": float(np.max(product.leg_closure_m_s[pair])),
-            }
-        )
-    return rows
-
-
-def _legs(product: ManifoldTransfers) -> list[dict[str, Cell]]:
+def _impulses(product: ManifoldTransfers, index: list[int], digits: int) -> list[FilledColumn]:
+    """Return what both legs of transfers cost and take; blank for an index of −1."""
+    a, b = product.transfer_legs
+    dv, tof = product.leg_dv_m_s, product.leg_tof_s
     return [
-        {
-            "orbit": product.orbits.labels[int(i)],
-            "leg": "arrival" if product.leg_arrives[k] else "departure",
-            "side": "+" if product.leg_side[k] > 0 else "−",
-            "p": float(product.leg_p[k]),
-            "tof_d": float(product.leg_tof_s[k] / _DAY),
-            "dv_m_s": float(product.leg_dv_m_s[k]),
-            "bound_m_s": _number(product.leg_place_bound_m_s[k]),
-            "closure_km": _number(product.leg_closure_km[k]),
-            "closure_m_s": _number(product.leg_closure_m_s[k]),
-            "altitude_km": _number(product.leg_altitude_m[k] / 1e3),
-            "impact": bool(product.leg_impact[k]),
-        }
-        for k, i in enumerate(product.leg_member)
+        column("dv_departure_m_s", take_or_blank(dv[a], index), "ΔV at departure", digits),
+        column("dv_arrival_m_s", take_or_blank(dv[b], index), "ΔV at arrival", digits),
+        column("tof_departure_d", take_or_blank(tof[a], index), "to the orbit", digits - 1),
+        column("tof_arrival_d", take_or_blank(tof[b], index), "from the orbit", digits - 1),
     ]
 
 
-def _convergence(product: ManifoldTransfers) -> list[dict[str, Cell]]:
+def _closures(product: ManifoldTransfers) -> dict[str, Array]:
+    """Return the larger misses and the lesser altitude of both legs of each transfer (Q,)."""
+    a, b = product.transfer_legs
+    altitude = product.leg_altitude_m
+    return {
+        "km": np.maximum(product.leg_closure_km[a], product.leg_closure_km[b]),
+        "m_s": np.maximum(product.leg_closure_m_s[a], product.leg_closure_m_s[b]),
+        "altitude_m": np.minimum(altitude[a], altitude[b]),
+    }
+
+
+def _cells(product: ManifoldTransfers) -> list[FilledColumn]:
+    of, dv, tof = FieldColumns(product, "orbits"), product.transfer_dv_m_s, product.transfer_tof_s
+    own = [np.flatnonzero(product.transfer_member == i) for i in range(len(product.status))]
+    least = [int(q[np.argmin(dv[q])]) if q.size else -1 for q in own]
+    quick = [int(q[np.argmin(tof[q])]) if q.size else -1 for q in own]
+    closures = _closures(product)
     return [
-        {
-            "orbit": label,
-            "entries": int(product.check_entries[0, c]),
-            "entries_doubled": int(product.check_entries[1, c]),
-            "moved_m_s": _number(product.check_shift_m_s[c]),
-        }
-        for c, label in enumerate(product.checked)
+        text_column("orbit", product.orbits.labels, "through"),
+        column("n", [n or None for n in product.revolutions.tolist()], "revolutions"),
+        of("z_m", "Az_km"),
+        of("status"),
+        text_column("connects", [q.size > 0 for q in own], "connects"),
+        column("dv_m_s", take_or_blank(dv, least), "least ΔV", 7),
+        column("tof_d", take_or_blank(tof, least), "its time of flight", 6),
+        *_impulses(product, least, 7),
+        column("quickest_dv_m_s", take_or_blank(dv, quick), "ΔV of the quickest", 7),
+        column("quickest_tof_d", take_or_blank(tof, quick), "least time of flight", 6),
+        column("bound_m_s", np.sum(product.bound_m_s, axis=0), "ΔV at least, by energy", 6),
+        column("closure_km", take_or_blank(closures["km"], least), "closure", 2, is_si=False),
+        column("altitude_km", take_or_blank(closures["altitude_m"], least), "least altitude", 4),
+    ]
+
+
+def _ladder(product: ManifoldTransfers, own: Integers) -> list[FilledColumn]:
+    closures = _closures(product)
+    labels = ("at departure", "at arrival", "to the orbit", "from the orbit")
+    return [
+        column("tof_d", product.transfer_tof_s[own], "time of flight", 7),
+        column("dv_m_s", product.transfer_dv_m_s[own], "ΔV", 8),
+        *(
+            replace(impulse, label=label)
+            for impulse, label in zip(_impulses(product, own.tolist(), 8), labels, strict=True)
+        ),
+        column("closure_km", closures["km"][own], "closure", 2, is_si=False),
+        column("closure_m_s", closures["m_s"][own], "closure", 2),
+        column("altitude_km", closures["altitude_m"][own], "least altitude", 4),
+    ]
+
+
+def _legs(product: ManifoldTransfers) -> list[FilledColumn]:
+    of = FieldColumns(product, "legs")
+    return [
+        text_column("orbit", [product.orbits.labels[i] for i in product.leg_member], "orbit"),
+        text_column("leg", np.where(product.leg_arrives, "arrival", "departure"), "leg"),
+        text_column("side", np.where(product.leg_side > 0, "+", "−"), "side"),
+        of("leg_p", "p"),
+        of("leg_tof_s", "tof_d"),
+        of("leg_dv_m_s", "dv_m_s"),
+        of("leg_place_bound_m_s", "bound_m_s"),
+        of("leg_closure_km", "closure_km"),
+        of("leg_closure_m_s", "closure_m_s"),
+        of("leg_altitude_m", "altitude_km"),
+        of("leg_impact", "impact"),
+    ]
+
+
+def _convergence(product: ManifoldTransfers) -> list[FilledColumn]:
+    entries, doubled = product.check_entries
+    shift = product.check_shift_m_s
+    return [
+        text_column("orbit", product.checked, "orbit"),
+        column("entries", entries, "entries"),
+        column("entries_doubled", doubled, "with twice the samples"),
+        column("moved_m_s", np.where(np.isinf(shift), np.nan, shift), "moved by", 2),
     ]
 
 
 def _beside(
-    rows: list[dict[str, Cell]], product: ManifoldTransfers, reference: ReferenceTable | None
-) -> list[str]:
-    """Put published values into the rows; return what is to be said of them."""
+    table: Table, product: ManifoldTransfers, reference: ReferenceTable | None
+) -> tuple[Table, list[str]]:
+    """Put published values beside the cells; return also what is to be said of them."""
     if reference is None:
-        return []
+        return table, []
+    rows = [dict(row) for row in table.rows]
     printed: Mapping[tuple[int, float], Mapping[str, Cell]] = {
         (int(_float(row["n"])), _float(row["Az_km"])): row for row in reference.rows
     }
@@ -316,7 +277,9 @@ def _beside(
         "whether any entry of the ladder of that orbit takes at most the paper's ΔV and at most "
         "its time of flight."
     )
-    return [*notes, *bettered, both, source]
+    notes += [*bettered, both, source]
+    columns = (*table.columns, *_BESIDE)
+    return Table(table.title, columns, rows, [*table.notes, *notes]), notes
 
 
 def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
@@ -393,7 +356,3 @@ def _identifier(label: str) -> str:
 
 def _float(cell: Cell) -> float:
     return float(cell) if isinstance(cell, int | float) else float("nan")
-
-
-def _number(value: float) -> Cell:
-    return float(value) if np.isfinite(value) else None

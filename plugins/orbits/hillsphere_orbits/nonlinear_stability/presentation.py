@@ -3,71 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    tabulate,
+    take_or_blank,
+    text_column,
+)
 from hillsphere_orbits.nonlinear_stability.figures import draw_edges, draw_probabilities
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.survival import Fate
 from hillsphere_orbits.qso.presentation import named
 
 __all__ = ["present_stability"]
-
-_ORBIT = Column("orbit", "", "orbit")
-_SUMMARY = (
-    _ORBIT,
-    Column("x_max_km", "km", "largest |x|", 6),
-    Column("y_max_km", "km", "largest |y|", 6),
-    Column("z_max_km", "km", "largest |z|", 6),
-    Column("radius_position_m", "m", "stability radius, position", 4),
-    Column("radius_position_direction", "", "in direction"),
-    Column("radius_position_fate", "", "then"),
-    Column("radius_velocity_cm_s", "cm/s", "stability radius, velocity", 4),
-    Column("radius_velocity_direction", "", "in direction"),
-    Column("radius_velocity_fate", "", "then"),
-    Column("survival", "-", "survival probability, least of the phases", 4),
-    Column("survival_low", "-", "from", 4),
-    Column("survival_high", "-", "to", 4),
-    Column("median_loss_h", "h", "median time of loss", 4),
-    Column("nearest_resonance", "", "nearest resonance"),
-    Column("resonance_distance_km", "km", "its distance", 4),
-)
-_PROBABILITIES = (
-    _ORBIT,
-    Column("phase", "-", "phase of injection", 4),
-    Column("draws", "-"),
-    *(Column(fate.plural, "-", fate.plural) for fate in Fate),
-    Column("survival", "-", "survival probability", 4),
-    Column("survival_low", "-", "from", 4),
-    Column("survival_high", "-", "to", 4),
-    Column("median_loss_h", "h", "median time of loss", 4),
-)
-_EDGES = (
-    _ORBIT,
-    Column("direction", "", "direction"),
-    *(Column(f"u{axis}", "-", f"along {axis}", 3) for axis in "xyz"),
-    Column("survives_m", "m", "survives to", 4),
-    Column("lost_m", "m", "lost at", 4),
-    Column("survives_cm_s", "cm/s", "survives to", 4),
-    Column("lost_cm_s", "cm/s", "lost at", 4),
-    Column("fate", "", "then"),
-    Column("time_h", "h", "after", 4),
-)
-_OFFSETS = (
-    _ORBIT,
-    *(Column(f"d{axis}_m", "m", f"Δ{axis}", 5) for axis in "xyz"),
-    *(Column(f"dv{axis}_cm_s", "cm/s", f"Δv{axis}", 5) for axis in "xyz"),
-    Column("fate", "", "fate"),
-    Column("time_h", "h", "lost after", 5),
-)
-_NEARBY = (
-    _ORBIT,
-    Column("plane", "", "plane"),
-    Column("resonance", "", "d:n"),
-    Column("x0_km", "km", "x of the resonant orbit", 7),
-    Column("distance_km", "km", "distance", 4),
-    Column("vy_offset_cm_s", "cm/s", "Δẏ that reaches its Jacobi constant", 4),
-)
-_HOUR = 3600.0
 
 
 def present_stability(product: NonlinearStability, label: str) -> Presentation:
@@ -90,24 +42,22 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
     rule, errors = rule_of(product), _errors(product)
     days = product.duration_s / 86400.0
     tables = {
-        "nonlinear_stability": Table(
-            f"Nonlinear stability over {days:g} days", _SUMMARY, _summary(product),
+        "nonlinear_stability": tabulate(
+            f"Nonlinear stability over {days:g} days", _summary(product),
             [rule, _search(product), errors, _REACH_NOTE],
         ),
-        "survival_probability": Table(
-            "Survival of injection errors", _PROBABILITIES, _probabilities(product), [rule, errors]
+        "survival_probability": tabulate(
+            "Survival of injection errors", _probabilities(product), [rule, errors]
         ),
-        "survival_edges": Table(
-            "First losses by direction", _EDGES, _edges(product), [rule, _search(product)]
+        "survival_edges": tabulate(
+            "First losses by direction", _edges(product), [rule, _search(product)]
         ),
-        "nearby_resonances": Table(
-            "Resonances near the orbits", _NEARBY, _nearby(product), [_REACH_NOTE]
+        "nearby_resonances": tabulate(
+            "Resonances near the orbits", _nearby(product), [_REACH_NOTE]
         ),
     }  # fmt: skip
     if product.offset.shape[1]:
-        tables["offset_fates"] = Table(
-            "Fates of given offsets", _OFFSETS, _offsets(product), [rule]
-        )
+        tables["offset_fates"] = tabulate("Fates of given offsets", _offsets(product), [rule])
     figures = {
         "survival_edges": Figure(
             "Offsets that the orbits bear",
@@ -174,114 +124,124 @@ def _errors(product: NonlinearStability) -> str:
     )
 
 
-def _number(value: float, factor: float = 1.0) -> float | None:
-    return float(value * factor) if np.isfinite(value) else None
+def _fates(product: NonlinearStability) -> NDArray[np.str_]:
+    """Return what became of the first lost flight of each orbit in each direction (M, D)."""
+    words = np.array([fate.text for fate in Fate])[product.lost_fate]
+    return np.where(np.isinf(product.lost), "not lost", words)
 
 
-def _fate(product: NonlinearStability, member: int, direction: int) -> str:
-    if np.isinf(product.lost[member, direction]):
-        return "not lost"
-    return Fate(int(product.lost_fate[member, direction])).text
-
-
-def _summary(product: NonlinearStability) -> list[dict[str, Cell]]:
+def _summary(product: NonlinearStability) -> list[FilledColumn]:
+    of, orbit = FieldColumns(product, "orbits"), np.arange(len(product.labels))
     place, speed = product.weakest(velocity=False), product.weakest(velocity=True)
-    share = product.counts[Fate.SURVIVES] / product.draws
-    rows: list[dict[str, Cell]] = []
-    for i, name in enumerate(product.labels):
-        worst = int(np.argmin(share[i]))
-        p, v = int(place[i]), int(speed[i])
-        row: dict[str, Cell] = {"orbit": name}
-        for axis, amplitude in zip("xyz", product.amplitude_m[:, i], strict=True):
-            row[f"{axis}_max_km"] = float(amplitude / 1e3)
-        row |= {
-            "radius_position_m": float(product.survived[i, p]),
-            "radius_position_direction": product.directions[p],
-            "radius_position_fate": _fate(product, i, p),
-            "radius_velocity_cm_s": float(100.0 * product.survived[i, v]),
-            "radius_velocity_direction": product.directions[v],
-            "radius_velocity_fate": _fate(product, i, v),
-            "survival": float(share[i, worst]),
-            "survival_low": float(product.low[i, worst]),
-            "survival_high": float(product.high[i, worst]),
-            "median_loss_h": _number(product.median_loss_s[i, worst], 1.0 / _HOUR),
-        }
-        near = np.flatnonzero(product.near_member == i)
-        if near.size:
-            k = int(near[0])
-            row["nearest_resonance"] = (
-                f"{product.near_plane[k]} {product.near_d[k]}:{product.near_n[k]}"
-            )
-            row["resonance_distance_km"] = float(product.near_distance_m[k] / 1e3)
-        rows.append(row)
-    return rows
-
-
-def _probabilities(product: NonlinearStability) -> list[dict[str, Cell]]:
+    share, fates = product.counts[Fate.SURVIVES] / product.draws, _fates(product)
+    directions, worst = np.array(product.directions), np.argmin(share, axis=1)
+    nearest = [next(iter(np.flatnonzero(product.near_member == i).tolist()), -1) for i in orbit]
+    names = [
+        None if k < 0 else f"{product.near_plane[k]} {_resonance(product, k)}" for k in nearest
+    ]
     return [
-        {
-            "orbit": name,
-            "phase": float(phase),
-            "draws": product.draws,
-            **{fate.plural: int(product.counts[fate, i, k]) for fate in Fate},
-            "survival": float(product.counts[Fate.SURVIVES, i, k] / product.draws),
-            "survival_low": float(product.low[i, k]),
-            "survival_high": float(product.high[i, k]),
-            "median_loss_h": _number(product.median_loss_s[i, k], 1.0 / _HOUR),
-        }
-        for i, name in enumerate(product.labels)
-        for k, phase in enumerate(product.phases)
+        of("labels", "orbit"),
+        *(
+            column(f"{axis}_max_km", largest, f"largest |{axis}|", 6)
+            for axis, largest in zip("xyz", product.amplitude_m, strict=True)
+        ),
+        column(
+            "radius_position_m", product.survived[orbit, place], "stability radius, position", 4
+        ),
+        text_column("radius_position_direction", directions[place], "in direction"),
+        text_column("radius_position_fate", fates[orbit, place], "then"),
+        column(
+            "radius_velocity_cm_s", product.survived[orbit, speed], "stability radius, velocity", 4
+        ),
+        text_column("radius_velocity_direction", directions[speed], "in direction"),
+        text_column("radius_velocity_fate", fates[orbit, speed], "then"),
+        column("survival", share[orbit, worst], "survival probability, least of the phases", 4),
+        column("survival_low", product.low[orbit, worst], "from", 4),
+        column("survival_high", product.high[orbit, worst], "to", 4),
+        column("median_loss_h", product.median_loss_s[orbit, worst], "median time of loss", 4),
+        text_column("nearest_resonance", names, "nearest resonance"),
+        column(
+            "resonance_distance_km",
+            take_or_blank(product.near_distance_m, nearest),
+            "its distance", 4,
+        ),
+    ]  # fmt: skip
+
+
+def _resonance(product: NonlinearStability, k: int) -> str:
+    return f"{product.near_d[k]}:{product.near_n[k]}"
+
+
+def _probabilities(product: NonlinearStability) -> list[FilledColumn]:
+    of = FieldColumns(product, "orbits", "phases")
+    share = (product.counts[Fate.SURVIVES] / product.draws).ravel()
+    return [
+        of("labels", "orbit"),
+        of("phases", "phase"),
+        of("draws"),
+        *(column(fate.plural, product.counts[fate].ravel(), fate.plural) for fate in Fate),
+        column("survival", share, "survival probability", 4),
+        of("low", "survival_low"),
+        of("high", "survival_high"),
+        of("median_loss_s"),
     ]
 
 
-def _edges(product: NonlinearStability) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for i, name in enumerate(product.labels):
-        for k, direction in enumerate(product.directions):
-            vector = product.direction[:, k]
-            is_velocity = bool(vector[3:].any())
-            unit, factor = ("cm_s", 100.0) if is_velocity else ("m", 1.0)
-            part = vector[3:] if is_velocity else vector[:3]
-            rows.append(
-                {
-                    "orbit": name,
-                    "direction": direction,
-                    **{f"u{axis}": float(u) for axis, u in zip("xyz", part, strict=True)},
-                    f"survives_{unit}": float(product.survived[i, k] * factor),
-                    f"lost_{unit}": _number(product.lost[i, k], factor),
-                    "fate": _fate(product, i, k),
-                    "time_h": _number(product.lost_time_s[i, k], 1.0 / _HOUR),
-                }
-            )
-    return rows
-
-
-def _offsets(product: NonlinearStability) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for i, name in enumerate(product.labels):
-        for k, offset in enumerate(product.offset.T):
-            fate = Fate(int(product.offset_fate[i, k]))
-            row: dict[str, Cell] = {"orbit": name, "fate": fate.text}
-            for j, axis in enumerate("xyz"):
-                row[f"d{axis}_m"] = float(offset[j])
-                row[f"dv{axis}_cm_s"] = float(100.0 * offset[3 + j])
-            if fate is not Fate.SURVIVES:
-                row["time_h"] = float(product.offset_time_s[i, k] / _HOUR)
-            rows.append(row)
-    return rows
-
-
-def _nearby(product: NonlinearStability) -> list[dict[str, Cell]]:
+def _edges(product: NonlinearStability) -> list[FilledColumn]:
+    of = FieldColumns(product, "orbits", "directions")
+    is_velocity = product.direction[3:].any(axis=0)
+    unit = np.where(is_velocity, product.direction[3:], product.direction[:3])
+    # An offset is a position or a velocity: one pair of columns is blank.
+    kinds = {"m": ~is_velocity, "cm_s": is_velocity}
+    lost = np.where(np.isinf(product.lost), np.nan, product.lost)
+    pairs = (("survives", product.survived, "survives to"), ("lost", lost, "lost at"))
     return [
-        {
-            "orbit": product.labels[int(i)],
-            "plane": product.near_plane[k],
-            "resonance": f"{product.near_d[k]}:{product.near_n[k]}",
-            "x0_km": float(product.near_x_m[k] / 1e3),
-            "distance_km": float(product.near_distance_m[k] / 1e3),
-            "vy_offset_cm_s": _number(product.near_vy_offset_m_s[k], 100.0),
-        }
-        for k, i in enumerate(product.near_member)
+        of("labels", "orbit"),
+        of("directions", "direction"),
+        *(
+            column(f"u{axis}", of.spread(part, "directions"), f"along {axis}", 3)
+            for axis, part in zip("xyz", unit, strict=True)
+        ),
+        *(
+            column(f"{stem}_{suffix}", np.where(own, values, np.nan).ravel(), label, 4)
+            for suffix, own in kinds.items()
+            for stem, values, label in pairs
+        ),
+        text_column("fate", _fates(product).ravel(), "then"),
+        of("lost_time_s", "time_h", "after"),
+    ]
+
+
+def _offsets(product: NonlinearStability) -> list[FilledColumn]:
+    of, units = FieldColumns(product, "orbits", "offsets"), ("m", "m", "m", "cm_s", "cm_s", "cm_s")
+    names = ("x", "y", "z", "vx", "vy", "vz")
+    survives = product.offset_fate == Fate.SURVIVES
+    return [
+        of("labels", "orbit"),
+        *(
+            column(f"d{name}_{unit}", of.spread(part, "offsets"), f"Δ{name}", 5)
+            for name, unit, part in zip(names, units, product.offset, strict=True)
+        ),
+        text_column(
+            "fate", [Fate(fate).text for fate in product.offset_fate.ravel().tolist()], "fate"
+        ),
+        column(
+            "time_h", np.where(survives, np.nan, product.offset_time_s).ravel(), "lost after", 5
+        ),
+    ]
+
+
+def _nearby(product: NonlinearStability) -> list[FilledColumn]:
+    of = FieldColumns(product, "resonances")
+    return [
+        text_column("orbit", [product.labels[i] for i in product.near_member], "orbit"),
+        of("near_plane", "plane"),
+        text_column(
+            "resonance", [_resonance(product, k) for k in range(len(product.near_plane))], "d:n"
+        ),
+        of("near_x_m", "x0_km"),
+        of("near_distance_m", "distance_km"),
+        of("near_vy_offset_m_s", "vy_offset_cm_s"),
     ]
 
 

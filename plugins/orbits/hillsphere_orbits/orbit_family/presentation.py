@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, take_or_blank
 from hillsphere_orbits.orbit_family.products import FollowedFamily
 from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.stability import multipliers
@@ -18,26 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["present_followed"]
 
-_COLUMNS = (
-    Column("orbit", "", "orbit"),
-    Column("status", "", "status"),
-    Column("amplitude_km", "km", "amplitude", 9),
-    Column("x0", "-", "x at the start", 12),
-    Column("z0", "-", "z at the start", 12),
-    Column("vy0", "-", "ẏ at the start", 12),
-    Column("period", "-", "period", 12),
-    Column("period_h", "h", "period", 9),
-    Column("jacobi", "-", "integral of motion", 12),
-    Column("b_1", "-", "planar index; larger in space", 10),
-    Column("b_2", "-", "vertical index; smaller in space", 10),
-    Column("lambda_max", "-", "largest |λ|", 9),
-    Column("closure", "-", "closure", 2),
-)
-_PARAMETERS = (
-    Column("parameter", "", "parameter"),
-    Column("start", "-", "from (SI)", 12),
-    Column("end", "-", "to (SI)", 12),
-)
 _WORDS = {"amplitude": "amplitude", "period": "period", "jacobi": "integral of motion"}
 _COLOURS = tuple(
     PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
@@ -56,8 +37,8 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
     """
     title = "Orbits asked for"
     tables = {
-        named("orbit_family", label): Table(
-            title, _COLUMNS, _rows(product), ["Numbers without unit are in natural units."]
+        named("orbit_family", label): tabulate(
+            title, _members(product), ["Numbers without unit are in natural units."]
         )
     }
     figures = {
@@ -75,14 +56,13 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
             size_in=(9.0, 5.0),
         )
     if product.parameters:
-        tables[named("orbit_family_parameters", label)] = Table(
+        of = FieldColumns(product, "parameters")
+        tables[named("orbit_family_parameters", label)] = tabulate(
             "Parameters that change",
-            _PARAMETERS,
             [
-                {"parameter": name, "start": float(a), "end": float(b)}
-                for name, a, b in zip(
-                    product.parameters, product.parameter_start, product.parameter_end, strict=True
-                )
+                of("parameters", "parameter"),
+                of("parameter_start", "start"),
+                of("parameter_end", "end"),
             ],
         )
         figures[named("orbit_family_ways", label)] = Figure(
@@ -105,35 +85,33 @@ def present_followed(product: FollowedFamily, label: str) -> Presentation:
     )
 
 
-def _rows(product: FollowedFamily) -> list[dict[str, Cell]]:
-    members = product.members
-    speed = members.length_m / members.time_s
-    largest = np.abs(multipliers(members.monodromy)[0]) if members.labels else np.empty(0)
-    place = {name: i for i, name in enumerate(members.labels)}
-    y = members.states.index("vy")
-    rows: list[dict[str, Cell]] = []
-    for name, status in zip(product.asked, product.status, strict=True):
-        row: dict[str, Cell] = {"orbit": name, "status": status}
-        if (i := place.get(name)) is not None:
-            row |= {
-                "amplitude_km": float(product.member_amplitude_m[i] / 1e3),
-                "x0": float(members.x0[0, i] / members.length_m),
-                "z0": float(members.x0[2, i] / members.length_m),
-                "vy0": float(members.x0[y, i] / speed),
-                "period": float(members.period_s[i] / members.time_s),
-                "period_h": float(members.period_s[i] / 3600.0),
-                "jacobi": _number(members.integral[i]),
-                "b_1": _number(product.member_indices[0, i]),
-                "b_2": _number(product.member_indices[1, i]),
-                "lambda_max": float(largest[i]),
-                "closure": float(members.residual[i]),
-            }
-        rows.append(row)
-    return rows
+def _members(product: FollowedFamily) -> list[FilledColumn]:
+    orbits, of = product.members, FieldColumns(product, "asked")
+    speed, y = orbits.length_m / orbits.time_s, orbits.states.index("vy")
+    place = {name: i for i, name in enumerate(orbits.labels)}
+    index = [place.get(name, -1) for name in product.asked]
 
+    def column_of(name: str, values: Array, label: str, digits: int) -> FilledColumn:
+        finite = np.where(np.isfinite(values), values, np.nan)
+        return column(name, take_or_blank(finite, index), label, digits)
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    larger, smaller = product.member_indices
+    largest = np.abs(multipliers(orbits.monodromy)[0]) if orbits.labels else np.empty(0)
+    return [
+        of("asked", "orbit"),
+        of("status"),
+        column_of("amplitude_km", product.member_amplitude_m, "amplitude", 9),
+        column_of("x0", orbits.x0[0] / orbits.length_m, "x at the start", 12),
+        column_of("z0", orbits.x0[2] / orbits.length_m, "z at the start", 12),
+        column_of("vy0", orbits.x0[y] / speed, "ẏ at the start", 12),
+        column_of("period", orbits.period_s / orbits.time_s, "period", 12),
+        column_of("period_h", orbits.period_s, "period", 9),
+        column_of("jacobi", orbits.integral, "integral of motion", 12),
+        column_of("b_1", larger, "planar index; larger in space", 10),
+        column_of("b_2", smaller, "vertical index; smaller in space", 10),
+        column_of("lambda_max", largest, "largest |λ|", 9),
+        column_of("closure", orbits.residual, "closure", 2),
+    ]
 
 
 def _sentences(product: FollowedFamily) -> list[str]:

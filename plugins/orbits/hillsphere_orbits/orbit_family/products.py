@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
 from hillsphere.products import OrbitSet, PeriodicOrbits
+from hillsphere.products.fields import Label, Shape
 
 __all__ = ["FollowedFamily"]
 
@@ -17,76 +16,58 @@ __all__ = ["FollowedFamily"]
 class FollowedFamily(OrbitSet):
     """A family of periodic orbits, the members asked for, and how parameters carried them.
 
-    Parameters
-    ----------
-    members : PeriodicOrbits
-        The N orbits asked for; where parameters change, those that arrived, at their end.
-    curve : PeriodicOrbits
-        K orbits along the family, of the plant as it is.
-    member_indices, curve_indices : ndarray, shape (2, N), (2, K)
-        Stability indices: planar and vertical of planar orbits, the larger and the smaller of those
-        in space; NaN where they are complex.
-    member_amplitude_m, curve_amplitude_m : ndarray, shape (N,), (K,)
-        As the family measures it.
-    member_clearance : ndarray, shape (N,)
-        Least value of the plant's impact function along the orbit, negative inside the body as the
-        plant declares it; NaN without a surface.
-    asked : tuple of str, length M
-        Every orbit asked for.
-    status : tuple of str, length M
-        ``"reached"``, or why it is not among the members.
-    held : tuple of str, length M
-        What kept its value as the parameters changed; empty if none did.
-    held_value : ndarray, shape (M,)
-        That value, natural units.
-    parameters : tuple of str, length P
-        Names of the parameters that change.
-    parameter_start, parameter_end : ndarray, shape (P,)
-        Their values, SI.
-    way_orbit : ndarray of int, shape (W,)
-        Which of the M orbits each step on the way belongs to.
-    way_fraction : ndarray, shape (W,)
-        Part of the change of the parameters there.
-    way_x0 : ndarray, shape (n, W)
-        State at the start, SI.
-    way_period_s, way_integral : ndarray, shape (W,)
-        Period and integral of motion (natural units).
-    tracks_m : ndarray, shape (3, Q, N)
-        Positions of the members along one period.
-    method, check : str
-        How orbits were found, and how closure was measured.
-    ends : tuple of str
-        Why the curve begins and stops where it does.
-    body : str
-        Name of the body; empty if the plant does not say.
-    semi_axes_m : tuple of float
-        Semi-axes of its surface along its own axes; empty if it has none.
-    prime_meridian_rad : float
-        Angle from +x to its longitude 0.
+    Where parameters change, the members are those that arrived, at the end of their way.
     """
 
     curve: PeriodicOrbits
-    member_indices: Array
-    curve_indices: Array
-    member_amplitude_m: Array
-    curve_amplitude_m: Array
-    member_clearance: Array
-    asked: tuple[str, ...]
-    status: tuple[str, ...]
+    """Orbits along the family, of the plant as it is."""
+    member_indices: Annotated[Array, Shape(2, "members")]
+    """Stability indices: planar and vertical of planar orbits, the larger and the smaller of those
+    in space; NaN where they are complex."""
+    curve_indices: Annotated[Array, Shape(2, "curve")]
+    """The same along the curve."""
+    member_amplitude_m: Annotated[Array, Shape("members")]
+    """As the family measures it."""
+    curve_amplitude_m: Annotated[Array, Shape("curve")]
+    """The same along the curve."""
+    member_clearance: Annotated[Array, Shape("members")]
+    """Least value of the plant's impact function along the orbit, negative inside the body as the
+    plant declares it; NaN without a surface."""
+    asked: Annotated[tuple[str, ...], Shape("asked"), Label("orbit")]
+    """Every orbit asked for."""
+    status: Annotated[tuple[str, ...], Shape("asked"), Label("status")]
+    """``"reached"``, or why it is not among the members."""
     held: tuple[str, ...]
+    """What kept its value as the parameters changed, per orbit asked for; empty if none did."""
     held_value: Array
-    parameters: tuple[str, ...]
-    parameter_start: Array
-    parameter_end: Array
-    way_orbit: NDArray[np.int64]
-    way_fraction: Array
-    way_x0: Array
-    way_period_s: Array
-    way_integral: Array
-    tracks_m: Array
+    """That value, natural units."""
+    parameters: Annotated[tuple[str, ...], Shape("parameters"), Label("parameter")]
+    """Names of the parameters that change."""
+    parameter_start: Annotated[Array, Shape("parameters"), Label("from (SI)", 12)]
+    """Their first values, SI."""
+    parameter_end: Annotated[Array, Shape("parameters"), Label("to (SI)", 12)]
+    """Their last values, SI."""
+    way_orbit: Annotated[Integers, Shape("way")]
+    """Which of the orbits asked for each step on the way belongs to."""
+    way_fraction: Annotated[Array, Shape("way")]
+    """Part of the change of the parameters there."""
+    way_x0: Annotated[Array, Shape("states", "way")]
+    """State at the start, SI."""
+    way_period_s: Annotated[Array, Shape("way")]
+    """Period."""
+    way_integral: Annotated[Array, Shape("way")]
+    """Integral of motion, natural units."""
+    tracks_m: Annotated[Array, Shape(3, "points", "members")]
+    """Positions of the members along one period."""
     method: str
+    """How orbits were found."""
     check: str
+    """How closure was measured."""
     ends: tuple[str, str]
+    """Why the curve begins and stops where it does."""
     body: str
+    """Name of the body; empty if the plant does not say."""
     semi_axes_m: tuple[float, ...]
+    """Semi-axes of its surface along its own axes; empty if it has none."""
     prime_meridian_rad: float
+    """Angle from +x to its longitude 0."""

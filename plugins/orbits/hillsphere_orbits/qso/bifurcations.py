@@ -18,8 +18,9 @@ import numpy as np
 
 from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Context
-from hillsphere.presentation import Cell, Column, Figure, Presentation, Table
+from hillsphere.presentation import Figure, Presentation
 from hillsphere.products import Bifurcations
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
 from hillsphere_orbits.members import members_where, resolved
@@ -38,18 +39,6 @@ __all__ = ["BifurcationStage", "resonances_up_to"]
 _SAME_EQUATIONS = 1e-8
 _RESOLUTION = 1e-4  # of the index: extrema this shallow are seen
 _PLANES = ("planar", "vertical")
-_COLUMNS = (
-    Column("plane", "", "plane"),
-    Column("resonance", "", "d:n"),
-    Column("d", "-"),
-    Column("n", "-"),
-    Column("x0_km", "km", "x at the crossing", 12),
-    Column("period", "-", "period in 1/n", 12),
-    Column("period_h", "h", "period", 8),
-    Column("vy0", "-", "ẏ at the crossing", 12),
-    Column("jacobi", "-", "Jacobi constant", 10),
-    Column("b", "-", "stability index", 10),
-)
 
 
 def resonances_up_to(d_max: int, n_max: int) -> list[tuple[int, int]]:
@@ -149,27 +138,11 @@ class BifurcationStage:
         self, product: Bifurcations, family: QsoFamily, compare: QsoFamily | None = None
     ) -> Presentation:
         """Show the list and the stability indices with the resonances marked."""
-        orbits, label = product.orbits, self.spec.label
-        speed = orbits.length_m / orbits.time_s
-        rows: list[dict[str, Cell]] = [
-            {
-                "plane": product.plane[i],
-                "resonance": f"{product.d[i]}:{product.n[i]}",
-                "d": product.d[i],
-                "n": product.n[i],
-                "x0_km": float(orbits.x0[0, i] / 1e3),
-                "period": float(orbits.period_s[i] / orbits.time_s),
-                "period_h": float(orbits.period_s[i] / 3600.0),
-                "vy0": float(orbits.x0[4, i] / speed),
-                "jacobi": float(orbits.integral[i]),
-                "b": float(product.index[i]),
-            }
-            for i in range(len(product.plane))
-        ]
+        label = self.spec.label
         low, high = family.curve.x0[0, [-1, 0]] / 1e3
         verdict = [
-            f"{len(rows)} bifurcations of the resonances asked for lie between x = {low:.6g} km "
-            f"and {high:.6g} km."
+            f"{len(product.plane)} bifurcations of the resonances asked for lie between "
+            f"x = {low:.6g} km and {high:.6g} km."
         ]
         absent = [
             f"{plane} {d}:{n}"
@@ -179,9 +152,12 @@ class BifurcationStage:
         ]
         if absent:
             verdict.append(f"Not met there: {', '.join(absent)}.")
-        title = "Bifurcations of the family"
         return Presentation(
-            tables={named("bifurcations", label): Table(title, _COLUMNS, rows)},
+            tables={
+                named("bifurcations", label): tabulate(
+                    "Bifurcations of the family", _columns(product)
+                )
+            },
             figures={
                 named("resonances", label): Figure(
                     "Stability indices with the resonances",
@@ -221,3 +197,21 @@ class BifurcationStage:
             )
         ends = family.ends
         return problem, Branch(z, tangents(problem, z, np.gradient(z, axis=1)), ends)
+
+
+def _columns(product: Bifurcations) -> list[FilledColumn]:
+    orbits, pairs = product.orbits, zip(product.d, product.n, strict=True)
+    of, own = FieldColumns(orbits, "orbits"), FieldColumns(product, "bifurcations")
+    speed = orbits.length_m / orbits.time_s
+    return [
+        own("plane"),
+        text_column("resonance", [f"{d}:{n}" for d, n in pairs], "d:n"),
+        own("d"),
+        own("n"),
+        column("x0_km", orbits.x0[0], "x at the crossing", 12),
+        column("period", orbits.period_s / orbits.time_s, "period in 1/n", 12),
+        of("period_s", digits=8),
+        column("vy0", orbits.x0[4] / speed, "ẏ at the crossing", 12),
+        of("integral", "jacobi", digits=10),
+        own("index", "b"),
+    ]

@@ -4,27 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, set_beside, tabulate
 from hillsphere_orbits.qso.figures import draw_indices, draw_orbits, draw_periods
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.stability import determinant_error
 
-__all__ = ["amplitude_km", "counted", "named", "present_family"]
+__all__ = ["counted", "named", "present_family"]
 
-_COLUMNS = (
-    Column("name", "", "orbit"),
-    Column("x0_km", "km", "x at the crossing", 6),
-    Column("y_max_km", "km", "largest y", 9),
-    Column("vy_m_s", "m/s", "|ẏ| at the crossing", 7),
-    Column("vx_m_s", "m/s", "|ẋ| at largest y", 7),
-    Column("period_h", "h", "period", 8),
-    Column("jacobi", "-", "Jacobi constant", 10),
-    Column("vy0", "-", "ẏ at the crossing", 12),
-    Column("period", "-", "period in 1/n", 12),
-    Column("b_planar", "-", "planar index", 10),
-    Column("b_vertical", "-", "vertical index", 10),
-)
 _SAME_ORBIT_KM = 1e-6
 _BEYOND_HILL = 0.1  # part of the distance to the primary
 
@@ -41,31 +29,22 @@ def counted(count: int, noun: str, *, of: int | None = None) -> str:
     return words if of is None else f"{count} of {words}"
 
 
-def amplitude_km(x0: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
-    """Return the amplitudes of initial states (6, N), km."""
-    return [float(x) for x in x0[0] / 1e3]
-
-
-def rows_of(product: QsoFamily) -> list[dict[str, Cell]]:
-    """Return one table row per member."""
-    members = product.members
-    speed = members.length_m / members.time_s
+def _members(product: QsoFamily) -> list[FilledColumn]:
+    orbits = product.members
+    of, speed = FieldColumns(orbits, "orbits"), orbits.length_m / orbits.time_s
     planar, vertical = product.member_indices
     return [
-        {
-            "name": members.labels[i],
-            "x0_km": x_km,
-            "y_max_km": float(product.y_max_m[i] / 1e3),
-            "vy_m_s": float(abs(members.x0[4, i])),
-            "vx_m_s": float(abs(product.vx_at_y_max_m_s[i])),
-            "period_h": float(members.period_s[i] / 3600.0),
-            "jacobi": float(members.integral[i]),
-            "vy0": float(members.x0[4, i] / speed),
-            "period": float(members.period_s[i] / members.time_s),
-            "b_planar": float(planar[i]),
-            "b_vertical": float(vertical[i]),
-        }
-        for i, x_km in enumerate(amplitude_km(members.x0))
+        of("labels", "name"),
+        column("x0_km", orbits.x0[0], "x at the crossing", 6),
+        FieldColumns(product, "members")("y_max_m"),
+        column("vy_m_s", np.abs(orbits.x0[4]), "|ẏ| at the crossing", 7),
+        column("vx_m_s", np.abs(product.vx_at_y_max_m_s), "|ẋ| at largest y", 7),
+        of("period_s", digits=8),
+        of("integral", "jacobi", digits=10),
+        column("vy0", orbits.x0[4] / speed, "ẏ at the crossing", 12),
+        column("period", orbits.period_s / orbits.time_s, "period in 1/n", 12),
+        column("b_planar", planar, "planar index", 10),
+        column("b_vertical", vertical, "vertical index", 10),
     ]
 
 
@@ -90,17 +69,14 @@ def present_family(
     Presentation
         Table ``table_1``, figures ``period``, ``stability`` and ``orbits``, checks as metrics.
     """
-    rows, columns = rows_of(product), list(_COLUMNS)
     notes = [
         "Without unit: in units of L = (μ/n²)^(1/3) = "
         f"{product.members.length_m / 1e3:.12g} km and 1/n = {product.members.time_s:.12g} s; "
         "the Jacobi constant is ½(3x² − z²) + U − ½v²."
     ]
-    if reference is not None:
-        rows = beside(rows, reference, on="x0_km", tol=_SAME_ORBIT_KM)
-        columns = with_paper(columns, rows)
-        notes += difference_notes(rows, reference)
     title = f"Quasi-satellite orbits{_around(product)}{_kind(label)}"
+    table = tabulate(title, _members(product), notes)
+    table = set_beside(table, reference, on="x0_km", tol=_SAME_ORBIT_KM)
     metrics = {
         "closure_max": Metric(float(np.max(product.members.residual))),
         "jacobi_drift_max": Metric(float(np.max(product.drift))),
@@ -131,7 +107,7 @@ def present_family(
     }
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named("table_1", label): Table(title, columns, rows, notes)},
+        tables={named("table_1", label): table},
         figures={named(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )

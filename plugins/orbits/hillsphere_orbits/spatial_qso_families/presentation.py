@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
 
@@ -21,50 +23,12 @@ __all__ = ["family_colours", "present_families"]
 _POINTS = 600  # of a curve in a figure
 _REAL = 1e-6  # imaginary part of an index, relative, that is rounding
 
-_MEMBERS = (
-    Column("orbit", "", "orbit"),
-    Column("resonance", "", "d:n"),
-    Column("z_km", "km", "amplitude z", 9),
-    Column("x0", "-", "x at the start", 12),
-    Column("vy0", "-", "ẏ at the start", 12),
-    Column("period", "-", "period in 1/n", 12),
-    Column("period_h", "h", "period", 9),
-    Column("jacobi", "-", "Jacobi constant", 12),
-    Column("lambda_real", "-", "Re λ", 9),
-    Column("lambda_imag", "-", "Im λ", 9),
-    Column("lambda_max", "-", "largest |λ|", 9),
-    Column("stable", "", "stable"),
-    Column("closure", "-", "closure", 2),
-    Column("half_closure", "-", "at half a period", 2),
-)
-_FAMILIES = (
-    Column("resonance", "", "d:n"),
-    Column("start", "", "starts"),
-    Column("other", "", "the other family than z ≠ 0 at x > 0"),
-    Column("x0_km", "km", "x of the planar orbit", 9),
-    Column("orbits", "-", "orbits along it"),
-    Column("z_max_km", "km", "largest z", 6),
-    Column("lambda_max", "-", "largest |λ|", 6),
-    Column("end", "", "it ends"),
-)
-_SECONDARY = (
-    Column("resonance", "", "d:n"),
-    Column("kind", "", "kind"),
-    Column("z_km", "km", "amplitude z", 8),
-    Column("jacobi", "-", "Jacobi constant", 10),
-    Column("b", "-", "b of the dominant pair", 6),
-)
 _STARTS = {
     "position": "on the plane xz, z ≠ 0",
     "velocity": "on the x axis, ż ≠ 0",
     "y_position": "on the plane yz, z ≠ 0",
 }
 _MARKERS = {"fold": "s", "branching": "^", "doubling": "v", "krein": "D"}
-_WINDOWS = (
-    Column("resonance", "", "d:n"),
-    Column("z_from_km", "km", "from z", 6),
-    Column("z_to_km", "km", "to z", 6),
-)
 
 
 def family_colours(families: int) -> list[str]:
@@ -130,16 +94,14 @@ def present_families(product: SpatialFamilies, label: str) -> Presentation:
     }
     title = f"Orbits in space{about}"
     tables = {
-        "spatial_families": Table(
-            "Families", _FAMILIES, _family_rows(product), _family_notes(product)
-        ),
-        "spatial_members": Table(title, _MEMBERS, _member_rows(product), notes),
-        "stability_windows": Table(
-            "Windows of stability", _WINDOWS, _window_rows(product),
+        "spatial_families": tabulate("Families", _families(product), _family_notes(product)),
+        "spatial_members": tabulate(title, _members(product), notes),
+        "stability_windows": tabulate(
+            "Windows of stability", _windows(product),
             ["A window that ends with its family is cut off there."],
         ),
-        "secondary_bifurcations": Table(
-            "Secondary bifurcations", _SECONDARY, _secondary_rows(product),
+        "secondary_bifurcations": tabulate(
+            "Secondary bifurcations", _secondary(product),
             ["fold: λ = 1 where the Jacobi constant turns; branching: λ = 1 and it does not, a "
              "family of less symmetry begins; doubling: λ = −1, a family of twice the period "
              "begins (an orbit with two mirrors stays stable there: its index touches −2); krein: "
@@ -158,47 +120,52 @@ def _name(product: SpatialFamilies, family: int) -> str:
     return f"{product.d[family]}:{product.n[family]}"
 
 
-def _member_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
-    orbits = product.members
-    speed = orbits.length_m / orbits.time_s
+def _resonances(product: SpatialFamilies, families: Iterable[int]) -> FilledColumn:
+    return text_column("resonance", [_name(product, f) for f in families], "d:n")
+
+
+def _members(product: SpatialFamilies) -> list[FilledColumn]:
+    orbits, dominant = product.members, product.member_multipliers[0]
+    of, own = FieldColumns(orbits, "orbits"), FieldColumns(product, "members")
     return [
-        {
-            "orbit": orbits.labels[i],
-            "resonance": _name(product, int(family)),
-            "z_km": float(product.member_z_m[i] / 1e3),
-            "x0": float(orbits.x0[0, i] / orbits.length_m),
-            "vy0": float(orbits.x0[4, i] / speed),
-            "period": float(orbits.period_s[i] / orbits.time_s),
-            "period_h": float(orbits.period_s[i] / 3600.0),
-            "jacobi": float(orbits.integral[i]),
-            "lambda_real": float(product.member_multipliers[0, i].real),
-            "lambda_imag": float(product.member_multipliers[0, i].imag),
-            "lambda_max": float(np.max(np.abs(product.member_multipliers[:, i]))),
-            "stable": bool(product.member_stable[i]),
-            "closure": float(orbits.residual[i]),
-            "half_closure": float(product.member_half_residual[i]),
-        }
-        for i, family in enumerate(product.member_family)
+        of("labels", "orbit"),
+        _resonances(product, product.member_family.tolist()),
+        own("member_z_m", "z_km"),
+        column("x0", orbits.x0[0] / orbits.length_m, "x at the start", 12),
+        column("vy0", orbits.x0[4] / (orbits.length_m / orbits.time_s), "ẏ at the start", 12),
+        column("period", orbits.period_s / orbits.time_s, "period in 1/n", 12),
+        of("period_s"),
+        of("integral", "jacobi"),
+        column("lambda_real", dominant.real, "Re λ", 9),
+        column("lambda_imag", dominant.imag, "Im λ", 9),
+        column("lambda_max", np.max(np.abs(product.member_multipliers), axis=0), "largest |λ|", 9),
+        own("member_stable", "stable"),
+        of("residual", "closure"),
+        own("member_half_residual", "half_closure"),
     ]
 
 
-def _family_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for f, end in enumerate(product.ends):
-        own = product.curve_family == f
-        row: dict[str, Cell] = {
-            "resonance": _name(product, f),
-            "start": _STARTS[product.starts[f]],
-            "other": not product.of_position[f],
-            "x0_km": float(product.bifurcation_x_m[f] / 1e3),
-            "orbits": int(np.count_nonzero(own)),
-            "end": end,
-        }
-        if np.any(own):
-            row["z_max_km"] = float(product.curve_z_m[own].max() / 1e3)
-            row["lambda_max"] = float(np.max(np.abs(product.curve_multipliers[:, own])))
-        rows.append(row)
-    return rows
+def _families(product: SpatialFamilies) -> list[FilledColumn]:
+    of, families = FieldColumns(product, "families"), range(len(product.n))
+    own = [np.flatnonzero(product.curve_family == f) for f in families]
+    largest = np.max(np.abs(product.curve_multipliers), axis=0)
+    z, growth = (
+        [values[orbits].max() if orbits.size else None for orbits in own]
+        for values in (product.curve_z_m, largest)
+    )
+    return [
+        _resonances(product, families),
+        text_column("start", [_STARTS[start] for start in product.starts], "starts"),
+        text_column(
+            "other", [not first for first in product.of_position],
+            "the other family than z ≠ 0 at x > 0",
+        ),
+        of("bifurcation_x_m", "x0_km"),
+        column("orbits", [orbits.size for orbits in own], "orbits along it"),
+        column("z_max_km", z, "largest z", 6),
+        column("lambda_max", growth, "largest |λ|", 6),
+        of("ends", "end"),
+    ]  # fmt: skip
 
 
 def _family_notes(product: SpatialFamilies) -> list[str]:
@@ -218,34 +185,23 @@ def _family_notes(product: SpatialFamilies) -> list[str]:
     return notes + [f"{sentence}." for sentence in product.missing]
 
 
-def _secondary_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
+def _secondary(product: SpatialFamilies) -> list[FilledColumn]:
+    of = FieldColumns(product, "events")
     return [
-        {
-            "resonance": _name(product, int(family)),
-            "kind": kind,
-            "z_km": float(z / 1e3),
-            "jacobi": float(jacobi),
-            "b": float(b.real),
-        }
-        for family, kind, z, jacobi, b in zip(
-            product.secondary_family,
-            product.secondary_kind,
-            product.secondary_z_m,
-            product.secondary_jacobi,
-            product.secondary_index[0],
-            strict=True,
-        )
+        _resonances(product, product.secondary_family.tolist()),
+        of("secondary_kind", "kind"),
+        of("secondary_z_m", "z_km"),
+        of("secondary_jacobi", "jacobi"),
+        column("b", product.secondary_index[0].real, "b of the dominant pair", 6),
     ]
 
 
-def _window_rows(product: SpatialFamilies) -> list[dict[str, Cell]]:
+def _windows(product: SpatialFamilies) -> list[FilledColumn]:
+    begin, end = product.window_z_m
     return [
-        {
-            "resonance": _name(product, int(family)),
-            "z_from_km": float(begin / 1e3),
-            "z_to_km": float(end / 1e3),
-        }
-        for family, begin, end in zip(product.window_family, *product.window_z_m, strict=True)
+        _resonances(product, product.window_family.tolist()),
+        column("z_from_km", begin, "from z", 6),
+        column("z_to_km", end, "to z", 6),
     ]
 
 

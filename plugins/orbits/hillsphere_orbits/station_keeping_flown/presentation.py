@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Integers
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import counted, named
 from hillsphere_orbits.station_keeping_flown.figures import (
     MOST_ORBITS,
@@ -22,41 +23,9 @@ from hillsphere_orbits.station_keeping_flown.tuning import REGULATORS
 
 __all__ = ["present_flown"]
 
-_GRID = (
-    Column("orbit", "", "orbit"),
-    Column("strategy", "", "strategy"),
-    Column("interval_h", "h", "interval", 6),
-    Column("outcome", "", "outcome"),
-    Column("survival", "-", "survival probability", 4),
-    Column("survival_low", "-", "at least", 3),
-    Column("survival_high", "-", "at most", 3),
-    Column("cost_m_s", "m/s", "mean Δv", 4),
-    Column("cost_95_m_s", "m/s", "95 % of Δv", 4),
-    Column("deviation_km", "km", "rms deviation", 4),
-    Column("tuned_impulse_m_s", "m/s", "tuned: tolerable impulse", 3),
-    Column("tuned_velocity_m_s", "m/s", "tuned: tolerable velocity", 3),
-    Column("tuned_targets", "-", "tuned: targets"),
-    Column("tuning_survival", "-", "survival in tuning", 4),
-    Column("impact", "-", "impact"),
-    Column("escape", "-", "escape"),
-    Column("other_loss", "-", "other loss"),
-)
 _SEVERAL = 3
 """Tuned laws that must fail on the same flights before an orbit counts as not to be held: one of
 each kind there is (unstable component, target points, regulator)."""
-_LONGEST = (
-    Column("orbit", "", "orbit"),
-    Column("strategy", "", "strategy"),
-    Column("period_h", "h", "period", 6),
-    Column("e_folding_h", "h", "e-folding time", 4),
-    Column("outcome", "", "outcome"),
-    Column("longest_h", "h", "longest interval held", 6),
-    Column("cost_m_s", "m/s", "mean Δv there", 4),
-    Column("cost_95_m_s", "m/s", "95 % of Δv there", 4),
-    Column("best_survival", "-", "best survival", 4),
-    Column("uncorrected_survival", "-", "survival without correction", 4),
-    Column("index_m_s", "m/s", "index v_cm", 5),
-)
 
 
 def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
@@ -97,12 +66,11 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         size_in=(9.0, 3.8 + 0.06 * min(rows, MOST_ORBITS)),
     )
     names = {
-        "station_keeping_flown": Table(
-            f"Station-keeping flown for {days}", _GRID, _grid(product), _notes(product)
+        "station_keeping_flown": tabulate(
+            f"Station-keeping flown for {days}", _grid(product), _notes(product)
         ),
-        "station_keeping_longest": Table(
+        "station_keeping_longest": tabulate(
             "Longest interval between corrections that holds the orbit",
-            _LONGEST,
             _longest(product),
             _longest_notes(product),
         ),
@@ -123,52 +91,64 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
     )
 
 
-def _grid(product: StationKeepingFlown) -> list[dict[str, Cell]]:
-    survival, lost = product.survival, product.lost
+def _grid(product: StationKeepingFlown) -> list[FilledColumn]:
+    """Return the flights without any correction (M rows), then every combination (M·S·I)."""
+    of = FieldColumns(product, "orbits", "strategies", "intervals")
+    flown, free = product.flown, product.uncorrected_survival
+    tuned = flown & (product.tuning_survivors >= 0)
+    regulator = np.array([name in REGULATORS for name in product.strategies])[:, None]
     ends, other = _ends(product.counts, product)
-    rows: list[dict[str, Cell]] = _uncorrected(product)
-    for i, s, j in np.ndindex(*product.flown.shape):
-        row: dict[str, Cell] = {
-            "orbit": product.labels[i],
-            "strategy": product.strategies[s],
-            "interval_h": _number(product.interval_s[i, j] / 3600.0),
-        }
-        if product.flown[i, s, j]:
-            part = survival[i, s, j]
-            held = part >= product.survival_required
-            row |= {
-                "outcome": "held" if held else "lost" if lost[i, s, j] else "partly lost",
-                "survival": float(part),
-                "survival_low": float(product.low[i, s, j]),
-                "survival_high": float(product.high[i, s, j]),
-                "cost_m_s": _number(product.cost_m_s[i, s, j]),
-                "cost_95_m_s": _number(product.cost_95_m_s[i, s, j]),
-                "deviation_km": _number(product.deviation_m[i, s, j] / 1e3),
-                **_weights(product, i, s, j),
-                "impact": int(ends["impact"][i, s, j]),
-                "escape": int(ends["escape"][i, s, j]),
-                "other_loss": int(other[i, s, j]),
-            }
-        else:
-            row["outcome"] = _why_not(product, i, j)
-        rows.append(row)
-    return rows
+    free_ends, free_other = _ends(product.uncorrected_counts, product)
+
+    def both(values: Any, there: Any = flown, uncorrected: Any = None) -> list[Any]:
+        """Return cells of all rows: blank where not flown, and where nothing is to be told."""
+        first = _where(np.isfinite(free), uncorrected) if uncorrected is not None else free * np.nan
+        return [*first, *_where(there, values).ravel()]
+
+    part, required = product.survival, product.survival_required
+    words = np.where(part >= required, "held", np.where(product.lost, "lost", "partly lost"))
+    free_words = np.where(
+        free >= required, "survives", np.where(free == 0.0, "lost", "partly lost")
+    )
+    outcomes = [
+        *np.where(np.isfinite(free), free_words, np.array(product.status)),
+        *(
+            words[i, s, j] if flown[i, s, j] else _why_not(product, i, j)
+            for i, s, j in np.ndindex(*flown.shape)
+        ),
+    ]
+    times = of.spread(product.interval_s, "orbits", "intervals")
+    strategies = of.spread(product.strategies, "strategies")
+    tuning = product.tuning_survivors / max(product.tuning_cases, 1)
+    low, high = product.uncorrected_low, product.uncorrected_high
+    return [
+        text_column("orbit", [*product.labels, *of.spread(product.labels, "orbits")], "orbit"),
+        text_column("strategy", [*[UNCORRECTED] * free.size, *strategies], "strategy"),
+        column("interval_h", [*free * np.nan, *times], "interval", 6),
+        text_column("outcome", outcomes, "outcome"),
+        column("survival", both(part, flown, free), "survival probability", 4),
+        column("survival_low", both(product.low, flown, low), "at least", 3),
+        column("survival_high", both(product.high, flown, high), "at most", 3),
+        column("cost_m_s", both(product.cost_m_s), "mean Δv", 4),
+        column("cost_95_m_s", both(product.cost_95_m_s), "95 % of Δv", 4),
+        column("deviation_km", both(product.deviation_m), "rms deviation", 4),
+        column("tuned_impulse_m_s", both(product.tuned_impulse_m_s, tuned),
+               "tuned: tolerable impulse", 3),
+        column("tuned_velocity_m_s", both(product.tuned_velocity_m_s, tuned & regulator),
+               "tuned: tolerable velocity", 3),
+        column("tuned_targets", both(product.tuned_targets, tuned & ~regulator), "tuned: targets"),
+        column("tuning_survival", both(tuning, tuned), "survival in tuning", 4),
+        column("impact", both(ends["impact"], flown, free_ends["impact"]), "impact"),
+        column("escape", both(ends["escape"], flown, free_ends["escape"]), "escape"),
+        column("other_loss", both(other, flown, free_other), "other loss"),
+    ]  # fmt: skip
 
 
-def _weights(product: StationKeepingFlown, i: int, s: int, j: int) -> dict[str, Cell]:
-    """Return what tuning chose; nothing where nothing was tuned."""
-    survivors = int(product.tuning_survivors[i, s, j])
-    if survivors < 0:
-        return {}
-    row: dict[str, Cell] = {
-        "tuned_impulse_m_s": float(product.tuned_impulse_m_s[i, s, j]),
-        "tuning_survival": survivors / product.tuning_cases,
-    }
-    if product.strategies[s] in REGULATORS:
-        row["tuned_velocity_m_s"] = float(product.tuned_velocity_m_s[i, s, j])
-    else:
-        row["tuned_targets"] = int(product.tuned_targets[i, s, j])
-    return row
+def _where(there: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.object_]:
+    """Return values, None where they are not there: counts stay whole numbers."""
+    cells = np.full(np.shape(values), None, dtype=object)
+    cells[there] = values[there]
+    return cells
 
 
 def _ends(counts: Integers, product: StationKeepingFlown) -> tuple[dict[str, Integers], Integers]:
@@ -177,56 +157,41 @@ def _ends(counts: Integers, product: StationKeepingFlown) -> tuple[dict[str, Int
     return ends, counts.sum(axis=0) - ends["completed"] - ends["impact"] - ends["escape"]
 
 
-def _uncorrected(product: StationKeepingFlown) -> list[dict[str, Cell]]:
-    """Return the rows of flights without any correction."""
-    ends, other = _ends(product.uncorrected_counts, product)
-    rows: list[dict[str, Cell]] = []
-    for i, part in enumerate(product.uncorrected_survival.tolist()):
-        row: dict[str, Cell] = {"orbit": product.labels[i], "strategy": UNCORRECTED}
-        if np.isfinite(part):
-            held = part >= product.survival_required
-            row |= {
-                "outcome": "survives" if held else "lost" if part == 0.0 else "partly lost",
-                "survival": part,
-                "survival_low": float(product.uncorrected_low[i]),
-                "survival_high": float(product.uncorrected_high[i]),
-                "impact": int(ends["impact"][i]),
-                "escape": int(ends["escape"][i]),
-                "other_loss": int(other[i]),
-            }
-        else:
-            row["outcome"] = product.status[i]
-        rows.append(row)
-    return rows
-
-
-def _longest(product: StationKeepingFlown) -> list[dict[str, Cell]]:
+def _longest(product: StationKeepingFlown) -> list[FilledColumn]:
+    of = FieldColumns(product, "orbits", "strategies")
     longest, survival = product.longest(), product.survival
-    rows: list[dict[str, Cell]] = []
-    for i, s in np.ndindex(*longest.shape):
-        row: dict[str, Cell] = {
-            "orbit": product.labels[i],
-            "strategy": product.strategies[s],
-            "period_h": _number(product.period_s[i] / 3600.0),
-            "e_folding_h": _number(product.unstable_time_s[i] / 3600.0),
-            "index_m_s": _number(product.index_m_s[i]),
-            "uncorrected_survival": _number(product.uncorrected_survival[i]),
-        }
-        if not product.flown[i, s].any():
-            row["outcome"] = _why_not(product, i, 0)
-        else:
-            row["best_survival"] = float(np.nanmax(survival[i, s]))
-            row["outcome"] = "held" if np.isfinite(longest[i, s]) else "no interval holds it"
-        if np.isfinite(longest[i, s]):
-            enough = survival[i, s] >= product.survival_required
-            j = int(np.flatnonzero(enough & (product.interval_s[i] == longest[i, s]))[0])
-            row |= {
-                "longest_h": float(longest[i, s] / 3600.0),
-                "cost_m_s": _number(product.cost_m_s[i, s, j]),
-                "cost_95_m_s": _number(product.cost_95_m_s[i, s, j]),
-            }
-        rows.append(row)
-    return rows
+    held, tried = np.isfinite(longest), np.asarray(product.flown.any(axis=2))
+    # The first of the intervals that are the longest with the survival required.
+    enough = (survival >= product.survival_required) & (
+        product.interval_s[:, None] == longest[..., None]
+    )
+    place = np.argmax(enough, axis=2)[..., None]
+    costs = (
+        np.where(held, np.take_along_axis(values, place, axis=2)[..., 0], np.nan).ravel()
+        for values in (product.cost_m_s, product.cost_95_m_s)
+    )
+    outcomes = [
+        ("held" if held[i, s] else "no interval holds it")
+        if tried[i, s]
+        else _why_not(product, i, 0)
+        for i, s in np.ndindex(*longest.shape)
+    ]
+    folding = np.where(np.isinf(product.unstable_time_s), np.nan, product.unstable_time_s)
+    best = np.where(tried, np.max(np.nan_to_num(survival, nan=-1.0), axis=2), np.nan)
+    return [
+        of("labels", "orbit"),
+        of("strategies", "strategy"),
+        of("period_s"),
+        column("e_folding_h", of.spread(folding, "orbits"), "e-folding time", 4),
+        text_column("outcome", outcomes, "outcome"),
+        column("longest_h", longest.ravel(), "longest interval held", 6),
+        column("cost_m_s", next(costs), "mean Δv there", 4),
+        column("cost_95_m_s", next(costs), "95 % of Δv there", 4),
+        column("best_survival", best.ravel(), "best survival", 4),
+        column("uncorrected_survival", of.spread(product.uncorrected_survival, "orbits"),
+               "survival without correction", 4),
+        of("index_m_s"),
+    ]  # fmt: skip
 
 
 def _why_not(product: StationKeepingFlown, i: int, j: int) -> str:
@@ -368,7 +333,3 @@ def _not_held(product: StationKeepingFlown, survive: NDArray[np.bool_]) -> list[
             )
         found.setdefault(text, []).append(product.labels[i])
     return [f"{'; '.join(labels)}: {text}" for text, labels in found.items()]
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -3,124 +3,106 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.interfaces import Array
+from hillsphere.interfaces import Array, Integers
+from hillsphere.products.fields import Label, Shape
 
 __all__ = ["StationKeepingFlown"]
 
 
 @dataclass(frozen=True)
 class StationKeepingFlown:
-    """Survival and cost of M references held by S strategies at I correction intervals.
+    """Survival and cost of references held by several strategies at several correction intervals.
 
     A combination is not flown where a strategy has nothing to do (the Floquet mode of a stable
     orbit) or there is no such interval (the period of a flight that has none).
-
-    Parameters
-    ----------
-    labels : tuple of str, length M
-        Names of the references.
-    status : tuple of str, length M
-        ``"flown"``, or why a reference was not.
-    stable : ndarray of bool, shape (M,)
-        Whether no deviation grows exponentially.
-    strategies : tuple of str, length S
-        As asked for.
-    intervals : tuple of str, length I
-        ``"6 h"`` and so on; ``"period"``.
-    interval_s : ndarray, shape (M, I)
-        Time between corrections; NaN where there is none.
-    period_s : ndarray, shape (M,)
-        Of the references; NaN for one without.
-    unstable_time_s : ndarray, shape (M,)
-        Mean time in which the largest multiplier makes a deviation grow e-fold; infinite for a
-        stable one, NaN for one without period.
-    flown : ndarray of bool, shape (M, S, I)
-        Whether it was flown.
-    statuses : tuple of str, length E
-        How flights may end, see `hillsphere.simulation.STATUSES`.
-    counts : ndarray of int, shape (E, M, S, I)
-        How many did.
-    uncorrected_counts : ndarray of int, shape (E, M)
-        How the same cases end without any correction; zero for a reference that is not flown.
-    uncorrected_low, uncorrected_high : ndarray, shape (M,)
-        Interval of their survival probability; NaN where not flown.
-    low, high : ndarray, shape (M, S, I)
-        Interval of the survival probability; NaN where not flown.
-    cost_m_s, cost_95_m_s : ndarray, shape (M, S, I)
-        Mean and 95th percentile of Δv of the flights that survived; NaN if none did.
-    deviation_m : ndarray, shape (M, S, I)
-        Root mean square of the distance from the reference at the corrections after the first, of
-        the flights that survived; NaN if there are none. From its nearest point for strategies on
-        that point, else from where it is at the time.
-    tuned_impulse_m_s, tuned_velocity_m_s : ndarray, shape (M, S, I)
-        Tolerable impulse and velocity that tuning chose; NaN where nothing was tuned.
-    tuned_targets : ndarray of int, shape (M, S, I)
-        How many of the targets it kept; zero where nothing was tuned.
-    tuning_survivors : ndarray of int, shape (M, S, I)
-        Of the flights of tuning, with the chosen weights; -1 where nothing was tuned.
-    index_m_s : ndarray, shape (M,)
-        Analytic index of the same name; NaN where none is known.
-    cases : int
-        Flights of each combination.
-    tuning_cases : int
-        Flights on which each weight was tried, with other errors; zero without tuning.
-    seed : int
-        Root seed of both.
-    duration_s, survival_required, confidence : float
-        As asked for.
-    injection_m, injection_m_s, navigation_m, navigation_m_s : float
-        Standard deviations per axis.
-    execution_magnitude, execution_pointing_rad, minimum_impulse_m_s : float
-        Errors and least size of impulses.
-    limit_factor : float
-        As asked for.
-    distance_max_m : float or None
-        As asked for.
     """
 
-    labels: tuple[str, ...]
-    status: tuple[str, ...]
-    stable: NDArray[np.bool_]
-    strategies: tuple[str, ...]
-    intervals: tuple[str, ...]
-    interval_s: Array
-    period_s: Array
-    unstable_time_s: Array
-    flown: NDArray[np.bool_]
-    statuses: tuple[str, ...]
-    counts: NDArray[np.int64]
-    uncorrected_counts: NDArray[np.int64]
-    uncorrected_low: Array
-    uncorrected_high: Array
-    low: Array
-    high: Array
-    cost_m_s: Array
-    cost_95_m_s: Array
-    deviation_m: Array
-    tuned_impulse_m_s: Array
-    tuned_velocity_m_s: Array
-    tuned_targets: NDArray[np.int64]
-    tuning_survivors: NDArray[np.int64]
-    index_m_s: Array
+    labels: Annotated[tuple[str, ...], Shape("orbits"), Label("orbit")]
+    """Names of the references."""
+    status: Annotated[tuple[str, ...], Shape("orbits")]
+    """``"flown"``, or why a reference was not."""
+    stable: Annotated[NDArray[np.bool_], Shape("orbits")]
+    """Whether no deviation grows exponentially."""
+    strategies: Annotated[tuple[str, ...], Shape("strategies"), Label("strategy")]
+    """As asked for."""
+    intervals: Annotated[tuple[str, ...], Shape("intervals")]
+    """``"6 h"`` and so on; ``"period"``."""
+    interval_s: Annotated[Array, Shape("orbits", "intervals")]
+    """Time between corrections; NaN where there is none."""
+    period_s: Annotated[Array, Shape("orbits"), Label("period", 6, "h")]
+    """Of the references; NaN for one without."""
+    unstable_time_s: Annotated[Array, Shape("orbits")]
+    """Mean time in which the largest multiplier makes a deviation grow e-fold; infinite for a
+    stable one, NaN for one without period."""
+    flown: Annotated[NDArray[np.bool_], Shape("orbits", "strategies", "intervals")]
+    """Whether it was flown."""
+    statuses: Annotated[tuple[str, ...], Shape("endings")]
+    """How flights may end, see `hillsphere.simulation.STATUSES`."""
+    counts: Annotated[Integers, Shape("endings", "orbits", "strategies", "intervals")]
+    """How many did."""
+    uncorrected_counts: Annotated[Integers, Shape("endings", "orbits")]
+    """How the same cases end without any correction; zero for a reference that is not flown."""
+    uncorrected_low: Annotated[Array, Shape("orbits")]
+    """Lower end of the interval of their survival probability; NaN where not flown."""
+    uncorrected_high: Annotated[Array, Shape("orbits")]
+    """Its upper end."""
+    low: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """Lower end of the interval of the survival probability; NaN where not flown."""
+    high: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """Its upper end."""
+    cost_m_s: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """Mean Δv of the flights that survived; NaN if none did."""
+    cost_95_m_s: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """95th percentile of the same."""
+    deviation_m: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """Root mean square of the distance from the reference at the corrections after the first, of
+    the flights that survived; NaN if there are none. From its nearest point for strategies on
+    that point, else from where it is at the time."""
+    tuned_impulse_m_s: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """Tolerable impulse that tuning chose; NaN where nothing was tuned."""
+    tuned_velocity_m_s: Annotated[Array, Shape("orbits", "strategies", "intervals")]
+    """Tolerable velocity that tuning chose; NaN where nothing was tuned."""
+    tuned_targets: Annotated[Integers, Shape("orbits", "strategies", "intervals")]
+    """How many of the targets it kept; zero where nothing was tuned."""
+    tuning_survivors: Annotated[Integers, Shape("orbits", "strategies", "intervals")]
+    """Of the flights of tuning, with the chosen weights; -1 where nothing was tuned."""
+    index_m_s: Annotated[Array, Shape("orbits"), Label("index v_cm", 5)]
+    """Analytic index of the same name; NaN where none is known."""
     cases: int
+    """Flights of each combination."""
     tuning_cases: int
+    """Flights on which each weight was tried, with other errors; zero without tuning."""
     seed: int
+    """Root seed of both."""
     duration_s: float
+    """Of the flights, as asked for."""
     survival_required: float
+    """Part of the flights that must survive, as asked for."""
     confidence: float
+    """Of the intervals, as asked for."""
     injection_m: float
+    """Standard deviation per axis of the position at the start."""
     injection_m_s: float
+    """The same of the velocity."""
     navigation_m: float
+    """Standard deviation per axis of the position known at a correction."""
     navigation_m_s: float
+    """The same of the velocity."""
     execution_magnitude: float
+    """Relative error of the size of impulses."""
     execution_pointing_rad: float
+    """Error of their direction."""
     minimum_impulse_m_s: float
+    """Least size of impulses."""
     limit_factor: float
+    """Multiples of an orbit's amplitudes beyond which it is lost, as asked for."""
     distance_max_m: float | None
+    """Distance from the reference beyond which it is lost, as asked for."""
 
     @property
     def survival(self) -> Array:

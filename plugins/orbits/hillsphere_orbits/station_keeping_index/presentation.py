@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from hillsphere.presentation import (
     Table,
 )
 from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.spatial_qso_families.presentation import family_colours
 from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
@@ -34,24 +36,6 @@ _NEARLY_ALL = 0.9  # of the cells: then the model is the paper's and the rest is
 
 
 _SAME_KM = 1e-6  # a published amplitude is a round number
-_COLUMNS = (
-    Column("n", "-", "revolutions"),
-    Column("Az_km", "km", "amplitude z", 9),
-    Column("x0", "-", "x at the start", 12),
-    Column("vy", "-", "ẏ at the start", 12),
-    Column("period", "-", "period in 1/n", 12),
-    Column("jacobi", "-", "Jacobi constant", 12),
-    Column("lambda_max", "-", "largest |λ|", 9),
-    Column("v_cm_m_s", "m/s", "v_cm", 6),
-    Column("stable", "", "stable"),
-)
-_PAPER = Column("v_cm_paper", "m/s", "", 6)
-_DIFFERENCES = (
-    Column("n", "-", "revolutions"),
-    Column("Az_km", "km", "amplitude z", 9),
-    Column("difference", "-", "relative difference of v_cm", 2),
-    Column("agrees", "", f"within {AGREES:g}"),
-)
 
 
 def present_index(
@@ -73,7 +57,6 @@ def present_index(
     Presentation
         Tables ``table_3`` and ``table_3_differences``, figure ``station_keeping``.
     """
-    rows = _rows(product)
     days = spec.duration_s / 86400.0
     notes = [
         f"v_cm is an index, not a cost that can be flown: it nulls the unstable component once "
@@ -82,15 +65,13 @@ def present_index(
         f"{100.0 * spec.sigma_velocity_m_s:g} cm/s per axis; no navigation or execution error).",
         "A stable member has no unstable component: it has no index, not an index of zero.",
     ]
-    columns = list(_COLUMNS)
+    table = tabulate(f"Station-keeping index, {days:g} days", _members(product), notes)
     label, tables = spec.label, {}
     if reference is not None:
-        said, differences = _beside(rows, reference)
-        notes += said
-        columns[-1:] = [_PAPER, _COLUMNS[-1]]
+        table, differences = _beside(table, reference)
         if differences:
-            tables[named("table_3_differences", label)] = Table(
-                "Station-keeping index against the published one", _DIFFERENCES, differences
+            tables[named("table_3_differences", label)] = tabulate(
+                "Station-keeping index against the published one", differences
             )
     unstable = product.v_cm_m_s[~product.stable]
     metrics = {"stable_members": Metric(int(np.count_nonzero(product.stable)))}
@@ -103,16 +84,15 @@ def present_index(
             f"{unstable.min():.4g} to {unstable.max():.4g} m/s per {days:g} days, with perfect "
             "knowledge of the state and one correction per period."
         )
-    title = f"Station-keeping index, {days:g} days"
     figure = Figure(
-        title,
-        lambda canvas: _draw(canvas, product, rows, days),
+        table.title,
+        lambda canvas: _draw(canvas, product, table.rows, days),
         "v_cm against the amplitude, one line per family; a stable member has none.",
         size_in=(8.0, 5.0),
     )
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named("table_3", label): Table(title, columns, rows, notes), **tables},
+        tables={named("table_3", label): table, **tables},
         figures={named("station_keeping", label): figure},
         verdict=verdict,
     )
@@ -123,33 +103,26 @@ def _number(product: StationKeepingIndex) -> str:
     return f"{count} member{'' if count == 1 else 's'}"
 
 
-def _rows(product: StationKeepingIndex) -> list[dict[str, Cell]]:
+def _members(product: StationKeepingIndex) -> list[FilledColumn]:
+    of = FieldColumns(product, "members")
     return [
-        {
-            "n": n,
-            "Az_km": float(product.z_m[i] / 1e3),
-            "x0": float(product.x0[i]),
-            "vy": float(product.vy[i]),
-            "period": float(product.period[i]),
-            "jacobi": float(product.jacobi[i]),
-            "lambda_max": float(product.lambda_max[i]),
-            "v_cm_m_s": None if product.stable[i] else float(product.v_cm_m_s[i]),
-            "stable": bool(product.stable[i]),
-        }
-        for i, n in enumerate(product.n)
+        of("n"),
+        of("z_m", "Az_km"),
+        *map(of, ("x0", "vy", "period", "jacobi", "lambda_max")),
+        column("v_cm_m_s", np.where(product.stable, np.nan, product.v_cm_m_s), "v_cm", 6),
+        of("stable"),
     ]
 
 
-def _beside(
-    rows: list[dict[str, Cell]], reference: ReferenceTable
-) -> tuple[list[str], list[dict[str, Cell]]]:
-    """Add the published value to each row that has one; say and list how they compare."""
+def _beside(table: Table, reference: ReferenceTable) -> tuple[Table, list[FilledColumn]]:
+    """Add the published values and say how they compare; return the differences too."""
+    rows = [dict(row) for row in table.rows]
     printed = {
         (float(row["n"]), float(row["Az_km"])): row["v_cm_m_s"]
         for row in reference.rows
         if isinstance(row["n"], Printed) and isinstance(row["Az_km"], Printed)
     }
-    differences: list[dict[str, Cell]] = []
+    compared: list[tuple[Cell, Cell, float]] = []
     apart, blank = [], []
     for row in rows:
         n, z = row["n"], row["Az_km"]
@@ -167,20 +140,27 @@ def _beside(
             apart.append(f"{name}: stable here, {paper.text} m/s in the paper.")
         else:
             off = _float(ours) / float(paper) - 1.0
-            agrees = abs(off) <= AGREES
-            differences.append({"n": n, "Az_km": z, "difference": off, "agrees": agrees})
-            if not agrees:
+            compared.append((n, z, off))
+            if abs(off) > AGREES:
                 apart.append(f"{name}: {_float(ours):.4f} against the printed {paper.text} m/s.")
-    if not differences:
-        return [*apart, *blank], []
-    agreeing = sum(bool(row["agrees"]) for row in differences)
+    columns = [*table.columns[:-1], Column("v_cm_paper", "m/s", "", 6), table.columns[-1]]
+    if not compared:
+        return Table(table.title, columns, rows, [*table.notes, *apart, *blank]), []
+    orders, amplitudes, offs = zip(*compared, strict=True)
+    agrees = [abs(off) <= AGREES for off in offs]
     head = (
-        f"{agreeing} of {len(differences)} values agree within {AGREES:g} (relative) with "
+        f"{sum(agrees)} of {len(agrees)} values agree within {AGREES:g} (relative) with "
         f"{reference.source}."
     )
-    if apart and agreeing >= _NEARLY_ALL * len(differences):
+    if apart and sum(agrees) >= _NEARLY_ALL * len(agrees):
         head += " Nearly all agree, so the printed ones look like misprints."
-    return [head, *apart, *blank], differences
+    differences = [
+        column("n", orders, "revolutions"),
+        column("Az_km", amplitudes, "amplitude z", 9, is_si=False),
+        column("difference", offs, "relative difference of v_cm", 2),
+        text_column("agrees", agrees, f"within {AGREES:g}"),
+    ]
+    return Table(table.title, columns, rows, [*table.notes, head, *apart, *blank]), differences
 
 
 def _float(cell: Cell) -> float:
@@ -188,7 +168,7 @@ def _float(cell: Cell) -> float:
 
 
 def _draw(
-    figure: Canvas, product: StationKeepingIndex, rows: list[dict[str, Cell]], days: float
+    figure: Canvas, product: StationKeepingIndex, rows: Sequence[Mapping[str, Cell]], days: float
 ) -> None:
     axes = figure.add_subplot()
     orders = sorted(set(product.n))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.interfaces import Array
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.spatial_qso_families.presentation import family_colours
@@ -18,49 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["present_swing"]
 
-_COLUMNS = 5  # panels in a row
-_MEMBERS = (
-    Column("orbit", "", "orbit"),
-    Column("resonance", "", "d:n"),
-    Column("symmetry", "", "symmetry"),
-    Column("x0", "-", "x at the start", 12),
-    Column("y0", "-", "y at the start", 12),
-    Column("vx0", "-", "ẋ at the start", 12),
-    Column("vy0", "-", "ẏ at the start", 12),
-    Column("period", "-", "period in 1/n", 12),
-    Column("period_h", "h", "period", 9),
-    Column("jacobi", "-", "Jacobi constant", 12),
-    Column("b_planar", "-", "planar index", 9),
-    Column("b_vertical", "-", "vertical index", 9),
-    Column("lambda_max", "-", "largest |λ|", 7),
-    Column("stable", "", "stable"),
-    Column("closure", "-", "closure", 2),
-    Column("half_closure", "-", "at half a period", 2),
-)
-_FAMILIES = (
-    Column("family", "", "family"),
-    Column("resonance", "", "d:n"),
-    Column("symmetry", "", "symmetry"),
-    Column("parent", "", "branches off"),
-    Column("bifurcation_km", "km", "start of the bifurcating orbit", 8),
-    Column("jacobi_from", "-", "Jacobi constant from", 8),
-    Column("jacobi_to", "-", "to", 8),
-    Column("period_from_h", "h", "period from", 7),
-    Column("period_to_h", "h", "to", 7),
-    Column("nearest_km", "km", "nearest to the centre", 6),
-    Column("farthest_km", "km", "farthest from it", 6),
-    Column("stable_orbits", "-", "stable orbits of its curve"),
-    Column("orbits", "-", "orbits of its curve"),
-    Column("end", "", "why it ends"),
-)
-_EVENTS = (
-    Column("family", "", "family"),
-    Column("kind", "", "kind"),
-    Column("plane", "", "plane"),
-    Column("start_km", "km", "start", 8),
-    Column("jacobi", "-", "Jacobi constant", 10),
-    Column("period_h", "h", "period", 8),
-)
+_PANELS = 5  # panels in a row
 
 
 def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) -> Presentation:
@@ -98,18 +59,18 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
         "swing_asymmetric_families": Metric(product.symmetry.count("none")),
     }
     tables = {
-        "swing_families": Table(
-            f"Families of orbits of several revolutions{about}", _FAMILIES, _family_rows(product),
+        "swing_families": tabulate(
+            f"Families of orbits of several revolutions{about}", _families(product),
             [*scale, *product.notes],
         ),
     }  # fmt: skip
-    if members := _member_rows(product):
-        tables["swing_members"] = Table(
-            f"Orbits of several revolutions{about}", _MEMBERS, members, scale
+    if product.member_family.size:
+        tables["swing_members"] = tabulate(
+            f"Orbits of several revolutions{about}", _members(product), scale
         )
-    if events := _event_rows(product):
-        tables["swing_events"] = Table(
-            "Secondary bifurcations along these families", _EVENTS, events,
+    if product.event_family.size:
+        tables["swing_events"] = tabulate(
+            "Secondary bifurcations along these families", _events(product),
             ["fold: the Jacobi constant turns; branching: orbits of the same period and less "
              "symmetry (or out of the plane) begin; doubling: orbits of twice the period."],
         )  # fmt: skip
@@ -119,7 +80,7 @@ def present_swing(product: SwingFamilies, family: QsoFamily | None, label: str) 
             lambda figure: _draw_orbits(figure, product),
             "One orbit of each family (of those asked for, the last of the family; else the one "
             "half-way along it), the body to scale, equal axes.",
-            size_in=(11.0, 1.0 + 2.6 * -(-len(_shown(product)) // _COLUMNS)),
+            size_in=(11.0, 1.0 + 2.6 * -(-len(_shown(product)) // _PANELS)),
         ),
         "swing_curves": Figure(
             "Families of orbits of several revolutions",
@@ -142,77 +103,74 @@ def _resonance(product: SwingFamilies, family: int) -> str:
     return f"{product.d[family]}:{product.n[family]}"
 
 
-def _start_km(
-    product: SwingFamilies, family: int, x0: np.ndarray[tuple[int], np.dtype[np.float64]]
-) -> float:
-    return float(abs(x0[0 if product.axis[family] == "x" else 1]) / 1e3)
+def _starts_m(product: SwingFamilies, families: Sequence[int], x0: Array) -> Array:
+    """Return the distance of starts x0 (6, N) of orbits of N families on their axis (N,), m."""
+    rows = [0 if product.axis[f] == "x" else 1 for f in families]
+    return np.asarray(np.abs(x0[rows, np.arange(len(rows))]))
 
 
-def _family_rows(product: SwingFamilies) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for f in range(len(product.n)):
-        own = product.curve_family == f
-        curve = product.curve
-        parent = product.parent[f]
-        rows.append(
-            {
-                "family": product.name(f),
-                "resonance": _resonance(product, f),
-                "symmetry": product.symmetry[f],
-                "parent": product.name(parent) if parent >= 0 else "one revolution",
-                "bifurcation_km": _start_km(product, f, product.origin.x0[:, f]),
-                "jacobi_from": float(curve.integral[own][0]),
-                "jacobi_to": float(curve.integral[own][-1]),
-                "period_from_h": float(curve.period_s[own][0] / 3600.0),
-                "period_to_h": float(curve.period_s[own][-1] / 3600.0),
-                "nearest_km": float(product.curve_least_m[own].min() / 1e3),
-                "farthest_km": float(product.curve_largest_m[own].max() / 1e3),
-                "stable_orbits": int(np.count_nonzero(product.curve_stable[own])),
-                "orbits": int(np.count_nonzero(own)),
-                "end": product.ends[f],
-            }
-        )
-    return rows
-
-
-def _member_rows(product: SwingFamilies) -> list[dict[str, Cell]]:
-    orbits = product.members
-    speed = orbits.length_m / orbits.time_s
+def _families(product: SwingFamilies) -> list[FilledColumn]:
+    of, curve, families = FieldColumns(product, "families"), product.curve, range(len(product.n))
+    own = [np.flatnonzero(product.curve_family == f) for f in families]
+    first, last = ([int(orbits[k]) for orbits in own] for k in (0, -1))
+    parents = ["one revolution" if f < 0 else product.name(f) for f in product.parent]
+    nearest = [product.curve_least_m[orbits].min() for orbits in own]
+    farthest = [product.curve_largest_m[orbits].max() for orbits in own]
+    stable = [np.count_nonzero(product.curve_stable[orbits]) for orbits in own]
     return [
-        {
-            "orbit": orbits.labels[i],
-            "resonance": _resonance(product, int(family)),
-            "symmetry": product.symmetry[family],
-            "x0": float(orbits.x0[0, i] / orbits.length_m),
-            "y0": float(orbits.x0[1, i] / orbits.length_m),
-            "vx0": float(orbits.x0[3, i] / speed),
-            "vy0": float(orbits.x0[4, i] / speed),
-            "period": float(orbits.period_s[i] / orbits.time_s),
-            "period_h": float(orbits.period_s[i] / 3600.0),
-            "jacobi": float(orbits.integral[i]),
-            "b_planar": float(product.member_indices[0, i]),
-            "b_vertical": float(product.member_indices[1, i]),
-            "lambda_max": float(np.max(np.abs(product.member_multipliers[:, i]))),
-            "stable": bool(product.member_stable[i]),
-            "closure": float(orbits.residual[i]),
-            "half_closure": float(product.member_half_residual[i]),
-        }
-        for i, family in enumerate(product.member_family)
+        text_column("family", [product.name(f) for f in families], "family"),
+        text_column("resonance", [_resonance(product, f) for f in families], "d:n"),
+        of("symmetry"),
+        text_column("parent", parents, "branches off"),
+        column("bifurcation_km", _starts_m(product, families, product.origin.x0),
+               "start of the bifurcating orbit", 8),
+        column("jacobi_from", curve.integral[first], "Jacobi constant from", 8),
+        column("jacobi_to", curve.integral[last], "to", 8),
+        column("period_from_h", curve.period_s[first], "period from", 7),
+        column("period_to_h", curve.period_s[last], "to", 7),
+        column("nearest_km", nearest, "nearest to the centre", 6),
+        column("farthest_km", farthest, "farthest from it", 6),
+        column("stable_orbits", stable, "stable orbits of its curve"),
+        column("orbits", [orbits.size for orbits in own], "orbits of its curve"),
+        of("ends", "end"),
+    ]  # fmt: skip
+
+
+def _members(product: SwingFamilies) -> list[FilledColumn]:
+    orbits, family = product.members, product.member_family.tolist()
+    of, own = FieldColumns(orbits, "orbits"), FieldColumns(product, "members")
+    speed = orbits.length_m / orbits.time_s
+    planar, vertical = product.member_indices
+    return [
+        of("labels", "orbit"),
+        text_column("resonance", [_resonance(product, f) for f in family], "d:n"),
+        text_column("symmetry", [product.symmetry[f] for f in family], "symmetry"),
+        column("x0", orbits.x0[0] / orbits.length_m, "x at the start", 12),
+        column("y0", orbits.x0[1] / orbits.length_m, "y at the start", 12),
+        column("vx0", orbits.x0[3] / speed, "ẋ at the start", 12),
+        column("vy0", orbits.x0[4] / speed, "ẏ at the start", 12),
+        column("period", orbits.period_s / orbits.time_s, "period in 1/n", 12),
+        of("period_s"),
+        of("integral", "jacobi"),
+        column("b_planar", planar, "planar index", 9),
+        column("b_vertical", vertical, "vertical index", 9),
+        column("lambda_max", np.max(np.abs(product.member_multipliers), axis=0), "largest |λ|", 7),
+        own("member_stable", "stable"),
+        of("residual", "closure"),
+        own("member_half_residual", "half_closure"),
     ]
 
 
-def _event_rows(product: SwingFamilies) -> list[dict[str, Cell]]:
-    orbits = product.event_orbits
+def _events(product: SwingFamilies) -> list[FilledColumn]:
+    orbits, family = product.event_orbits, product.event_family.tolist()
+    of, own = FieldColumns(orbits, "orbits"), FieldColumns(product, "events")
     return [
-        {
-            "family": product.name(int(family)),
-            "kind": product.event_kind[i],
-            "plane": product.event_plane[i],
-            "start_km": _start_km(product, int(family), orbits.x0[:, i]),
-            "jacobi": float(orbits.integral[i]),
-            "period_h": float(orbits.period_s[i] / 3600.0),
-        }
-        for i, family in enumerate(product.event_family)
+        text_column("family", [product.name(f) for f in family], "family"),
+        own("event_kind", "kind"),
+        own("event_plane", "plane"),
+        column("start_km", _starts_m(product, family, orbits.x0), "start", 8),
+        of("integral", "jacobi", digits=10),
+        of("period_s", digits=8),
     ]
 
 
@@ -249,7 +207,7 @@ def _draw_body(axes: Axes, product: SwingFamilies) -> None:
 
 def _draw_orbits(figure: Canvas, product: SwingFamilies) -> None:
     shown = _shown(product)
-    grid = figure.subplots(-(-len(shown) // _COLUMNS), _COLUMNS, squeeze=False)
+    grid = figure.subplots(-(-len(shown) // _PANELS), _PANELS, squeeze=False)
     for axes in grid.flat[len(shown) :]:
         axes.set_axis_off()
     for axes, f in zip(grid.flat, shown, strict=False):
@@ -295,7 +253,9 @@ def _draw_curves(figure: Canvas, product: SwingFamilies, family: QsoFamily | Non
         k = names.index(_resonance(product, f))
         start = curve.x0[0 if product.axis[f] == "x" else 1, own] / 1e3
         integral = np.concatenate([product.origin.integral[[f]], curve.integral[own]])
-        place = np.concatenate([[_start_km(product, f, product.origin.x0[:, f])], np.abs(start)])
+        place = np.concatenate(
+            [_starts_m(product, [f], product.origin.x0[:, [f]]) / 1e3, np.abs(start)]
+        )
         line = "-" if product.axis[f] == "x" else "--"
         label = names[k] if f == _first_of(product, names[k]) else None
         colour = colours[k]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.show.reference import (
-    PAPER_SUFFIX,
-    ReferenceTable,
-    beside,
-    difference_notes,
-    with_paper,
+from hillsphere.presentation import Column, Figure, Metric, Presentation, Table
+from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable
+from hillsphere.show.tables import (
+    FieldColumns,
+    FilledColumn,
+    column,
+    set_beside,
+    tabulate,
+    take_or_blank,
+    text_column,
 )
 from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.swing_transfers.figures import (
@@ -31,63 +34,6 @@ _LESS_PAPER = {
     "dv_m_s": Column("dv_less_paper_m_s", "m/s", "ΔV less the paper's", 4),
     "tof_d": Column("tof_less_paper_d", "d", "time of flight less the paper's", 4),
 }
-_LEGS = (
-    Column("leg", "", "leg"),
-    Column("dv_m_s", "m/s", "least ΔV", 8),
-    Column("dv_departure_m_s", "m/s", "departure", 6),
-    Column("dv_arrival_m_s", "m/s", "arrival", 6),
-    Column("tof_d", "d", "time of flight", 6),
-    Column("family", "", "family"),
-    Column("kind", "", "where"),
-    Column("energy_bound_m_s", "m/s", "bound by energy", 6),
-    Column("families", "-", "families that connect"),
-    Column("status", "", "status"),
-)
-_TRANSFERS = (
-    Column("leg", "", "leg"),
-    Column("family", "", "family"),
-    Column("d", "-"),
-    Column("n", "-"),
-    Column("dv_m_s", "m/s", "ΔV", 9),
-    Column("dv_departure_m_s", "m/s", "departure", 7),
-    Column("dv_arrival_m_s", "m/s", "arrival", 7),
-    Column("bound_departure_m_s", "m/s", "bound", 5),
-    Column("bound_arrival_m_s", "m/s", "bound", 5),
-    Column("tof_d", "d", "time of flight", 7),
-    Column("kind", "", "where"),
-    Column("jacobi", "-", "Jacobi constant", 10),
-    Column("angle_departure_deg", "deg", "angle", 5),
-    Column("angle_arrival_deg", "deg", "angle", 5),
-    Column("x0", "-", "x at the start", 12),
-    Column("y0", "-", "y at the start", 12),
-    Column("vx0", "-", "ẋ at the start", 12),
-    Column("vy0", "-", "ẏ at the start", 12),
-    Column("period", "-", "period", 12),
-    Column("altitude_km", "km", "least altitude", 5),
-    Column("closure_km", "km", "closure", 2),
-    Column("closure_m_s", "m/s", "closure", 2),
-)
-_ROUTES = (
-    Column("route", "", "route"),
-    Column("dv_m_s", "m/s", "ΔV", 8),
-    Column("tof_d", "d", "on swing orbits, without waiting", 6),
-    Column("waiting_d", "d", "waiting in between", 6),
-    Column("closure_km", "km", "closure", 2),
-    Column("closure_m_s", "m/s", "closure", 2),
-)
-_RANKS = (
-    Column("leg", "", "leg"),
-    Column("over", "", "over"),
-    Column("count", "-", "number"),
-    Column("rho_angle", "-", "ρ(ΔV, angle)", 4),
-    Column("p_angle", "-", "p", 2),
-    Column("rho_jacobi", "-", "ρ(ΔV, C)", 4),
-    Column("p_jacobi", "-", "p", 2),
-    Column("cheapest_angle_deg", "deg", "angle of the cheapest", 4),
-    Column("smaller_angle", "-", "members with a smaller one"),
-    Column("cheapest_jacobi", "-", "C of the cheapest", 6),
-    Column("larger_jacobi", "-", "members with a larger one"),
-)
 
 
 def present_transfers(
@@ -110,16 +56,11 @@ def present_transfers(
         Tables ``table_5``, ``swing_least``, ``swing_front``, ``swing_routes``, ``swing_ranks``,
         figures, checks as metrics.
     """
-    rows, columns = _leg_rows(product), list(_LEGS)
     notes = [
         "Two impulses, in the plane; the orbit in between is a member of a family of periodic "
         "orbits of several revolutions. The bound holds for any orbit in between: it follows from "
         "the Jacobi constants of both ends alone."
     ]
-    if reference is not None:
-        rows = beside(rows, reference, on="leg")
-        columns = _with_differences(with_paper(columns, rows), rows)
-        notes += difference_notes(rows, reference)
     unit = (
         f"Without unit: in units of L = {product.length_m / 1e3:.12g} km and 1/n = "
         f"{product.time_s:.12g} s. Closure: largest miss of a patch point when the transfer is "
@@ -127,23 +68,26 @@ def present_transfers(
         "orbit (Taylor series)."
     )
     tables = {
-        "table_5": Table("Least cost of each leg", columns, rows, notes),
-        "swing_least": Table(
-            "Least cost of each family", _TRANSFERS, _transfer_rows(product, product.least), [unit]
+        "table_5": _with_differences(
+            set_beside(
+                tabulate("Least cost of each leg", _legs(product), notes), reference, on="leg"
+            )
         ),
-        "swing_front": Table(
-            "Transfers that none betters in cost and time", _TRANSFERS,
-            _transfer_rows(product, product.front),
+        "swing_least": tabulate(
+            "Least cost of each family", _transfers(product, product.least), [unit]
+        ),
+        "swing_front": tabulate(
+            "Transfers that none betters in cost and time", _transfers(product, product.front),
             [unit, "From the members of all families' chains and the minima along them; of mirror "
              "images one stands for both."],
         ),
-        "swing_routes": Table(
-            "Routes", _ROUTES, _route_rows(product),
+        "swing_routes": tabulate(
+            "Routes", _routes(product),
             ["Each leg by its cheapest transfer; in between the spacecraft waits on the orbit "
              "reached until the next leg begins."],
         ),
-        "swing_ranks": Table(
-            "What makes a transfer cheap", _RANKS, _rank_rows(product),
+        "swing_ranks": tabulate(
+            "What makes a transfer cheap", _ranks(product),
             ["Spearman's rank correlation over the members that connect (each by its cheapest "
              "transfer; angle: mean of both), and over the cheapest of each family. Neighbouring "
              "members resemble each other, so that p-values over members are too small."],
@@ -214,126 +158,114 @@ def _best(product: SwingTransfers, leg: int) -> int | None:
     return int(own[np.argmin(product.least.total_m_s[own])]) if own.size else None
 
 
-def _leg_rows(product: SwingTransfers) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for leg, name in enumerate(product.legs):
-        row: dict[str, Cell] = {"leg": name, "dv_m_s": None}
-        k = _best(product, leg)
-        if k is not None:
-            least = product.least
-            row |= {
-                "dv_m_s": float(least.total_m_s[k]),
-                "dv_departure_m_s": float(least.dv_m_s[0, k]),
-                "dv_arrival_m_s": float(least.dv_m_s[1, k]),
-                "tof_d": float(least.tof_s[k] / _DAY),
-                "family": product.families[least.family[k]],
-                "kind": least.kind[k],
-            }
-        row |= {
-            "energy_bound_m_s": float(product.bound_m_s[leg]),
-            "families": int(np.count_nonzero(product.least.leg == leg)),
-            "status": product.status[leg],
-        }
-        rows.append(row)
-    return rows
+def _legs(product: SwingTransfers) -> list[FilledColumn]:
+    least, of = product.least, FieldColumns(product, "legs")
+    own = [_best(product, leg) for leg in range(len(product.legs))]
+    best = [-1 if k is None else k for k in own]
+    families = [None if k is None else product.families[least.family[k]] for k in own]
+    counts = [np.count_nonzero(least.leg == leg) for leg in range(len(product.legs))]
+    return [
+        of("legs", "leg"),
+        column("dv_m_s", take_or_blank(least.total_m_s, best), "least ΔV", 8),
+        column("dv_departure_m_s", take_or_blank(least.dv_m_s[0], best), "departure", 6),
+        column("dv_arrival_m_s", take_or_blank(least.dv_m_s[1], best), "arrival", 6),
+        column("tof_d", take_or_blank(least.tof_s, best), "time of flight", 6),
+        text_column("family", families, "family"),
+        text_column("kind", [None if k is None else least.kind[k] for k in own], "where"),
+        of("bound_m_s", "energy_bound_m_s"),
+        column("families", counts, "families that connect"),
+        of("status"),
+    ]
 
 
-def _with_differences(columns: list[Column], rows: list[dict[str, Cell]]) -> list[Column]:
-    """Put ours less the paper's into the rows; return the columns with those of the differences."""
-    wide: list[Column] = []
-    for column in columns:
-        wide.append(column)
-        name = column.name.removesuffix(PAPER_SUFFIX)
-        if name == column.name or name not in _LESS_PAPER:
+def _with_differences(table: Table) -> Table:
+    """Put ours less the paper's behind the paper's."""
+    columns: list[Column] = []
+    rows = [dict(row) for row in table.rows]
+    for paper in table.columns:
+        columns.append(paper)
+        name = paper.name.removesuffix(PAPER_SUFFIX)
+        if name == paper.name or name not in _LESS_PAPER:
             continue
-        wide.append(_LESS_PAPER[name])
+        columns.append(_LESS_PAPER[name])
         for row in rows:
-            ours, paper = row.get(name), row.get(column.name)
+            ours, theirs = row.get(name), row.get(paper.name)
             row[_LESS_PAPER[name].name] = (
-                ours - paper if isinstance(ours, float) and isinstance(paper, float) else None
+                ours - theirs if isinstance(ours, float) and isinstance(theirs, float) else None
             )
-    return wide
+    return Table(table.title, columns, rows, table.notes)
 
 
-def _transfer_rows(product: SwingTransfers, chosen: Transfers) -> list[dict[str, Cell]]:
-    dv, angle = chosen.dv_m_s, np.degrees(chosen.angle_rad)
+def _transfers(product: SwingTransfers, chosen: Transfers) -> list[FilledColumn]:
+    of, family = FieldColumns(chosen, "transfers"), chosen.family.tolist()
     unit = np.array([product.length_m] * 3 + [product.length_m / product.time_s] * 3)
-    start = chosen.x0 / unit[:, None]
+    x, y, _, vx, vy, _ = chosen.x0 / unit[:, None]
+    departure, arrival = chosen.dv_m_s
     return [
-        {
-            "leg": product.legs[chosen.leg[k]],
-            "family": product.families[chosen.family[k]],
-            "d": product.d[chosen.family[k]],
-            "n": product.n[chosen.family[k]],
-            "dv_m_s": float(dv[:, k].sum()),
-            "dv_departure_m_s": float(dv[0, k]),
-            "dv_arrival_m_s": float(dv[1, k]),
-            "bound_departure_m_s": float(chosen.bound_m_s[0, k]),
-            "bound_arrival_m_s": float(chosen.bound_m_s[1, k]),
-            "tof_d": float(chosen.tof_s[k] / _DAY),
-            "kind": chosen.kind[k],
-            "jacobi": float(chosen.integral[k]),
-            "angle_departure_deg": float(angle[0, k]),
-            "angle_arrival_deg": float(angle[1, k]),
-            "x0": float(start[0, k]),
-            "y0": float(start[1, k]),
-            "vx0": float(start[3, k]),
-            "vy0": float(start[4, k]),
-            "period": float(chosen.period_s[k] / product.time_s),
-            "altitude_km": _or_none(chosen.altitude_m[k] / 1e3),
-            "closure_km": float(chosen.closure_km[k]),
-            "closure_m_s": float(chosen.closure_m_s[k]),
-        }
-        for k in range(chosen.size)
+        text_column("leg", [product.legs[leg] for leg in chosen.leg], "leg"),
+        text_column("family", [product.families[f] for f in family], "family"),
+        column("d", [product.d[f] for f in family]),
+        column("n", [product.n[f] for f in family]),
+        column("dv_m_s", chosen.total_m_s, "ΔV", 9),
+        column("dv_departure_m_s", departure, "departure", 7),
+        column("dv_arrival_m_s", arrival, "arrival", 7),
+        column("bound_departure_m_s", chosen.bound_m_s[0], "bound", 5),
+        column("bound_arrival_m_s", chosen.bound_m_s[1], "bound", 5),
+        of("tof_s"),
+        of("kind"),
+        of("integral", "jacobi"),
+        column("angle_departure_deg", chosen.angle_rad[0], "angle", 5),
+        column("angle_arrival_deg", chosen.angle_rad[1], "angle", 5),
+        column("x0", x, "x at the start", 12),
+        column("y0", y, "y at the start", 12),
+        column("vx0", vx, "ẋ at the start", 12),
+        column("vy0", vy, "ẏ at the start", 12),
+        column("period", chosen.period_s / product.time_s, "period", 12),
+        *map(of, ("altitude_m", "closure_km", "closure_m_s")),
     ]
 
 
-def _route_rows(product: SwingTransfers) -> list[dict[str, Cell]]:
-    routes = product.routes
+def _routes(product: SwingTransfers) -> list[FilledColumn]:
+    of = FieldColumns(product.routes, "routes")
     return [
-        {
-            "route": name,
-            "dv_m_s": _or_none(routes.total_m_s[r]),
-            "tof_d": _or_none(routes.tof_s[r] / _DAY),
-            "waiting_d": _or_none(routes.waiting_s[r] / _DAY),
-            "closure_km": _or_none(routes.closure_km[r]),
-            "closure_m_s": _or_none(routes.closure_m_s[r]),
-        }
-        for r, name in enumerate(routes.name)
+        of("name", "route"),
+        of("total_m_s", "dv_m_s"),
+        *map(of, ("tof_s", "waiting_s", "closure_km", "closure_m_s")),
     ]
 
 
-def _rank_rows(product: SwingTransfers) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for leg, name in enumerate(product.legs):
-        own = product.member_leg == leg
-        least = product.least.leg == leg
-        for over, ranks, angle, integral, dv in (
-            ("members", product.rank[leg], product.member_angle_rad[own],
-             product.member_integral[own], product.member_dv_m_s[own]),
-            ("families", product.rank_of_least[leg],
-             np.mean(product.least.angle_rad[:, least], axis=0), product.least.integral[least],
+def _ranks(product: SwingTransfers) -> list[FilledColumn]:
+    ranks = np.stack([product.rank, product.rank_of_least], axis=1).reshape(-1, 2, 2)
+    counts, cheapest = [], []
+    for leg in range(len(product.legs)):
+        own, least = product.member_leg == leg, product.least.leg == leg
+        for angle, integral, dv in (
+            (product.member_angle_rad[own], product.member_integral[own],
+             product.member_dv_m_s[own]),
+            (np.mean(product.least.angle_rad[:, least], axis=0), product.least.integral[least],
              product.least.total_m_s[least]),
         ):  # fmt: skip
-            row: dict[str, Cell] = {"leg": name, "over": over, "count": int(dv.size)}
-            row |= {
-                "rho_angle": _or_none(ranks[0, 0]), "p_angle": _or_none(ranks[0, 1]),
-                "rho_jacobi": _or_none(ranks[1, 0]), "p_jacobi": _or_none(ranks[1, 1]),
-            }  # fmt: skip
-            if dv.size:
-                k = int(np.argmin(dv))
-                row |= {
-                    "cheapest_angle_deg": float(np.degrees(angle[k])),
-                    "smaller_angle": int(np.count_nonzero(angle < angle[k])),
-                    "cheapest_jacobi": float(integral[k]),
-                    "larger_jacobi": int(np.count_nonzero(integral > integral[k])),
-                }
-            rows.append(row)
-    return rows
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+            counts.append(dv.size)
+            k = np.argmin(dv) if dv.size else 0
+            cheapest.append(
+                (angle[k], np.count_nonzero(angle < angle[k]), integral[k],
+                 np.count_nonzero(integral > integral[k]))
+                if dv.size else (None, None, None, None)
+            )  # fmt: skip
+    angles, smaller, integrals, larger = zip(*cheapest, strict=True)
+    return [
+        text_column("leg", np.repeat(np.array(product.legs), 2), "leg"),
+        text_column("over", ("members", "families") * len(product.legs), "over"),
+        column("count", counts, "number"),
+        column("rho_angle", ranks[:, 0, 0], "ρ(ΔV, angle)", 4),
+        column("p_angle", ranks[:, 0, 1], "p", 2),
+        column("rho_jacobi", ranks[:, 1, 0], "ρ(ΔV, C)", 4),
+        column("p_jacobi", ranks[:, 1, 1], "p", 2),
+        column("cheapest_angle_deg", angles, "angle of the cheapest", 4),
+        column("smaller_angle", smaller, "members with a smaller one"),
+        column("cheapest_jacobi", integrals, "C of the cheapest", 6),
+        column("larger_jacobi", larger, "members with a larger one"),
+    ]
 
 
 def _verdict(product: SwingTransfers) -> list[str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.qso.presentation import named
 from hillsphere_orbits.survey import NEARLY_PLANAR
 from hillsphere_orbits.transfers_reflown.products import TransfersReflown
@@ -18,44 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["present_reflown"]
 
-_HOUR, _DAY = 3600.0, 86400.0
 _COLOURS = [PALETTE[c] for c in ("black", "blue", "vermillion", "green", "purple", "orange", "sky")]
 _MARKS = "osD^vP*"
-_PLANS = (
-    Column("rung", "", "rung"),
-    Column("plan", "", "plan"),
-    Column("status", "", "status"),
-    Column("dv_plan_m_s", "m/s", "Δv as planned", 6),
-    Column("dv_m_s", "m/s", "Δv", 6),
-    Column("change_m_s", "m/s", "change", 4),
-    Column("tof_h", "h", "time of flight", 5),
-    Column("stay_h", "h", "of it on orbits between", 5),
-    Column("displacement_km", "km", "patch points moved by", 4),
-    Column("closure_m", "m", "closure", 2),
-    Column("closure_m_s", "m/s", "closure, velocity", 2),
-    Column("altitude_min_km", "km", "least height", 5),
-    Column("gap", "-", "largest gap", 2),
-    Column("iterations", "-", "steps"),
-)
-_PATCHES = (
-    Column("rung", "", "rung"),
-    Column("plan", "", "plan"),
-    Column("patch", "", "from, to"),
-    Column("held", "", "stays on"),
-    Column("dv_plan_m_s", "m/s", "Δv as planned", 6),
-    Column("dv_m_s", "m/s", "Δv", 6),
-    Column("change_m_s", "m/s", "change", 4),
-)
-_RUNGS = (
-    Column("rung", "", "rung"),
-    Column("plant", "", "equations"),
-    Column("plans", "-", "plans"),
-    Column("reflown", "-", "reflown"),
-    Column("dv_least_m_s", "m/s", "least Δv", 6),
-    Column("cheapest", "", "of the plan"),
-    Column("change_mean_m_s", "m/s", "mean change", 4),
-    Column("change_max_m_s", "m/s", "largest change", 4),
-)
 
 
 def present_reflown(product: TransfersReflown, label: str) -> Presentation:
@@ -114,9 +78,9 @@ def present_reflown(product: TransfersReflown, label: str) -> Presentation:
         "its orbit is an ellipse.",
     ]
     tables = {
-        "transfers_reflown": Table("Transfers flown again", _PLANS, _plan_rows(product), notes),
-        "transfers_reflown_patches": Table("Patch points", _PATCHES, _patch_rows(product)),
-        "transfers_reflown_rungs": Table("Rungs", _RUNGS, _rung_rows(product)),
+        "transfers_reflown": tabulate("Transfers flown again", _plans(product), notes),
+        "transfers_reflown_patches": tabulate("Patch points", _patches(product)),
+        "transfers_reflown_rungs": tabulate("Rungs", _rungs(product)),
     }
     return Presentation(
         metrics={named(name, label): metric for name, metric in metrics.items()},
@@ -126,86 +90,67 @@ def present_reflown(product: TransfersReflown, label: str) -> Presentation:
     )
 
 
-def _number(value: float, unit: float = 1.0) -> float | None:
-    return float(value) / unit if isfinite(value) else None
+def _plans(product: TransfersReflown) -> list[FilledColumn]:
+    of = FieldColumns(product, "rungs", "plans")
+    change = product.dv_m_s - product.plan_dv_m_s[:, None]
+    return [
+        of("rungs", "rung"),
+        of("plans", "plan"),
+        text_column("status", product.status, "status"),
+        of("plan_dv_m_s", "dv_plan_m_s"),
+        of("dv_m_s"),
+        column("change_m_s", change.T.ravel(), "change", 4),
+        *map(of, ("tof_s", "stay_s", "displacement_m", "closure_m", "closure_m_s")),
+        *map(of, ("altitude_min_m", "gap", "iterations")),
+    ]
 
 
-def _plan_rows(product: TransfersReflown) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for r, rung in enumerate(product.rungs):
-        for q, plan in enumerate(product.plans):
-            dv, planned = product.dv_m_s[q, r], product.plan_dv_m_s[q]
-            rows.append(
-                {
-                    "rung": rung,
-                    "plan": plan,
-                    "status": product.status[r * len(product.plans) + q],
-                    "dv_plan_m_s": _number(planned),
-                    "dv_m_s": _number(dv),
-                    "change_m_s": _number(dv - planned),
-                    "tof_h": _number(product.tof_s[q], _HOUR),
-                    "stay_h": _number(product.stay_s[q], _HOUR),
-                    "displacement_km": _number(product.displacement_m[q, r], 1e3),
-                    "closure_m": _number(product.closure_m[q, r]),
-                    "closure_m_s": _number(product.closure_m_s[q, r]),
-                    "altitude_min_km": _number(product.altitude_min_m[q, r], 1e3),
-                    "gap": _number(product.gap[q, r]),
-                    "iterations": int(product.iterations[q, r]),
-                }
-            )
-    return rows
+def _patches(product: TransfersReflown) -> list[FilledColumn]:
+    of = FieldColumns(product, "rungs", "patches")
+    plans = tuple(product.plans[q] for q in product.patch_plan)
+    change = product.patch_dv_m_s - product.patch_plan_dv_m_s[:, None]
+    return [
+        of("rungs", "rung"),
+        text_column("plan", of.spread(plans, "patches"), "plan"),
+        of("patches", "patch"),
+        of("patch_held", "held"),
+        of("patch_plan_dv_m_s", "dv_plan_m_s"),
+        of("patch_dv_m_s", "dv_m_s"),
+        column("change_m_s", change.T.ravel(), "change", 4),
+    ]
 
 
-def _patch_rows(product: TransfersReflown) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for r, rung in enumerate(product.rungs):
-        for p, patch in enumerate(product.patches):
-            dv, planned = product.patch_dv_m_s[p, r], product.patch_plan_dv_m_s[p]
-            rows.append(
-                {
-                    "rung": rung,
-                    "plan": product.plans[product.patch_plan[p]],
-                    "patch": patch,
-                    "held": product.patch_held[p],
-                    "dv_plan_m_s": _number(planned),
-                    "dv_m_s": _number(dv),
-                    "change_m_s": _number(dv - planned),
-                }
-            )
-    return rows
-
-
-def _rung_rows(product: TransfersReflown) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    count = len(product.plans)
-    for r, rung in enumerate(product.rungs):
-        own = product.status[r * count : (r + 1) * count]
-        row: dict[str, Cell] = {
-            "rung": rung,
-            "plant": product.rung_plants[r],
-            "plans": count,
-            "reflown": sum(status == REFLOWN for status in own),
-        }
-        good = np.flatnonzero([status == REFLOWN for status in own])
+def _rungs(product: TransfersReflown) -> list[FilledColumn]:
+    of, count = FieldColumns(product, "rungs"), len(product.plans)
+    reflown = np.array([status == REFLOWN for status in product.status], dtype=bool)
+    reflown = reflown.reshape(len(product.rungs), count)
+    least, mean, largest = np.full((3, len(reflown)), np.nan)
+    cheapest: list[str | None] = [None] * len(reflown)
+    for r, good in enumerate(map(np.flatnonzero, reflown)):
         if good.size:
             dv = product.dv_m_s[good, r]
             change = dv - product.plan_dv_m_s[good]
-            row |= {
-                "dv_least_m_s": float(np.min(dv)),
-                "cheapest": product.plans[int(good[np.argmin(dv)])],
-                "change_mean_m_s": float(np.mean(change)),
-                "change_max_m_s": float(change[np.argmax(np.abs(change))]),
-            }
-        rows.append(row)
-    return rows
+            least[r], mean[r] = np.min(dv), np.mean(change)
+            largest[r] = change[np.argmax(np.abs(change))]
+            cheapest[r] = product.plans[good[np.argmin(dv)]]
+    return [
+        of("rungs", "rung"),
+        of("rung_plants", "plant"),
+        column("plans", [count] * len(reflown), "plans"),
+        column("reflown", np.count_nonzero(reflown, axis=1), "reflown"),
+        column("dv_least_m_s", least, "least Δv", 6),
+        text_column("cheapest", cheapest, "of the plan"),
+        column("change_mean_m_s", mean, "mean change", 4),
+        column("change_max_m_s", largest, "largest change", 4),
+    ]
 
 
 def _verdict(product: TransfersReflown) -> list[str]:
     said = []
-    for row in _rung_rows(product):
+    for row in tabulate("Rungs", _rungs(product)).rows:
         text = f"{row['rung']} ({row['plant']}): {row['reflown']} of {row['plans']} transfers"
         text += " are flown again"
-        if "dv_least_m_s" in row:
+        if row["dv_least_m_s"] is not None:
             text += (
                 f", Δv changes by {row['change_mean_m_s']:+.3g} m/s on average and "
                 f"{row['change_max_m_s']:+.3g} m/s at most; the cheapest is {row['cheapest']} with "
