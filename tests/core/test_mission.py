@@ -13,6 +13,7 @@ import pytest
 
 from hillsphere import mission as mission_module
 from hillsphere.mission import Mission, MissionError, load_mission, packaged_missions
+from hillsphere.mission.each import expand_tables
 from hillsphere.mission.layers import parse_setting
 from hillsphere.plugins import Registry
 from hillsphere.spec import Spec
@@ -122,7 +123,7 @@ def test_setting_in_another_unit_replaces_inside_a_nested_table(
     tables, locations, _ = parse_toml(b"[gravity.a]\ninner = { size_km = 1 }\n", "f")
     layers = Layers(tables, locations)
     layers.lay_setting(parse_setting("gravity.a.inner.size_cm=5"))
-    tables_with = derived(layers, ["gravity"])
+    tables_with = derived(expand_tables(layers, ["gravity"]), ["gravity"])
     table = tables_with.tables["gravity"]["a"]
     kept = without_superseded_units(Outer, table, ("gravity", "a"), tables_with)
     assert kept == {"inner": {"size_cm": 5}}

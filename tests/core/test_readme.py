@@ -41,15 +41,26 @@ def test_robust_control_example_runs(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_mission_example_is_short_and_valid(tmp_path: Path) -> None:
-    example, _ = blocks("toml")
+    example, _, _ = blocks("toml")
     assert len(example.splitlines()) <= 30
     path = tmp_path / "deimos.toml"
     path.write_text(example, encoding="utf-8")
     assert load_mission(str(path)).order() == ["family"]
 
 
+def test_example_of_tables_that_stand_for_several(tmp_path: Path) -> None:
+    example, several, _ = blocks("toml")
+    path = tmp_path / "deimos.toml"
+    path.write_text(example + several, encoding="utf-8")
+    stages = load_mission(str(path), sets=["stage.orbit.curve_members=50"]).specs["stage"]
+    assert list(stages) == ["family", "orbit_30", "orbit_45", "orbit_60"]
+    figures = [stage.model_dump()["figures"] for stage in stages.values()]
+    assert figures == [True, True, True, False]
+    assert load_mission(str(path), profile="fast").order() == ["family", "orbit_60"]
+
+
 def test_campaign_example_repeats_the_stage_of_the_packaged_mission(tmp_path: Path) -> None:
-    _, campaign = blocks("toml")
+    _, _, campaign = blocks("toml")
     text = (missions_directory() / "phobos-hover.toml").read_text(encoding="utf-8")
     head, *tables = re.split(r"^(?=\[)", text, flags=re.MULTILINE)
     begins = ("[body", "[gravity", "[plant", "[compensator.integral]", "[stage.hover]")

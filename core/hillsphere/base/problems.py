@@ -42,6 +42,8 @@ class Problem:
         The table that suffers from it, if the value stands in another one which that is like.
     is_idle : bool
         It is a setting without any effect, as its table is dropped: sound where the table stays.
+    given : str
+        What a table with `for` stood for where it suffers: ``"controller = 'k0'"``.
     """
 
     source: str
@@ -51,11 +53,18 @@ class Problem:
     is_remark: bool = False
     user: str = ""
     is_idle: bool = False
+    given: str = ""
+
+    @property
+    def place(self) -> str:
+        """Return ``file:line``, or the setting."""
+        return self.source if self.line is None else f"{self.source}:{self.line}"
 
     def __str__(self) -> str:
         """Return ``file:line: key: message``."""
-        where = self.source if self.line is None else f"{self.source}:{self.line}"
-        told = f"{self.message} (in {self.user}, which is like it)" if self.user else self.message
+        where = self.place
+        told = f"{self.message} (for {self.given})" if self.given else self.message
+        told = f"{told} (in {self.user}, which is like it)" if self.user else told
         return f"{where}: {format_key(self.key)}: {told}" if self.key else f"{where}: {told}"
 
 

@@ -1,35 +1,48 @@
 """A mission's tables with what is laid over them: a profile, then each ``--set``.
 
 Tables merge deeply, everything else is replaced whole, and `false` in place of a named table drops
-it. Every value remembers where it came from, so that a message names the line of the file, the
-profile's own line or the setting.
+it; patterns under ``drop`` drop more (`hillsphere.mission.each`). Every value remembers where it
+came from, so that a message names the line of the file, the profile's own line or the setting.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from hillsphere.base.problems import Key, MissionError, Problem, format_key
 from hillsphere.mission.toml_source import Locations, parse_toml
 
-__all__ = ["Layers", "Setting", "parse_setting"]
+__all__ = ["Layers", "Origin", "Setting", "parse_setting"]
 
 _UNQUOTED = re.compile(r"[^\s\"'\[\]{}#=,](?:[^\"'\[\]{}#=,\n]*[^\s\"'\[\]{}#=,])?")
 
 
 @dataclass(frozen=True)
-class _Origin:
-    """Where a value came from; of two values for one quantity, the higher layer holds."""
+class Origin:
+    """Where a value came from; of two values for one quantity, the higher layer holds.
+
+    Parameters
+    ----------
+    layer : int
+        0 for the file itself.
+    locations : Locations or None
+        Of the file or the profile; None for a setting.
+    prefix : tuple
+        Path of the profile in the file.
+    source : str
+        Name of the file or setting in messages.
+    """
 
     layer: int
-    locations: Locations | None  # of the profile; None for a setting
+    locations: Locations | None
     prefix: Key
     source: str
 
     def problem(self, key: Key, message: str) -> Problem:
+        """Return a problem located at a key of this layer."""
         line = None if self.locations is None else self.locations.line((*self.prefix, *key))
         return Problem(self.source, line, key, message)
 
@@ -72,21 +85,28 @@ class Layers:
 
     tables: dict[str, Any]
     locations: Locations
-    _origins: dict[Key, _Origin] = field(default_factory=dict)
-    _dropped: dict[Key, _Origin] = field(default_factory=dict)
-    _laid_on_dropped: dict[Key, _Origin] = field(default_factory=dict)
+    _origins: dict[Key, Origin] = field(default_factory=dict)
+    _switches: dict[Key, tuple[bool, Origin]] = field(default_factory=dict)
+    _laid: dict[Key, Origin] = field(default_factory=dict)
+    _drops: list[tuple[Origin, Any]] = field(default_factory=list)
     _layer: int = 0
+
+    def __post_init__(self) -> None:
+        """Note what the file itself drops."""
+        if "drop" in self.tables:
+            own = Origin(0, self.locations, (), self.locations.source)
+            self._drops.append((own, self.tables["drop"]))
 
     def lay_profile(self, prefix: Key, tables: Mapping[str, Any]) -> None:
         """Merge a profile that stands in the same file under `prefix`."""
         self._layer += 1
-        origin = _Origin(self._layer, self.locations, prefix, self.locations.source)
+        origin = Origin(self._layer, self.locations, prefix, self.locations.source)
         self.tables = self._merged(self.tables, tables, (), origin)
 
     def lay_setting(self, setting: Setting) -> Problem | None:
         """Merge a setting; returns what is wrong if it points into an array."""
         self._layer += 1
-        origin = _Origin(self._layer, None, (), setting.source)
+        origin = Origin(self._layer, None, (), setting.source)
         here: Any = self.tables
         for length, part in enumerate(setting.key[:-1], 1):
             here = here.get(part) if isinstance(here, dict) else None
@@ -99,17 +119,18 @@ class Layers:
         self.tables = self._merged(self.tables, value, (), origin)
         return None
 
-    def _merged(self, below: Any, above: Any, path: Key, origin: _Origin) -> Any:
-        if len(path) == 2 and isinstance(below, dict) and isinstance(above, bool):
+    def _merged(self, below: Any, above: Any, path: Key, origin: Origin) -> Any:
+        if path == ("drop",):
+            self._drops.append((origin, above))
+            return above
+        if len(path) == 2 and isinstance(above, bool):
             # The text stays: other tables may be like it, and a later layer may take it back.
-            if above:
-                self._dropped.pop(path, None)
-            else:
-                self._dropped[path] = origin
-            return below
+            self._switches[path] = above, origin
+            if isinstance(below, dict):
+                return below
+        elif len(path) == 2 and isinstance(above, Mapping):
+            self._laid[path] = origin
         if isinstance(below, dict) and isinstance(above, Mapping):
-            if path in self._dropped:
-                self._laid_on_dropped[path] = origin
             table = dict(below)
             for key, value in above.items():
                 table[key] = self._merged(below.get(key), value, (*path, key), origin)
@@ -117,23 +138,17 @@ class Layers:
         self._origins[path] = origin
         return dict(above) if isinstance(above, Mapping) else above
 
-    def dropped_at(self, kind: str, name: str) -> str | None:
-        """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
-        origin = self._dropped.get((kind, name))
-        if origin is None:
-            return None
-        problem = origin.problem((kind, name), "")
-        return problem.source if problem.line is None else f"{problem.source}:{problem.line}"
+    def drops(self) -> list[tuple[Origin, Any]]:
+        """Return every ``drop`` as it was given: that of the file, then what was laid over it."""
+        return self._drops
 
-    def laid_on_dropped(self, kind: str, name: str) -> Problem | None:
-        """Return what is wrong with a setting that changes a table which was dropped before."""
-        origin = self._laid_on_dropped.get((kind, name))
-        place = self.dropped_at(kind, name)
-        if origin is None or place is None:
-            return None
-        again = f"--set {kind}.{name}=true takes it back"
-        found = origin.problem((kind, name), f"this table is dropped at {place}; {again}")
-        return replace(found, is_idle=True)
+    def switch(self, kind: str, name: str) -> tuple[bool, Origin] | None:
+        """Return what was given last in place of a table, `false` or `true`, and where."""
+        return self._switches.get((kind, name))
+
+    def last_origin(self, kind: str, name: str) -> Origin | None:
+        """Return the last layer that says something in a table; None for the file alone."""
+        return self._laid.get((kind, name))
 
     def layer(self, key: Key) -> int:
         """Return 0 for what the file says itself, more for what was laid over it later."""
@@ -147,7 +162,7 @@ class Layers:
             return origin.problem(key, message)
         return Problem(self.locations.source, self.locations.line(key), key, message)
 
-    def _origin(self, key: Key) -> _Origin | None:
+    def _origin(self, key: Key) -> Origin | None:
         # Replacing a whole table leaves the older origins inside it behind: the latest one holds.
         heads = (self._origins.get(key[:length]) for length in range(len(key), 0, -1))
         found = [origin for origin in heads if origin is not None]

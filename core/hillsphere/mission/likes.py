@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hillsphere.base.problems import Key, Problem, did_you_mean, shown
-from hillsphere.mission.layers import Layers
+from hillsphere.mission.each import Expanded
 from hillsphere.spec.annotations import inner
 from hillsphere.spec.base import Spec
 
@@ -26,8 +26,8 @@ class Derived:
 
     Parameters
     ----------
-    layers : Layers
-        The tables as they are written, with what is laid over them.
+    layers : Expanded
+        The tables with every `for` carried out.
     tables : dict
         The same without ``like`` and without the tables that were dropped.
     bases : dict
@@ -38,7 +38,7 @@ class Derived:
         What is wrong with those.
     """
 
-    layers: Layers
+    layers: Expanded
     tables: dict[str, Any]
     bases: dict[_Node, str] = field(default_factory=dict)
     unsound: set[_Node] = field(default_factory=set)
@@ -46,12 +46,16 @@ class Derived:
 
     def problem(self, key: Key, message: str) -> Problem:
         """Return a problem located where the value was written: maybe in a table further down."""
-        where, depth = self._written(key)
-        found = self.layers.problem(where, message)
-        if depth == 0:
+        where, name, _ = self._written(key)
+        found = self.layers.layers.problem(where, message)
+        if name is None:
             return found
-        kind, name = key[:2]
-        return replace(found, user=f"{kind}.{name}")
+        kind, own = str(key[0]), str(key[1])
+        return replace(
+            found,
+            user="" if name == own else f"{kind}.{own}",
+            given="" if where[1] == name else self.layers.values_text(kind, name),
+        )
 
     def rank(self, key: Key) -> tuple[int, int]:
         """Return what tells two values of one quantity apart: the higher one holds.
@@ -59,30 +63,38 @@ class Derived:
         What a table says itself holds before what it takes from another one; of two values in one
         table the one that was laid over it later does.
         """
-        where, depth = self._written(key)
-        return -depth, self.layers.layer(where)
+        where, _, depth = self._written(key)
+        return -depth, self.layers.layers.layer(where)
 
-    def _written(self, key: Key) -> tuple[Key, int]:
-        """Return the key in the table of the chain that holds it, and how far down that is."""
-        if len(key) < 2 or not isinstance(written := self.layers.tables.get(str(key[0])), dict):
-            return key, 0
+    def _written(self, key: Key) -> tuple[Key, str | None, int]:
+        """Return the key as it is written, the table of the chain that holds it, and its depth.
+
+        A table that another one with `for` stands for has two places: its own, if it is written,
+        and one step deeper that other one.
+        """
+        if len(key) < 2 or not isinstance(self.layers.tables.get(str(key[0])), dict):
+            return key, None, 0
         kind, name, rest = str(key[0]), str(key[1]), key[2:]
+        written = self.layers.layers.tables[kind]
         depth = 0
-        while not _holds(written.get(name), rest):
+        while True:
+            for place in self.layers.written_as(kind, name):
+                if _holds(written.get(place), rest):
+                    return (kind, place, *rest), name, depth
+                depth += 1
             if (kind, name) not in self.bases:
-                return key, 0
+                own = str(key[1])
+                return (kind, self.layers.written_as(kind, own)[0], *rest), own, 0
             name = self.bases[kind, name]
-            depth += 1
-        return (kind, name, *rest), depth
 
 
-def derived(layers: Layers, kinds: Iterable[str]) -> Derived:
+def derived(layers: Expanded, kinds: Iterable[str]) -> Derived:
     """Carry out every ``like``, and leave out the tables that were dropped.
 
     Parameters
     ----------
-    layers : Layers
-        The mission's tables with profile and settings laid over them.
+    layers : Expanded
+        The mission's tables with profile and settings laid over them, and every `for` carried out.
     kinds : iterable of str
         Kinds of table.
 
@@ -91,7 +103,7 @@ def derived(layers: Layers, kinds: Iterable[str]) -> Derived:
     Derived
         The tables, and what is wrong.
     """
-    found = Derived(layers, dict(layers.tables))
+    found = Derived(layers, dict(layers.tables), problems=list(layers.idle))
     for kind in kinds:
         written = layers.tables.get(kind)
         if not isinstance(written, dict):
@@ -106,8 +118,8 @@ def derived(layers: Layers, kinds: Iterable[str]) -> Derived:
             for name, table in written.items()
             if layers.dropped_at(kind, name) is None
         }
-        for name in written:
-            if name not in used and (laid := layers.laid_on_dropped(kind, name)) is not None:
+        for name in dict.fromkeys((*written, *layers.layers.tables[kind])):
+            if (laid := layers.laid_on_dropped(kind, name, used)) is not None:
                 found.problems.append(laid)
     return found
 
@@ -131,7 +143,7 @@ def _derive(
             circle = " → ".join([*chain[place[base] :], base])
             fault = f"goes in a circle: {circle}"
         if fault is not None:
-            found.problems.append(found.layers.problem((kind, name, "like"), fault))
+            found.problems.append(found.problem((kind, name, "like"), fault))
             found.unsound.add((kind, name))
             chain.pop()
             break
@@ -148,7 +160,7 @@ def _derive(
             own = {key: value for key, value in written[name].items() if key != "like"}
             fault = _other_type(base, done[base], own)
             if fault:
-                found.problems.append(found.layers.problem((kind, name, "type"), fault))
+                found.problems.append(found.problem((kind, name, "type"), fault))
                 found.unsound.add((kind, name))
             else:
                 done[name] = _merged(done[base], own)

@@ -10,6 +10,7 @@ from typing import Any
 
 from hillsphere.base.paths import missions_directory
 from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean, shown
+from hillsphere.mission.each import expand_tables
 from hillsphere.mission.layers import Layers, parse_setting
 from hillsphere.mission.likes import Derived, derived
 from hillsphere.mission.links import check_links, resolve_data_paths, topological
@@ -141,8 +142,9 @@ def load_mission(
     Raises
     ------
     MissionError
-        With every problem found. Faults in the form of the text, an unreadable file and an unknown
-        format are told alone, as nothing behind them can be judged.
+        With every problem found. Faults in the form of the text, an unreadable file, an unknown
+        format and lists and `for` that are not sound are told alone, as nothing behind them can be
+        judged.
 
     Examples
     --------
@@ -159,7 +161,10 @@ def load_mission(
         _lay_profile(profile, profiles, layers, problems)
     for text_of_setting in sets:
         _lay_setting(text_of_setting, layers, problems)
-    written = derived(layers, MISSION_KINDS)
+    each = expand_tables(layers, MISSION_KINDS)
+    if each.problems:
+        raise MissionError(_listed(problems + each.problems, source))
+    written = derived(each, MISSION_KINDS)
     found = validated(written, registry)
     check_links(found, written)
     directory = os.path.dirname(os.path.realpath(path))
@@ -284,11 +289,7 @@ def _places(tables: Tables, written: Derived) -> dict[Key, str]:
     for kind, name, spec in tables:
         keys += [(kind, name), *((kind, name, *where) for where, _ in spec.data_paths())]
         keys += _keys_of(written.tables.get(kind, {}).get(name), (kind, name))
-    problems = {key: written.problem(key, "") for key in keys}
-    return {
-        key: problem.source if problem.line is None else f"{problem.source}:{problem.line}"
-        for key, problem in problems.items()
-    }
+    return {key: written.problem(key, "").place for key in keys}
 
 
 def _keys_of(table: Any, key: Key) -> Iterator[Key]:
@@ -301,12 +302,24 @@ def _keys_of(table: Any, key: Key) -> Iterator[Key]:
 
 def _listed(problems: list[Problem], source: str) -> list[Problem]:
     """Sort by line, the file before the settings, remarks last; end a list that is too long."""
-    # A fault in a table that others are like is told once: of the table itself, if it stays.
-    unique: dict[Problem, Problem] = {}
+    # A fault in a table that others are like, or that stands for several, is told once: of the
+    # table itself, if it stays, and of the first value.
+    alike: dict[Problem, list[Problem]] = {}
     for problem in sorted(problems, key=lambda p: p.user != ""):
-        unique.setdefault(replace(problem, user=""), problem)
-    ordered = sorted(unique.values(), key=lambda p: (p.is_remark, p.source != source, p.line or 0))
+        alike.setdefault(replace(problem, user="", given=""), []).append(problem)
+    ordered = sorted(
+        (_merge_alike(some) for some in alike.values()),
+        key=lambda p: (p.is_remark, p.source != source, p.line or 0),
+    )
     if sum(not problem.is_remark for problem in ordered) > MOST_PROBLEMS:
         more = Problem(source, None, (), "there are more problems than are listed", True)
         return [*ordered[:MOST_PROBLEMS], more]
     return ordered
+
+
+def _merge_alike(alike: list[Problem]) -> Problem:
+    """Return the first of problems that are one fault, with the number of values that have it."""
+    values = {problem.given for problem in alike} - {""}
+    if len(values) < 2 or not alike[0].given:
+        return alike[0]
+    return replace(alike[0], given=f"{alike[0].given} and {len(values) - 1} more")

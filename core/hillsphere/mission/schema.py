@@ -1,8 +1,9 @@
 """JSON Schema of a mission file with every installed plugin, for editors and other programs.
 
 The schema says what a table may hold, key by key, each quantity in every unit. It accepts a little
-more than `load_mission`: rules between keys, references, needs, files and the keys of a table
-that is `like` another one are checked there only.
+more than `load_mission`: rules between keys, references, needs, files, the keys of a table that is
+`like` another one and the values in a table with `for` are checked there only. With `[each]`, a
+table may have neither `type` nor `like`: it changes one that a table with `for` stands for.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hillsphere.base.errors import PluginError
+from hillsphere.mission.each import EACH_NAME
 from hillsphere.mission.tables import (
     FORMAT,
     MISSION_KINDS,
@@ -57,11 +59,14 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
     properties: dict[str, Any] = {
         "format": {"const": FORMAT, "description": "version of the mission format"},
         **head["properties"],
+        "each": _EACH,
+        "drop": _DROP,
         "profile": {
             "description": "changes that --profile NAME lays over the mission",
             "type": "object",
             "additionalProperties": {
                 "type": "object",
+                "properties": {"drop": _DROP},
                 "propertyNames": {
                     "enum": [k for k in (*TOP_KEYS, *MISSION_KINDS) if k not in _NOT_IN_PROFILES]
                 },
@@ -79,6 +84,8 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
         "properties": properties,
         "required": ["format", *head["required"], "stage"],
         "additionalProperties": False,
+        "if": {"not": {"required": ["each"]}},
+        "then": {"properties": {kind: {"additionalProperties": _BEGUN} for kind in MISSION_KINDS}},
         "$defs": definitions,
     }
     if broken:
@@ -87,6 +94,31 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
 
 
 _NOT_IN_PROFILES = ("format", "profile")
+_EACH = {
+    "description": "lists of values; a table with for = NAME stands for one table per value",
+    "type": "object",
+    "propertyNames": {"pattern": f"^{EACH_NAME}$"},
+    "additionalProperties": {
+        "type": "array",
+        "minItems": 1,
+        "uniqueItems": True,
+        "items": {"type": ["string", "number"]},
+    },
+}
+_DROP = {
+    "description": "patterns of the tables that are no part of the mission, such as stage.wide_*",
+    "type": "array",
+    "items": {"type": "string"},
+}
+_FOR = {
+    "description": "lists of [each]: the table stands for one table per value",
+    "anyOf": [
+        {"type": "string"},
+        {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}},
+    ],
+}
+_BEGUN = {"anyOf": [{"required": ["type"]}, {"required": ["like"]}]}
+_PATTERN_NAME = r"^[a-z0-9_{}-]*\{[a-z0-9_{}-]*$"
 
 
 def _kind(
@@ -114,10 +146,16 @@ def _kind(
         rules.append(
             {
                 "if": {
-                    "properties": {"type": {"const": type_}, "like": False},
+                    "properties": {"type": {"const": type_}, "like": False, "for": False},
                     "required": ["type"],
                 },
                 "then": {"$ref": f"#/$defs/{name}"},
+            }
+        )
+        rules.append(
+            {
+                "if": {"properties": {"type": {"const": type_}}, "required": ["type", "for"]},
+                "then": {"propertyNames": {"enum": ["like", "for", *table["properties"]]}},
             }
         )
     table_schema: dict[str, Any] = {
@@ -126,17 +164,20 @@ def _kind(
             "type": {"enum": [record.component.type for record in records]},
             "like": {
                 "type": "string",
-                "pattern": f"^{TABLE_NAME}$",
+                "pattern": f"^{TABLE_NAME}$|{_PATTERN_NAME}",
                 "description": f"the {kind} table that this one begins as a copy of",
             },
+            "for": _FOR,
         },
-        "anyOf": [{"required": ["type"]}, {"required": ["like"]}],
     }
     if rules:
         table_schema["allOf"] = rules
     return {
         "type": "object",
-        "patternProperties": {f"^{TABLE_NAME}$": table_schema},
+        "patternProperties": {
+            f"^{TABLE_NAME}$": table_schema,
+            _PATTERN_NAME: {**table_schema, "required": ["for"]},
+        },
         "additionalProperties": False,
     }
 

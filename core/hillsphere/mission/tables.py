@@ -64,7 +64,7 @@ class Head(Spec):
         return name
 
 
-TOP_KEYS = ("format", *Head.model_fields, "profile")
+TOP_KEYS = ("format", *Head.model_fields, "each", "drop", "profile")
 
 
 @dataclass

@@ -1,0 +1,381 @@
+"""Tables that stand for several: ``for = "controller"`` over the lists of ``[each]``, and ``drop``.
+
+A table with `for` becomes one table per value. Its name with ``_VALUE`` behind it, or with the
+value in place of ``{controller}``, is the name of each; ``{controller}`` in its strings is the
+value. A table of such a name changes that one: its keys win. All of this happens after profile and
+settings are laid over the file, so both reach the table that stands for all, and single ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from itertools import product
+from math import prod
+from typing import Any, TypeAlias
+
+from hillsphere.base.problems import Key, Problem, did_you_mean, shown
+from hillsphere.mission.layers import Layers, Origin
+
+__all__ = ["EACH_NAME", "Expanded", "expand_tables"]
+
+EACH_NAME = r"[a-z][a-z0-9_-]{0,63}"
+"""Pattern of the name of a list in ``[each]``."""
+
+_MOST_TABLES = 1000
+"""Tables that all tables with `for` may stand for; the largest packaged mission has 80."""
+_LONGEST_VALUE = 64
+"""Characters of a value: it becomes a part of a table's name, which has at most as many."""
+_PARTS = re.compile(r"\{\{|\}\}|\{([^{}]*)\}|[{}]")
+
+_Node: TypeAlias = tuple[str, str]
+_Value: TypeAlias = str | int | float
+_Values: TypeAlias = Mapping[str, _Value]
+
+
+@dataclass
+class Expanded:
+    """Tables in which every `for` is carried out, and which of them are dropped.
+
+    Parameters
+    ----------
+    layers : Layers
+        The tables as they are written, with what is laid over them.
+    tables : dict
+        The same with one table per value in place of every table with `for`.
+    sources : dict
+        (kind, name) of a table → name of the table with `for` that it comes from.
+    values : dict
+        (kind, name) of such a table → what each variable is in it.
+    problems : list of Problem
+        Faults of `[each]`, `for` and strings with braces: nothing behind them can be judged.
+    idle : list of Problem
+        Patterns of `drop` that match nothing.
+    """
+
+    layers: Layers
+    tables: dict[str, Any]
+    sources: dict[_Node, str] = field(default_factory=dict)
+    values: dict[_Node, _Values] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+    idle: list[Problem] = field(default_factory=list)
+    _dropped: dict[_Node, tuple[Origin, Key]] = field(default_factory=dict)
+
+    def written_as(self, kind: str, name: str) -> tuple[str, ...]:
+        """Return the names under which a table's keys are written, the one that wins first."""
+        source = self.sources.get((kind, name))
+        if source is None:
+            return (name,)
+        is_written = isinstance(self.layers.tables[kind].get(name), dict)
+        return (name, source) if is_written else (source,)
+
+    def values_text(self, kind: str, name: str) -> str:
+        """Return the values that a table was expanded with: ``controller = 'k0'``."""
+        values = self.values.get((kind, name), {})
+        return ", ".join(f"{variable} = {value!r}" for variable, value in values.items())
+
+    def dropped_at(self, kind: str, name: str) -> str | None:
+        """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
+        drop = self._dropped.get((kind, name))
+        return None if drop is None else drop[0].problem(drop[1], "").place
+
+    def laid_on_dropped(self, kind: str, name: str, used: Iterable[str]) -> Problem | None:
+        """Return what is wrong with a setting that changes only tables dropped before.
+
+        Parameters
+        ----------
+        kind, name : str
+            A table as it is written; one with `for` stands for several.
+        used : iterable of str
+            Names of tables of this kind that other tables begin as.
+        """
+        origin = self.layers.last_origin(kind, name)
+        if origin is None:
+            return None
+        nodes = [node for node, source in self.sources.items() if (node[0], source) == (kind, name)]
+        nodes = nodes or [(kind, name)]
+        drops = [self._dropped.get(node) for node in nodes]
+        if any(node[1] in used for node in nodes):
+            return None  # the setting shows there
+        if any(drop is None or drop[0].layer >= origin.layer for drop in drops):
+            return None
+        place = self.dropped_at(*nodes[0])
+        message = f"this table is dropped at {place}; --set {kind}.{name}=true takes it back"
+        return replace(origin.problem((kind, name), message), is_idle=True)
+
+
+def expand_tables(layers: Layers, kinds: Iterable[str]) -> Expanded:
+    """Carry out every `for`, and find the tables that are dropped.
+
+    Parameters
+    ----------
+    layers : Layers
+        The mission's tables with profile and settings laid over them.
+    kinds : iterable of str
+        Kinds of table.
+
+    Returns
+    -------
+    Expanded
+        The tables, and what is wrong. They stand in the place of the table with `for`, in the order
+        of the list. Stages that follow each other with the same `for` stand value by value: all of
+        them with the first value, then all with the second.
+    """
+    result = Expanded(layers, dict(layers.tables))
+    lists = _lists(result)
+    used: set[str] = set()
+    groups = [kind for kind in kinds if isinstance(layers.tables.get(kind), dict)]
+    for kind in groups:
+        variables = {
+            name: _variables((kind, name), table["for"], lists, result)
+            for name, table in layers.tables[kind].items()
+            if isinstance(table, dict) and "for" in table
+        }
+        used.update(*variables.values())
+        if not result.problems:
+            _expand_kind(kind, variables, lists, result)
+    if not result.problems:
+        for name in lists:
+            if name not in used:
+                _refuse(result, ("each", name), "no table is for this list; remove it")
+    if not result.problems:
+        _drop(groups, result)
+    return result
+
+
+def _refuse(result: Expanded, key: Key, message: str) -> None:
+    result.problems.append(result.layers.problem(key, message))
+
+
+def _lists(result: Expanded) -> dict[str, Sequence[_Value]]:
+    """Return the lists of ``[each]``, and add a problem for each that is not sound."""
+    given = result.layers.tables.get("each", {})
+    if not isinstance(given, dict):
+        _refuse(result, ("each",), f"expected lists, [each] NAME = [...]; got {shown(given)}")
+        return {}
+    for name, values in given.items():
+        key = ("each", name)
+        if not re.fullmatch(EACH_NAME, name):
+            _refuse(
+                result, key,
+                "a list's name has at most 64 small letters, digits, '_' and '-' and begins with "
+                "a letter",
+            )  # fmt: skip
+        elif not isinstance(values, list) or not values:
+            _refuse(result, key, f"expected a list of strings or numbers, got {shown(values)}")
+        else:
+            _check_values(key, values, result)
+    return given
+
+
+def _check_values(key: Key, values: list[Any], result: Expanded) -> None:
+    texts: set[str] = set()
+    for index, value in enumerate(values):
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            _refuse(result, (*key, index), f"expected a string or a number, got {shown(value)}")
+        elif len(str(value)) > _LONGEST_VALUE:
+            message = f"must have at most {_LONGEST_VALUE} characters, got {len(str(value))}"
+            _refuse(result, (*key, index), message)
+        elif str(value) in texts:
+            _refuse(result, (*key, index), f"{value!r} is in the list twice")
+        texts.add(str(value))
+
+
+def _variables(
+    node: _Node, given: Any, lists: Mapping[str, Any], result: Expanded
+) -> tuple[str, ...]:
+    """Return the names of lists that a table's `for` gives."""
+    names = [given] if isinstance(given, str) else given
+    key = (*node, "for")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        _refuse(
+            result, key, f"expected the name of a list of [each] or several, got {shown(given)}"
+        )
+        return ()
+    for index, name in enumerate(names):
+        if name not in lists:
+            hint = did_you_mean(name, lists, otherwise="there are") or "; write [each] NAME = [...]"
+            _refuse(result, key, f"no list of [each] is named {name[:60]!r}{hint}")
+        elif name in names[:index]:
+            _refuse(result, key, f"names {name!r} twice")
+    return tuple(names)
+
+
+def _expand_kind(
+    kind: str,
+    variables: Mapping[str, tuple[str, ...]],
+    lists: Mapping[str, Sequence[_Value]],
+    result: Expanded,
+) -> None:
+    written: Mapping[str, Any] = result.layers.tables[kind]
+    names: dict[str, list[str]] = {}
+    for name, over in variables.items():
+        count = prod(len(lists[variable]) for variable in over)
+        if count + len(result.sources) > _MOST_TABLES:
+            message = f"tables with `for` may stand for {_MOST_TABLES} in all; here are {count}"
+            _refuse(result, (kind, name, "for"), message)
+            return
+        names[name] = _names(kind, name, over, lists, result)
+    for name in names:
+        if (kind, name) in result.sources:
+            source = result.sources[kind, name]
+            message = f"{kind}.{source} stands for a table of this name, which cannot have a `for`"
+            _refuse(result, (kind, name, "for"), message)
+    if result.problems:
+        return
+    ordered: dict[str, Any] = {}
+    own = [name for name in written if (kind, name) not in result.sources]
+    # Only stages have an order; components of one type stay together.
+    for run in _runs(own, variables) if kind == "stage" else ([name] for name in own):
+        if run[0] not in names:
+            ordered[run[0]] = written[run[0]]
+            continue
+        for index in range(len(names[run[0]])):
+            for name in run:
+                new = names[name][index]
+                table = {key: value for key, value in written[name].items() if key != "for"}
+                for key, value in table.items():
+                    table[key] = _substitute(
+                        value, (kind, name, key), result.values[kind, new], result
+                    )
+                ordered[new] = _merge_tables(table, written.get(new))
+    result.tables[kind] = ordered
+
+
+def _names(
+    kind: str,
+    source: str,
+    variables: tuple[str, ...],
+    lists: Mapping[str, Sequence[_Value]],
+    result: Expanded,
+) -> list[str]:
+    """Return the names of the tables that a table stands for, and note where each comes from."""
+    made: list[str] = []
+    pattern = source if "{" in source else "_".join((source, *(f"{{{v}}}" for v in variables)))
+    for combination in product(*(lists[variable] for variable in variables)):
+        values = dict(zip(variables, combination, strict=True))
+        name = str(_substitute(pattern, (kind, source), values, result, as_text=True))
+        if result.problems:
+            break
+        if (other := result.sources.get((kind, name))) is not None:
+            message = f"stands for a table {kind}.{name}, for which {kind}.{other} stands already"
+            if other == source:
+                message = f"stands for {kind}.{name} twice; its name needs every variable"
+            _refuse(result, (kind, source, "for"), message)
+            break
+        result.sources[kind, name] = source
+        result.values[kind, name] = values
+        made.append(name)
+    return made
+
+
+def _runs(names: Iterable[str], variables: Mapping[str, tuple[str, ...]]) -> Iterator[list[str]]:
+    """Yield tables alone, and together those that follow each other with the same `for`."""
+    run: list[str] = []
+    for name in names:
+        if run and (name not in variables or variables[name] != variables.get(run[0])):
+            yield run
+            run = []
+        run.append(name)
+    if run:
+        yield run
+
+
+def _substitute(
+    value: Any, key: Key, values: _Values, result: Expanded, as_text: bool = False
+) -> Any:
+    """Return a value with those of variables in the strings of it; the same object without any."""
+    if isinstance(value, list):
+        items = [_substitute(item, (*key, k), values, result) for k, item in enumerate(value)]
+        return items if any(a is not b for a, b in zip(items, value, strict=True)) else value
+    if isinstance(value, dict):
+        return {
+            name: _substitute(item, (*key, name), values, result) for name, item in value.items()
+        }
+    if not isinstance(value, str) or not ("{" in value or "}" in value):
+        return value
+    if not as_text and value.startswith("{") and value[1:-1] in values and value.endswith("}"):
+        return values[value[1:-1]]
+
+    def text(match: re.Match[str]) -> str:
+        part = match.group()
+        if part in ("{{", "}}"):
+            return part[0]
+        name = match.group(1)
+        if name in values:
+            return str(values[name])
+        problem = _explain_part(part, name, values, key, result)
+        if problem not in result.problems:
+            result.problems.append(problem)
+        return part
+
+    return _PARTS.sub(text, value)
+
+
+def _explain_part(
+    part: str, name: str | None, values: _Values, key: Key, result: Expanded
+) -> Problem:
+    if name is None:
+        message = f"a single {part!r}; a brace in the text is written {part * 2!r}"
+    elif name in result.layers.tables.get("each", {}):
+        message = f"{part[:60]} is not among the variables of this table; add it to `for`"
+    else:
+        hint = did_you_mean(name, values, otherwise="this table has")
+        message = f"no variable is named {name[:60]!r}{hint} (a brace is written '{{{{')"
+    return result.layers.problem(key, message)
+
+
+def _merge_tables(below: Any, above: Any) -> Any:
+    """Return a table with the keys of another one merged into it; what is no table is ignored."""
+    if not isinstance(above, dict):
+        return below
+    table = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, dict) and isinstance(below.get(key), dict)
+        table[key] = _merge_tables(below[key], value) if both else value
+    return table
+
+
+def _drop(kinds: Iterable[str], result: Expanded) -> None:
+    """Note the tables that are dropped: by `false` in place of one, or by a pattern.
+
+    The later layer holds. `false` or `true` for a single table holds before that for the table
+    with `for` which stands for it.
+    """
+    nodes = [
+        (kind, name)
+        for kind in kinds
+        for name, table in result.tables[kind].items()
+        if isinstance(table, dict)
+    ]
+    full = {node: [f"{node[0]}.{node[1]}"] for node in nodes}
+    for kind, name in result.sources:
+        full[kind, name].append(f"{kind}.{result.sources[kind, name]}")
+    for origin, given in result.layers.drops():
+        if not isinstance(given, list) or not all(isinstance(item, str) for item in given):
+            message = f'expected patterns of tables, such as ["stage.wide_*"]; got {shown(given)}'
+            result.problems.append(origin.problem(("drop",), message))
+            continue
+        for index, pattern in enumerate(given):
+            matching = [node for node in nodes if any(fnmatchcase(n, pattern) for n in full[node])]
+            for node in matching:
+                result._dropped[node] = origin, ("drop", index)
+            if not matching:
+                every = dict.fromkeys(name for names in full.values() for name in names)
+                hint = did_you_mean(pattern, every, otherwise="there are")
+                message = f"no table matches {pattern[:60]!r}{hint}"
+                result.idle.append(origin.problem(("drop", index), message))
+    for kind, name in nodes:
+        source = result.sources.get((kind, name), name)
+        written = name if result.layers.switch(kind, name) is not None else source
+        switch = result.layers.switch(kind, written)
+        if switch is None:
+            continue
+        stays, origin = switch
+        drop = result._dropped.get((kind, name))
+        if drop is None or origin.layer >= drop[0].layer:
+            result._dropped.pop((kind, name), None)
+            if not stays:
+                result._dropped[kind, name] = origin, (kind, written)
