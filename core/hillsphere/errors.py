@@ -12,6 +12,7 @@ from hillsphere.base.errors import (
     PropagationError,
     StageError,
     UnknownComponentError,
+    describe_error,
 )
 
 __all__ = [
@@ -23,4 +24,5 @@ __all__ = [
     "PropagationError",
     "StageError",
     "UnknownComponentError",
+    "describe_error",
 ]

@@ -12,6 +12,7 @@ from hillsphere.show.presentation import (
     Presentation,
     Printed,
     Table,
+    check_presentation,
     presentation_faults,
 )
 
@@ -24,5 +25,6 @@ __all__ = [
     "Presentation",
     "Printed",
     "Table",
+    "check_presentation",
     "presentation_faults",
 ]

@@ -370,6 +370,7 @@ NO_READERS = {
     "hillsphere.runs.pipeline": RUN_DIRECTORY,
     "hillsphere.show.report": "the package's own style sheet",
     "hillsphere.runs.rerun": RUN_DIRECTORY,
+    "hillsphere.runs.run_figures": RUN_DIRECTORY,
     "hillsphere.model.spice_kernel": "judges the head and the records of a kernel; test_spice.py",
     "hillsphere.model.spice": "starts the process that reads kernels; test_spice.py",
     "hillsphere.model.spice_process": "CSPICE, ends its process at some kernels; test_spice.py",

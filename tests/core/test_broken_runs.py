@@ -24,6 +24,7 @@ COMMANDS = {
     "resume": ("resume", "out", *MISSION_AGAIN, "--workers", "0"),
     "resume as JSON": ("resume", "out", "--json"),
     "rerun": ("rerun", "out", "--case", "3", *MISSION_AGAIN),
+    "figures": ("figures", "out", *MISSION_AGAIN),
     "export": ("export", "out"),
     "export as netCDF": ("export", "out", "--format", "netcdf"),
 }

@@ -30,6 +30,7 @@ MISSIONS = sorted(path.stem for path in (ROOT / "missions").glob("*.toml"))
         ["run", "--help"],
         ["resume", "--help"],
         ["rerun", "--help"],
+        ["figures", "--help"],
         ["export", "--help"],
         ["plugins"],
         ["plugins", "--json"],

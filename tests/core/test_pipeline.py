@@ -279,7 +279,7 @@ def test_a_chain_runs_in_order_and_leaves_everything(tmp_path: Path) -> None:
         "manifest.json", "summary.json", "report.html", "log.txt", "resume.json",
         "first.npz", "alone.npz", "twice.npz",
         *(f"tables/rows{end}.csv" for end in ("", "_alone", "_twice")),
-        *(f"figures/line{e}.{k}" for e in ("", "_alone", "_twice") for k in ("png", "svg")),
+        *(f"figures/line{end}.svg" for end in ("", "_alone", "_twice")),
     }  # fmt: skip
     loaded = load_product(result.directory / "twice.npz")
     np.testing.assert_array_equal(loaded.values, result.product("twice").values)
@@ -304,6 +304,24 @@ def test_figures_that_are_not_wanted_are_not_drawn() -> None:
     assert result.ok
     assert "first.npz" in files(result)
     assert not [name for name in files(result) if name.startswith("figures/")]
+
+
+def test_png_is_drawn_only_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unwanted(*_: object) -> NoReturn:
+        raise AssertionError("nobody has asked for a PNG")
+
+    monkeypatch.setattr("hillsphere.show.drawing._save_png", unwanted)
+    text = '[stage.alone]\ntype = "make"\n'
+    assert run_mission(mission(text), out="plain").ok
+    assert not run_mission(mission(text), out="asked", figures=True).ok
+
+
+def test_the_png_of_a_large_figure_is_in_the_report_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hillsphere.show.drawing.MAX_SVG_BYTES", 10)
+    result = run_mission(mission('[stage.alone]\ntype = "make"\n'), out="out")
+    assert result.ok
+    assert {name for name in files(result) if "figures/" in name} == {"figures/line.svg"}
+    assert "data:image/png;base64," in (result.directory / "report.html").read_text("utf-8")
 
 
 def test_manifest_says_what_was_run_and_nothing_of_the_host(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from hillsphere.presentation import (
     Table,
     presentation_faults,
 )
-from hillsphere.show.drawing import draw
+from hillsphere.show.drawing import Drawing, draw, draw_png
 from hillsphere.show.report import MAX_ROWS, Report, Section, render
 
 VOID = {"meta", "img", "br", "hr"}
@@ -200,17 +200,24 @@ def test_how_to_run_it_again() -> None:
 
 
 def test_figures_are_the_same_every_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = draw(FIGURE)
+    first = draw(FIGURE, png=True)
     # A user's own settings neither change the figure nor are changed by it.
     with mpl.rc_context({"font.size": 30, "svg.fonttype": "none", "lines.linewidth": 9}):
-        assert draw(FIGURE) == first
+        assert draw(FIGURE, png=True) == first
         assert mpl.rcParams["font.size"] == 30
     root = ET.fromstring(first.svg)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert b"dc:date" not in first.svg
-    assert first.png.startswith(b"\x89PNG")
     # The first line is drawn in the first colour of the palette.
     assert PALETTE["blue"].lower().encode() in first.svg
+
+
+def test_a_format_does_not_depend_on_the_other() -> None:
+    both = draw(FIGURE, png=True)
+    assert both.png is not None
+    assert both.png.startswith(b"\x89PNG")
+    assert draw(FIGURE) == Drawing(both.svg, None)
+    assert draw_png(FIGURE) == both.png
 
 
 def test_nothing_outside_the_axes_is_cut_off() -> None:
@@ -227,7 +234,7 @@ def test_nothing_outside_the_axes_is_cut_off() -> None:
 
 
 def test_large_figures_are_shown_as_png(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hillsphere.show.report.MAX_SVG_BYTES", 10)
+    monkeypatch.setattr("hillsphere.show.drawing.MAX_SVG_BYTES", 10)
     text, _ = page(Section("s", "make", figures={"f": (FIGURE, draw(FIGURE))}))
     assert re.findall(r'src="(data:image/\w+)', text) == ["data:image/png"]
 

@@ -315,6 +315,7 @@ def test_only_what_is_local_names_this_machine(registry: Registry, tmp_path: Pat
         "allow_path": False,
         "cache": False,
         "executor": {"type": "serial"},
+        "figures": False,
     }
 
 

@@ -162,7 +162,7 @@ def test_leave_to_read_files_is_never_taken() -> None:
     [
         {"mission": 3}, {"mission": ""}, {"mission": "x" * 5000}, {"allow_path": 1},
         {"cache": "yes"}, {"executor": "dask"}, {"executor": {"workers": 2}},
-        {"executor": {"type": ["dask"]}},
+        {"executor": {"type": ["dask"]}}, {"figures": 1},
     ],
 )  # fmt: skip
 def test_facts_of_a_wrong_type_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
@@ -189,7 +189,9 @@ def test_links_in_a_run_directory_are_refused(place: Path, name: str) -> None:
         path.rename(place / "away")
     path.unlink(missing_ok=True)
     path.symlink_to(target)
-    for arguments in (["resume", "out"], ["rerun", "out", "--case", "1"], ["export", "out"]):
+    for arguments in (
+        ["resume", "out"], ["rerun", "out", "--case", "1"], ["figures", "out"], ["export", "out"]
+    ):  # fmt: skip
         code, said = hillsphere(place, *arguments, *["--mission", "waves.toml"][: 2 * (
             arguments[0] != "export")])  # fmt: skip
         assert code == 2

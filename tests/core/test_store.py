@@ -18,7 +18,6 @@ import pytest
 from hillsphere.errors import InputError, StageError
 from hillsphere.presentation import Column, Printed, Table
 from hillsphere.runs.store import RunDirectory, csv_text, plain_json
-from hillsphere.show.drawing import Drawing
 
 NOW = datetime(2026, 11, 21, 3, 4, 5, tzinfo=UTC)
 
@@ -73,7 +72,8 @@ def test_files_stand_where_they_belong(tmp_path: Path) -> None:
     run = directory(tmp_path)
     run.put_json("summary.json", {"Φ": math.nan})
     run.put_table("t", Table("T", [Column("a")], [{"a": 1}]))
-    run.put_drawing("f", Drawing(b"<svg/>", b"png"))
+    run.put_svg("f", b"<svg/>")
+    run.put_png("f", b"png", folder="cases")
     run.put_text("report.html", "lone surrogate: \udcff")
     run.log("one\n")
     run.log("two \udcff")
@@ -82,7 +82,7 @@ def test_files_stand_where_they_belong(tmp_path: Path) -> None:
         "summary.json": '{\n  "Φ": null\n}\n',
         "tables/t.csv": "a\n1\n",
         "figures/f.svg": "<svg/>",
-        "figures/f.png": "png",
+        "cases/f.png": "png",
         "report.html": "lone surrogate: \\udcff",
         "log.txt": "one\ntwo \\udcff\n",
     }

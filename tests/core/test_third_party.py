@@ -76,7 +76,7 @@ def test_its_mission_runs(installed: tuple[Path, Path], tmp_path: Path) -> None:
     assert [row["y_km"] for row in rows] == [0.0, 0.0]
     assert all(16.6 < abs(row["x_km"]) < 20.0 for row in rows)
     assert (out / "map.npz").is_file()
-    assert any((out / "figures").glob("zero_velocity*.png"))
+    assert any((out / "figures").glob("zero_velocity*.svg"))
     assert "zero-velocity" in (out / "report.html").read_text("utf-8").lower()
 
 

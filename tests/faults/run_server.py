@@ -94,7 +94,7 @@ def _become(request: dict[str, Any]) -> None:
         _limit_processes(request["processes"])
     if not request.get("draws", True):
         # Drawing takes most of the time of a short run.
-        vars(hillsphere.runs.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
+        vars(hillsphere.runs.pipeline)["draw"] = lambda figure, *, png: Drawing(svg=b"")
     sys.argv = ["hillsphere", *request["arguments"]]
 
 

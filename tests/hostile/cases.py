@@ -180,13 +180,15 @@ def _run(chance: random.Random, payloads: Payloads, place: Path) -> tuple[str, C
             notes.append(f"{path.relative_to(run)}: {replace_file(chance, path, payloads.outside)}")
     given = ["--mission", "waves.toml"] if chance.random() < 0.7 else []
     given += ["--allow-path"] if chance.random() < 0.3 else []
-    which = chance.choice(["resume", "resume", "rerun", "export", "netcdf", "mat"])
+    which = chance.choice(["resume", "resume", "rerun", "figures", "export", "netcdf", "mat"])
     match which:
         case "resume":
             few_workers = ["--workers", "0"] if chance.random() < 0.3 else []
             words = ["resume", name, *given, *few_workers]
         case "rerun":
             words = ["rerun", name, "--case", str(chance.choice([0, 3, 69, 70])), *given]
+        case "figures":
+            words = ["figures", name, *given]
         case "export":
             words = ["export", name]
         case "netcdf":

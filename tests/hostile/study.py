@@ -207,12 +207,14 @@ def _warm_up(place: Path) -> None:
 
     again = ["--mission", "waves.toml"]
     with chdir(place), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        for words in (["rerun", "finished", "--case", "1", *again], ["export", "finished"],
+        for words in (["rerun", "finished", "--case", "1", *again], ["figures", "finished", *again],
+                      ["export", "finished"],
                       ["export", "finished", "--format", "netcdf", "--out", "x.nc"],
                       ["mat", "finished/wave.npz"], ["validate", "waves.toml"]):  # fmt: skip
             run(words)
     shutil.rmtree(place / "finished" / "cases")
-    (place / "finished" / "many.csv").unlink()
+    for path in (place / "finished" / "many.csv", *(place / "finished" / "figures").glob("*.png")):
+        path.unlink()
     (place / "x.nc").unlink()
     assert hillsphere.symbolic._heyoka
 

@@ -7,6 +7,14 @@ children exit with code 2, `StageError` with code 1, `Interrupted` with 130.
 from __future__ import annotations
 
 
+def describe_error(error: BaseException) -> str:
+    """Return the message of an error on one line, with its class if it is none of ours."""
+    text = " ".join(str(error).split())
+    if isinstance(error, HillsphereError) and text:
+        return text
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 class HillsphereError(Exception):
     """Base of every error that the framework raises on purpose."""
 

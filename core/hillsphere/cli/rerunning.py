@@ -22,6 +22,7 @@ def rerun_and_show(
     stage: str | None,
     mission: str | None,
     allow_path: bool,
+    figures: bool,
     registry: Registry,
     json: bool,
 ) -> ExitCode:
@@ -39,6 +40,8 @@ def rerun_and_show(
         The mission of the run, needed if it is not a packaged one.
     allow_path : bool
         Whether it may read files outside its directory.
+    figures : bool
+        Write the figure of the history as PNG too.
     registry : Registry
         Where components come from.
     json : bool
@@ -50,8 +53,9 @@ def rerun_and_show(
         ``FAILED`` if the case is not the same as in the run.
     """
     found = rerun_case(
-        run, case, stage=stage, mission=mission, allow_path=allow_path, registry=registry
-    )
+        run, case, stage=stage, mission=mission, allow_path=allow_path, figures=figures,
+        registry=registry,
+    )  # fmt: skip
     if json:
         write_json(_plain(found))
     else:

@@ -49,6 +49,9 @@ Scheduler = Annotated[
     str | None,
     typer.Option(metavar="ADDRESS", help="Use the dask cluster there, e.g. tcp://host:8786."),
 ]
+Figures = Annotated[
+    bool, typer.Option("--figures", help="Write figures as PNG too, beside the SVG.")
+]
 StageName = Annotated[
     str | None,
     typer.Option("--stage", metavar="NAME", help="Campaign; needed if the mission has several."),
@@ -73,6 +76,7 @@ def run(
             "--no-cache", help="Neither read nor write stage results; compiled code is kept."
         ),
     ] = False,
+    figures: Figures = False,
     json: Json = False,
     quiet: Quiet = False,
     allow_path: AllowPath = False,
@@ -85,8 +89,8 @@ def run(
     from hillsphere.cli.running import run_and_show
 
     return run_and_show(
-        loaded, registry=registry, out=out, use_cache=not no_cache, executor=chosen, quiet=quiet,
-        json=json,
+        loaded, registry=registry, out=out, use_cache=not no_cache, executor=chosen,
+        figures=figures, quiet=quiet, json=json,
     )  # fmt: skip
 
 
@@ -97,6 +101,7 @@ def resume(
     workers: Workers = None,
     executor: ExecutorType = None,
     scheduler: Scheduler = None,
+    figures: Figures = False,
     json: Json = False,
     quiet: Quiet = False,
     allow_path: AllowPath = False,
@@ -105,13 +110,14 @@ def resume(
     """Continue a run that was interrupted or killed, or in which a stage failed.
 
     A run directory is data. A mission that is not a packaged one, files outside its directory and
-    an executor beyond this machine must be given again; the message says how.
+    an executor beyond this machine must be given again; the message says how. A run that was begun
+    with --figures goes on with it.
     """
     from hillsphere.cli.running import resume_and_show
 
     return resume_and_show(
         run, mission=mission, allow_path=allow_path, registry=registry_of(strict_plugins),
-        executor=_executor(executor, workers, scheduler), quiet=quiet, json=json,
+        executor=_executor(executor, workers, scheduler), figures=figures, quiet=quiet, json=json,
     )  # fmt: skip
 
 
@@ -139,6 +145,7 @@ def rerun(
     case: Annotated[int, typer.Option("--case", metavar="N", help="Number of the case.")],
     stage: StageName = None,
     mission: MissionAgain = None,
+    figures: Figures = False,
     json: Json = False,
     allow_path: AllowPath = False,
     strict_plugins: StrictPlugins = False,
@@ -147,6 +154,32 @@ def rerun(
     from hillsphere.cli.rerunning import rerun_and_show
 
     return rerun_and_show(
-        run, case, stage=stage, mission=mission, allow_path=allow_path,
+        run, case, stage=stage, mission=mission, allow_path=allow_path, figures=figures,
         registry=registry_of(strict_plugins), json=json,
     )  # fmt: skip
+
+
+@app.command()
+def figures(
+    run: RunName,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="ID", help="A stage, for all of its figures, or a figure."),
+    ] = None,
+    mission: MissionAgain = None,
+    allow_path: AllowPath = False,
+    strict_plugins: StrictPlugins = False,
+) -> None:
+    """Draw figures of a finished run as PNG, from its stored products.
+
+    No stage is computed again. Without ID all figures are drawn.
+    """
+    from hillsphere.runs.run_figures import draw_figures
+
+    paths = draw_figures(
+        run, name, mission=mission, allow_path=allow_path, registry=registry_of(strict_plugins)
+    )
+    for path in paths:
+        write(str(path))
+    if not paths:
+        write(f"run {str(run)!r} has no figures")

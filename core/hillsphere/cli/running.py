@@ -14,6 +14,7 @@ from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
 from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.pipeline import RunResult, resume_run, run_mission
+from hillsphere.runs.run_figures import draw_figures
 from hillsphere.runs.run_manifest import read_record
 
 __all__ = ["resume_and_show", "run_and_show"]
@@ -26,6 +27,7 @@ def run_and_show(
     out: Path | None,
     use_cache: bool,
     executor: Mapping[str, Any],
+    figures: bool,
     quiet: bool,
     json: bool,
 ) -> ExitCode:
@@ -43,6 +45,8 @@ def run_and_show(
         Whether results of stages may come from the cache.
     executor : mapping
         Table of the executor.
+    figures : bool
+        Write figures as PNG too.
     quiet : bool
         Show no progress even on a terminal.
     json : bool
@@ -54,8 +58,8 @@ def run_and_show(
         ``FAILED`` if a stage failed; which one and why is told on stderr.
     """
     result = run_mission(
-        mission, out=out, use_cache=use_cache, executor=executor, progress=Progress(quiet=quiet),
-        registry=registry,
+        mission, out=out, use_cache=use_cache, executor=executor, figures=figures,
+        progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
     return _ended(mission.name, result, json)
 
@@ -67,6 +71,7 @@ def resume_and_show(
     allow_path: bool,
     registry: Registry,
     executor: Mapping[str, Any],
+    figures: bool,
     quiet: bool,
     json: bool,
 ) -> ExitCode:
@@ -84,6 +89,8 @@ def resume_and_show(
         Where its components come from.
     executor : mapping
         Table of the executor; empty for that of the earlier run.
+    figures : bool
+        Write figures as PNG too, of a run that is finished as well.
     quiet : bool
         Show no progress even on a terminal.
     json : bool
@@ -98,17 +105,21 @@ def resume_and_show(
     name = str(earlier.manifest["mission"].get("name"))
     # A product that was damaged since is computed again.
     if earlier.state == "finished" and earlier.has_its_products():
+        drawn: tuple[Path, ...] = ()
+        if figures:
+            drawn = draw_figures(run, mission=mission, allow_path=allow_path, registry=registry)
         if json:
             keys = ("mission", "verdict", "metrics")
             _write_summary(read_record(run / "summary.json", keys), run)
         else:
-            write(f"{name}: this run is finished; nothing is left to do")
+            done = f"{len(drawn)} figures were drawn as PNG" if drawn else "nothing is left to do"
+            write(f"{name}: this run is finished; {done}")
             write(f"report: {run / 'report.html'}")
         return ExitCode.SUCCESS
     # What the command line runs by default; a run from Python may have had an executor of its own.
     chosen = executor or (None if earlier.local.get("executor") else {"type": "pool"})
     result = resume_run(
-        run, mission=mission, allow_path=allow_path, executor=chosen,
+        run, mission=mission, allow_path=allow_path, executor=chosen, figures=figures or None,
         progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
     return _ended(name, result, json)

@@ -21,13 +21,13 @@ from typing import Any
 
 from hillsphere.show.drawing import Drawing, draw
 from hillsphere.runs.earlier_run import EarlierRun
-from hillsphere.base.errors import HillsphereError, InputError, Interrupted, StageError
+from hillsphere.base.errors import InputError, Interrupted, StageError, describe_error
 from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
 from hillsphere.mission.load import Mission
 from hillsphere.runs.mission_check import check_mission
 from hillsphere.base.paths import cache_directory
 from hillsphere.plugins.registry import Registry, default_registry
-from hillsphere.show.presentation import Figure, Presentation, presentation_faults
+from hillsphere.show.presentation import Figure, check_presentation
 from hillsphere.products.product_codec import canonical
 from hillsphere.base.progress import Progress
 from hillsphere.runs.resume_choices import LOCAL, ResumeChoices, local_facts, resume_command
@@ -48,6 +48,7 @@ def run_mission(
     out: str | Path | None = None,
     use_cache: bool = True,
     executor: ExecutorChoice = "serial",
+    figures: bool = False,
     progress: Progress | None = None,
     registry: Registry | None = None,
 ) -> RunResult:
@@ -66,6 +67,9 @@ def run_mission(
         Where campaigns do their work: a type, ``"pool"``, its table, ``{"type": "pool", "workers":
         4}``, or the object. ``"serial"`` is this process; ``"pool"`` are others, which find only
         components that stand in modules they can import. The results are the same bits for all.
+    figures : bool
+        Write every figure as PNG too, which takes about as long again as the SVG that the report
+        shows. `hillsphere.runs.run_figures.draw_figures` does so later.
     progress : Progress, optional
         Where progress is shown; by default nowhere.
     registry : Registry, optional
@@ -94,7 +98,7 @@ def run_mission(
     RunDirectory.check(out)
     with _attended(progress) as (bars, stopped):
         try:
-            run = _Run(mission, bars, stopped, use_cache, executor, registry)
+            run = _Run(mission, bars, stopped, use_cache, executor, figures, registry)
             directory = RunDirectory.create(out, mission.name, run.record.started)
         except KeyboardInterrupt:
             raise Interrupted("interrupted before any stage ran") from None
@@ -108,6 +112,7 @@ def resume_run(
     mission: str | os.PathLike[str] | None = None,
     allow_path: bool = False,
     executor: ExecutorChoice | None = None,
+    figures: bool | None = None,
     progress: Progress | None = None,
     registry: Registry | None = None,
 ) -> RunResult:
@@ -128,6 +133,8 @@ def resume_run(
     executor : str, mapping or Executor, optional
         As for `run_mission`; by default as in the earlier run, if that was ``"serial"`` or
         ``"pool"``.
+    figures : bool, optional
+        As for `run_mission`; by default as in the earlier run.
     progress, registry : optional
         As for `run_mission`.
 
@@ -155,7 +162,9 @@ def resume_run(
             loaded = earlier.mission(registry, choices)
             executor = choices.executor or "serial"
             use_cache = earlier.local.get("cache", True)
-            again = _Run(loaded, bars, stopped, use_cache, executor, registry, earlier)
+            if figures is None:
+                figures = earlier.local.get("figures", False)
+            again = _Run(loaded, bars, stopped, use_cache, executor, figures, registry, earlier)
         except KeyboardInterrupt:
             raise Interrupted("interrupted before any stage ran") from None
         earlier.directory.clear_parts()
@@ -180,12 +189,14 @@ class _Run:
         stopped: threading.Event,
         use_cache: bool,
         executor: ExecutorChoice,
+        figures: bool,
         registry: Registry | None,
         earlier: EarlierRun | None = None,
     ) -> None:
         self.mission = mission
         self.progress = progress
         self.stopped = stopped
+        self.figures = figures
         self.registry = registry
         self.earlier = earlier
         self.products: dict[str, Any] = {}
@@ -205,7 +216,9 @@ class _Run:
         self.record = RunRecord.begun(mission)
         if earlier is not None:
             earlier.continue_in(self.record)
-        self.local = local_facts(mission, cache=use_cache, executor=executor_table(executor))
+        self.local = local_facts(
+            mission, cache=use_cache, executor=executor_table(executor), figures=figures
+        )
 
     def run(self, directory: RunDirectory) -> RunResult:
         self.directory = directory
@@ -299,7 +312,7 @@ class _Run:
         except (Exception, SystemExit) as error:
             record.state = "failed"
             record.error = type(error).__name__
-            record.message = _sentence(error)
+            record.message = describe_error(error)
             context.info("failed\n" + "".join(traceback.format_exception(error)))
         finally:
             record.seconds += perf_counter() - begun
@@ -382,11 +395,7 @@ class _Run:
                 context.info(f"its result could not be kept in the cache: {error}")
 
     def _present(self, name: str, record: StageRecord, inputs: Mapping[str, Any]) -> None:
-        shown = self.stages[name].present(self.products[name], **inputs)
-        if not isinstance(shown, Presentation):
-            raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
-        if faults := presentation_faults(shown):
-            raise StageError("its presentation is not sound: " + "; ".join(faults))
+        shown = check_presentation(self.stages[name].present(self.products[name], **inputs))
         record.notes = tuple(shown.verdict)
         for key, metric in shown.metrics.items():
             record.metrics[self.record.free_name("metrics", key, name)] = metric
@@ -396,26 +405,20 @@ class _Run:
             record.tables[free] = table
         figures = shown.figures if getattr(self.specs[name], "figures", True) else {}
         for key, figure in figures.items():
-            drawing = _drawn(key, figure)
+            drawing = _drawn(key, figure, png=self.figures)
             free = self.record.free_name("figures", key, name)
-            self.directory.put_drawing(free, drawing)
+            self.directory.put_svg(free, drawing.svg)
+            if self.figures and drawing.png is not None:
+                self.directory.put_png(free, drawing.png)
             record.figures[free] = (figure, drawing)
         for key, text in shown.files.items():
             self.directory.put_text(f"files/{name}/{key}", text)
             record.files = (*record.files, f"files/{name}/{key}")
 
 
-def _drawn(key: str, figure: Figure) -> Drawing:
+def _drawn(key: str, figure: Figure, *, png: bool) -> Drawing:
     try:
-        return draw(figure)
+        return draw(figure, png=png)
     # What a figure's own code raises, told with the figure's name.
     except Exception as error:
-        raise StageError(f"figure {key!r} cannot be drawn: {_sentence(error)}") from error
-
-
-def _sentence(error: BaseException) -> str:
-    """Return the message of an error; its class too where the framework did not raise it."""
-    text = " ".join(str(error).split())
-    if isinstance(error, HillsphereError) and text:
-        return text
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+        raise StageError(f"figure {key!r} cannot be drawn: {describe_error(error)}") from error

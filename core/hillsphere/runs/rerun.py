@@ -86,6 +86,7 @@ def rerun_case(
     mission: str | os.PathLike[str] | None = None,
     allow_path: bool = False,
     executor: Executor | None = None,
+    figures: bool = False,
     registry: Registry | None = None,
 ) -> Rerun:
     """Repeat one case of a campaign and write its history to ``cases/`` of the run directory.
@@ -107,6 +108,8 @@ def rerun_case(
     executor : Executor, optional
         Where it is computed; by default one process of its own, so that a case that kills its
         process does not kill this one.
+    figures : bool
+        Write the figure of the history as PNG too.
     registry : Registry, optional
         Where components are found; by default all that are installed.
 
@@ -160,7 +163,7 @@ def rerun_case(
             differences=() if then is None else tuple(_differences(then, now)),
             files=(),
         )
-        return replace(made, files=_written(earlier, made))
+        return replace(made, files=_written(earlier, made, figures))
 
 
 def campaigns(mission: Mission) -> list[str]:
@@ -332,7 +335,7 @@ def _differences(then: BlockOutcome, now: BlockOutcome) -> list[str]:
     return found
 
 
-def _written(earlier: EarlierRun, rerun: Rerun) -> tuple[Path, ...]:
+def _written(earlier: EarlierRun, rerun: Rerun, figures: bool) -> tuple[Path, ...]:
     histories = rerun.now.histories
     if histories is None or not len(histories.time_s):
         return ()
@@ -340,6 +343,10 @@ def _written(earlier: EarlierRun, rerun: Rerun) -> tuple[Path, ...]:
     directory = earlier.directory
     directory.put_product(f"cases/{name}", histories)
     directory.put_text(f"cases/{name}.csv", history_csv(histories))
-    drawing = draw(history_figure(f"Case {rerun.case} of {rerun.campaign}", histories))
-    directory.put_drawing(name, drawing, folder="cases")
-    return tuple(directory.path / "cases" / f"{name}.{end}" for end in ("csv", "npz", "svg", "png"))
+    title = f"Case {rerun.case} of {rerun.campaign}"
+    drawing = draw(history_figure(title, histories), png=figures)
+    files = [directory.path / "cases" / f"{name}.{end}" for end in ("csv", "npz")]
+    files.append(directory.put_svg(name, drawing.svg, folder="cases"))
+    if figures and drawing.png is not None:
+        files.append(directory.put_png(name, drawing.png, folder="cases"))
+    return tuple(files)

@@ -2,12 +2,12 @@
 
 The file makes `hillsphere resume` work without further arguments. It may also have been written by
 somebody else: a run directory is what people send to each other. It is therefore data. Taken from
-it are the name of a packaged mission, whether the cache is used, and an executor of this machine
-(serial, or a pool with its number of workers). A scheduler's address would be connected to, and
-what it sends is unpickled; any other executor is a program that the file would choose; a mission
-elsewhere, and files outside the directory of a mission, would be read. Those must be given by who
-types the command, also if his own process wrote the file a moment ago: nothing in a directory
-proves that.
+it are the name of a packaged mission, whether the cache is used, whether figures are written as PNG
+too, and an executor of this machine (serial, or a pool with its number of workers). A scheduler's
+address would be connected to, and what it sends is unpickled; any other executor is a program that
+the file would choose; a mission elsewhere, and files outside the directory of a mission, would be
+read. Those must be given by who types the command, also if his own process wrote the file a moment
+ago: nothing in a directory proves that.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class ResumeChoices:
     executor: ExecutorChoice | None = None
 
 
-def local_facts(mission: Mission, *, cache: bool, executor: Any) -> dict[str, Any]:
+def local_facts(mission: Mission, *, cache: bool, executor: Any, figures: bool) -> dict[str, Any]:
     """Return the content of `LOCAL`.
 
     Parameters
@@ -69,6 +69,8 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any) -> dict[str, An
         Whether results of stages may come from the cache.
     executor : mapping or None
         Table of the executor; ``None`` for one that was made in Python.
+    figures : bool
+        Whether every figure is written as PNG too.
 
     Returns
     -------
@@ -89,6 +91,7 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any) -> dict[str, An
         ),
         "cache": cache,
         "executor": executor,
+        "figures": figures,
     }
 
 
@@ -108,6 +111,7 @@ def read_local(directory: Path) -> Mapping[str, Any]:
         and 0 < len(mission) <= _LONGEST_TEXT
         and isinstance(found["allow_path"], bool)
         and isinstance(found.get("cache", True), bool)
+        and isinstance(found.get("figures", False), bool)
         and (executor is None or (isinstance(executor, dict) and _is_word(executor.get("type"))))
     )
     if not is_sound:

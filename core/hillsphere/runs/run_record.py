@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ from hillsphere.runs.run_manifest import SCHEMA
 from hillsphere.base.shell_words import shell_line
 from hillsphere.runs.stage_cache import StageKeys, file_digest
 
-__all__ = ["Failure", "RunRecord", "StageRecord"]
+__all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
 
 PLATFORM = ("system", "machine", "c_library", "cpu_features", "kernels")
 
@@ -110,10 +110,7 @@ class RunRecord:
     def free_name(self, group: str, name: str, stage: str) -> str:
         """Return an identifier that no other stage used for a metric, table or figure."""
         used = {key for s in self.stages.values() for key in getattr(s, group)}
-        free = name
-        while free in used:
-            free = f"{free}_{stage.replace('-', '_')}"
-        return free
+        return free_name(used, name, stage)
 
     def metrics(self) -> dict[str, Metric]:
         """Return the metrics of all stages."""
@@ -248,6 +245,14 @@ class RunRecord:
     def _resolved(self) -> Any:
         names = {path: name for _, path, name in self._data_files()}
         return _renamed(self.mission.resolved(), names)
+
+
+def free_name(used: Container[str], name: str, stage: str) -> str:
+    """Return an identifier that is not in use: the name, with the stage behind it if need be."""
+    free = name
+    while free in used:
+        free = f"{free}_{stage.replace('-', '_')}"
+    return free
 
 
 def _renamed(value: Any, names: Mapping[str, str]) -> Any:

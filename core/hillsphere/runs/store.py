@@ -5,7 +5,7 @@
     manifest.json        what was run, with what, when, how it ended
     summary.json         verdict, metrics, tables, failures
     <stage>.npz          the product of a stage
-    tables/<id>.csv      figures/<id>.svg  figures/<id>.png
+    tables/<id>.csv      figures/<id>.svg, with --figures also figures/<id>.png
     files/<stage>/       what a stage writes for other programs (ephemerides)
     cases/               single cases that were repeated with their histories
     report.html          everything on one page
@@ -35,7 +35,6 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from hillsphere.base.atomic import PART_SUFFIX, write_bytes, write_text
-from hillsphere.show.drawing import Drawing
 from hillsphere.base.errors import InputError, StageError
 from hillsphere.show.presentation import Printed, Table
 from hillsphere.products.product_codec import save_product
@@ -272,10 +271,13 @@ class RunDirectory:
         """Write a table to ``tables/<name>.csv``."""
         self._write(f"tables/{name}.csv", lambda path: write_text(path, csv_text(table)))
 
-    def put_drawing(self, name: str, drawing: Drawing, folder: str = "figures") -> None:
-        """Write a figure to ``figures/<name>.svg`` and ``.png``, or to another folder."""
-        self._write(f"{folder}/{name}.svg", lambda path: write_bytes(path, drawing.svg))
-        self._write(f"{folder}/{name}.png", lambda path: write_bytes(path, drawing.png))
+    def put_svg(self, name: str, svg: bytes, folder: str = "figures") -> Path:
+        """Write a figure to ``figures/<name>.svg``, or to another folder; return the file."""
+        return self._write(f"{folder}/{name}.svg", lambda path: write_bytes(path, svg))
+
+    def put_png(self, name: str, png: bytes, folder: str = "figures") -> Path:
+        """Write a figure to ``figures/<name>.png``, or to another folder; return the file."""
+        return self._write(f"{folder}/{name}.png", lambda path: write_bytes(path, png))
 
     def put_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file; see `plain_json` for what becomes of numbers."""
@@ -286,13 +288,14 @@ class RunDirectory:
         """Write a text file."""
         self._write(name, lambda path: write_text(path, text))
 
-    def _write(self, name: str, write: Callable[[Path], None]) -> None:
+    def _write(self, name: str, write: Callable[[Path], None]) -> Path:
         path = self.path / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
         except OSError as error:
             raise self._full(name, error) from error
+        return path
 
     def _full(self, name: str, error: OSError) -> StageError:
         return StageError(

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hillsphere.show.presentation import PALETTE, Figure
 
-__all__ = ["STYLE", "Drawing", "draw"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
+    from matplotlib.transforms import BboxBase
+
+__all__ = ["MAX_SVG_BYTES", "STYLE", "Drawing", "draw", "draw_png"]
+
+MAX_SVG_BYTES = 1 << 20
+"""Largest SVG in a report. A larger one, of tens of thousands of points, is shown as PNG, which
+keeps the page small."""
 
 STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
@@ -43,19 +53,26 @@ _MARGIN_IN = 0.08
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure in both file formats."""
+    """A figure as SVG, and as PNG where that was asked for or a report needs it."""
 
     svg: bytes
-    png: bytes
+    png: bytes | None = None
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a report shows the PNG instead of the SVG: see `MAX_SVG_BYTES`."""
+        return len(self.svg) > MAX_SVG_BYTES
 
 
-def draw(figure: Figure) -> Drawing:
+def draw(figure: Figure, *, png: bool = False) -> Drawing:
     """Draw a figure.
 
     Parameters
     ----------
     figure : Figure
         What a stage shows.
+    png : bool
+        Draw it as PNG too. A figure whose SVG is larger than `MAX_SVG_BYTES` always is.
 
     Returns
     -------
@@ -68,6 +85,35 @@ def draw(figure: Figure) -> Drawing:
     matplotlib's object interface only: pyplot would keep every figure alive and may look for a
     display.
     """
+    with _laid_out(figure) as (made, whole):
+        drawing = Drawing(_save_svg(made, whole))
+        if png or drawing.is_large:
+            drawing = replace(drawing, png=_save_png(made, whole))
+    return drawing
+
+
+def draw_png(figure: Figure) -> bytes:
+    """Draw a figure as PNG only: the bytes of ``draw(figure, png=True).png``."""
+    with _laid_out(figure) as (made, whole):
+        return _save_png(made, whole)
+
+
+def _save_svg(made: MatplotlibFigure, whole: BboxBase) -> bytes:
+    stream = BytesIO()
+    metadata: Any = {"Date": None, "Creator": None}
+    made.savefig(stream, format="svg", metadata=metadata, bbox_inches=whole)
+    return stream.getvalue()
+
+
+def _save_png(made: MatplotlibFigure, whole: BboxBase) -> bytes:
+    stream = BytesIO()
+    made.savefig(stream, format="png", metadata={"Software": None}, bbox_inches=whole)
+    return stream.getvalue()
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
+    """Yield the figure with its layout settled, and its box in inches, with our style in force."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -82,15 +128,11 @@ def draw(figure: Figure) -> Drawing:
         canvas = FigureCanvasAgg(MatplotlibFigure(figsize=figure.size_in, layout="constrained"))
         made = canvas.figure
         figure.draw(made)
-        # Laid out and measured once for both files: that takes as long as drawing them.
+        # Laid out and measured once, at the resolution of a PNG, whatever is drawn of it: both
+        # formats show the same layout, and that takes as long as drawing them.
         made.set_dpi(settings["savefig.dpi"])
         for _ in range(2):  # axes of fixed proportions find their places at the second time
             made.draw_without_rendering()
         made.set_layout_engine("none")
         # Whatever a figure puts outside its axes is in the picture: no label is ever cut off.
-        whole = made.get_tightbbox().padded(_MARGIN_IN)
-        svg, png = BytesIO(), BytesIO()
-        metadata: Any = {"Date": None, "Creator": None}
-        made.savefig(svg, format="svg", metadata=metadata, bbox_inches=whole)
-        made.savefig(png, format="png", metadata={"Software": None}, bbox_inches=whole)
-    return Drawing(svg.getvalue(), png.getvalue())
+        yield made, made.get_tightbbox().padded(_MARGIN_IN)

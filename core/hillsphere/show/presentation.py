@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TYPE_CHECKING, TypeAlias
 
+from hillsphere.base.errors import StageError
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
 __all__ = [
     "PALETTE", "Cell", "Column", "Figure", "Metric", "Presentation", "Printed", "Table",
-    "presentation_faults",
+    "check_presentation", "presentation_faults",
 ]  # fmt: skip
 
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,99}")
@@ -189,6 +191,21 @@ class Presentation:
     figures: Mapping[str, Figure] = field(default_factory=dict)
     verdict: Sequence[str] = ()
     files: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_presentation(shown: object) -> Presentation:
+    """Return what ``present`` of a stage has returned, if that can be written to files.
+
+    Raises
+    ------
+    StageError
+        If it is no `Presentation`, or `presentation_faults` finds anything.
+    """
+    if not isinstance(shown, Presentation):
+        raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
+    if faults := presentation_faults(shown):
+        raise StageError("its presentation is not sound: " + "; ".join(faults))
+    return shown
 
 
 def presentation_faults(presentation: Presentation) -> list[str]:

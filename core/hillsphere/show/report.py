@@ -22,7 +22,6 @@ from hillsphere.show.reference import PAPER_SUFFIX
 __all__ = ["Report", "Section", "render"]
 
 MAX_ROWS = 200
-MAX_SVG_BYTES = 1 << 20
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _HEADLINES = {
     "success": "Success",
@@ -292,10 +291,11 @@ def _cell(value: Any, digits: int) -> str:
 
 def _figure(figure: Figure, drawing: Drawing) -> str:
     # As an image, not inline: identifiers in one figure cannot then meet those of another.
-    small = len(drawing.svg) <= MAX_SVG_BYTES
-    kind, data = ("svg+xml", drawing.svg) if small else ("png", drawing.png)
-    # An SVG knows its own size; a PNG has more pixels than it should take on the page.
-    width = "" if small else f' width="{round(96 * figure.size_in[0])}"'
+    kind, data, width = "svg+xml", drawing.svg, ""  # an SVG knows its own size
+    if drawing.is_large and drawing.png is not None:
+        kind, data = "png", drawing.png
+        # It has more pixels than it should take on the page.
+        width = f' width="{round(96 * figure.size_in[0])}"'
     caption = f" {escape(figure.caption)}" if figure.caption else ""
     return (
         f'<figure><img alt="{escape(figure.title)}"{width} '

@@ -222,7 +222,7 @@ def _run(request: dict[str, Any], report: int) -> NoReturn:
     os.dup2(log, 2)
     sys.argv = ["hillsphere", *request["arguments"]]
     # Drawing takes ten times as long as the campaign.
-    vars(hillsphere.runs.pipeline)["draw"] = lambda figure: Drawing(svg=b"", png=b"")
+    vars(hillsphere.runs.pipeline)["draw"] = lambda figure, *, png: Drawing(svg=b"")
     faults = Faults(request.get("fault") or {}, report)
     faults.install()
     code: Any = 3

@@ -348,12 +348,12 @@ def test_a_page_of_many_quantities() -> None:
     assert f"The first {MOST_PANELS} of 700 quantities; the other 691" in figure.caption
     assert "At most 1000 of 3000 samples" in figure.caption
     assert figure.size_in[1] < 10.0
-    assert draw(figure).png
+    assert draw(figure).svg
 
 
 def test_bands_of_a_single_sample(tmp_path: Path) -> None:
     one = many(1, samples=1)
-    assert draw(band_figure(one)).png
+    assert draw(band_figure(one)).svg
     save_product(tmp_path / "bands.npz", one)
     read: Array = load_product(tmp_path / "bands.npz").values
     assert_array_equal(read, one.values)
@@ -503,7 +503,7 @@ def test_figure_of_lines_before_bands(bands: Bands | None) -> None:
     assert table.lines is not None
     check_product(table)
     figure = line_figure(table, table.lines, bands)
-    assert draw(figure).png
+    assert draw(figure).svg
     canvas = Canvas()
     figure.draw(canvas)
     told = {text.get_text() for legend in canvas.legends for text in legend.get_texts()}

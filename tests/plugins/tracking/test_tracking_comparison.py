@@ -426,7 +426,7 @@ def test_bands_are_drawn() -> None:
     values = np.array([np.full((3, 301), q) for q in (0.001, 0.005, 0.02)])
     bands = Bands(names, ("rad",) * 3, (0.05, 0.5, 0.95), t, values, np.full((3, 301), CASES))
     _, shown = compared(replace(campaign(errors()), bands=bands))
-    assert len(draw(shown.figures["tracking_bands"]).png) > 10_000
+    assert len(draw(shown.figures["tracking_bands"]).svg) > 10_000
     assert not presentation_faults(shown)
 
 
@@ -464,7 +464,7 @@ def test_case_beside_published_values(tmp_path: Path) -> None:
     assert shown.verdict[-1] == "Beware."
     assert set(shown.figures) == {"tracking_errors", "tracking_spread", "tracking_sky"}
     for figure in shown.figures.values():
-        assert len(draw(figure).png) > 10_000
+        assert len(draw(figure).svg) > 10_000
 
 
 def test_frames_are_measures() -> None:

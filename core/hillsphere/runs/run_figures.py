@@ -1,0 +1,141 @@
+"""Figures of a finished run as PNG, drawn from the products that it has stored."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hillsphere.runs.assembly import Assembly
+from hillsphere.show.drawing import draw_png
+from hillsphere.runs.earlier_run import EarlierRun
+from hillsphere.base.errors import InputError, StageError, describe_error
+from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import Registry
+from hillsphere.show.presentation import Figure, check_presentation
+from hillsphere.base.problems import did_you_mean
+from hillsphere.runs.resume_choices import ResumeChoices, resume_command
+from hillsphere.runs.run_record import RunRecord, free_name
+from hillsphere.runs.wiring import inputs_of, product_class
+
+__all__ = ["draw_figures"]
+
+
+def draw_figures(
+    run: str | Path,
+    name: str | None = None,
+    *,
+    mission: str | os.PathLike[str] | None = None,
+    allow_path: bool = False,
+    registry: Registry | None = None,
+) -> tuple[Path, ...]:
+    """Draw figures of a finished run as PNG, beside the SVG files that the run has written.
+
+    The stages present their stored products once more; none is computed again.
+
+    Parameters
+    ----------
+    run : str or Path
+        Run directory.
+    name : str, optional
+        A stage, for all of its figures, or a figure, by the name of its file without the suffix;
+        by default every figure of the run.
+    mission : str or path, optional
+        The mission of the run, needed if it is not a packaged one.
+    allow_path : bool
+        Accept input files outside the directory of the mission and the packaged data.
+    registry : Registry, optional
+        Where components are found; by default all that are installed.
+
+    Returns
+    -------
+    tuple of Path
+        The files, each complete: ``figures/<name>.png`` in the run directory.
+
+    Raises
+    ------
+    InputError
+        If something must be given that the run directory names, with the command line that does
+        so; if the run is not finished, has no figure or stage of that name, or what its results
+        depend on has changed since; if a product is damaged.
+    StageError
+        If a product cannot be shown, or a file cannot be written.
+    """
+    given = ResumeChoices(mission, allow_path)
+    command = ("figures", *(() if name is None else (name,)))
+    EarlierRun.open(run).choices(given, command, needs_executor=False)
+    with EarlierRun.open(run).directory.locked():
+        earlier = EarlierRun.open(run)  # as it is now that nobody else writes to it
+        choices = earlier.choices(given, command, needs_executor=False)
+        if earlier.state != "finished":
+            again = resume_command(earlier.directory.path, earlier.local)
+            raise InputError(
+                f"run {str(run)!r} is not finished (its state is {earlier.state!r}); "
+                f"this command continues it and draws its figures: {again} --figures"
+            )
+        if name is not None:
+            _check_name(earlier, name)
+        loaded = earlier.mission(registry, choices)
+        earlier.refuse_changes(RunRecord.begun(loaded))
+        earlier.directory.clear_parts()
+        paths = tuple(
+            _draw(earlier, free, figure) for free, figure in _figures(earlier, loaded, name)
+        )
+        if name is not None and not paths:
+            raise InputError(f"run {str(run)!r} has no figures of {name!r}")
+        return paths
+
+
+def _check_name(earlier: EarlierRun, name: str) -> None:
+    """Refuse a name that is neither a figure nor a stage, before anything is loaded."""
+    drawn = sorted(path.stem for path in (earlier.directory.path / "figures").glob("*.svg"))
+    valid = [*drawn, *earlier.manifest["stages"]]
+    if name not in valid:
+        raise InputError(
+            f"run {str(earlier.directory.path)!r} has no figure or stage {name!r}"
+            f"{did_you_mean(name, valid, otherwise='it has')}"
+        )
+
+
+def _figures(
+    earlier: EarlierRun, mission: Mission, name: str | None
+) -> Iterator[tuple[str, Figure]]:
+    """Yield the wanted figures under the names that they have in the run.
+
+    A name depends on those of all earlier stages, which present their products for its sake.
+    """
+    assembly = Assembly(mission)
+    is_stage = name in earlier.manifest["stages"]
+    products: dict[str, Any] = {}
+    used: set[str] = set()
+    for stage in mission.order():
+        spec = mission.specs["stage"][stage]
+        if not getattr(spec, "figures", True):
+            continue
+        for other in (stage, *(ref.name for _, _, ref in spec.needs_of())):
+            if other not in products:
+                products[other] = earlier.product(other, product_class(mission, other))
+        try:
+            component = assembly.get("stage", stage)
+            shown = component.present(products[stage], **inputs_of(spec, products))
+            figures = check_presentation(shown).figures
+        # The border between the framework and a stage, as when the mission ran.
+        except (Exception, SystemExit) as error:
+            raise StageError(f"stage {stage!r} cannot be shown: {describe_error(error)}") from error
+        for key, figure in figures.items():
+            free = free_name(used, key, stage)
+            used.add(free)
+            if name in (None, stage if is_stage else free):
+                yield free, figure
+        if name is not None and (name == stage if is_stage else name in used):
+            return
+
+
+def _draw(earlier: EarlierRun, name: str, figure: Figure) -> Path:
+    try:
+        png = draw_png(figure)
+    # What a figure's own code raises, told with the figure's name.
+    except Exception as error:
+        raise StageError(f"figure {name!r} cannot be drawn: {describe_error(error)}") from error
+    return earlier.directory.put_png(name, png)
