@@ -19,6 +19,7 @@ from hillsphere.cli.application import (
     load,
     registry_of,
 )
+from hillsphere.cli.output import write
 
 RunName = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
