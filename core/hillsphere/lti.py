@@ -5,12 +5,12 @@ The public names of `hillsphere.base.lti`.
 
 from hillsphere.base.lti import (
     LtiSystem,
-    named,
+    indices_of,
     real_matrix,
 )
 
 __all__ = [
     "LtiSystem",
-    "named",
+    "indices_of",
     "real_matrix",
 ]

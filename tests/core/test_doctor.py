@@ -114,7 +114,7 @@ def test_a_check_that_fails_is_a_finding() -> None:
     def inaccurate() -> str:
         raise PropagationError("error 1.0e-03\nagainst the closed form")
 
-    finding = doctor._timed("orbit", inaccurate)
+    finding = doctor._time_check("orbit", inaccurate)
     assert finding.state == "fail"
     assert finding.detail == "PropagationError: error 1.0e-03 against the closed form"
 

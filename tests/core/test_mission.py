@@ -110,7 +110,7 @@ def test_setting_in_another_unit_replaces_inside_a_nested_table(
     tmp_path: Path, sound_mission: str
 ) -> None:
     from hillsphere.mission.layers import Layers
-    from hillsphere.mission.likes import derived, without_superseded_units
+    from hillsphere.mission.likes import resolve_likes, without_superseded_units
     from hillsphere.mission.toml_source import parse_toml
     from hillsphere.spec import option, quantity
 
@@ -123,7 +123,7 @@ def test_setting_in_another_unit_replaces_inside_a_nested_table(
     tables, locations, _ = parse_toml(b"[gravity.a]\ninner = { size_km = 1 }\n", "f")
     layers = Layers(tables, locations)
     layers.lay_setting(parse_setting("gravity.a.inner.size_cm=5"))
-    tables_with = derived(expand_tables(layers, ["gravity"]), ["gravity"])
+    tables_with = resolve_likes(expand_tables(layers, ["gravity"]), ["gravity"])
     table = tables_with.tables["gravity"]["a"]
     kept = without_superseded_units(Outer, table, ("gravity", "a"), tables_with)
     assert kept == {"inner": {"size_cm": 5}}

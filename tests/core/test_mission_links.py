@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hillsphere.mission.links import _circles, _resolved, topological
+from hillsphere.mission.links import _circles, _resolve, topological
 
 Edges = dict[tuple[str, str], dict[tuple[str, str], Any]]
 
@@ -117,7 +117,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 def test_an_input_file_is_found(folders: tuple[Path, Path], path: str, expected: str) -> None:
     roots = [str(folder) for folder in folders]
     for allow_path in (False, True):
-        found, message = _resolved(path, roots, allow_path=allow_path)
+        found, message = _resolve(path, roots, allow_path=allow_path)
         assert message == ""
         assert Path(found) == folders[0].parent / expected
 
@@ -139,18 +139,18 @@ def test_an_input_file_is_found(folders: tuple[Path, Path], path: str, expected:
 )  # fmt: skip
 def test_an_input_file_is_refused(folders: tuple[Path, Path], path: str, message: str) -> None:
     roots = [str(folder) for folder in folders]
-    assert _resolved(path, roots, allow_path=False) == ("", message)
+    assert _resolve(path, roots, allow_path=False) == ("", message)
 
 
 def test_paths_that_are_allowed(folders: tuple[Path, Path]) -> None:
     roots, outside = [str(folder) for folder in folders], folders[0].parent / "outside"
     for path in (str(outside), "../outside", "link"):
-        assert _resolved(path, roots, allow_path=True) == (str(outside), "")
-    found, message = _resolved(str(outside), roots, allow_path=False)
+        assert _resolve(path, roots, allow_path=True) == (str(outside), "")
+    found, message = _resolve(str(outside), roots, allow_path=False)
     assert (found, message) == (
         "", f"{str(outside)!r} is an absolute path; allow it with --allow-path"
     )  # fmt: skip
-    found, message = _resolved("../none", roots, allow_path=True)
+    found, message = _resolve("../none", roots, allow_path=True)
     assert (found, message) == (
         "", "no file '../none' beside the mission file or in the packaged data"
     )  # fmt: skip
@@ -160,5 +160,5 @@ def test_a_file_that_may_not_be_read(
     folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.R_OK)
-    found = _resolved("own", [str(folder) for folder in folders], allow_path=False)
+    found = _resolve("own", [str(folder) for folder in folders], allow_path=False)
     assert found == ("", "'own' cannot be read: permission denied")

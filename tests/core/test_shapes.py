@@ -15,7 +15,7 @@ from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.polyhedron import MeshSurface
 from hillsphere.model.shapes.rays import RayTable
 from hillsphere.model.shapes.sphere import icosphere, unit_vectors
-from hillsphere.model.shapes.triangulation import triangulated
+from hillsphere.model.shapes.triangulation import triangulate
 from hillsphere.testing import ContractViolation, check_shape, example
 
 OCTAHEDRON = [
@@ -78,7 +78,7 @@ def test_bad_meshes(change: Any, message: str) -> None:
 
 @pytest.mark.parametrize("subdivisions", [0, 2, 4])
 def test_rays_meet_the_face_that_all_faces_tell(subdivisions: int) -> None:
-    mesh = triangulated(ellipsoid(), subdivisions)
+    mesh = triangulate(ellipsoid(), subdivisions)
     way = np.concatenate([rays(), np.eye(3), -np.eye(3), mesh.vertices[:50].T], axis=1)
     found = RayTable(mesh).faces(way)
     # the least distance to the planes of a convex body's faces is the right one
@@ -93,7 +93,7 @@ def test_a_triangulated_ellipsoid_becomes_the_ellipsoid() -> None:
     volume = 4 / 3 * np.pi * np.prod(AXES)
     lost, gaps = [], []
     for k in (2, 3, 4):
-        mesh = triangulated(shape, k)
+        mesh = triangulate(shape, k)
         assert len(mesh.faces) == 20 * 4**k
         lost.append(1.0 - mesh.volume_m3 / volume)
         surface = MeshSurface(mesh)

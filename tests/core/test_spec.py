@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 import pytest
 from pydantic import Field, ValidationError, model_validator
 
-from hillsphere.base.problems import did_you_mean, format_key, shown
+from hillsphere.base.problems import did_you_mean, format_key, format_value
 from hillsphere.errors import InputError
 from hillsphere.mission.faults import MOST_FAULTS, faults_of
 from hillsphere.model.bodies import MoonSpec
@@ -24,7 +24,7 @@ from hillsphere.spec import (
     reference,
     rule,
 )
-from hillsphere.spec.annotations import described
+from hillsphere.spec.annotations import describe_annotation
 from hillsphere.spec.units import UNITS, unit_keys, unit_text
 
 
@@ -322,7 +322,7 @@ def test_described() -> None:
         bytes: "a value of type bytes",
         tuple[bytes, ...]: "an array of values of type bytes",
     }
-    assert {annotation: described(annotation) for annotation in expected} == expected
+    assert {annotation: describe_annotation(annotation) for annotation in expected} == expected
 
 
 def test_shown_is_one_short_line() -> None:
@@ -332,7 +332,7 @@ def test_shown_is_one_short_line() -> None:
         None, object(), [], 1e-300, datetime.time(12),
     ]  # fmt: skip
     for value in values:
-        text = shown(value)
+        text = format_value(value)
         assert len(text) < 100
         assert text.isprintable()
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
 
-__all__ = ["LtiSystem", "named", "real_matrix"]
+__all__ = ["LtiSystem", "indices_of", "real_matrix"]
 
 Complex = NDArray[np.complex128]
 
@@ -152,7 +152,10 @@ class LtiSystem:
         InputError
             If a name is unknown.
         """
-        rows, columns = named(self.outputs, outputs, "output"), named(self.inputs, inputs, "input")
+        rows, columns = (
+            indices_of(self.outputs, outputs, "output"),
+            indices_of(self.inputs, inputs, "input"),
+        )
         return replace(
             self, b=self.b[:, columns], c=self.c[rows], d=self.d[np.ix_(rows, columns)],
             inputs=tuple(inputs), outputs=tuple(outputs),
@@ -176,7 +179,7 @@ def real_matrix(given: object, name: str) -> Array:
     return matrix.astype(float)
 
 
-def named(known: Sequence[str], wanted: Sequence[str], what: str) -> list[int]:
+def indices_of(known: Sequence[str], wanted: Sequence[str], what: str) -> list[int]:
     """Return the places of names among those known; `InputError` for one that is not there."""
     places = []
     for name in wanted:

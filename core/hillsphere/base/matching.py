@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from hillsphere.base.errors import InputError
 from hillsphere.base.problems import did_you_mean
 
-__all__ = ["matched"]
+__all__ = ["match_names"]
 
 
-def matched(
+def match_names(
     patterns: Sequence[str], names: Sequence[str], where: str, what: str = "quantity"
 ) -> tuple[str, ...]:
     """Return the names that patterns stand for, pattern by pattern, each in the order of `names`.
@@ -39,7 +39,7 @@ def matched(
     """
     found: dict[str, None] = {}
     for pattern in patterns:
-        form = _compiled(pattern)
+        form = _compile_pattern(pattern)
         hits = [name for name in names if form.fullmatch(name)]
         if not hits:
             hint = did_you_mean(pattern, names, otherwise="there are") or "; it offers none"
@@ -48,7 +48,7 @@ def matched(
     return tuple(found)
 
 
-def _compiled(pattern: str) -> re.Pattern[str]:
+def _compile_pattern(pattern: str) -> re.Pattern[str]:
     """Return a regular expression that takes a time linear in the name, however many ``*``."""
     if "*" not in pattern:
         return re.compile(re.escape(pattern))

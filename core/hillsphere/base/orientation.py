@@ -226,7 +226,7 @@ class OrientationTable:
         InputError
             If the package is missing.
         """
-        return _installed()
+        return _installed_table()
 
     def at(self, epoch: Epoch, t_s: Array) -> OrientationAngles:
         """Return the orientation at times (N,), SI seconds after an epoch."""
@@ -307,7 +307,7 @@ def _tai_minus_utc(epoch: Epoch) -> float:
 
 
 @lru_cache(maxsize=1)
-def _installed() -> OrientationTable:
+def _installed_table() -> OrientationTable:
     try:
         path = str(import_module("astropy_iers_data").IERS_A_FILE)
     except ImportError:

@@ -11,7 +11,15 @@ from typing import Any
 
 from hillsphere.base.errors import InputError
 
-__all__ = ["Key", "MissionError", "Problem", "did_you_mean", "format_key", "shown", "with_article"]
+__all__ = [
+    "Key",
+    "MissionError",
+    "Problem",
+    "did_you_mean",
+    "format_key",
+    "format_value",
+    "with_article",
+]
 
 Key = tuple[str | int, ...]
 """Path of a value in a mission: names of tables and keys, indices into arrays."""
@@ -90,11 +98,11 @@ def format_key(key: Sequence[str | int]) -> str:
             text += f"[{part}]"
         else:
             bare = len(part) <= _SHOWN_CHARACTERS and _BARE.fullmatch(part)
-            text += ("." if text else "") + (part if bare else _quoted(part))
+            text += ("." if text else "") + (part if bare else _quote(part))
     return text
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     if len(text) > _SHOWN_CHARACTERS:
         text = text[:_SHOWN_CHARACTERS] + "…"
     # Unprintable characters are escaped: a message is one line and cannot steer a terminal.
@@ -128,7 +136,7 @@ def did_you_mean(word: str, valid: Iterable[str], *, otherwise: str = "valid") -
     return f"; {otherwise}: {listed}" if words else ""
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """Say what a value is, in the words of a mission file, on one short line."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -155,7 +163,7 @@ def _shown_array(value: Sequence[Any]) -> str:
         return "an empty array"
     if len(value) > 6 or not all(isinstance(v, str | bool | int | float) for v in value):
         return f"an array of {len(value)}"
-    items = ", ".join(shown(v).removeprefix("a string ") for v in value)
+    items = ", ".join(format_value(v).removeprefix("a string ") for v in value)
     return f"[{items}]" if len(items) <= _SHOWN_CHARACTERS else f"an array of {len(value)}"
 
 

@@ -23,10 +23,10 @@ def shell_line(words: Iterable[str]) -> str:
         Quoted where it must be. Control characters, which would steer the terminal, stand as
         ``$'\x1b'``, which bash and zsh understand.
     """
-    return " ".join(_quoted(word) for word in words)
+    return " ".join(_quote(word) for word in words)
 
 
-def _quoted(word: str) -> str:
+def _quote(word: str) -> str:
     if word.isprintable():
         return shlex.quote(word)
     body = "".join(

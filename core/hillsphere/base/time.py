@@ -68,7 +68,7 @@ class Epoch:
         InputError
             If the text is no such date or the scale is not known.
         """
-        _known(scale)
+        _check_scale(scale)
         match = _ISO.fullmatch(text.strip())
         if match is None:
             raise InputError(f"expected a time such as '2027-06-01T12:30:00', got {text[:40]!r}")
@@ -101,7 +101,7 @@ class Epoch:
         InputError
             If the scale is not known.
         """
-        _known(scale)
+        _check_scale(scale)
         if scale == self.scale:
             return self
         with warnings.catch_warnings():
@@ -157,7 +157,7 @@ class Epoch:
         ]
 
 
-def _known(scale: str) -> None:
+def _check_scale(scale: str) -> None:
     if scale not in SCALES:
         raise InputError(f"no time scale {scale!r}; known: {', '.join(SCALES)}")
 

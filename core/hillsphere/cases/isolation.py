@@ -17,7 +17,7 @@ import numpy as np
 
 from hillsphere.base.arrays import Integers
 from hillsphere.base.errors import InputError, StageError
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.cases.block_outcome import BlockOutcome, joined, lost_rows, reordered
 from hillsphere.cases.case_classes import is_undecided
 from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories
@@ -161,7 +161,7 @@ def _of_bands(
     if histories is None:
         raise StageError(f"{what} keeps no histories, which bands need; leave bands out")
     try:
-        names = matched(bands, histories.names, "bands: the history of a case")
+        names = match_names(bands, histories.names, "bands: the history of a case")
     except InputError as error:
         raise StageError(str(error)) from error
     return histories.of_quantities([histories.names.index(name) for name in names])

@@ -13,7 +13,7 @@ from hillsphere.interfaces.quantities import Parameter
 from hillsphere.interfaces.stages import CaseStage
 from hillsphere.interfaces.tasks import Task
 from hillsphere.mission.faults import faults_of
-from hillsphere.mission.links import linked_to
+from hillsphere.mission.links import links_of
 from hillsphere.mission.load import Mission
 from hillsphere.runs.assembly import Assembly
 from hillsphere.spec.base import Spec
@@ -155,7 +155,7 @@ class Repeated:
                 )
             if node not in seen:
                 seen.add(node)
-                nodes += list(linked_to(self.mission.specs[node[0]][node[1]]))
+                nodes += list(links_of(self.mission.specs[node[0]][node[1]]))
 
 
 def _with_key(spec: Spec, path: Sequence[str], value: Any, address: str) -> Spec:

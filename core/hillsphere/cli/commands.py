@@ -22,7 +22,7 @@ from hillsphere.cli.application import (
     registry_of,
 )
 from hillsphere.cli.output import write, write_json, write_table
-from hillsphere.cli.plugin_commands import shadowed
+from hillsphere.cli.plugin_commands import shadowed_commands
 
 if TYPE_CHECKING:
     from hillsphere.base.problems import Problem
@@ -110,7 +110,7 @@ def missions(json: Json = False) -> None:
 def plugins(json: Json = False, strict_plugins: StrictPlugins = False) -> None:
     """List plugins and their components."""
     registry = registry_of(strict_plugins)
-    contested = _contested(registry)
+    contested = _contested_components(registry)
     records = [
         {
             "kind": r.component.kind,
@@ -163,7 +163,7 @@ def doctor(json: Json = False) -> int:
     from hillsphere.cli.exit_codes import ExitCode
 
     registry = registry_of(strict=False)
-    findings = examine(registry, _contested(registry))
+    findings = examine(registry, _contested_components(registry))
     if json:
         write_json(
             {
@@ -231,11 +231,11 @@ def _extent(mission: Mission) -> str:
     return text
 
 
-def _contested(registry: Registry) -> dict[tuple[str, str], str]:
+def _contested_components(registry: Registry) -> dict[tuple[str, str], str]:
     """Return what two plugins offer, or a plugin and the framework, each with a message."""
     own = {
         str(command.name or command.callback.__name__)
         for command in app.registered_commands
         if command.callback
     }
-    return {**registry.contested, **shadowed(registry, own)}
+    return {**registry.contested, **shadowed_commands(registry, own)}

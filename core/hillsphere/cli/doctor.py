@@ -181,10 +181,10 @@ def _self_test() -> Iterator[Finding]:
         yield Finding("self-test", "compile layer", "fail", f"cannot be imported: {error}")
         return
     for name, check in CHECKS.items():
-        yield _timed(name, check)
+        yield _time_check(name, check)
 
 
-def _timed(name: str, check: Callable[[], str]) -> Finding:
+def _time_check(name: str, check: Callable[[], str]) -> Finding:
     start = time.perf_counter()
     try:
         detail = check()

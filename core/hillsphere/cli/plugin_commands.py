@@ -11,10 +11,10 @@ from typer.core import TyperCommand, TyperGroup
 from hillsphere.base.errors import PluginError
 from hillsphere.plugins.registry import Registered, Registry, default_registry
 
-__all__ = ["CommandGroup", "shadowed"]
+__all__ = ["CommandGroup", "shadowed_commands"]
 
 
-def shadowed(registry: Registry, own: Container[str]) -> dict[tuple[str, str], str]:
+def shadowed_commands(registry: Registry, own: Container[str]) -> dict[tuple[str, str], str]:
     """Return the commands of plugins that cannot be reached.
 
     Parameters

@@ -61,7 +61,7 @@ def run_and_show(
         mission, out=out, use_cache=use_cache, executor=executor, figures=figures,
         progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
-    return _ended(mission.name, result, json)
+    return _show_end(mission.name, result, json)
 
 
 def resume_and_show(
@@ -122,10 +122,10 @@ def resume_and_show(
         run, mission=mission, allow_path=allow_path, executor=chosen, figures=figures or None,
         progress=Progress(quiet=quiet), registry=registry,
     )  # fmt: skip
-    return _ended(name, result, json)
+    return _show_end(name, result, json)
 
 
-def _ended(name: str, result: RunResult, json: bool) -> ExitCode:
+def _show_end(name: str, result: RunResult, json: bool) -> ExitCode:
     for failure in result.failures:
         say(str(failure))
     if json:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Array, Integers
 from hillsphere.base.errors import InputError
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 
-__all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "kept_histories"]
+__all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "histories_to_keep"]
 
 Flags = NDArray[np.bool_]
 
@@ -145,7 +145,7 @@ class CaseResults:
     step_error: Array | None = None
 
 
-def kept_histories(history: bool | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+def histories_to_keep(history: bool | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the histories that a call of ``run_cases`` has to keep.
 
     Parameters
@@ -164,7 +164,7 @@ def kept_histories(history: bool | Sequence[str], names: Sequence[str]) -> tuple
     if isinstance(history, bool):
         return tuple(names) if history else ()
     try:
-        found = frozenset(matched(history, names, "the stage", "history"))
+        found = frozenset(match_names(history, names, "the stage", "history"))
     except InputError:
         return tuple(names)
     return tuple(name for name in names if name in found)

@@ -127,7 +127,7 @@ class CaseStage(Contract, Protocol):
         """Compute one block: ``run_cases(batch, history=False, **inputs)``.
 
         `history` is True where all histories are wanted, or names and patterns (``*``) of those
-        that are; others may be kept as well (see `hillsphere.interfaces.cases.kept_histories`).
+        that are; others may be kept as well (see `hillsphere.interfaces.cases.histories_to_keep`).
         `inputs` are the products of the stage's needs, as for `Stage.run`. No context is given:
         the call is pure, may run in another process, and shows no progress.
         """

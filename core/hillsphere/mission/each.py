@@ -16,7 +16,7 @@ from itertools import product
 from math import prod
 from typing import Any, TypeAlias
 
-from hillsphere.base.problems import Key, Problem, did_you_mean, shown
+from hillsphere.base.problems import Key, Problem, did_you_mean, format_value
 from hillsphere.mission.layers import Layers, Origin
 
 __all__ = ["EACH_NAME", "Expanded", "expand_tables"]
@@ -153,7 +153,9 @@ def _lists(result: Expanded) -> dict[str, Sequence[_Value]]:
     """Return the lists of ``[each]``, and add a problem for each that is not sound."""
     given = result.layers.tables.get("each", {})
     if not isinstance(given, dict):
-        _refuse(result, ("each",), f"expected lists, [each] NAME = [...]; got {shown(given)}")
+        _refuse(
+            result, ("each",), f"expected lists, [each] NAME = [...]; got {format_value(given)}"
+        )
         return {}
     for name, values in given.items():
         key = ("each", name)
@@ -164,7 +166,9 @@ def _lists(result: Expanded) -> dict[str, Sequence[_Value]]:
                 "a letter",
             )  # fmt: skip
         elif not isinstance(values, list) or not values:
-            _refuse(result, key, f"expected a list of strings or numbers, got {shown(values)}")
+            _refuse(
+                result, key, f"expected a list of strings or numbers, got {format_value(values)}"
+            )
         else:
             _check_values(key, values, result)
     return given
@@ -174,7 +178,9 @@ def _check_values(key: Key, values: list[Any], result: Expanded) -> None:
     texts: set[str] = set()
     for index, value in enumerate(values):
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            _refuse(result, (*key, index), f"expected a string or a number, got {shown(value)}")
+            _refuse(
+                result, (*key, index), f"expected a string or a number, got {format_value(value)}"
+            )
         elif len(str(value)) > _LONGEST_VALUE:
             message = f"must have at most {_LONGEST_VALUE} characters, got {len(str(value))}"
             _refuse(result, (*key, index), message)
@@ -191,7 +197,9 @@ def _variables(
     key = (*node, "for")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         _refuse(
-            result, key, f"expected the name of a list of [each] or several, got {shown(given)}"
+            result,
+            key,
+            f"expected the name of a list of [each] or several, got {format_value(given)}",
         )
         return ()
     for index, name in enumerate(names):
@@ -355,7 +363,9 @@ def _drop(kinds: Iterable[str], result: Expanded) -> None:
         full[kind, name].append(f"{kind}.{result.sources[kind, name]}")
     for origin, given in result.layers.drops():
         if not isinstance(given, list) or not all(isinstance(item, str) for item in given):
-            message = f'expected patterns of tables, such as ["stage.wide_*"]; got {shown(given)}'
+            message = (
+                f'expected patterns of tables, such as ["stage.wide_*"]; got {format_value(given)}'
+            )
             result.problems.append(origin.problem(("drop",), message))
             continue
         for index, pattern in enumerate(given):

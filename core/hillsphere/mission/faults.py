@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import ValidationError
 
-from hillsphere.base.problems import Key, did_you_mean, shown
-from hillsphere.spec.annotations import described, inner, item_of, member_of, members
+from hillsphere.base.problems import Key, did_you_mean, format_value
+from hillsphere.spec.annotations import describe_annotation, inner, item_of, member_of, members
 from hillsphere.spec.base import Spec
 from hillsphere.spec.units import UNITS, unit_keys, unit_text
 
@@ -103,7 +103,7 @@ def faults_of(spec: type[S], keys: Mapping[str, Any]) -> tuple[S | None, list[Fa
             table = tables.setdefault(above.key, _Table(above.annotation, above.value))
             (table.missing if kind == "missing" else table.unknown).append(last)
         else:
-            faults[_explained(spec, keys, detail, place)] = None
+            faults[_explain(spec, keys, detail, place)] = None
     for above_key, table in tables.items():
         for name, message in _unknown_and_missing(table):
             faults[Fault((*above_key, name), message)] = None
@@ -230,7 +230,7 @@ def _location_of(
 # --- what an error says ---------------------------------------------------------------------
 
 
-def _explained(
+def _explain(
     spec: type[Spec], keys: Mapping[str, Any], detail: ErrorDetails, place: _Place
 ) -> Fault:
     kind, context = detail["type"], detail.get("ctx", {})
@@ -242,7 +242,9 @@ def _explained(
         return Fault((*place.key[:-1], context["second"]), detail["msg"])
     if kind == "missing" and place.key:  # an item of a tuple: too few were given
         place = _place(spec, keys, detail["loc"][:-1])
-        return Fault(place.key, f"expected {described(place.annotation)}, got {_got(place)}")
+        return Fault(
+            place.key, f"expected {describe_annotation(place.annotation)}, got {_got(place)}"
+        )
     explain = _WORDS.get(kind)
     if explain is not None:
         return Fault(place.key, explain(place, context))
@@ -264,11 +266,11 @@ def _out_of_bounds(place: _Place, sign: str, limit: float) -> str:
 
 
 def _got(place: _Place) -> str:
-    return shown(place.value)
+    return format_value(place.value)
 
 
 def _wrong_type(place: _Place, context: Mapping[str, Any]) -> str:
-    return f"expected {described(place.annotation)}, got {_got(place)}"
+    return f"expected {describe_annotation(place.annotation)}, got {_got(place)}"
 
 
 def _not_finite(place: _Place, context: Mapping[str, Any]) -> str:
@@ -305,7 +307,7 @@ def _wrong_length(place: _Place, context: Mapping[str, Any]) -> str:
     return f"must have {bound} items, got {length}"
 
 
-def _bounded(name: str) -> Callable[[_Place, Mapping[str, Any]], str]:
+def _describe_bound(name: str) -> Callable[[_Place, Mapping[str, Any]], str]:
     return lambda place, context: _out_of_bounds(place, _SIGNS[name], context[name])
 
 
@@ -324,10 +326,10 @@ _WORDS: dict[str, Callable[[_Place, Mapping[str, Any]], str]] = {
         f"must be a multiple of {context['multiple_of']}, got {_got(place)}"
     ),
     "reference": lambda place, _: f"must be the name of another table, got {_got(place)}",
-    "greater_than": _bounded("gt"),
-    "greater_than_equal": _bounded("ge"),
-    "less_than": _bounded("lt"),
-    "less_than_equal": _bounded("le"),
+    "greater_than": _describe_bound("gt"),
+    "greater_than_equal": _describe_bound("ge"),
+    "less_than": _describe_bound("lt"),
+    "less_than_equal": _describe_bound("le"),
     "union_tag_not_found": lambda _, context: f"missing: {context['discriminator']}",
     "union_tag_invalid": lambda _, context: (
         f"{context['discriminator']} must be one of {context['expected_tags']}, "

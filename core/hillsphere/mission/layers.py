@@ -205,7 +205,7 @@ def _parsed_key(name: str, source: str) -> tuple[str, ...]:
     if "\n" in name or "\r" in name:
         raise MissionError([Problem(source, None, (), "the key must be one line")])
     try:
-        tables: Any = parse_toml(_encoded(f"{name} = 0"), source)[0]
+        tables: Any = parse_toml(_encode(f"{name} = 0"), source)[0]
     except MissionError as error:
         message = error.problems[0].message
         raise MissionError([Problem(source, None, (), f"not a key: {message}")]) from None
@@ -220,7 +220,7 @@ def _parsed_key(name: str, source: str) -> tuple[str, ...]:
 
 def _parsed_value(written: str, source: str, key: Key) -> Any:
     try:
-        return parse_toml(_encoded(f"value = {written}"), source)[0]["value"]
+        return parse_toml(_encode(f"value = {written}"), source)[0]["value"]
     except MissionError as error:
         message = error.problems[0].message
         is_word = _UNQUOTED.fullmatch(written) is not None
@@ -229,6 +229,6 @@ def _parsed_value(written: str, source: str, key: Key) -> Any:
         raise MissionError([Problem(source, None, key, message)]) from None
 
 
-def _encoded(text: str) -> bytes:
+def _encode(text: str) -> bytes:
     # A command line may hold bytes that are not UTF-8; the reader refuses them by name.
     return text.encode("utf-8", "surrogateescape")

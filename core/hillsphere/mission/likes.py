@@ -10,12 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hillsphere.base.problems import Key, Problem, did_you_mean, shown
+from hillsphere.base.problems import Key, Problem, did_you_mean, format_value
 from hillsphere.mission.each import Expanded
 from hillsphere.spec.annotations import inner
 from hillsphere.spec.base import Spec
 
-__all__ = ["Derived", "derived", "without_superseded_units"]
+__all__ = ["Derived", "resolve_likes", "without_superseded_units"]
 
 _Node = tuple[str, str]
 
@@ -88,7 +88,7 @@ class Derived:
             name = self.bases[kind, name]
 
 
-def derived(layers: Expanded, kinds: Iterable[str]) -> Derived:
+def resolve_likes(layers: Expanded, kinds: Iterable[str]) -> Derived:
     """Carry out every ``like``, and leave out the tables that were dropped.
 
     Parameters
@@ -163,12 +163,12 @@ def _derive(
                 found.problems.append(found.problem((kind, name, "type"), fault))
                 found.unsound.add((kind, name))
             else:
-                done[name] = _merged(done[base], own)
+                done[name] = _merge(done[base], own)
 
 
 def _fault(kind: str, base: Any, tables: Mapping[str, Any]) -> str | None:
     if not isinstance(base, str):
-        return f"expected the name of another {kind} table, got {shown(base)}"
+        return f"expected the name of another {kind} table, got {format_value(base)}"
     named = {
         other: [name for name, table in group.items() if isinstance(table, dict)]
         for other, group in tables.items()
@@ -193,17 +193,18 @@ def _other_type(base: str, below: Mapping[str, Any], own: Mapping[str, Any]) -> 
     if "type" not in own or "type" not in below or own["type"] == below["type"]:
         return None
     return (
-        f"it is like {base!r}, whose type is {shown(below['type'])}, and cannot be of another; "
-        f"got {shown(own['type'])}"
+        f"it is like {base!r}, whose type is {format_value(below['type'])}, and cannot be of "
+        "another; "
+        f"got {format_value(own['type'])}"
     )
 
 
-def _merged(below: Any, above: Any) -> Any:
+def _merge(below: Any, above: Any) -> Any:
     if not (isinstance(below, dict) and isinstance(above, dict)):
         return above
     table = dict(below)
     for key, value in above.items():
-        table[key] = _merged(below.get(key), value)
+        table[key] = _merge(below.get(key), value)
     return table
 
 
@@ -247,13 +248,13 @@ def without_superseded_units(
             for key in given:
                 if tables.rank((*path, key)) < latest:
                     del kept[key]
-    for name, nested in _nested(spec):
+    for name, nested in _nested_specs(spec):
         if isinstance(value := kept.get(name), dict):
             kept[name] = without_superseded_units(nested, value, (*path, name), tables)
     return kept
 
 
-def _nested(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
+def _nested_specs(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
     """Yield the fields that hold one table of their own Spec (arrays are replaced whole)."""
     for name, info in spec.model_fields.items():
         annotation = inner(info.annotation)

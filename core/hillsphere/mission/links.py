@@ -14,13 +14,13 @@ from hillsphere.mission.tables import MOST_PROBLEMS, Tables
 from hillsphere.plugins.registry import Registered
 from hillsphere.spec.base import Spec
 
-__all__ = ["Node", "check_links", "linked_to", "resolve_data_paths", "topological"]
+__all__ = ["Node", "check_links", "links_of", "resolve_data_paths", "topological"]
 
 Node: TypeAlias = tuple[str, str]
 """Kind and name of a table."""
 
 
-def linked_to(spec: Spec) -> dict[Node, Key]:
+def links_of(spec: Spec) -> dict[Node, Key]:
     """Return the tables that a Spec refers to, each with the location of its first reference."""
     found: dict[Node, Key] = {}
     for where, kind, ref in spec.references():
@@ -47,7 +47,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
                 return
             names = tables.names.get(other_kind, [])
             if (place := layers.layers.dropped_at(other_kind, ref.name)) is not None:
-                message = _dropped(kind, other_kind, ref.name, place)
+                message = _dropped_message(kind, other_kind, ref.name, place)
                 tables.problems.append(layers.problem(key, message))
             elif ref.name not in names:
                 words = other_kind.replace("_", " ")
@@ -60,7 +60,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
         for where, table in spec.table_names():
             other_kind, _, other = table.partition(".")
             if (place := layers.layers.dropped_at(other_kind, other)) is not None:
-                message = _dropped(kind, other_kind, other, place)
+                message = _dropped_message(kind, other_kind, other, place)
                 tables.problems.append(layers.problem((kind, name, *where), message))
             elif table != "stage" and other not in tables.names.get(other_kind, []):
                 names = [f"{k}.{n}" for k, group in tables.names.items() for n in group]
@@ -79,7 +79,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
         tables.problems.append(layers.problem(key, message))
 
 
-def _dropped(kind: str, other_kind: str, other: str, place: str) -> str:
+def _dropped_message(kind: str, other_kind: str, other: str, place: str) -> str:
     """Say that a table which stays refers to one that was dropped."""
     words = other_kind.replace("_", " ")
     return f"{words} table {other!r} is dropped at {place}; drop this {kind} too, or change the key"
@@ -165,7 +165,7 @@ def topological(nodes: Iterable[Node], specs: Mapping[str, Mapping[str, Spec]]) 
     """
     ordered: dict[Node, None] = {}
     for root in nodes:
-        stack = [(root, iter(linked_to(specs[root[0]][root[1]])))]
+        stack = [(root, iter(links_of(specs[root[0]][root[1]])))]
         while stack:
             node, ahead = stack[-1]
             step = next((other for other in ahead if other not in ordered), None)
@@ -173,7 +173,7 @@ def topological(nodes: Iterable[Node], specs: Mapping[str, Mapping[str, Spec]]) 
                 ordered[node] = None
                 stack.pop()
             else:
-                stack.append((step, iter(linked_to(specs[step[0]][step[1]]))))
+                stack.append((step, iter(links_of(specs[step[0]][step[1]]))))
     return list(ordered)
 
 
@@ -197,7 +197,7 @@ def resolve_data_paths(
     for kind, name, spec in list(tables):
         resolved: dict[str, str] = {}
         for where, path in spec.data_paths():
-            found, message = _resolved(path, roots, allow_path=allow_path)
+            found, message = _resolve(path, roots, allow_path=allow_path)
             if message:
                 tables.problems.append(layers.problem((kind, name, *where), message))
             else:
@@ -206,7 +206,7 @@ def resolve_data_paths(
             tables.specs[kind][name] = spec.with_data_paths(resolved)
 
 
-def _resolved(path: str, roots: list[str], *, allow_path: bool) -> tuple[str, str]:
+def _resolve(path: str, roots: list[str], *, allow_path: bool) -> tuple[str, str]:
     """Return (absolute path, "") or ("", what is wrong)."""
     text = path if len(path) <= 100 else path[:100] + "…"
     if "\0" in path:

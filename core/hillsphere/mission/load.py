@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.paths import missions_directory
-from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean, shown
+from hillsphere.base.problems import Key, MissionError, Problem, did_you_mean, format_value
 from hillsphere.mission.each import expand_tables
 from hillsphere.mission.layers import Layers, parse_setting
-from hillsphere.mission.likes import Derived, derived
+from hillsphere.mission.likes import Derived, resolve_likes
 from hillsphere.mission.links import check_links, resolve_data_paths, topological
 from hillsphere.mission.tables import (
     FORMAT,
@@ -21,7 +21,7 @@ from hillsphere.mission.tables import (
     TOP_KEYS,
     Tables,
     unknown_top_key,
-    validated,
+    validate_tables,
 )
 from hillsphere.mission.toml_source import Locations, read_toml
 from hillsphere.plugins.registry import Registered, Registry, default_registry
@@ -163,15 +163,15 @@ def load_mission(
         _lay_setting(text_of_setting, layers, problems)
     each = expand_tables(layers, MISSION_KINDS)
     if each.problems:
-        raise MissionError(_listed(problems + each.problems, source))
-    written = derived(each, MISSION_KINDS)
-    found = validated(written, registry)
+        raise MissionError(_sort_and_limit(problems + each.problems, source))
+    written = resolve_likes(each, MISSION_KINDS)
+    found = validate_tables(written, registry)
     check_links(found, written)
     directory = os.path.dirname(os.path.realpath(path))
     resolve_data_paths(found, written, directory, allow_path=allow_path)
     problems += written.problems + found.problems
     if problems or found.head is None:
-        raise MissionError(_listed(problems, source))
+        raise MissionError(_sort_and_limit(problems, source))
     return Mission(
         format=FORMAT,
         name=found.head.name,
@@ -233,12 +233,14 @@ def _profiles(
 
     given = tables.get("profile", {})
     if not isinstance(given, dict):
-        refuse(("profile",), f"expected tables [profile.NAME], got {shown(given)}")
+        refuse(("profile",), f"expected tables [profile.NAME], got {format_value(given)}")
         return {}
     profiles: dict[str, dict[str, Any]] = {}
     for name, profile in given.items():
         if not isinstance(profile, dict):
-            refuse(("profile", name), f"expected a table [profile.NAME], got {shown(profile)}")
+            refuse(
+                ("profile", name), f"expected a table [profile.NAME], got {format_value(profile)}"
+            )
             continue
         profiles[name] = {}
         for key, value in profile.items():
@@ -300,7 +302,7 @@ def _keys_of(table: Any, key: Key) -> Iterator[Key]:
             yield from _keys_of(value, (*key, name))
 
 
-def _listed(problems: list[Problem], source: str) -> list[Problem]:
+def _sort_and_limit(problems: list[Problem], source: str) -> list[Problem]:
     """Sort by line, the file before the settings, remarks last; end a list that is too long."""
     # A fault in a table that others are like, or that stands for several, is told once: of the
     # table itself, if it stays, and of the first value.

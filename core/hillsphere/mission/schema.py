@@ -193,13 +193,13 @@ def _object(schema: dict[str, Any]) -> dict[str, Any]:
         bounds = declared.pop("x-bounds", {})
         is_required = key in schema.get("required", [])
         if dimension is None:
-            properties[key] = _bounded(declared, bounds, 1.0)
+            properties[key] = _with_bounds(declared, bounds, 1.0)
             if is_required:
                 required.append(key)
             continue
         keys = unit_keys(key, dimension)
         for (alternative, factor), suffix in zip(keys.items(), UNITS[dimension], strict=True):
-            one = _bounded(declared, bounds, factor)
+            one = _with_bounds(declared, bounds, factor)
             one.pop("title", None)
             if factor != 1.0:
                 one.pop("default", None)
@@ -230,14 +230,14 @@ def _without_null(schema: Mapping[str, Any]) -> dict[str, Any]:
     return made
 
 
-def _bounded(schema: Mapping[str, Any], bounds: Mapping[str, float], factor: float) -> Any:
+def _with_bounds(schema: Mapping[str, Any], bounds: Mapping[str, float], factor: float) -> Any:
     """Copy a schema with bounds, given in SI, on every number in it."""
     made: dict[str, Any] = {}
     for key, value in schema.items():
         if key in ("items", "additionalProperties") and isinstance(value, dict):
-            made[key] = _bounded(value, bounds, factor)
+            made[key] = _with_bounds(value, bounds, factor)
         elif key in ("prefixItems", "anyOf", "oneOf"):
-            made[key] = [_bounded(item, bounds, factor) for item in value]
+            made[key] = [_with_bounds(item, bounds, factor) for item in value]
         else:
             made[key] = value
     if made.get("type") in ("number", "integer"):

@@ -11,7 +11,7 @@ from pydantic import field_validator
 from pydantic_core import PydanticCustomError
 
 from hillsphere.base.errors import PluginError, UnknownComponentError
-from hillsphere.base.problems import Problem, did_you_mean, shown
+from hillsphere.base.problems import Problem, did_you_mean, format_value
 from hillsphere.mission.faults import faults_of
 from hillsphere.mission.likes import Derived, without_superseded_units
 from hillsphere.plugins.registry import KINDS, Registered, Registry, kind_words
@@ -26,7 +26,7 @@ __all__ = [
     "TOP_KEYS",
     "Head",
     "Tables",
-    "validated",
+    "validate_tables",
 ]
 
 FORMAT = 1
@@ -59,7 +59,7 @@ class Head(Spec):
                 "rule",
                 "must be usable as the name of a directory: at most 64 letters, digits, '.', '_' "
                 "and '-', beginning with a letter or digit; got {name}",
-                {"name": shown(name)},
+                {"name": format_value(name)},
             )
         return name
 
@@ -98,7 +98,7 @@ class Tables:
                 yield kind, name, spec
 
 
-def validated(layers: Derived, registry: Registry) -> Tables:
+def validate_tables(layers: Derived, registry: Registry) -> Tables:
     """Validate everything in a mission but the links between its tables.
 
     Parameters
@@ -154,7 +154,7 @@ def _format_problem(layers: Derived) -> Problem | None:
         return None
     if given is None:
         return layers.problem(("format",), f"missing: write format = {FORMAT}")
-    message = f"this version reads format {FORMAT}, got {shown(given)}"
+    message = f"this version reads format {FORMAT}, got {format_value(given)}"
     return layers.problem(("format",), message)
 
 
@@ -164,7 +164,7 @@ def _kind(kind: str, value: Any, layers: Derived, registry: Registry, found: Tab
         found.problems.append(layers.problem((kind,), message))
         return
     if not isinstance(value, dict):
-        message = f"expected tables [{kind}.NAME], got {shown(value)}"
+        message = f"expected tables [{kind}.NAME], got {format_value(value)}"
         found.problems.append(layers.problem((kind,), message))
         return
     plain = {name for name, table in value.items() if not isinstance(table, dict)}
@@ -180,7 +180,7 @@ def _kind(kind: str, value: Any, layers: Derived, registry: Registry, found: Tab
                 message = f"there is no table {kind}.{name} to drop{hint}"
                 found.problems.append(layers.problem((kind, name), message))
             elif not plain_is_told:
-                message = f"expected a table [{kind}.NAME], got {shown(table)}"
+                message = f"expected a table [{kind}.NAME], got {format_value(table)}"
                 found.problems.append(layers.problem((kind, name), message))
             continue
         _table(kind, name, table, layers, registry, found)
@@ -211,7 +211,7 @@ def _table(
         return
     type_ = table["type"]
     if not isinstance(type_, str):
-        refuse(f"expected a string, got {shown(type_)}", "type")
+        refuse(f"expected a string, got {format_value(type_)}", "type")
         return
     try:
         record = registry.get(kind, type_)

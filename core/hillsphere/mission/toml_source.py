@@ -90,7 +90,7 @@ def read_toml(path: Path, source: str) -> tuple[dict[str, Any], Locations, str]:
 
 def parse_toml(data: bytes, source: str) -> tuple[dict[str, Any], Locations, str]:
     """Parse TOML text; arguments, results and errors as those of `read_toml`."""
-    text = _decoded(data, source)
+    text = _decode(data, source)
     locations = Locations(source, scan(text))
     found = locations.scan
     # Only what stands before the first fault is safe to parse: it may hold an earlier one.
@@ -109,28 +109,28 @@ def _read(path: Path, source: str) -> bytes:
     try:
         return read_bytes(path, MAX_BYTES)
     except IsADirectoryError:
-        raise _refused(source, "is a directory; give the mission file itself") from None
+        raise _mission_error(source, "is a directory; give the mission file itself") from None
     except NotRegularError:
-        raise _refused(source, "is not a regular file") from None
+        raise _mission_error(source, "is not a regular file") from None
     except FileNotFoundError:
-        raise _refused(source, "no such file") from None
+        raise _mission_error(source, "no such file") from None
     except PermissionError:
-        raise _refused(source, "permission denied; the file cannot be read") from None
+        raise _mission_error(source, "permission denied; the file cannot be read") from None
     except OSError as error:
         if error.errno == errno.EFBIG:
-            raise _refused(source, _TOO_LARGE) from None
-        raise _refused(source, f"cannot be read: {error.strerror}") from None
+            raise _mission_error(source, _TOO_LARGE) from None
+        raise _mission_error(source, f"cannot be read: {error.strerror}") from None
 
 
-def _refused(source: str, message: str, line: int | None = None) -> MissionError:
+def _mission_error(source: str, message: str, line: int | None = None) -> MissionError:
     return MissionError([Problem(source, line, (), message)])
 
 
-def _decoded(data: bytes, source: str) -> str:
+def _decode(data: bytes, source: str) -> str:
     if len(data) > MAX_BYTES:
-        raise _refused(source, _TOO_LARGE)
+        raise _mission_error(source, _TOO_LARGE)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise _refused(source, "is UTF-16 text; save it as UTF-8", 1)
+        raise _mission_error(source, "is UTF-16 text; save it as UTF-8", 1)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -138,7 +138,7 @@ def _decoded(data: bytes, source: str) -> str:
         raw = bytes(error.object)
         line = raw.count(b"\n", 0, error.start) + 1
         byte = raw[error.start]
-        raise _refused(source, f"is not UTF-8 text: byte 0x{byte:02x}", line) from None
+        raise _mission_error(source, f"is not UTF-8 text: byte 0x{byte:02x}", line) from None
     text = text.replace("\r\n", "\n")
     if match := _CONTROL.search(text):
         line = text.count("\n", 0, match.start()) + 1
@@ -146,7 +146,7 @@ def _decoded(data: bytes, source: str) -> str:
             message = "a bare carriage return; end lines with LF or CRLF"
         else:
             message = f"control character U+{ord(match.group()):04X} is not allowed"
-        raise _refused(source, message, line)
+        raise _mission_error(source, message, line)
     return text
 
 

@@ -133,7 +133,7 @@ def declared_fields(cls: type) -> Mapping[str, DeclaredField]:
                 "time, not only for type checking"
             ) from error
         hints = {}
-    return {field.name: _declared(field.name, hints.get(field.name)) for field in fields(cls)}
+    return {field.name: _declaration_of(field.name, hints.get(field.name)) for field in fields(cls)}
 
 
 def dimension_sizes(product: Any) -> dict[str, int]:
@@ -189,7 +189,7 @@ def _split(dimension: int | str) -> tuple[str, int]:
     return match[1], int(match[2] or 0)
 
 
-def _declared(name: str, hint: Any) -> DeclaredField:
+def _declaration_of(name: str, hint: Any) -> DeclaredField:
     parts = [hint, *get_args(hint)]  # of `Annotated[…] | None` too
     marks = [m for part in parts if get_origin(part) is Annotated for m in part.__metadata__]
     shapes = [mark for mark in marks if isinstance(mark, Shape)]

@@ -76,7 +76,7 @@ def canonical(product: T) -> T:
         If it is no product; the field is named.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    found: T = _decode(_encoded(product, arrays), arrays, type(product).__name__)
+    found: T = _decode(_encode_product(product, arrays), arrays, type(product).__name__)
     return found
 
 
@@ -102,7 +102,7 @@ def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
         If the file cannot be written.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    root = _encoded(product, arrays)
+    root = _encode_product(product, arrays)
     # allow_nan is off on purpose: a special float that slipped through would not be JSON.
     text = json.dumps({"format": FORMAT, "root": root}, allow_nan=False)
     header = np.frombuffer(text.encode("ascii"), dtype=np.uint8)
@@ -253,7 +253,7 @@ def _stored_fields(cls: type) -> Iterator[str]:
     return (field.name for field in fields(cls) if field.init)
 
 
-def _encoded(product: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
+def _encode_product(product: Any, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
     """Return a product as plain values; its arrays are put into `arrays`, in C order."""
     if not _is_product(product):
         raise InputError(

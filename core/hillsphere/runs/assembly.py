@@ -14,7 +14,7 @@ from hillsphere.mission.links import Node, topological
 from hillsphere.base.problems import Key, MissionError, Problem
 from hillsphere.spec.base import Spec
 
-__all__ = ["Assembly", "build", "placed", "refused"]
+__all__ = ["Assembly", "build", "problem_at", "problem_of"]
 
 _KEYS = re.compile(r"([a-z]\w*(?:\.\w+)*): ")
 """Keys, with dots between them, at the beginning of a component's message."""
@@ -78,14 +78,14 @@ class Assembly:
             except (MissionError, PluginError):
                 raise
             except (HillsphereError, OSError) as error:
-                raise MissionError([refused(self.mission, (kind, name), error)]) from error
+                raise MissionError([problem_of(self.mission, (kind, name), error)]) from error
             except ArithmeticError as error:
                 # Every number is within its bounds, but a product or a quotient of them is not.
                 text = (
                     f"it cannot be computed from these numbers ({type(error).__name__}: {error}); "
                     "one of them, or of the tables that it refers to, is far too large or too small"
                 )
-                raise MissionError([placed(self.mission, (kind, name), text)]) from error
+                raise MissionError([problem_at(self.mission, (kind, name), text)]) from error
             except Exception as error:  # the border of what a plugin's class may raise
                 record = self.mission.components[kind][name]
                 text = " ".join(f"{type(error).__name__}: {error}".split())
@@ -96,7 +96,7 @@ class Assembly:
         return self._made[kind, name]
 
 
-def placed(mission: Mission, key: Key, message: str) -> Problem:
+def problem_at(mission: Mission, key: Key, message: str) -> Problem:
     """Return a problem at a table of a mission, or at one of its keys that has a place.
 
     Parameters
@@ -115,7 +115,7 @@ def placed(mission: Mission, key: Key, message: str) -> Problem:
     return Problem(place, None, key, message)
 
 
-def refused(mission: Mission, node: Node, error: HillsphereError | OSError) -> Problem:
+def problem_of(mission: Mission, node: Node, error: HillsphereError | OSError) -> Problem:
     """Return what a component says of its table, at the key that it is about.
 
     Parameters
@@ -131,14 +131,14 @@ def refused(mission: Mission, node: Node, error: HillsphereError | OSError) -> P
     kind, name = node
     message = str(error)
     if where := _key_of_file(error, mission.specs[kind][name]):
-        return placed(mission, (kind, name, *where), message)
+        return problem_at(mission, (kind, name, *where), message)
     if found := _KEYS.match(message):
         key = _as_written(mission, node, found[1].split("."))
         if key in mission.places:
-            return placed(mission, key, message[found.end() :])
+            return problem_at(mission, key, message[found.end() :])
         if key[:3] in mission.places:
-            return placed(mission, key[:3], message)
-    return placed(mission, node, message)
+            return problem_at(mission, key[:3], message)
+    return problem_at(mission, node, message)
 
 
 def _as_written(mission: Mission, node: Node, path: Sequence[str]) -> Key:

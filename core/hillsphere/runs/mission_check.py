@@ -15,7 +15,7 @@ from hillsphere.base.errors import InputError, PluginError
 from hillsphere.base.problems import MissionError, Problem
 from hillsphere.interfaces.stages import CaseStage, NeedsCheck
 from hillsphere.mission.load import Mission
-from hillsphere.runs.assembly import Assembly, placed, refused
+from hillsphere.runs.assembly import Assembly, problem_at, problem_of
 from hillsphere.runs.wiring import inputs_of, needs_faults, product_class, repeat_faults
 from hillsphere.uncertainty.unused import check_dispersion
 
@@ -92,7 +92,7 @@ def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
             try:
                 stage.check_needs(**inputs_of(spec, stages))
             except InputError as error:
-                found.append(refused(mission, ("stage", name), error))
+                found.append(problem_of(mission, ("stage", name), error))
     return found
 
 
@@ -125,5 +125,5 @@ def _unused_dispersions(
         except PluginError:
             raise
         except InputError as error:
-            found.append(placed(mission, key, str(error)))
+            found.append(problem_at(mission, key, str(error)))
     return found

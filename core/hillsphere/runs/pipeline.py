@@ -37,7 +37,7 @@ from hillsphere.base.signals import remedy, stop_signals
 from hillsphere.runs.stage_cache import StageCache
 from hillsphere.runs.stage_context import StageContext
 from hillsphere.runs.store import RunDirectory, plain_json
-from hillsphere.runs.wiring import inputs_of, repeated_of, takes_from
+from hillsphere.runs.wiring import inputs_of, repeated_with_products, takes_from
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 
@@ -96,7 +96,7 @@ def run_mission(
         directory, its manifest says ``"interrupted"``, and `resume_run` continues it.
     """
     RunDirectory.check(out)
-    with _attended(progress) as (bars, stopped):
+    with _watch_signals(progress) as (bars, stopped):
         try:
             run = _Run(mission, bars, stopped, use_cache, executor, figures, registry)
             directory = RunDirectory.create(out, mission.name, run.record.started)
@@ -155,7 +155,7 @@ def resume_run(
     """
     given = ResumeChoices(mission, allow_path, executor)
     EarlierRun.open(run).choices(given, ("resume",))
-    with _attended(progress) as (bars, stopped), RunDirectory(Path(run)).locked():
+    with _watch_signals(progress) as (bars, stopped), RunDirectory(Path(run)).locked():
         try:
             earlier = EarlierRun.open(run)  # as it is now that nobody else writes to it
             choices = earlier.choices(given, ("resume",))
@@ -172,7 +172,7 @@ def resume_run(
 
 
 @contextmanager
-def _attended(progress: Progress | None) -> Iterator[tuple[Progress, threading.Event]]:
+def _watch_signals(progress: Progress | None) -> Iterator[tuple[Progress, threading.Event]]:
     """Show progress, and take the signals that end a run."""
     stopped = threading.Event()
     with stop_signals(stopped), progress or Progress(quiet=True) as bars:
@@ -378,7 +378,7 @@ class _Run:
         self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
     ) -> Any:
         expected = self.classes[record.name]
-        repeated = repeated_of(self.mission, record.name, self.products)
+        repeated = repeated_with_products(self.mission, record.name, self.products)
         product = self.stages[record.name].run(context, **repeated, **inputs)
         if not isinstance(product, expected):
             raise StageError(
@@ -405,7 +405,7 @@ class _Run:
             record.tables[free] = table
         figures = shown.figures if getattr(self.specs[name], "figures", True) else {}
         for key, figure in figures.items():
-            drawing = _drawn(key, figure, png=self.figures)
+            drawing = _draw(key, figure, png=self.figures)
             free = self.record.free_name("figures", key, name)
             self.directory.put_svg(free, drawing.svg)
             if self.figures and drawing.png is not None:
@@ -416,7 +416,7 @@ class _Run:
             record.files = (*record.files, f"files/{name}/{key}")
 
 
-def _drawn(key: str, figure: Figure, *, png: bool) -> Drawing:
+def _draw(key: str, figure: Figure, *, png: bool) -> Drawing:
     try:
         return draw(figure, png=png)
     # What a figure's own code raises, told with the figure's name.

@@ -29,7 +29,7 @@ from hillsphere.plugins.registry import Registry
 from hillsphere.products.products import CaseTable
 from hillsphere.runs.resume_choices import ResumeChoices
 from hillsphere.runs.run_record import RunRecord
-from hillsphere.runs.wiring import inputs_of, product_class, repeated_by, repeated_of, takes_from
+from hillsphere.runs.wiring import inputs_of, product_class, repeated_stages, repeated_with_products, takes_from
 
 __all__ = ["Rerun", "campaigns", "one_campaign", "rerun_case"]
 
@@ -144,10 +144,10 @@ def rerun_case(
                 f"campaign {name!r} has no case {case}: they are 0 to {plan.cases - 1}"
             )
         number = _block_of(plan, case)
-        then = _stored(earlier, name, record.stages[name].key, number, case)
+        then = _stored_row(earlier, name, record.stages[name].key, number, case)
         limit_s = getattr(spec, "block_limit_s", None)
         limit_s = None if limit_s is None else PATIENCE * limit_s
-        now = _computed(plan, number, case, executor or Pool(PoolSpec(workers=1)), limit_s)
+        now = _compute_case(plan, number, case, executor or Pool(PoolSpec(workers=1)), limit_s)
         cases = np.array([case], dtype=np.int64)
         values = plan.input_values(cases)[:, 0].tolist()
         labels = plan.point_labels
@@ -163,12 +163,12 @@ def rerun_case(
             differences=() if then is None else tuple(_differences(then, now)),
             files=(),
         )
-        return replace(made, files=_written(earlier, made, figures))
+        return replace(made, files=_write(earlier, made, figures))
 
 
 def campaigns(mission: Mission) -> list[str]:
     """Return the names of the stages that repeat another, in order."""
-    return [name for name in mission.order() if any(repeated_by(mission.specs["stage"][name]))]
+    return [name for name in mission.order() if any(repeated_stages(mission.specs["stage"][name]))]
 
 
 def one_campaign(names: list[str], wanted: str | None, run: str | Path) -> str:
@@ -192,7 +192,7 @@ def one_campaign(names: list[str], wanted: str | None, run: str | Path) -> str:
 def _plan(earlier: EarlierRun, mission: Mission, name: str) -> tuple[Plan, str]:
     """Return the plan of a campaign, as the stage itself makes it, and what it repeats."""
     specs = mission.specs["stage"]
-    ((field, other),) = repeated_by(specs[name])
+    ((field, other),) = repeated_stages(specs[name])
     own = {ref.name for _, _, ref in specs[name].needs_of()}
     products: dict[str, Any] = {}
     for need in sorted({*own, *takes_from(specs[other])}):
@@ -201,7 +201,7 @@ def _plan(earlier: EarlierRun, mission: Mission, name: str) -> tuple[Plan, str]:
                 f"stage {need!r}, whose product is needed, is not finished in this run; resume it"
             )
         products[need] = earlier.product(need, product_class(mission, need))
-    repeated = repeated_of(mission, name, products)[field]
+    repeated = repeated_with_products(mission, name, products)[field]
     component = Assembly(mission).get("stage", name)
     plan: Plan = component.plan(repeated, **inputs_of(specs[name], products))
     return plan, other
@@ -219,7 +219,7 @@ def _block_of(plan: Plan, case: int) -> int:
     return low
 
 
-def _stored(
+def _stored_row(
     earlier: EarlierRun, name: str, key: str | None, number: int, case: int
 ) -> BlockOutcome | None:
     """Return the row of a case, from the table of the campaign or from what it has kept so far."""
@@ -287,7 +287,7 @@ def _to_the_end(histories: Histories) -> Histories:
     return replace(histories, time_s=time, values=values, end_s=None, end_values=None)
 
 
-def _computed(
+def _compute_case(
     plan: Plan, number: int, case: int, executor: Executor, limit_s: float | None
 ) -> BlockOutcome:
     """Compute the block of a case; if it loses its worker, the case alone on its lane."""
@@ -335,7 +335,7 @@ def _differences(then: BlockOutcome, now: BlockOutcome) -> list[str]:
     return found
 
 
-def _written(earlier: EarlierRun, rerun: Rerun, figures: bool) -> tuple[Path, ...]:
+def _write(earlier: EarlierRun, rerun: Rerun, figures: bool) -> tuple[Path, ...]:
     histories = rerun.now.histories
     if histories is None or not len(histories.time_s):
         return ()

@@ -149,7 +149,7 @@ def choose(
     """
     if not needs_executor:
         local = {**local, "executor": None}
-    wanted = _wanted(local)
+    wanted = _choices_to_give_again(local)
     missing = []
     if given.mission is None and not is_packaged(local["mission"]):
         missing.append(f"the mission file {_shown(local['mission'])}")
@@ -190,7 +190,7 @@ def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
     local : mapping
         Content of its `LOCAL`.
     """
-    return shell_line(["hillsphere", "resume", _as_argument(directory), *_options(_wanted(local))])
+    return shell_line(["hillsphere", "resume", _as_argument(directory), *_options(_choices_to_give_again(local))])
 
 
 def is_packaged(name: str) -> bool:
@@ -198,7 +198,7 @@ def is_packaged(name: str) -> bool:
     return name in {path.stem for path in missions_directory().glob("*.toml")}
 
 
-def _wanted(local: Mapping[str, Any]) -> ResumeChoices:
+def _choices_to_give_again(local: Mapping[str, Any]) -> ResumeChoices:
     """Return what a file says, of which only what must be given is an option."""
     executor = local.get("executor")
     return ResumeChoices(
@@ -243,7 +243,7 @@ def _option(name: str, value: str) -> list[str]:
     return [f"{name}={value}"] if value.startswith("-") else [name, value]
 
 
-def _left_out(executor: ExecutorChoice | None) -> str:
+def _keys_without_option(executor: ExecutorChoice | None) -> str:
     """Say what of an executor has no option."""
     table = executor_table(executor) or {}
     others = sorted(table.keys() - {"type", "scheduler", "workers"})
@@ -255,7 +255,7 @@ def _left_out(executor: ExecutorChoice | None) -> str:
     )
 
 
-def _described(executor: Mapping[str, Any]) -> str:
+def _describe(executor: Mapping[str, Any]) -> str:
     scheduler = executor.get("scheduler")
     at = f" at {scheduler}" if _is_word(scheduler) and scheduler else ""
     workers = executor.get("workers")
@@ -266,7 +266,7 @@ def _is_word(value: Any) -> bool:
     return isinstance(value, str) and len(value) <= _LONGEST_TEXT
 
 
-def _shown(text: str) -> str:
+def _quote_harmless(text: str) -> str:
     """Return a text of a stranger's within quotes, cut short, that cannot steer a terminal."""
     return ascii(text[:200]) if not text.isprintable() else repr(text[:200])
 

@@ -244,7 +244,7 @@ class RunRecord:
 
     def _resolved(self) -> Any:
         names = {path: name for _, path, name in self._data_files()}
-        return _renamed(self.mission.resolved(), names)
+        return _rename(self.mission.resolved(), names)
 
 
 def free_name(used: Container[str], name: str, stage: str) -> str:
@@ -255,13 +255,13 @@ def free_name(used: Container[str], name: str, stage: str) -> str:
     return free
 
 
-def _renamed(value: Any, names: Mapping[str, str]) -> Any:
+def _rename(value: Any, names: Mapping[str, str]) -> Any:
     if isinstance(value, str):
         return names.get(value, value)
     if isinstance(value, Mapping):
-        return {key: _renamed(item, names) for key, item in value.items()}
+        return {key: _rename(item, names) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_renamed(item, names) for item in value]
+        return [_rename(item, names) for item in value]
     return value
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hillsphere.runs.assembly import placed
+from hillsphere.runs.assembly import problem_at
 from hillsphere.base.errors import InputError, PluginError
 from hillsphere.interfaces.stages import CaseStage
 from hillsphere.mission.load import Mission
@@ -22,8 +22,8 @@ __all__ = [
     "needs_faults",
     "product_class",
     "repeat_faults",
-    "repeated_by",
-    "repeated_of",
+    "repeated_stages",
+    "repeated_with_products",
     "takes_from",
 ]
 
@@ -65,7 +65,7 @@ def needs_faults(mission: Mission, classes: Mapping[str, type]) -> Iterator[Prob
             wanted = _class(path, f"stage {name!r} ({_type(mission, name)})")
             given = classes[ref.name]
             if not issubclass(given, wanted):
-                yield placed(
+                yield problem_at(
                     mission,
                     ("stage", name, *where),
                     f"needs {with_article(wanted.__name__)}, but stage {ref.name!r} yields "
@@ -85,13 +85,13 @@ def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Probl
         place of the stage in the mission; it is given the `Repeated` without products.
     """
     for name, stage in stages.items():
-        for field, other in repeated_by(mission.specs["stage"][name]):
+        for field, other in repeated_stages(mission.specs["stage"][name]):
             if other not in stages:  # it could not be made, which is told elsewhere
                 continue
             if not isinstance(stages[other], CaseStage):
                 fitting = [key for key, made in stages.items() if isinstance(made, CaseStage)]
                 hint = f"it can repeat {', '.join(fitting)}" if fitting else "nor can any other"
-                yield placed(
+                yield problem_at(
                     mission,
                     ("stage", name, field),
                     f"stage {other!r} ({_type(mission, other)}) cannot be "
@@ -102,14 +102,14 @@ def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Probl
             if check is None:
                 continue
             try:
-                check(_repeated(mission, other, {}, by=name))
+                check(_make_repeated(mission, other, {}, by=name))
             except MissionError as error:
                 yield from error.problems
             except InputError as error:
-                yield placed(mission, ("stage", name), str(error))
+                yield problem_at(mission, ("stage", name), str(error))
 
 
-def repeated_by(spec: Spec) -> Iterator[tuple[str, str]]:
+def repeated_stages(spec: Spec) -> Iterator[tuple[str, str]]:
     """Yield (field, name of the stage) of what a stage repeats, see `hillsphere.spec.repeated`."""
     for field in type(spec).model_fields:
         value = getattr(spec, field)
@@ -120,7 +120,7 @@ def repeated_by(spec: Spec) -> Iterator[tuple[str, str]]:
 def takes_from(spec: Spec) -> list[str]:
     """Return the stages whose products a stage cannot do without, each once, by name."""
     return sorted(
-        {ref.name for _, _, ref in spec.needs_of()} | {name for _, name in repeated_by(spec)}
+        {ref.name for _, _, ref in spec.needs_of()} | {name for _, name in repeated_stages(spec)}
     )
 
 
@@ -142,31 +142,31 @@ def inputs_of(spec: Spec, products: Mapping[str, Any]) -> dict[str, Any]:
     needs = getattr(spec, "needs", None)
     if not isinstance(needs, Spec):
         return {}
-    return {field: _given(getattr(needs, field), products) for field in type(needs).model_fields}
+    return {field: _resolve_product(getattr(needs, field), products) for field in type(needs).model_fields}
 
 
-def _given(value: Any, products: Mapping[str, Any]) -> Any:
+def _resolve_product(value: Any, products: Mapping[str, Any]) -> Any:
     if isinstance(value, Ref):
         return products[value.name]
     if isinstance(value, tuple):
-        return tuple(_given(item, products) for item in value)
+        return tuple(_resolve_product(item, products) for item in value)
     if isinstance(value, dict):
-        return {key: _given(item, products) for key, item in value.items()}
+        return {key: _resolve_product(item, products) for key, item in value.items()}
     return value
 
 
-def repeated_of(mission: Mission, stage: str, products: Mapping[str, Any]) -> dict[str, Repeated]:
+def repeated_with_products(mission: Mission, stage: str, products: Mapping[str, Any]) -> dict[str, Repeated]:
     """Return what a stage repeats, by field, each with the products that it needs itself."""
     return {
         field: replace(
-            _repeated(mission, other, inputs_of(mission.specs["stage"][other], products), by=stage),
+            _make_repeated(mission, other, inputs_of(mission.specs["stage"][other], products), by=stage),
             nominal=products.get(other),
         )
-        for field, other in repeated_by(mission.specs["stage"][stage])
+        for field, other in repeated_stages(mission.specs["stage"][stage])
     }
 
 
-def _repeated(mission: Mission, stage: str, inputs: Mapping[str, Any], by: str) -> Repeated:
+def _make_repeated(mission: Mission, stage: str, inputs: Mapping[str, Any], by: str) -> Repeated:
     from hillsphere.cases.repeated import Repeated
 
     return Repeated(mission, stage, inputs, by)

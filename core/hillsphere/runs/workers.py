@@ -192,7 +192,7 @@ class Workers(Generic[T, R]):
                     under_way -= 1
                     ended = piece.number - first, result
                 case Failed(_, message, trace):
-                    raise _noted(StageError(message), trace)
+                    raise _with_trace(StageError(message), trace)
                 case Lost(piece, _, how):
                     lost[piece.number] += 1
                     if lost[piece.number] == TRIES:
@@ -255,12 +255,12 @@ def _sendable(error: Exception) -> Exception:
     """Return an error with its traceback as a note; as a `StageError` if it cannot be pickled."""
     message, trace = told(error)
     try:
-        return _noted(pickle.loads(pickle.dumps(error)), trace)
+        return _with_trace(pickle.loads(pickle.dumps(error)), trace)
     except Exception:  # whatever the error's class makes of it
-        return _noted(StageError(message), trace)
+        return _with_trace(StageError(message), trace)
 
 
-def _noted(error: Exception, trace: str) -> Exception:
+def _with_trace(error: Exception, trace: str) -> Exception:
     if trace:
         error.add_note(trace)
     return error

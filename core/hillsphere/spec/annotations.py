@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from hillsphere.spec.base import Ref, Spec
 
-__all__ = ["described", "inner", "item_of", "member_of", "members"]
+__all__ = ["describe_annotation", "inner", "item_of", "member_of", "members"]
 
 _PLAIN: dict[Any, tuple[str, str]] = {
     float: ("a number", "numbers"),
@@ -68,7 +68,7 @@ def item_of(annotation: Any, part: str | int) -> Any:
     return Any
 
 
-def described(annotation: Any, *, plural: bool = False) -> str:
+def describe_annotation(annotation: Any, *, plural: bool = False) -> str:
     """Say what is expected: ``"three numbers"``, ``"an array of strings"``, ``"a table"``.
 
     Parameters
@@ -86,12 +86,13 @@ def described(annotation: Any, *, plural: bool = False) -> str:
     annotation = inner(annotation)
     some = members(annotation)
     if len(some) > 1:
-        return " or ".join(dict.fromkeys(described(a, plural=plural) for a in some))
+        return " or ".join(dict.fromkeys(describe_annotation(a, plural=plural) for a in some))
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return ("one of " if not plural else "some of ") + ", ".join(map(repr, arguments))
     if origin is dict:
-        return f"{'tables' if plural else 'a table'} of {described(arguments[1], plural=True)}"
+        items = describe_annotation(arguments[1], plural=True)
+        return f"{'tables' if plural else 'a table'} of {items}"
     if origin is tuple:
         return _described_tuple(arguments, plural=plural)
     if isinstance(annotation, type) and issubclass(annotation, Spec):
@@ -104,10 +105,11 @@ def described(annotation: Any, *, plural: bool = False) -> str:
 
 def _described_tuple(arguments: tuple[Any, ...], *, plural: bool) -> str:
     if len(arguments) == 2 and arguments[1] is Ellipsis:
-        return f"{'arrays' if plural else 'an array'} of {described(arguments[0], plural=True)}"
-    kinds = list(dict.fromkeys(described(a, plural=True) for a in arguments))
+        items = describe_annotation(arguments[0], plural=True)
+        return f"{'arrays' if plural else 'an array'} of {items}"
+    kinds = list(dict.fromkeys(describe_annotation(a, plural=True) for a in arguments))
     count = _COUNTS[len(arguments)] if len(arguments) < len(_COUNTS) else str(len(arguments))
     items = f"{count} {kinds[0]}" if len(kinds) == 1 else (
-        "(" + ", ".join(described(a) for a in arguments) + ")"
+        "(" + ", ".join(describe_annotation(a) for a in arguments) + ")"
     )  # fmt: skip
     return f"arrays of {items}" if plural else items

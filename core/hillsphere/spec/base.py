@@ -135,7 +135,7 @@ class _Twice:
     second: str
 
 
-def _scaled(value: Any, factor: float) -> Any:
+def _scale(value: Any, factor: float) -> Any:
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):
@@ -144,7 +144,7 @@ def _scaled(value: Any, factor: float) -> Any:
         except OverflowError:  # an int beyond the range of floats: refused as not finite
             return inf
     if isinstance(value, list | tuple):
-        return tuple(_scaled(item, factor) for item in value)
+        return tuple(_scale(item, factor) for item in value)
     return value
 
 
@@ -171,13 +171,13 @@ def _leaves(
         yield where, value
 
 
-def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+def _map_items(value: Any, change: Callable[[Any], Any]) -> Any:
     """Apply to every item of nested arrays and tables; the same object if nothing changed."""
     if isinstance(value, tuple):
-        items = tuple(_mapped(item, change) for item in value)
+        items = tuple(_map_items(item, change) for item in value)
         return value if all(a is b for a, b in zip(items, value, strict=True)) else items
     if isinstance(value, dict):
-        table = {key: _mapped(item, change) for key, item in value.items()}
+        table = {key: _map_items(item, change) for key, item in value.items()}
         return value if all(table[key] is value[key] for key in value) else table
     return change(value)
 
@@ -241,7 +241,7 @@ class Spec(BaseModel):
         for name, keys in cls._unit_keys.items():
             found = [key for key in keys if key in given]
             if len(found) == 1:
-                given[name] = _scaled(given.pop(found[0]), keys[found[0]])
+                given[name] = _scale(given.pop(found[0]), keys[found[0]])
             elif found:
                 for key in found:
                     del given[key]
@@ -375,7 +375,7 @@ class Spec(BaseModel):
                 return item._changed(change) if isinstance(item, Spec) else change(field, item)
 
             value = getattr(self, name)
-            new = _mapped(value, one)
+            new = _map_items(value, one)
             if new is not value:
                 changed[name] = new
         return self.model_copy(update=changed) if changed else self

@@ -72,14 +72,14 @@ class Overloaded:
         raise NotImplementedError
 
 
-def _overloaded(*items: object) -> type[Overloaded] | None:
+def _overloaded_type(*items: object) -> type[Overloaded] | None:
     """Return the type of the first operand that is no expression of the engine."""
     return next((type(item) for item in items if isinstance(item, Overloaded)), None)
 
 
 def _call(name: str, engine: Callable[..., Any], *items: Scalar) -> Expr:
     """Call the engine's function, or the method of an operand of another arithmetic."""
-    kind = _overloaded(*items)
+    kind = _overloaded_type(*items)
     if kind is None:
         return cast(Expr, engine(*(_as_expr(item) for item in items)))
     first, *rest = (kind.of(item) for item in items)
@@ -177,7 +177,7 @@ def acos(x: Scalar) -> Expr:
 
 def atan2(y: Scalar, x: Scalar) -> Expr:
     """Angle of the point (x, y), rad, in (−π, π]."""
-    if _overloaded(x, y):
+    if _overloaded_type(x, y):
         return _call("atan2", _hy.atan2, x, y)
     return cast(Expr, _hy.atan2(_as_expr(y), _as_expr(x)))
 
@@ -198,7 +198,7 @@ def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
     s and c are e sin E₀ and e cos E₀ at an eccentric anomaly E₀, D and M the differences of the
     eccentric and the mean anomaly from there. Without singularity at e = 0.
     """
-    if _overloaded(e_sin, e_cos, difference):
+    if _overloaded_type(e_sin, e_cos, difference):
         raise TypeError("the difference of anomalies is known to the engine only")
     s, c, m = _as_expr(e_sin), _as_expr(e_cos), _as_expr(difference)
     within = cast(Expr, _hy.kepDE(s, c, m))
@@ -211,7 +211,7 @@ def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
 
     Unlike `kepler` it is known to the Taylor propagator.
     """
-    if _overloaded(eccentricity, mean):
+    if _overloaded_type(eccentricity, mean):
         return _call("eccentric_anomaly", _hy.kepE, mean, eccentricity)
     e, m = _as_expr(eccentricity), _as_expr(mean)
     # The engine's E is in [0, 2π); the equation itself gives the one that belongs to M.
@@ -240,14 +240,14 @@ def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
 
 def greater(a: Scalar, b: Scalar) -> Expr:
     """Condition a > b, for `select`."""
-    if _overloaded(a, b):
+    if _overloaded_type(a, b):
         return cast(Expr, _Comparison(cast(Any, a) - b))
     return cast(Expr, _hy.gt(_as_expr(a), _as_expr(b)))
 
 
 def less(a: Scalar, b: Scalar) -> Expr:
     """Condition a < b, for `select`."""
-    if _overloaded(a, b):
+    if _overloaded_type(a, b):
         return cast(Expr, _Comparison(cast(Any, b) - a))
     return cast(Expr, _hy.lt(_as_expr(a), _as_expr(b)))
 
@@ -266,27 +266,27 @@ class _Comparison:
 
 def minimum(a: Scalar, b: Scalar) -> Expr:
     """Smaller of two expressions, lane by lane."""
-    if _overloaded(a, b):
+    if _overloaded_type(a, b):
         return _call("minimum", _hy.select, a, b)
     return select(less(a, b), a, b)
 
 
 def maximum(a: Scalar, b: Scalar) -> Expr:
     """Larger of two expressions, lane by lane."""
-    if _overloaded(a, b):
+    if _overloaded_type(a, b):
         return -minimum(-cast(Expr, a), -cast(Expr, b))
     return select(greater(a, b), a, b)
 
 
 def is_zero(e: Scalar) -> bool:
     """Whether an expression is literally the number zero (``0 * x`` is, ``x - x`` is not)."""
-    return not _overloaded(e) and bool(_as_expr(e) == constant(0.0))
+    return not _overloaded_type(e) and bool(_as_expr(e) == constant(0.0))
 
 
 def absolute(x: Scalar) -> Expr:
     """|x|, by `select`; its derivative at zero is that of −x."""
     e = _as_expr(x)
-    if _overloaded(e):
+    if _overloaded_type(e):
         return maximum(e, -e)
     return select(greater(e, 0.0), e, -e)
 
@@ -294,7 +294,7 @@ def absolute(x: Scalar) -> Expr:
 def sum_of(terms: Iterable[Scalar]) -> Expr:
     """Sum of any number of terms; better for the compiler than a chain of ``+``."""
     items = list(terms)
-    if _overloaded(*items):
+    if _overloaded_type(*items):
         return cast(Expr, reduce(add, items))
     return cast(Expr, _hy.sum([_as_expr(term) for term in items]))
 
@@ -302,28 +302,28 @@ def sum_of(terms: Iterable[Scalar]) -> Expr:
 def product(factors: Iterable[Scalar]) -> Expr:
     """Product of any number of factors."""
     items = list(factors)
-    if _overloaded(*items):
+    if _overloaded_type(*items):
         return cast(Expr, reduce(mul, items))
     return cast(Expr, _hy.prod([_as_expr(factor) for factor in items]))
 
 
 def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Expr:
     """Scalar product."""
-    if _overloaded(*a, *b):
+    if _overloaded_type(*a, *b):
         return sum_of([cast(Any, x) * y for x, y in zip(a, b, strict=True)])
     return sum_of(_as_expr(x) * y for x, y in zip(a, b, strict=True))
 
 
 def cross(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec3:
     """Vector product of two 3-vectors."""
-    ax, ay, az = (cast(Any, x) for x in a) if _overloaded(*b) else (_as_expr(x) for x in a)
+    ax, ay, az = (cast(Any, x) for x in a) if _overloaded_type(*b) else (_as_expr(x) for x in a)
     bx, by, bz = (_as_expr(x) for x in b)
     return (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
 def norm(a: Sequence[Scalar]) -> Expr:
     """Euclidean length."""
-    kind = _overloaded(*a)
+    kind = _overloaded_type(*a)
     if kind is None:
         return sqrt(dot(a, a))
     # Another arithmetic may know more of a length than of the root of a sum.

@@ -69,9 +69,9 @@ def check_compensator(
     random = np.random.default_rng(5)
     y, ref = random.normal(size=(2, _SAMPLES, inputs, BLOCK))
     order = random.permutation(BLOCK)
-    there = list(_flown(law, y[:, :, order], ref[:, :, order], outputs))
+    there = list(_fly_law(law, y[:, :, order], ref[:, :, order], outputs))
     commands = []
-    for k, (u, xc) in enumerate(_flown(law, y, ref, outputs)):
+    for k, (u, xc) in enumerate(_fly_law(law, y, ref, outputs)):
         for name, one, other in (("command", u, there[k][0]), ("states", xc, there[k][1])):
             size = np.maximum(np.max(np.abs(one), initial=0.0), 1e-300)
             worst = float(np.max(np.abs(one[:, order] - other), initial=0.0) / size)
@@ -85,7 +85,7 @@ def check_compensator(
         require(np.ptp(told), f"{what} commands {told.flat[0]:g} whatever it sees")
 
 
-def _flown(law: Any, y: Array, ref: Array, outputs: int) -> Any:
+def _fly_law(law: Any, y: Array, ref: Array, outputs: int) -> Any:
     """Yield command and states after each sample."""
     what, cases = type(law).__name__, y.shape[-1]
     xc = law.initial(cases)
@@ -95,7 +95,7 @@ def _flown(law: Any, y: Array, ref: Array, outputs: int) -> Any:
         t = np.full(cases, k * law.period_s)
         arguments = (t, y[k], ref[k], xc)
         before = [a.copy() for a in arguments]
-        first, second = (_called(law, k, arguments) for _ in range(2))
+        first, second = (_call_law(law, k, arguments) for _ in range(2))
         for a, b in zip(first, second, strict=True):
             require(np.array_equal(a, b), f"{what}: the same call at sample {k} differs")
         for a, b in zip(arguments, before, strict=True):
@@ -108,7 +108,7 @@ def _flown(law: Any, y: Array, ref: Array, outputs: int) -> Any:
         yield u, xc
 
 
-def _called(law: Any, k: int, arguments: tuple[Array, ...]) -> tuple[Array, Array]:
+def _call_law(law: Any, k: int, arguments: tuple[Array, ...]) -> tuple[Array, Array]:
     if isinstance(law, ContinuousLaw):
         return np.empty((0, len(arguments[0]))), law.sample(k, *arguments)
     u, xc = law.step(k, *arguments)

@@ -14,7 +14,7 @@ from hillsphere.plugins.registry import (
     load_object,
     validate,
 )
-from hillsphere.runs.wiring import repeated_by
+from hillsphere.runs.wiring import repeated_stages
 from hillsphere.spec.base import Ref, Spec, StageSpec
 from hillsphere.testing.context import RecordingContext
 from hillsphere.testing.contract import require
@@ -151,7 +151,7 @@ def example_repeated(spec: Spec, registry: Registry | None = None) -> dict[str, 
         If no installed stage can be repeated.
     """
     registry = registry or default_registry()
-    return {field: _example_mission(name, spec, registry) for field, name in repeated_by(spec)}
+    return {field: _example_mission(name, spec, registry) for field, name in repeated_stages(spec)}
 
 
 def _example_mission(name: str, campaign: Spec, registry: Registry) -> Any:

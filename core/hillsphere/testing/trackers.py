@@ -68,7 +68,7 @@ def check_tracker(tracker: Tracker[Any], *, tol: float = 1e-9, learns: bool = Tr
     nominal = np.repeat(_ELEMENTS[:, None], _CASES, axis=1)
     start = kit.initial(nominal)
     azimuth, elevation, _ = kit.predicted(start, _LATER)
-    there = _seen(site, _LATER)
+    there = _look_angles(site, _LATER)
     off = _apart(azimuth, elevation, *(q[:, None] for q in there))
     require(
         float(off.max()) < np.radians(2.0),
@@ -169,7 +169,7 @@ class _Kit:
             check_close(f"{what}: times (K, N) instead of (K,)", c, a, 1.0, tol)
         plain = self.predicted(state, _LATER, biased=False)
         for name, one, other in zip(("azimuth", "elevation"), given, plain, strict=False):
-            bias = _wrapped(one - other)
+            bias = _wrap(one - other)
             require(
                 float(np.abs(bias[:, _WITHOUT]).max()) <= tol,
                 f"{what}: knows an {name} bias without a measurement",
@@ -238,7 +238,7 @@ class _Kit:
 
     def _check_same(self, name: str, found: Any, given: Any) -> None:
         for part, a, b in zip(("azimuth", "elevation", "covariance"), found, given, strict=True):
-            off = _wrapped(a - b) if part == "azimuth" else a - b
+            off = _wrap(a - b) if part == "azimuth" else a - b
             check_close(f"{self.what}: {name}: {part}", off, np.zeros_like(b), 1.0, self._tol)
 
 
@@ -264,7 +264,7 @@ def _earth_fixed(t_s: Array) -> Array:
     return np.asarray(np.einsum("ijn,jn->in", earth_fixed("teme", _EPOCH, t_s), r))
 
 
-def _seen(site: Station, t_s: Array) -> tuple[Array, Array]:
+def _look_angles(site: Station, t_s: Array) -> tuple[Array, Array]:
     """Return azimuth and elevation (K,) of these places."""
     east, north, up = site.axes @ (_earth_fixed(t_s) - site.ecef_m[:, None])
     return np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))
@@ -280,5 +280,5 @@ def _apart(azimuth: Array, elevation: Array, azimuth2: Array, elevation2: Array)
     return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
-def _wrapped(angle: Array) -> Array:
+def _wrap(angle: Array) -> Array:
     return np.asarray(np.remainder(angle + np.pi, _TURN) - np.pi)

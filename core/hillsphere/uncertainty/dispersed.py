@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.base.arrays import Array
 from hillsphere.base.errors import InputError
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.cases.repeated import Repeated
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
@@ -202,7 +202,7 @@ def _group(
     offered = quantities_of(dispersion.of, repeated, inputs)
     if not offered:
         raise InputError(_nothing_there(dispersion.of, repeated, inputs))
-    names = matched(dispersion.keys, list(offered), dispersion.of)
+    names = match_names(dispersion.keys, list(offered), dispersion.of)
     group = Group(table, dispersion, tuple(offered[name] for name in names))
     for quantity in group.quantities:
         if dispersion.unit and quantity.unit != dispersion.unit:

@@ -53,7 +53,7 @@ def require_count(given: int, wanted: int, key: str) -> None:
         )
 
 
-def _correlated(lower: Array, z: Array) -> Array:
+def _multiply_lower(lower: Array, z: Array) -> Array:
     """Return L z for a lower triangular L (k, k) and z (k, N).
 
     Not by the matrix product, whose last bits depend on N and on the number of its threads: a case
@@ -117,7 +117,7 @@ class Distribution(ABC):
         z = ndtri(np.clip(u, _SMALLEST, _LARGEST))
         if self._lower is not None:
             require_count(len(self._lower), len(nominal), "correlation")
-            z = _correlated(self._lower, z)
+            z = _multiply_lower(self._lower, z)
         return self._at(z, nominal)
 
     def covariance(self, nominal: Array) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hillsphere.base.errors import InputError
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
 
@@ -31,7 +31,7 @@ def check_dispersion(dispersion: Dispersion, offered: Sequence[Parameter]) -> No
         for another number of quantities than the names find.
     """
     by_name = {parameter.name: parameter for parameter in offered}
-    names = matched(dispersion.keys, list(by_name), dispersion.of)
+    names = match_names(dispersion.keys, list(by_name), dispersion.of)
     for name in names:
         if dispersion.unit and by_name[name].unit != dispersion.unit:
             raise InputError(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.base.arrays import Integers
-from hillsphere.base.problems import did_you_mean, shown
+from hillsphere.base.problems import did_you_mean, format_value
 from hillsphere.cases.designs import Design, DesignName
 from hillsphere.cases.plan import Plan, Variant
 from hillsphere.cases.repeated import Repeated
@@ -128,7 +128,8 @@ def _set_there(
         for value in swept.levels[i]:
             if not swept.numeric[i] or not isfinite(value):
                 raise InputError(
-                    f"{name}: expected a finite number ({quantity.unit}, SI), got {shown(value)}"
+                    f"{name}: expected a finite number ({quantity.unit}, SI), got "
+                    f"{format_value(value)}"
                 )
         said = swept.units[i] if swept.units else ""
         if said and said != quantity.unit:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.cases.case_classes import (
     LEVEL,
     UNDECIDED,
@@ -161,7 +161,7 @@ def _with_metrics(table: CaseTable, show: Sequence[str]) -> CaseTable:
     """Return the campaign with the metrics that are shown."""
     if not show or not table.metrics:
         return table
-    names = matched(show, table.metrics, f"show: stage {table.stage!r}", "metric")
+    names = match_names(show, table.metrics, f"show: stage {table.stage!r}", "metric")
     rows = [table.metrics.index(name) for name in names]
     return replace(
         table, metrics=names, units=tuple(table.units[i] for i in rows), values=table.values[rows]

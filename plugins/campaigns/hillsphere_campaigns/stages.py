@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from hillsphere.base.arrays import Integers
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.cases.case_classes import ended
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.plan import Plan
@@ -108,7 +108,7 @@ class Campaign(ABC):
             failed = failures
 
         def check(metrics: Sequence[str]) -> None:
-            matched(self.spec.show, metrics, f"show: stage {repeat.stage!r}", "metric")
+            match_names(self.spec.show, metrics, f"show: stage {repeat.stage!r}", "metric")
 
         advance = ctx.track("cases", plan.cases, note=lambda: f"{failed} failed" if failed else "")
         checkpoints = Checkpoints(ctx.workspace(), ctx.fingerprint, ctx.info)

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from hillsphere.base.arrays import Array
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.errors import InputError
 from hillsphere.interfaces.dispersion import Dispersion
 from hillsphere.interfaces.quantities import Parameter
@@ -73,7 +73,7 @@ def uncertain(model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0)
         If the model has no such parameter or it has another unit.
     """
     offered = {parameter.name: parameter for parameter in model.parameters()}
-    names = matched(dispersion.keys, list(offered), dispersion.of)
+    names = match_names(dispersion.keys, list(offered), dispersion.of)
     found = [offered[name] for name in names]
     for parameter in found:
         if dispersion.unit and parameter.unit != dispersion.unit:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hillsphere.base.arrays import Array
 from hillsphere.engine.course import Rows
 from hillsphere.engine.simulation.flow import thrust_vectors
-from hillsphere.interfaces.cases import Histories, kept_histories
+from hillsphere.interfaces.cases import Histories, histories_to_keep
 from hillsphere.simulation import Flights
 
 __all__ = ["NOWHERE", "histories_of", "with_rows"]
@@ -86,7 +86,7 @@ def histories_of(
     made["velocity_error"] = "m/s", partial(_away, rows.speed, history.x, goal)
     made["command"] = command_units[0], partial(_size, own)
     made["dv"] = "m/s", partial(np.asarray, history.dv_m_s)
-    names = kept_histories(wanted, tuple(made))
+    names = histories_to_keep(wanted, tuple(made))
     ended = _ended_between(flights, history.time_s)
     nothing = np.full(len(ended), np.nan)
     ends = np.array([final.get(name, nothing) for name in names]).reshape(len(names), len(ended))

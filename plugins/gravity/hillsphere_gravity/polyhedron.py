@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Parameter
 from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.polyhedron import MeshSurface
 from hillsphere.model.shapes.solid_angles import solid_angles, vertex_distances
-from hillsphere.model.shapes.triangulation import Radial, triangulated
+from hillsphere.model.shapes.triangulation import Radial, triangulate
 from hillsphere.symbolic import Expr, Params
 from hillsphere_gravity.ellipsoid import CODATA_2018_G, homogeneous_bound
 from hillsphere_gravity.quadrupole import Quadrupole
@@ -270,4 +270,4 @@ def _mesh(spec: PolyhedronSpec) -> Mesh:
             f"the shape is no polyhedron but a {type(shape).__name__}; give subdivisions, by "
             "which it is triangulated"
         )
-    return triangulated(shape, spec.subdivisions)
+    return triangulate(shape, spec.subdivisions)

@@ -24,7 +24,7 @@ from hillsphere.cases.repeated import Repeated
 from hillsphere.cases.specs import MonteCarloSpec, SweepSpec
 from hillsphere.errors import InputError, Interrupted, StageError
 from hillsphere.interfaces import Array
-from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories, kept_histories
+from hillsphere.interfaces.cases import CaseBatch, CaseResults, Histories, histories_to_keep
 from hillsphere.interfaces.tasks import Task
 from hillsphere.mission.faults import faults_of
 from hillsphere.plugins import validate
@@ -361,11 +361,11 @@ def test_bands_of_a_single_sample(tmp_path: Path) -> None:
 
 def test_which_histories_a_stage_has_to_keep() -> None:
     names = ("x", "u.x", "u.y")
-    assert kept_histories(True, names) == names
-    assert kept_histories(False, names) == ()
-    assert kept_histories(("u.*",), names) == ("u.x", "u.y")
-    assert kept_histories(("u.y", "x"), names) == ("x", "u.y")
-    assert kept_histories(("v",), names) == names  # whoever asks tells what there is
+    assert histories_to_keep(True, names) == names
+    assert histories_to_keep(False, names) == ()
+    assert histories_to_keep(("u.*",), names) == ("u.x", "u.y")
+    assert histories_to_keep(("u.y", "x"), names) == ("x", "u.y")
+    assert histories_to_keep(("v",), names) == names  # whoever asks tells what there is
 
 
 # --- single cases

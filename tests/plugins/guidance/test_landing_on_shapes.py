@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hillsphere import create
-from hillsphere.model.shapes.triangulation import triangulated
+from hillsphere.model.shapes.triangulation import triangulate
 from hillsphere.testing import RecordingContext
 
 GM = 7.087546066894452e5
@@ -16,7 +16,7 @@ GM = 7.087546066894452e5
 
 def mesh() -> Any:
     """Return an ellipsoid of few facets: its ground is up to kilometres below the ellipsoid."""
-    made = triangulated(create("shape", "ellipsoid", axes_m=(13030.0, 11400.0, 9140.0)), 2)
+    made = triangulate(create("shape", "ellipsoid", axes_m=(13030.0, 11400.0, 9140.0)), 2)
     return create(
         "shape", "polyhedron", vertices=made.vertices.tolist(), faces=(made.faces + 1).tolist(),
         length_unit="m",

@@ -12,7 +12,7 @@ from hillsphere.dynamics import StepMap, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Variable
 from hillsphere.model.shapes.sphere import unit_vectors
-from hillsphere.model.shapes.triangulation import triangulated
+from hillsphere.model.shapes.triangulation import triangulate
 from hillsphere.simulation import Cases, simulate
 from hillsphere.symbolic import Expr, constant
 
@@ -21,7 +21,7 @@ GM = 7.087546066894452e5
 
 
 def mesh_of(shape: Any, subdivisions: int) -> Any:
-    mesh = triangulated(shape, subdivisions)
+    mesh = triangulate(shape, subdivisions)
     return create(
         "shape", "polyhedron", vertices=mesh.vertices.tolist(),
         faces=(mesh.faces + 1).tolist(), length_unit="m",

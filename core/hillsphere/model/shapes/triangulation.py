@@ -11,7 +11,7 @@ from hillsphere.base.contracts import Contract
 from hillsphere.model.shapes.mesh import Mesh
 from hillsphere.model.shapes.sphere import icosphere
 
-__all__ = ["Radial", "triangulated"]
+__all__ = ["Radial", "triangulate"]
 
 
 @runtime_checkable
@@ -23,7 +23,7 @@ class Radial(Contract, Protocol):
         ...
 
 
-def triangulated(shape: Radial, subdivisions: int) -> Mesh:
+def triangulate(shape: Radial, subdivisions: int) -> Mesh:
     """Return a mesh whose corners lie on the surface of a shape.
 
     Parameters

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
 from hillsphere_campaigns.figures import grid_of, grid_size, labelled
@@ -133,7 +133,7 @@ def chosen(metrics: Sequence[PairedMetrics], show: Sequence[str]) -> Sequence[Pa
     """Return the metrics that are shown, see `present_comparison`."""
     if not show or not metrics:
         return metrics
-    names = matched(show, list(dict.fromkeys(one.metric for one in metrics)), "show: what is "
+    names = match_names(show, list(dict.fromkeys(one.metric for one in metrics)), "show: what is "
                     "compared", "metric")  # fmt: skip
     return [one for one in metrics if one.metric in names]
 

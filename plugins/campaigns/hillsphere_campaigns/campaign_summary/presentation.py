@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.cases.case_classes import FailureRatio, failure_ratio
 from hillsphere.errors import InputError
@@ -63,7 +63,7 @@ def present_summary(product: CampaignSummary, spec: CampaignSummarySpec) -> Pres
         If `show`, `units` or the reference name what is not there.
     """
     names = (
-        matched(spec.show, list(product.metrics), "show: what all campaigns have", "metric")
+        match_names(spec.show, list(product.metrics), "show: what all campaigns have", "metric")
         if spec.show
         else product.metrics
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from hillsphere.engine.course import Rows
 from hillsphere.interfaces import Array
-from hillsphere.interfaces.cases import Histories, kept_histories
+from hillsphere.interfaces.cases import Histories, histories_to_keep
 from hillsphere_estimators.navigation.filtering import FilterLog
 
 __all__ = ["Record", "histories_of", "metrics_of", "moment", "ratio_to_bound"]
@@ -188,7 +188,7 @@ def histories_of(record: Record, begun_s: float, history: bool | Sequence[str]) 
         unit = "m/s" if j in record.rows.velocities else "m"
         made[f"error.{name}"] = unit, record.error[j]
         made[f"sigma.{name}"] = unit, record.sigma[j]
-    names = kept_histories(history, tuple(made))
+    names = histories_to_keep(history, tuple(made))
     times = np.where(np.isnan(record.nees), np.nan, record.time_s[:, None] + begun_s)
     return Histories(
         times, names, tuple(made[n][0] for n in names), np.array([made[n][1] for n in names])

@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.base.orientation import doubts
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Parameter, Plant, Tracker
-from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories, kept_histories
+from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories, histories_to_keep
 from hillsphere.model.earth.planet import Planet, StationedPlanet
 from hillsphere.model.earth.specs import PlanetSpec
 from hillsphere.presentation import Presentation
@@ -140,7 +140,7 @@ class AssistedTrackingStage:
                 f"assisted_tracking has no input {', '.join(unknown)}; it has {', '.join(known)}"
             )
         passes = self._passes(_ignored)
-        names = kept_histories(history, self._history_names())
+        names = histories_to_keep(history, self._history_names())
         keep: dict[tuple[str, str], set[str]] = {}
         for q in map(MetricName.parse, names):
             assert q is not None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
@@ -153,7 +153,7 @@ def _dispersed(
         if name.startswith(own)
     )
     try:
-        matched(dispersion.keys, [one.name for one in offered], dispersion.of)
+        match_names(dispersion.keys, [one.name for one in offered], dispersion.of)
     except InputError as error:
         raise InputError(
             f"{where}: among the parameters of the models {error}. What has no spread, its sigma "

@@ -7,7 +7,7 @@ from itertools import product as combinations
 
 import numpy as np
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Context
 from hillsphere.lti import LtiSystem
@@ -119,7 +119,7 @@ class _Given:
 def _taken(models: LinearModels | None, which: tuple[str, ...]) -> list[_Given]:
     if models is None:
         return [_Given(None, "", ())]
-    names = matched(which, models.labels, "which: needs.models", "model") if which else ()
+    names = match_names(which, models.labels, "which: needs.models", "model") if which else ()
     return [
         _Given(system, label, tuple(values))
         for system, label, values in zip(

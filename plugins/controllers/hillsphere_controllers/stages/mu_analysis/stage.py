@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
@@ -187,7 +187,7 @@ class MuAnalysisStage:
 
 def _chosen(patterns: tuple[str, ...], uncertain: UncertainModels, key: str) -> list[int]:
     """Return the places of models that are named; of all, if none is."""
-    names = matched(patterns, uncertain.labels, f"{key}: needs.uncertain", "model")
+    names = match_names(patterns, uncertain.labels, f"{key}: needs.uncertain", "model")
     return [k for k, label in enumerate(uncertain.labels) if not patterns or label in names]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hillsphere.base.matching import matched
+from hillsphere.base.matching import match_names
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
@@ -161,7 +161,7 @@ class SampledLoopsStage:
         spec = self.spec
         labels = models.labels
         if spec.models:
-            labels = matched(spec.models, models.labels, "models: needs.models", "model")
+            labels = match_names(spec.models, models.labels, "models: needs.models", "model")
         plants = []
         for label in labels:
             whole = models.systems[models.labels.index(label)]
