@@ -253,7 +253,8 @@ def test_like_takes_expanded_tables_and_is_taken_in_them(load: Any) -> None:
         (
             "[each]\nsize = [1, 2]\n" + "".join(f"a{k} = [1, 2]\n" for k in range(10)),
             ORBITS.replace('"size"', str(["size", *(f"a{k}" for k in range(10))])),
-            "59: stage.orbits.for: tables with `for` may stand for 1000 in all; here are 2048",
+            "59: stage.orbits.for: stands for 2048 tables; all tables with `for` together stand "
+            "for at most 1000 tables and 1048576 characters",
         ),
     ],
 )
@@ -428,3 +429,12 @@ def test_schema_knows_the_three_words(toys: Registry, sound_mission: str) -> Non
     ):
         assert not is_sound(bad)
     assert not is_sound("", top="each = 3\n")
+
+
+def test_tables_do_not_grow_without_limit(problems: Any) -> None:
+    each = f"[each]\nsize = {list(range(900))}\n"
+    long = ORBITS.replace('"hill"', f'"{400 * "{size}"}"')
+    (told,) = problems(long, each=each)
+    assert told.startswith("m.toml:49: stage.orbits.for: stands for 900 tables; all tables with")
+    (told,) = problems(ORBITS, top=f"drop = {['stage.*'] * 1001}\n")
+    assert told == "m.toml:1: drop: must have at most 1000 patterns, got 1001"

@@ -11,12 +11,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from itertools import product
 from math import prod
 from typing import Any, TypeAlias
 
 from hillsphere.base.problems import Key, Problem, did_you_mean, format_value
+from hillsphere.mission.drop import find_dropped
 from hillsphere.mission.layers import Layers, Origin
 
 __all__ = ["EACH_NAME", "Expanded", "expand_tables"]
@@ -26,6 +26,8 @@ EACH_NAME = r"[a-z][a-z0-9_-]{0,63}"
 
 _MOST_TABLES = 1000
 """Tables that all tables with `for` may stand for; the largest packaged mission has 80."""
+_MOST_CHARACTERS = 1 << 20
+"""Characters and values of all these tables together: as much as the largest file may hold."""
 _LONGEST_VALUE = 64
 """Characters of a value: it becomes a part of a table's name, which has at most as many."""
 _PARTS = re.compile(r"\{\{|\}\}|\{([^{}]*)\}|[{}]")
@@ -51,8 +53,12 @@ class Expanded:
         (kind, name) of such a table → what each variable is in it.
     problems : list of Problem
         Faults of `[each]`, `for` and strings with braces: nothing behind them can be judged.
-    idle : list of Problem
-        Patterns of `drop` that match nothing.
+    dropped : dict
+        (kind, name) of a table that is dropped → the layer that does it, and the key there.
+    drop_problems : list of Problem
+        Faults of `drop`.
+    characters : int
+        Size of the tables with `for`, once per table that they stand for.
     """
 
     layers: Layers
@@ -60,8 +66,9 @@ class Expanded:
     sources: dict[_Node, str] = field(default_factory=dict)
     values: dict[_Node, _Values] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
-    idle: list[Problem] = field(default_factory=list)
-    _dropped: dict[_Node, tuple[Origin, Key]] = field(default_factory=dict)
+    dropped: dict[_Node, tuple[Origin, Key]] = field(default_factory=dict)
+    drop_problems: list[Problem] = field(default_factory=list)
+    characters: int = 0
 
     def written_as(self, kind: str, name: str) -> tuple[str, ...]:
         """Return the names under which a table's keys are written, the one that wins first."""
@@ -78,7 +85,7 @@ class Expanded:
 
     def dropped_at(self, kind: str, name: str) -> str | None:
         """Return where a table was dropped, ``"file:line"`` or the setting; None if it was not."""
-        drop = self._dropped.get((kind, name))
+        drop = self.dropped.get((kind, name))
         return None if drop is None else drop[0].problem(drop[1], "").place
 
     def laid_on_dropped(self, kind: str, name: str, used: Iterable[str]) -> Problem | None:
@@ -96,7 +103,7 @@ class Expanded:
             return None
         nodes = [node for node, source in self.sources.items() if (node[0], source) == (kind, name)]
         nodes = nodes or [(kind, name)]
-        drops = [self._dropped.get(node) for node in nodes]
+        drops = [self.dropped.get(node) for node in nodes]
         if any(node[1] in used for node in nodes):
             return None  # the setting shows there
         if any(drop is None or drop[0].layer >= origin.layer for drop in drops):
@@ -141,7 +148,13 @@ def expand_tables(layers: Layers, kinds: Iterable[str]) -> Expanded:
             if name not in used:
                 _refuse(result, ("each", name), "no table is for this list; remove it")
     if not result.problems:
-        _drop(groups, result)
+        nodes = {
+            (kind, name): result.sources.get((kind, name), name)
+            for kind in groups
+            for name, table in result.tables[kind].items()
+            if isinstance(table, dict)
+        }
+        result.dropped, result.drop_problems = find_dropped(layers, nodes)
     return result
 
 
@@ -221,9 +234,11 @@ def _expand_kind(
     names: dict[str, list[str]] = {}
     for name, over in variables.items():
         count = prod(len(lists[variable]) for variable in over)
-        if count + len(result.sources) > _MOST_TABLES:
-            message = f"tables with `for` may stand for {_MOST_TABLES} in all; here are {count}"
-            _refuse(result, (kind, name, "for"), message)
+        result.characters += count * _size(written[name])
+        if count + len(result.sources) > _MOST_TABLES or result.characters > _MOST_CHARACTERS:
+            message = f"stands for {count} tables; all tables with `for` together stand for at most"
+            limits = f"{_MOST_TABLES} tables and {_MOST_CHARACTERS} characters"
+            _refuse(result, (kind, name, "for"), f"{message} {limits}")
             return
         names[name] = _names(kind, name, over, lists, result)
     for name in names:
@@ -322,6 +337,15 @@ def _substitute(
     return _PARTS.sub(text, value)
 
 
+def _size(value: Any) -> int:
+    """Return how many values there are, and characters of strings among them."""
+    if isinstance(value, dict):
+        return sum(1 + _size(item) for item in value.values())
+    if isinstance(value, list):
+        return sum(1 + _size(item) for item in value)
+    return len(value) if isinstance(value, str) else 1
+
+
 def _explain_part(
     part: str, name: str | None, values: _Values, key: Key, result: Expanded
 ) -> Problem:
@@ -344,48 +368,3 @@ def _merge_tables(below: Any, above: Any) -> Any:
         both = isinstance(value, dict) and isinstance(below.get(key), dict)
         table[key] = _merge_tables(below[key], value) if both else value
     return table
-
-
-def _drop(kinds: Iterable[str], result: Expanded) -> None:
-    """Note the tables that are dropped: by `false` in place of one, or by a pattern.
-
-    The later layer holds. `false` or `true` for a single table holds before that for the table
-    with `for` which stands for it.
-    """
-    nodes = [
-        (kind, name)
-        for kind in kinds
-        for name, table in result.tables[kind].items()
-        if isinstance(table, dict)
-    ]
-    full = {node: [f"{node[0]}.{node[1]}"] for node in nodes}
-    for kind, name in result.sources:
-        full[kind, name].append(f"{kind}.{result.sources[kind, name]}")
-    for origin, given in result.layers.drops():
-        if not isinstance(given, list) or not all(isinstance(item, str) for item in given):
-            message = (
-                f'expected patterns of tables, such as ["stage.wide_*"]; got {format_value(given)}'
-            )
-            result.problems.append(origin.problem(("drop",), message))
-            continue
-        for index, pattern in enumerate(given):
-            matching = [node for node in nodes if any(fnmatchcase(n, pattern) for n in full[node])]
-            for node in matching:
-                result._dropped[node] = origin, ("drop", index)
-            if not matching:
-                every = dict.fromkeys(name for names in full.values() for name in names)
-                hint = did_you_mean(pattern, every, otherwise="there are")
-                message = f"no table matches {pattern[:60]!r}{hint}"
-                result.idle.append(origin.problem(("drop", index), message))
-    for kind, name in nodes:
-        source = result.sources.get((kind, name), name)
-        written = name if result.layers.switch(kind, name) is not None else source
-        switch = result.layers.switch(kind, written)
-        if switch is None:
-            continue
-        stays, origin = switch
-        drop = result._dropped.get((kind, name))
-        if drop is None or origin.layer >= drop[0].layer:
-            result._dropped.pop((kind, name), None)
-            if not stays:
-                result._dropped[kind, name] = origin, (kind, written)

@@ -1,7 +1,7 @@
 """A mission's tables with what is laid over them: a profile, then each ``--set``.
 
 Tables merge deeply, everything else is replaced whole, and `false` in place of a named table drops
-it; patterns under ``drop`` drop more (`hillsphere.mission.each`). Every value remembers where it
+it; patterns under ``drop`` drop more (`hillsphere.mission.drop`). Every value remembers where it
 came from, so that a message names the line of the file, the profile's own line or the setting.
 """
 

@@ -103,7 +103,7 @@ def resolve_likes(layers: Expanded, kinds: Iterable[str]) -> Derived:
     Derived
         The tables, and what is wrong.
     """
-    found = Derived(layers, dict(layers.tables), problems=list(layers.idle))
+    found = Derived(layers, dict(layers.tables), problems=list(layers.drop_problems))
     for kind in kinds:
         written = layers.tables.get(kind)
         if not isinstance(written, dict):
