@@ -11,7 +11,7 @@ from hillsphere.base.arrays import Array, Integers
 from hillsphere.cases.plan import Plan
 from hillsphere.errors import InputError
 
-__all__ = ["Drawn", "PlannedDraws", "matched"]
+__all__ = ["Drawn", "PlannedDraws", "pair_cases"]
 
 _FORESEEN = 64
 """Cases of a plan whose draws are compared before anything runs. Designs differ from the first
@@ -84,7 +84,7 @@ class PlannedDraws:
         )
 
 
-def matched(a: Drawn, b: Drawn, name_a: str, name_b: str) -> tuple[Integers, Integers]:
+def pair_cases(a: Drawn, b: Drawn, name_a: str, name_b: str) -> tuple[Integers, Integers]:
     """Return the rows of two campaigns that are pairs, ordered by point and draw.
 
     Parameters

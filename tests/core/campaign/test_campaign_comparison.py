@@ -22,7 +22,7 @@ from hillsphere_campaigns.campaign_comparison.stage import (
     paired_ratio_interval,
     signed_rank,
 )
-from hillsphere_campaigns.pairing import matched
+from hillsphere_campaigns.pairing import pair_cases
 from hillsphere_campaigns.statistics import mean_interval
 
 
@@ -110,7 +110,7 @@ def test_only_cases_of_the_same_draw_are_compared() -> None:
     assert product.unpaired.tolist() == [144]
     order = np.random.default_rng(3).permutation(400)
     shuffled = some_of(b, order)
-    rows_a, rows_b = matched(a, shuffled, "a", "b")
+    rows_a, rows_b = pair_cases(a, shuffled, "a", "b")
     assert_array_equal(a.draw[rows_a], shuffled.draw[rows_b])
     assert_allclose(compare((a, shuffled), ("a", "b")).metrics[0].mean,
                     compare((a, b), ("a", "b")).metrics[0].mean, rtol=1e-12)  # fmt: skip

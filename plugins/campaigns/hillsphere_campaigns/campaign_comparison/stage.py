@@ -19,7 +19,7 @@ from hillsphere.products import CaseTable
 from hillsphere_campaigns.campaign_comparison.presentation import chosen, present_comparison
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
 from hillsphere_campaigns.campaign_comparison.specs import CampaignComparisonSpec
-from hillsphere_campaigns.pairing import PlannedDraws, matched
+from hillsphere_campaigns.pairing import PlannedDraws, pair_cases
 from hillsphere_campaigns.stages import Campaign
 from hillsphere_campaigns.statistics import mean_interval
 
@@ -56,7 +56,7 @@ class CampaignComparisonStage:
         for draws, name in others:
             if first[0] is not None and draws is not None:
                 try:
-                    matched(first[0], draws, first[1], name)
+                    pair_cases(first[0], draws, first[1], name)
                 except InputError as error:
                     raise InputError(f"needs.campaigns: {error}") from error
 
@@ -128,7 +128,7 @@ def compare(
     rows: list[tuple[str, str, int, PairedFailures]] = []
     metrics: list[PairedMetrics] = []
     for name, table in zip(names[1:], others, strict=True):
-        a, b = matched(first, table, names[0], name)
+        a, b = pair_cases(first, table, names[0], name)
         for p in np.unique(first.point[a]).tolist():
             here = first.point[a] == p
             label = first.point_labels[p] if first.point_labels else ""

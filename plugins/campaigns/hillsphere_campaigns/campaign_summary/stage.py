@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
-from hillsphere.base.matching import match_names as named
+from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.cases.case_classes import FailureRatio, ended, failure_ratio, is_undecided, ratio_of
 from hillsphere.errors import InputError
@@ -26,7 +26,7 @@ from hillsphere_campaigns.campaign_summary.specs import (
     CampaignSummarySpec,
     ClaimSpec,
 )
-from hillsphere_campaigns.pairing import PlannedDraws, match_names
+from hillsphere_campaigns.pairing import PlannedDraws, pair_cases
 from hillsphere_campaigns.statistics import mean_interval, metric_statistics
 
 __all__ = ["CampaignSummaryStage", "answered", "summary"]
@@ -64,7 +64,7 @@ class CampaignSummaryStage:
             for one in _pairs(claim, names):
                 i, j = _place(one.less, names), _place(one.than, names)
                 try:
-                    match_names(rows[i], rows[j], one.less, one.than)
+                    pair_cases(rows[i], rows[j], one.less, one.than)
                 except InputError as error:
                     raise InputError(f"claims: {error}") from error
 
@@ -286,7 +286,7 @@ def _of_pair(
 ) -> Claim:
     """Answer a statement about two campaigns, case by case."""
     i, j = _place(claim.less, labels), _place(claim.than, labels)
-    a, b = match_names(tables[i], tables[j], claim.less, claim.than)
+    a, b = pair_cases(tables[i], tables[j], claim.less, claim.than)
     if claim.of == "failures":
         of = paired_failures(tables[j], b, tables[i], a, level)
         difference, interval = 100.0 * of.difference, 100.0 * of.interval
