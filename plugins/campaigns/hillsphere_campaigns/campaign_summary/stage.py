@@ -416,7 +416,7 @@ def _named(pattern: str, labels: Sequence[str]) -> list[str]:
     """Return the labels that a pattern, or a label, names."""
     if "*" not in pattern:
         return [labels[_place(pattern, labels)]]
-    return list(named((pattern,), labels, "claims", "campaign"))
+    return list(match_names((pattern,), labels, "claims", "campaign"))
 
 
 def _place(label: str, labels: Sequence[str]) -> int:
