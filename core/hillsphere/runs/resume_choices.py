@@ -152,14 +152,14 @@ def choose(
     wanted = _choices_to_give_again(local)
     missing = []
     if given.mission is None and not is_packaged(local["mission"]):
-        missing.append(f"the mission file {_shown(local['mission'])}")
+        missing.append(f"the mission file {_quote_harmless(local['mission'])}")
     if not given.allow_path and local["allow_path"]:
         what = "leave to read files outside the directory of the mission"
         if settings:
-            what += f", of which the run's settings may name some: {_shown(' '.join(settings))}"
+            what += f", of which the run's settings may name some: {_quote_harmless(' '.join(settings))}"
         missing.append(what)
     if given.executor is None and not _is_of_this_machine(local.get("executor")):
-        missing.append(f"the executor {_shown(_described(local['executor']))}")
+        missing.append(f"the executor {_quote_harmless(_describe(local['executor']))}")
     if missing:
         whole = replace(
             wanted,
@@ -171,7 +171,7 @@ def choose(
             f"{command[2]!r} names what is not taken from a run directory, which anybody may have "
             f"written:\n{items}\n"
             "if that is what you want, give it again; the whole command:\n"
-            f"  {shell_line([*command, *_options(whole)])}{_left_out(whole.executor)}"
+            f"  {shell_line([*command, *_options(whole)])}{_keys_without_option(whole.executor)}"
         )
     return ResumeChoices(
         mission=given.mission if given.mission is not None else wanted.mission,
@@ -250,7 +250,7 @@ def _keys_without_option(executor: ExecutorChoice | None) -> str:
     if not others:
         return ""
     return (
-        f"\nonly Python can give {_shown(', '.join(others))} of the executor: "
+        f"\nonly Python can give {_quote_harmless(', '.join(others))} of the executor: "
         "hillsphere.resume_run(…, executor={…})"
     )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hillsphere.base.arrays import Array, Integers
+from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.cases.case_classes import FailureRatio, ended, failure_ratio, is_undecided, ratio_of
 from hillsphere.errors import InputError
