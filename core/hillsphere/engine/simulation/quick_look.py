@@ -183,7 +183,9 @@ class QuickLook:
         # One length for all parts between two samples.
         duration = np.abs(leg.sample[lanes])
         boxes = Boxes(y, y, p_lo[:, lanes], p_hi[:, lanes], np.minimum(*ends), np.maximum(*ends))
-        columns = Columns(boxes, duration, duration, flight.least[:, lanes])
+        columns = Columns(
+            boxes, np.zeros(len(lanes), dtype=int), duration, duration, flight.least[:, lanes]
+        )
         index = self._store.indices(columns)
         kept, found = self._store.kept, index >= 0
         if kept is None or not found.any():
