@@ -22,7 +22,7 @@ from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.exchange import load_mat
 from hillsphere_controllers.systems.sampling import sampled_controller
 
-__all__ = ["ContinuousLti", "LinearLaw", "Lti", "flown_controller", "lti"]
+__all__ = ["ContinuousLti", "LinearLaw", "Lti", "build_flight_controller", "lti"]
 
 
 @runtime_checkable
@@ -47,7 +47,7 @@ def lti(spec: LtiSpec) -> Lti | ContinuousLti:
     return ContinuousLti(spec) if spec.states == "continuous" else Lti(spec)
 
 
-def flown_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
+def build_flight_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
     """Return what a law makes of a controller.
 
     Parameters
@@ -92,7 +92,7 @@ class _Law:
         self._sign = 1.0 if spec.sees == "error" else -1.0
         self._given: LtiSystem | None = None
         self._controller: LtiSystem | None = None
-        given = _given(spec)
+        given = _load_controller(spec)
         if given is not None:
             self._take(given)
 
@@ -103,7 +103,7 @@ class _Law:
 
     @property
     def controller(self) -> LtiSystem:
-        """What flies, see `flown_controller`."""
+        """What flies, see `build_flight_controller`."""
         if self._controller is None:
             raise InputError(
                 "the law has no controller: give its matrices or a file, or the flight the "
@@ -116,12 +116,12 @@ class _Law:
         raw = self._given if controller is None else controller
         if raw is None:
             raise InputError("the law has no controller; name one")
-        made = flown_controller(self.spec.model_copy(update={"period_s": period_s}), raw)
+        made = build_flight_controller(self.spec.model_copy(update={"period_s": period_s}), raw)
         return replace(made, b=-self._sign * made.b, d=-self._sign * made.d)
 
     def _take(self, controller: LtiSystem) -> None:
         self._given = controller
-        self._controller = flown_controller(self.spec, controller)
+        self._controller = build_flight_controller(self.spec, controller)
 
 
 class Lti(_Law):
@@ -227,7 +227,7 @@ class ContinuousLti(_Law):
         return of_error(made.c, self._sign * made.d, xc, y, ref)
 
 
-def _given(spec: LtiSpec) -> LtiSystem | None:
+def _load_controller(spec: LtiSpec) -> LtiSystem | None:
     """Return the controller of the file or the matrices."""
     if spec.file is not None:
         path = Path(spec.file)

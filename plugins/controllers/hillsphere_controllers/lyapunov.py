@@ -12,7 +12,7 @@ from hillsphere.engine.simulation.flow import thrust_vectors, velocity_rows
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.law_specs import LyapunovSpec
-from hillsphere_controllers.systems.holding import discretised
+from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 
 __all__ = ["Lyapunov"]
 
@@ -73,11 +73,14 @@ class Lyapunov:
         if not np.allclose(self.p, self.p.T, rtol=1e-10, atol=0.0):
             raise InputError("p must be symmetric")
         # sizes of positions and velocities differ: compared in units in which P has ones
-        if np.diag(self.p).min() <= 0.0 or np.linalg.eigvalsh(_scaled(self.p, self.p))[0] <= 0.0:
+        if (
+            np.diag(self.p).min() <= 0.0
+            or np.linalg.eigvalsh(_normalise_by(self.p, self.p))[0] <= 0.0
+        ):
             raise InputError("p must be positive definite")
         self.gain = np.linalg.solve(b.T @ self.p @ b, b.T @ self.p @ a)
         closed = a - b @ self.gain
-        change = _scaled(closed.T @ self.p @ closed - self.p, self.p)
+        change = _normalise_by(closed.T @ self.p @ closed - self.p, self.p)
         if np.linalg.eigvalsh(change)[-1] >= -_FALLS:
             raise InputError(
                 "p gives no Lyapunov function: from some state V does not fall over a period of "
@@ -154,23 +157,23 @@ def _function(spec: LyapunovSpec, h: float) -> Array:
     tau = spec.time_constant_s
     free = np.array([[0.0, 1.0], [0.0, 0.0]])
     wanted = np.array([[0.0, 1.0], [-1.0, -2.0 * spec.damping]])
-    a, b = discretised(free, np.array([[0.0], [1.0]]), h / tau)
-    poles, _ = discretised(wanted, np.zeros((2, 0)), h / tau)
+    a, b = zero_order_hold_matrices(free, np.array([[0.0], [1.0]]), h / tau)
+    poles, _ = zero_order_hold_matrices(wanted, np.zeros((2, 0)), h / tau)
     # the held command that puts the poles where those of the wanted motion are after h
-    closed = a - b @ _placed(a, b, np.trace(poles), float(np.linalg.det(poles)))
+    closed = a - b @ _place_poles(a, b, np.trace(poles), float(np.linalg.det(poles)))
     p = solve_discrete_lyapunov(closed.T, np.eye(2))
     unit = np.array([1.0, tau])
     return np.asarray(p * np.outer(unit, unit))
 
 
-def _placed(a: Array, b: Array, trace: float, determinant: float) -> Array:
+def _place_poles(a: Array, b: Array, trace: float, determinant: float) -> Array:
     """Return K (1, 2) for which A − B K has this trace and determinant (Ackermann's formula)."""
     reach = np.hstack([b, a @ b])
     polynomial = a @ a - trace * a + determinant * np.eye(2)
     return np.asarray(np.linalg.solve(reach.T, np.array([0.0, 1.0]))[None] @ polynomial)
 
 
-def _scaled(matrix: Array, p: Array) -> Array:
+def _normalise_by(matrix: Array, p: Array) -> Array:
     """Return a matrix in units in which P has ones on its diagonal."""
     root = np.sqrt(np.diag(p))
     return np.asarray(matrix / np.outer(root, root))

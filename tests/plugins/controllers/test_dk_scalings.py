@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
-from hillsphere_controllers.dk.absorption import absorbed, factors
-from hillsphere_controllers.dk.fitting import Goal, dips, fitted, levels_of, lifted
+from hillsphere_controllers.dk.absorption import absorb_scalings, factors
+from hillsphere_controllers.dk.fitting import (
+    Goal,
+    dips,
+    fit_multipliers,
+    levels_of,
+    lift_multiplier,
+)
 from hillsphere_controllers.dk.goals import bounds_of, core_size, reference_block
-from hillsphere_controllers.dk.joint import descended
+from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.starting import constants_like
 from hillsphere_controllers.errors import SynthesisFailedError
@@ -133,10 +139,10 @@ def test_where_a_scaling_dips_below_zero_is_found_and_mended() -> None:
     assert one.values(coarse)[0].real.min() > 0.0
     (dip,) = dips([one], coarse)
     assert 3.0 < dip < 4.0
-    mended = lifted(one, coarse)
+    mended = lift_multiplier(one, coarse)
     assert not dips([mended], coarse).size
     assert factors(mended, 1.0).right.is_stable
-    assert lifted(mended, coarse) is mended
+    assert lift_multiplier(mended, coarse) is mended
 
 
 STRUCTURES = [
@@ -154,7 +160,7 @@ def test_the_norm_of_the_scaled_loop_is_the_level_that_is_proved(structure: Bloc
     m = structure.squared(loop.response(OMEGA))
     goal = Goal(OMEGA, m, np.ones(OMEGA.size), np.zeros_like(m))
     for omega, beta in zip(OMEGA, np.sqrt(np.maximum(levels_of(goal, chosen), 1e-6)), strict=True):
-        scaled = absorbed(loop, [factors(one, beta) for one in chosen], float(beta))
+        scaled = absorb_scalings(loop, [factors(one, beta) for one in chosen], float(beta))
         assert scaled.is_stable
         gain = np.linalg.norm(scaled.response(np.array([omega]))[0], 2)
         assert_allclose(gain, beta, rtol=1e-8)
@@ -167,19 +173,21 @@ def test_scaling_a_plant_and_closing_it_commute() -> None:
     plant = stable_system(1, 5, p + 2, m + 1)
     controller = LtiSystem(-np.eye(1), np.ones((1, 2)), 0.01 * np.ones((1, 1)), np.zeros((1, 2)))
     made = [factors(multiplier(b, seed=k), 0.7) for k, b in enumerate(structure.blocks)]
-    closed_last = lower_lft(absorbed(plant, made, 0.7), controller)
-    closed_first = absorbed(lower_lft(plant, controller), made, 0.7)
+    closed_last = lower_lft(absorb_scalings(plant, made, 0.7), controller)
+    closed_first = absorb_scalings(lower_lft(plant, controller), made, 0.7)
     assert_allclose(closed_last.response(OMEGA), closed_first.response(OMEGA), rtol=0.0, atol=1e-11)
 
 
 def orders_until_met(goal: Goal, start: tuple[Multiplier, ...], highest: int) -> list[Array]:
-    found, ratios = fitted(goal, start), []
+    found, ratios = fit_multipliers(goal, start), []
     while True:
         ratios.append(np.sqrt(found.ratios.max()))
         if found.ratios.max() <= 1.01**2 or found.multipliers[0].order >= highest:
             return ratios
         place = float(np.clip(goal.omega_rad_s[np.argmax(found.ratios)], *np.exp(goal.range)))
-        found = fitted(goal, [o if o.fixed else o.raised(place) for o in found.multipliers])
+        found = fit_multipliers(
+            goal, [o if o.fixed else o.raised(place) for o in found.multipliers]
+        )
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
@@ -200,8 +208,8 @@ def test_a_goal_is_met_between_its_frequencies_too() -> None:
     start = [
         o if o.fixed else o.raised(1.0).raised(3.0) for o in constants_like(structure, goal.sizes)
     ]
-    found = fitted(goal, start)
-    norm = hinf_norm(absorbed(loop, [factors(o, 1.0) for o in found.multipliers], 1.0)).value
+    found = fit_multipliers(goal, start)
+    norm = hinf_norm(absorb_scalings(loop, [factors(o, 1.0) for o in found.multipliers], 1.0)).value
     assert bounds.values.max() * (1.0 - 1e-3) <= norm <= 1.05 * bounds.values.max()
 
 
@@ -220,7 +228,7 @@ def test_joint_steps_go_down_to_a_known_minimum() -> None:
         d = x[0].values(np.array([0.0, np.inf]))[0][:, 0, 0].real
         return float(np.exp(np.sum(np.log(d / np.array([5.0, 3.0])) ** 2)))
 
-    found = descended(cost, start, np.logspace(-1, 1, 9), 40)
+    found = descend_jointly(cost, start, np.logspace(-1, 1, 9), 40)
     assert cost(list(found)) < 1.01 < cost(start)
 
 

@@ -14,7 +14,7 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.lft.polynomials import (
     Terms,
     affine,
-    evaluated,
+    evaluate_polynomial,
     least_copies,
     polynomial,
 )
@@ -60,7 +60,7 @@ def test_a_polynomial_is_what_it_is_at_the_corners_and_inside(
     terms = random_terms(seed, 3, (rows, columns), degree)
     found = polynomial(terms, THREE)
     for values in (corners(THREE), random_values(THREE, 20, seed=seed)):
-        direct = evaluated(terms, np.array([values[u.name] for u in THREE]))
+        direct = evaluate_polynomial(terms, np.array([values[u.name] for u in THREE]))
         assert_allclose(
             matrices(found, values), direct, rtol=0, atol=1e-12 * float(np.abs(direct).max())
         )
@@ -106,7 +106,7 @@ def test_entries_of_very_different_units_are_kept() -> None:
     found = polynomial(terms, THREE)
     assert found.size == sum(least_copies(terms))
     values = random_values(THREE, 30)
-    direct = evaluated(terms, np.array([values[u.name] for u in THREE]))
+    direct = evaluate_polynomial(terms, np.array([values[u.name] for u in THREE]))
     error = np.abs(matrices(found, values) - direct).max(axis=0)
     assert (error <= 1e-12 * np.abs(direct).max(axis=0)).all()
 

@@ -26,7 +26,7 @@ from hillsphere.testing import (
     check_product,
     example,
 )
-from hillsphere_controllers.linearisation import linearised
+from hillsphere_controllers.linearisation import linearise_plant
 from hillsphere_controllers.mu.robustness import mu_bounds_on_grid, performance_structure
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.linearise.presentation import nominal_models, ranks
@@ -95,7 +95,7 @@ def test_derivatives_are_those_of_the_plant_at_the_point(
     assert_allclose(models.t_s, np.arange(1, 11) * 798.0, rtol=1e-15)
     k = models.labels.index("nominal, point 8")
     anomaly = float(plant.true_anomaly_after(0.0, np.array([6384.0]))[0])
-    there = linearised(
+    there = linearise_plant(
         plant, models.x[:3, 7].tolist(), models.x[3:, 7].tolist(), {"true_anomaly": anomaly}
     )
     system_8 = models.systems[k]

@@ -22,7 +22,7 @@ from hillsphere_controllers.stages.lft.specs import LftSpec
 from hillsphere_controllers.stages.lft.stage import LftStage
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
-from hillsphere_controllers.stages.mu_analysis.presentation import presented
+from hillsphere_controllers.stages.mu_analysis.presentation import present_analyses
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
 from hillsphere_controllers.stages.mu_analysis.stage import MuAnalysisStage
@@ -247,7 +247,7 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
     (mixed,) = crossed.worst
     assert (mixed.channel, mixed.lower_channel) == (s.outputs[1], "half")
     assert mixed.peak == mixed.lower == low
-    certificates = presented(made, None).tables["mu_certificates"]
+    certificates = present_analyses(made, None).tables["mu_certificates"]
     assert [row["channel"] for row in certificates.rows] == ["half", s.outputs[1]]
     assert worst.upper == pytest.approx(alone.upper, rel=1e-6)
     together = run(models, given, keys)
@@ -259,7 +259,7 @@ def test_the_worst_of_the_channels_counts(spring: UncertainModels) -> None:
 def test_what_is_uncertain_is_said_of_every_loop(spring: UncertainModels) -> None:
     made = run(spring, {"k": gain(np.zeros((1, 1)))}, analyses=["robust_stability"], points=3)
     assert made.label(0) == "k, uncertain"
-    (said,) = presented(made, None).verdict
+    (said,) = present_analyses(made, None).verdict
     assert said.startswith("k, uncertain: ")
 
 
@@ -400,7 +400,7 @@ def test_a_bound_that_is_asked_for_is_proved_in_parts_or_said_not_to_be() -> Non
     assert proved.parts > 1
     assert proved.parts_left == 0
     assert proved.interval_bound == pytest.approx(whole.interval_bound)  # those of the whole
-    shown = presented(made, None)
+    shown = present_analyses(made, None)
     summary = shown.tables["mu_summary"]
     assert any(f"is proved in {proved.parts} parts" in note for note in summary.notes)
     assert shown.tables["mu_certificates"].rows[0]["parts"] == proved.parts
@@ -409,7 +409,7 @@ def test_a_bound_that_is_asked_for_is_proved_in_parts_or_said_not_to_be() -> Non
         [same] = run(models, **keys, prove_below=other).results
         assert (same.upper, same.parts, same.parts_left) == (whole.upper, 0, 0)
     few = replace(made, results=(replace(proved, upper=whole.upper, parts_left=2),))
-    summary = presented(few, None).tables["mu_summary"]
+    summary = present_analyses(few, None).tables["mu_summary"]
     assert any("is not proved on 2 of" in note for note in summary.notes)
 
 

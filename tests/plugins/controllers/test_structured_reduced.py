@@ -15,7 +15,7 @@ from hillsphere_controllers.structured.single_loop import Pid
 from hillsphere_controllers.structured.structure import (
     Structure,
     controller_of,
-    masked,
+    mask_gains,
     of_order,
     static,
 )
@@ -86,7 +86,7 @@ def test_entries_that_are_fixed_stay_and_what_is_not_linear_is_left_out() -> Non
         np.array([[-1.0]]), np.array([[1.0, 1.0]]), np.ones((2, 1)), np.zeros((2, 2))
     )
     lag = LtiSystem(np.array([[-2.0]]), np.ones((1, 1)), -np.ones((1, 1)), np.array([[0.5]]))
-    fixed = masked(np.array([[-3.0, 1.0], [np.nan, np.nan]]), 1)
+    fixed = mask_gains(np.array([[-3.0, 1.0], [np.nan, np.nan]]), 1)
     theta = start(system, lag, fixed)
     assert theta is not None
     assert_allclose(theta, [-1.0, 0.5], rtol=1e-12)

@@ -10,7 +10,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant
 from hillsphere_controllers.structured.sampled import sampled_norms, synthesise_sampled
 from hillsphere_controllers.structured.single_loop import Pid
-from hillsphere_controllers.structured.structure import masked, of_order
+from hillsphere_controllers.structured.structure import mask_gains, of_order
 from hillsphere_controllers.systems.algebra import lower_lft
 
 PERIOD = 2.0
@@ -59,7 +59,7 @@ def test_a_loop_that_is_not_stable_has_no_norm() -> None:
 
 def test_faults() -> None:
     with pytest.raises(InputError, match="every entry of the controller must be free"):
-        synthesise_sampled(design(), masked(np.array([[np.nan, 0.0]])))
+        synthesise_sampled(design(), mask_gains(np.array([[np.nan, 0.0]])))
     with pytest.raises(InputError, match="every entry of the controller must be free"):
         synthesise_sampled(design(), Pid())
     with pytest.raises(InputError, match="of one period, got"):

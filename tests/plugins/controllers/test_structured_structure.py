@@ -13,7 +13,7 @@ from hillsphere_controllers.structured.structure import (
     Sizes,
     Structure,
     controller_of,
-    masked,
+    mask_gains,
     of_order,
     static,
 )
@@ -23,7 +23,7 @@ STRUCTURES: dict[str, Structure] = {
     "static": static(2, 3),
     "second order": of_order(2, 1, 2),
     "strictly proper": of_order(2, 2, 1, strictly_proper=True),
-    "masked": masked(np.array([[NAN, 1.0, 0.0], [0.0, NAN, NAN], [NAN, 2.0, NAN]]), 1),
+    "masked": mask_gains(np.array([[NAN, 1.0, 0.0], [0.0, NAN, NAN], [NAN, 2.0, NAN]]), 1),
     "pid": Pid(),
     "pi": Pid(derivative=False),
     "pd": Pid(integral=False),
@@ -102,9 +102,9 @@ def test_bounds_hold_for_every_parameter() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="free"):
-        masked(np.zeros((2, 2)))
+        mask_gains(np.zeros((2, 2)))
     with pytest.raises(InputError, match="order 2"):
-        masked(np.full((2, 2), NAN), 2)
+        mask_gains(np.full((2, 2), NAN), 2)
     with pytest.raises(InputError, match="one part"):
         Diagonal([])
     with pytest.raises(InputError, match="relative degree"):

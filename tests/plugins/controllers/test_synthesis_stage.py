@@ -26,7 +26,7 @@ from hillsphere_controllers.linear_products import LinearModels, UncertainModels
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
 from hillsphere_controllers.stages.linear_models.stage import LinearModelsStage
 from hillsphere_controllers.stages.step_responses import step_responses
-from hillsphere_controllers.stages.synthesis.presentation import presented
+from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import SynthesisSpec
 from hillsphere_controllers.stages.synthesis.stage import SynthesisStage
@@ -160,7 +160,7 @@ def test_verdict_counts_the_best_wherever_it_was_found_and_says_what_holds_it() 
             found, starts=np.array([1.3, np.inf]), shaken=np.array([1.2]),
             residual=residual, converged=converged,
         )  # fmt: skip
-        return " ".join(presented(replace(made, search=search), None).verdict)
+        return " ".join(present_synthesis(replace(made, search=search), None).verdict)
 
     assert "1 of 3 searches, 2 from starts and 1 from near" in said(1e-4, True)
     assert "By its gradients it is a local minimum (residual 0.0001" in said(1e-4, True)

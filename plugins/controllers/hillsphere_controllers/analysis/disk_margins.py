@@ -30,7 +30,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.mu.blocks import BlockStructure, repeated_complex
 from hillsphere_controllers.mu.certified import certified_peak
-from hillsphere_controllers.systems.algebra import append, fed_back, feedback, gain
+from hillsphere_controllers.systems.algebra import append, close_with_gain, feedback, gain
 
 __all__ = ["DiskMargin", "Factors", "disk_margin", "disk_margin_of_both_ends"]
 
@@ -140,7 +140,7 @@ def disk_margin_of_both_ends(
     loop = append(*bare)
     turn = np.zeros((m + p, p + m))
     turn[:m, p:], turn[m:, :p] = np.eye(m), -np.eye(p)
-    closed = fed_back(loop, turn)
+    closed = close_with_gain(loop, turn)
     # the sensitivity at the two ends: from what is added to (u, −y) to the sum
     s = LtiSystem(closed.a, closed.b, turn @ closed.c, np.eye(m + p) + turn @ closed.d, closed.dt_s)
     return _of_sensitivity(s, skew, factors)

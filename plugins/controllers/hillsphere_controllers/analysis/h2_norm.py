@@ -21,7 +21,7 @@ import numpy as np
 from hillsphere.errors import ConvergenceError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.gramians import gramian
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["h2_norm", "h2_rounding"]
 
@@ -78,7 +78,7 @@ def h2_rounding(system: LtiSystem) -> float:
 
 def _squares(system: LtiSystem) -> tuple[float, float, float]:
     """Return the norm's square by either gramian, and the sum of sizes of which it is the rest."""
-    made, _ = balanced(system)
+    made, _ = balance_states(system)
     direct, discrete = float(np.sum(system.d**2)), system.dt_s is not None
     p = gramian(made.a, made.b @ made.b.T, discrete=discrete)
     q = gramian(made.a.T, made.c.T @ made.c, discrete=discrete)

@@ -38,7 +38,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response, largest_gains
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
 __all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm"]
@@ -127,7 +127,7 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
     if not size.max(initial=-np.inf) < 0.0:
         return HinfNorm(np.inf, np.nan, np.inf)
     if system.dt_s is not None:
-        made, _ = balanced(system)
+        made, _ = balance_states(system)
         found = hinf_norm(continuous(made), tolerance)
         frequency = 2.0 / system.dt_s * float(np.arctan(0.5 * system.dt_s * found.frequency_rad_s))
         if system.order == 0 or 0 in system.shape:
@@ -143,7 +143,7 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         return search.climbed(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
-    inverse = _inverted(system, scale)
+    inverse = _invert_frequency(system, scale)
     found = _Search(inverse, inverse.poles).climbed(tolerance)
     frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
     return HinfNorm(found.value, float(frequency), found.upper, found.error)
@@ -154,7 +154,7 @@ class _Search:
 
     def __init__(self, system: LtiSystem, poles: NDArray[np.complex128]) -> None:
         self.given = system
-        self.system, _ = balanced(system)
+        self.system, _ = balance_states(system)
         a, b, c, d = self.system.a, self.system.b, self.system.c, self.system.d
         self.response = Response(a, b, c, d, modes=True)
         self.value, self.frequency = -1.0, 0.0
@@ -327,7 +327,7 @@ def hamiltonians_eigenvalues(
     return np.asarray(np.linalg.eigvals(made), dtype=complex)
 
 
-def _inverted(system: LtiSystem, scale: float) -> LtiSystem:
+def _invert_frequency(system: LtiSystem, scale: float) -> LtiSystem:
     """Return the system at ω²/s: zero frequency and infinity change places."""
     inverse: Array = np.linalg.inv(system.a / scale).astype(float)
     return LtiSystem(

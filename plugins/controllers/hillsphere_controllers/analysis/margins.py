@@ -20,8 +20,8 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.frequency import Response
-from hillsphere_controllers.systems.algebra import fed_back, feedback, gain
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.algebra import close_with_gain, feedback, gain
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous
 
 __all__ = ["LoopMargins", "loop_margins"]
@@ -116,13 +116,13 @@ def _alone(loop: LtiSystem, channel: int) -> LtiSystem:
     """Return the loop of one channel, the others closed."""
     others = -np.eye(loop.shape[0])
     others[channel, channel] = 0.0
-    closed = fed_back(replace(loop, inputs=(), outputs=()), others)
+    closed = close_with_gain(replace(loop, inputs=(), outputs=()), others)
     at = slice(channel, channel + 1)
     return LtiSystem(closed.a, closed.b[:, at], closed.c[at], closed.d[at, at], loop.dt_s)
 
 
 def _of_channel(loop: LtiSystem) -> LoopMargins:
-    image, _ = balanced(loop if loop.dt_s is None else continuous(loop))
+    image, _ = balance_states(loop if loop.dt_s is None else continuous(loop))
     curve = _Curve(image)
     gains, phases = curve.real_crossings(), curve.unit_crossings()
     direct = float(image.d[0, 0])

@@ -40,9 +40,9 @@ from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.riccati import stabilising_solution
 from hillsphere_controllers.systems.algebra import append, gain, series
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
-__all__ = ["Factors", "absorbed", "factors"]
+__all__ = ["Factors", "absorb_scalings", "factors"]
 
 _NO_G = 1e-9
 
@@ -120,7 +120,7 @@ def _coprime(inverse: LtiSystem, c_s: Array, d_s: Array) -> LtiSystem:
     a = np.block([[inverse.a, none], [none, -inverse.a.T]])
     own = np.hstack([inverse.c, np.zeros((r, n))])
     rows = np.vstack([np.hstack([c_s, inverse.b.T]), own])
-    even, _ = balanced(
+    even, _ = balance_states(
         LtiSystem(a, np.vstack([inverse.b, c_s.T]), rows, np.vstack([d_s, inverse.d]))
     )
     a, b, c, own = even.a, even.b, even.c[:r], even.c[r:]
@@ -144,7 +144,7 @@ def _coprime(inverse: LtiSystem, c_s: Array, d_s: Array) -> LtiSystem:
     )
 
 
-def absorbed(plant: LtiSystem, scaled: Sequence[Factors], beta: float) -> LtiSystem:
+def absorb_scalings(plant: LtiSystem, scaled: Sequence[Factors], beta: float) -> LtiSystem:
     """Return the plant whose closed loop is L M L⁻¹V − βN; other inputs and outputs stay.
 
     Parameters

@@ -33,7 +33,7 @@ from scipy.linalg import block_diag, solve_triangular
 from hillsphere.interfaces import Array
 from hillsphere_controllers.dk.multipliers import Multiplier
 
-__all__ = ["Fitted", "Goal", "dips", "fitted", "levels_of", "lifted"]
+__all__ = ["FittedMultipliers", "Goal", "dips", "fit_multipliers", "levels_of", "lift_multiplier"]
 
 Complex = NDArray[np.complex128]
 
@@ -84,7 +84,7 @@ class Goal:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedMultipliers:
     """Rational scalings and what they prove.
 
     Parameters
@@ -99,7 +99,7 @@ class Fitted:
     ratios: Array
 
 
-def fitted(goal: Goal, start: Sequence[Multiplier]) -> Fitted:
+def fit_multipliers(goal: Goal, start: Sequence[Multiplier]) -> FittedMultipliers:
     """Return scalings of the orders of those to begin with, as near to the goal as they come.
 
     Parameters
@@ -121,7 +121,7 @@ def fitted(goal: Goal, start: Sequence[Multiplier]) -> Fitted:
         if reached <= 1.0 or t - reached <= _STALLED * t:
             break
         t = reached + _LOWERED * (t - reached)
-    return Fitted(best, levels_of(goal, best))
+    return FittedMultipliers(best, levels_of(goal, best))
 
 
 def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
@@ -133,7 +133,7 @@ def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
     made = np.full(len(d), np.inf)
     good = np.linalg.eigvalsh(d)[:, 0] > 0.0
     root = np.linalg.inv(np.linalg.cholesky(d[good]))
-    inside = root @ _crossed(goal.matrices[good], d[good], g[good]) @ root.conj().swapaxes(1, 2)
+    inside = root @ _dg_form(goal.matrices[good], d[good], g[good]) @ root.conj().swapaxes(1, 2)
     made[good] = np.linalg.eigvalsh(inside)[:, -1] / goal.levels[good]
     return made
 
@@ -151,7 +151,7 @@ def dips(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
     return np.array(found)
 
 
-def lifted(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
+def lift_multiplier(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
     """Return scalings whose D is positive at those many frequencies, by a constant if need be."""
     _, least = _least(multiplier, omega_rad_s)
     if least.min() > 0.0:
@@ -183,7 +183,7 @@ def _spans(multipliers: Sequence[Multiplier]) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends)]
 
 
-def _crossed(m: Complex, d: Complex, g: Complex) -> Complex:
+def _dg_form(m: Complex, d: Complex, g: Complex) -> Complex:
     """Return Mᴴ D M + jG M + (jG M)ᴴ."""
     gm = g @ m
     return np.asarray(m.conj().swapaxes(1, 2) @ d @ m + gm + gm.conj().swapaxes(1, 2))
@@ -191,7 +191,7 @@ def _crossed(m: Complex, d: Complex, g: Complex) -> Complex:
 
 def _potential(goal: Goal, multipliers: Sequence[Multiplier], t: float) -> float:
     d, g = _values(goal, multipliers)
-    f = (t * goal.levels)[:, None, None] * d - _crossed(goal.matrices, d, g)
+    f = (t * goal.levels)[:, None, None] * d - _dg_form(goal.matrices, d, g)
     try:
         low_f, low_d = np.linalg.cholesky(f), np.linalg.cholesky(d)
     except np.linalg.LinAlgError:
@@ -240,7 +240,7 @@ def _derivatives(goal: Goal, x: Sequence[Multiplier], t: float) -> tuple[Array, 
     d, g = _values(goal, x)
     m, mh = goal.matrices, goal.matrices.conj().swapaxes(1, 2)
     levels = (t * goal.levels)[:, None, None]
-    root = np.linalg.inv(np.linalg.cholesky(levels * d - _crossed(m, d, g)))
+    root = np.linalg.inv(np.linalg.cholesky(levels * d - _dg_form(m, d, g)))
     roots = root[:, None]
     gradient, of_f, of_d, prior = [], [], [], []
     for span, one in zip(_spans(x), x, strict=True):

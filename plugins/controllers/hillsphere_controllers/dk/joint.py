@@ -18,7 +18,7 @@ from hillsphere.errors import HillsphereError, Interrupted
 from hillsphere.interfaces import Array
 from hillsphere_controllers.dk.multipliers import Multiplier
 
-__all__ = ["descended"]
+__all__ = ["descend_jointly"]
 
 _STEP = 3e-3
 _LEAST_SHARE = 1e-4
@@ -28,7 +28,7 @@ _ENOUGH = 0.2
 _GAIN = 5e-4
 
 
-def descended(
+def descend_jointly(
     gamma: Callable[[Sequence[Multiplier]], float],
     start: Sequence[Multiplier],
     omega_rad_s: Array,
@@ -83,7 +83,7 @@ def descended(
         there, new = found
         gained = value - new
         slope = _gradient(cost, there, new)
-        inverse = _updated(inverse, there - v, slope - gradient)
+        inverse = _update_inverse_hessian(inverse, there - v, slope - gradient)
         v, value, gradient = there, new, slope
         if gained < _GAIN:
             break
@@ -142,7 +142,7 @@ def _along(
     return best
 
 
-def _updated(inverse: Array, step: Array, change: Array) -> Array:
+def _update_inverse_hessian(inverse: Array, step: Array, change: Array) -> Array:
     """Return the inverse Hessian after a step, by the formula of Broyden and others."""
     product = float(step @ change)
     if product <= 1e-10 * float(np.linalg.norm(step) * np.linalg.norm(change)):

@@ -64,7 +64,9 @@ def reduced_controller(
     low, high = 0, controller.order
     while high > low:
         order = (low + high) // 2
-        found = _tried(plant, balanced_truncation(controller, order), structure, limit, gap)
+        found = _verify_reduced(
+            plant, balanced_truncation(controller, order), structure, limit, gap
+        )
         if found is None:
             low = order + 1
         else:
@@ -73,7 +75,7 @@ def reduced_controller(
     return best if best is not None and best.controller.order < controller.order else None
 
 
-def _tried(
+def _verify_reduced(
     plant: LtiSystem, controller: LtiSystem, structure: BlockStructure, limit: float, gap: float
 ) -> ReducedController | None:
     try:

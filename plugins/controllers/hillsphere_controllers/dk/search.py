@@ -14,10 +14,17 @@ from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import canonical
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.analysis.stability import spectral_abscissa
-from hillsphere_controllers.dk.absorption import absorbed, factors
-from hillsphere_controllers.dk.fitting import Fitted, Goal, dips, fitted, levels_of, lifted
+from hillsphere_controllers.dk.absorption import absorb_scalings, factors
+from hillsphere_controllers.dk.fitting import (
+    FittedMultipliers,
+    Goal,
+    dips,
+    fit_multipliers,
+    levels_of,
+    lift_multiplier,
+)
 from hillsphere_controllers.dk.goals import bounds_of
-from hillsphere_controllers.dk.joint import descended
+from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkIteration, Kind
 from hillsphere_controllers.dk.starting import constant_scalings, constants_like
@@ -211,7 +218,7 @@ class Search:
         def gamma(multipliers: Sequence[Multiplier]) -> float:
             return self._gamma(multipliers, beta, _SMOOTH)
 
-        self._step("joint", tuple(descended(gamma, start, self._omega, steps)), beta)
+        self._step("joint", tuple(descend_jointly(gamma, start, self._omega, steps)), beta)
 
     def _raised(self, point: Point, highest: int) -> tuple[Multiplier, ...]:
         omega = self._omega[(self._omega > 0.0) & np.isfinite(self._omega)]
@@ -248,10 +255,10 @@ class Search:
                     break
                 missed = np.array([norm.frequency_rad_s])
             more = np.append(more, missed)
-        return tuple(lifted(one, self._omega) for one in start), _ABOVE * beta
+        return tuple(lift_multiplier(one, self._omega) for one in start), _ABOVE * beta
 
     def _scaled(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
-        return absorbed(self.plant, [factors(one, beta) for one in multipliers], beta)
+        return absorb_scalings(self.plant, [factors(one, beta) for one in multipliers], beta)
 
     def _gamma(self, multipliers: Sequence[Multiplier], beta: float, tolerance: float) -> float:
         """Return what the K-step reaches with scalings."""
@@ -335,9 +342,9 @@ def _orders(multipliers: Sequence[Multiplier]) -> tuple[int, ...]:
     return tuple(one.order for one in multipliers)
 
 
-def _of_rising_order(goal: Goal, start: Sequence[Multiplier], highest: int) -> Fitted:
+def _of_rising_order(goal: Goal, start: Sequence[Multiplier], highest: int) -> FittedMultipliers:
     """Return the fit of the least order that meets the goal nearly, or of the highest one."""
-    best = fitted(goal, start)
+    best = fit_multipliers(goal, start)
     while best.ratios.max() > _FITTED**2:
         worst = goal.omega_rad_s[int(np.argmax(best.ratios))]
         place = float(np.clip(worst, *np.exp(goal.range)))
@@ -347,5 +354,5 @@ def _of_rising_order(goal: Goal, start: Sequence[Multiplier], highest: int) -> F
         ]
         if all(a is b for a, b in zip(raised, best.multipliers, strict=True)):
             break
-        best = fitted(goal, raised)
+        best = fit_multipliers(goal, raised)
     return best

@@ -30,7 +30,7 @@ from pathlib import Path
 
 from hillsphere.errors import InputError, Interrupted
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.dk.kept import KeptState
+from hillsphere_controllers.dk.checkpoint import CheckpointFile
 from hillsphere_controllers.dk.reduction import reduced_controller
 from hillsphere_controllers.dk.results import DkDesign, DkIteration
 from hillsphere_controllers.dk.search import KStep, Search
@@ -142,7 +142,7 @@ def dk_synthesis(
         regularisation,
     )
     given = (image,) if controller is None else (image, controller)
-    kept = None if checkpoint is None else KeptState(checkpoint, given, structure, options)
+    kept = None if checkpoint is None else CheckpointFile(checkpoint, given, structure, options)
     search = Search(
         image, structure, (controls, measurements), k_step, back_off, gap, progress,
         None if kept is None else kept.keep, "" if kept is None else kept.key, regularisation,

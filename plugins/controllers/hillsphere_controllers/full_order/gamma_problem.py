@@ -17,7 +17,7 @@ from hillsphere_controllers.full_order.riccati import (
     stabilising_solution,
 )
 from hillsphere_controllers.full_order.unreachable import response_bound, solution_error
-from hillsphere_controllers.systems.algebra import fed_back
+from hillsphere_controllers.systems.algebra import close_with_gain
 
 __all__ = ["GammaProblem"]
 
@@ -127,7 +127,7 @@ class GammaProblem:
                 return None
             matrices, rounding = posed
             if self.by_pencil:
-                x = solution_by_pencil(_weighted(*side), matrices, checked=checked)
+                x = solution_by_pencil(_normalise_inputs(*side), matrices, checked=checked)
             else:
                 x = stabilising_solution(*matrices, checked=checked)
             if x is None:
@@ -212,7 +212,7 @@ def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
     if not d22.any():
         return controller
     k, q = controller.shape
-    turned = fed_back(replace(controller, inputs=(), outputs=()), -d22)
+    turned = close_with_gain(replace(controller, inputs=(), outputs=()), -d22)
     assert turned.shape == (k, q)
     return turned
 
@@ -241,7 +241,7 @@ def _radius(one: Array, other: Array) -> float:
 _Matrices = tuple[Array, Array, Array]
 
 
-def _weighted(
+def _normalise_inputs(
     a: Array, b: Array, c: Array, d: Array, r: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return A, B, Cᵀ C, R and Cᵀ D for w and u in units in which R has a diagonal of size one."""
@@ -254,7 +254,7 @@ def _equation(
     a: Array, b: Array, c: Array, d: Array, r: Array
 ) -> tuple[_Matrices, _Matrices] | None:
     """Return A, S, Q for the weight R (indefinite) and the cross term Dᵀ C, and their errors."""
-    _, b, whole, r, cross = _weighted(a, b, c, d, r)
+    _, b, whole, r, cross = _normalise_inputs(a, b, c, d, r)
     cross = cross.T
     try:
         feed = np.linalg.solve(r, cross)

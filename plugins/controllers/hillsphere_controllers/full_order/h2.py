@@ -25,8 +25,8 @@ from hillsphere_controllers.errors import SingularProblemError, SynthesisFailedE
 from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.regulation import optimal_cost
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.systems.algebra import fed_back, lower_lft
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.algebra import close_with_gain, lower_lft
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["H2Design", "h2_synthesis", "optimal_cost"]
 
@@ -87,13 +87,13 @@ def h2_synthesis(plant: LtiSystem, controls: int, measurements: int) -> H2Design
     if not (0 < k <= m and 0 < q <= p):
         raise InputError(f"{k} controls and {q} measurements do not fit a plant of {p} × {m}")
     units = Units.of(plant, k, q)
-    design = _solved(units.scaled(plant), k, q)
+    design = _solve_scaled(units.scaled(plant), k, q)
     return replace(design, controller=units.restored(design.controller))
 
 
-def _solved(plant: LtiSystem, k: int, q: int) -> H2Design:
+def _solve_scaled(plant: LtiSystem, k: int, q: int) -> H2Design:
     """Return the design for a plant whose controls and measurements have units of their size."""
-    made, _ = balanced(plant)
+    made, _ = balance_states(plant)
     p1, m1 = plant.shape[0] - q, plant.shape[1] - k
     a, b1, b2 = made.a, made.b[:, :m1], made.b[:, m1:]
     c1, c2 = made.c[:p1], made.c[p1:]
@@ -130,7 +130,7 @@ def _solved(plant: LtiSystem, k: int, q: int) -> H2Design:
         into = -gain + b2 @ l0
         controller = LtiSystem(a + b2 @ f - into @ c2, into, f - l0 @ c2, l0, plant.dt_s)
     if d22.any():  # y − D22 u is what the controller was made for
-        controller = fed_back(controller, -d22)
+        controller = close_with_gain(controller, -d22)
     loop = lower_lft(plant, controller)
     if not discrete:  # D11 + D12 · 0 · D21, but for rounding
         loop = replace(loop, d=np.zeros_like(loop.d))

@@ -37,7 +37,7 @@ from hillsphere_controllers.full_order.gamma_problem import GammaProblem
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.slicot import hinf_guess
 from hillsphere_controllers.systems.algebra import lower_lft
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 __all__ = ["HinfDesign", "hinf_synthesis"]
@@ -152,8 +152,8 @@ def hinf_synthesis(
     else:
         image = continuous(scaled)
         made = _continuous(image, units, tolerance, back_off, regularisation, slicot)
-        made = _proved(
-            _checked(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
+        made = _attach_lower_bound(
+            _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
         )
     return replace(made, controller=units.restored(made.controller))
 
@@ -167,15 +167,15 @@ def _continuous(
     slicot: bool,
 ) -> HinfDesign:
     """Return the design for a plant in continuous time, its controls in these units."""
-    posed = _regularised(plant, units, regularisation) if regularisation else plant
-    posed = balanced(posed)[0]
+    posed = _regularise(plant, units, regularisation) if regularisation else plant
+    posed = balance_states(posed)[0]
     problem = GammaProblem(posed, units.controls.size, units.measurements.size)
     low, high = problem.bracket()
     if problem.by_pencil and (singular := problem.singular()) is not None:
         raise singular
     best = None
     if high is None:
-        best = _tried(
+        best = _scan_gamma(
             plant, problem, (problem.size / 10.0**_DECADES, 10.0**_DECADES * problem.size)
         )
         if best is None:
@@ -203,22 +203,22 @@ def _continuous(
         for step in _STEPS:
             if problem.proved < low * (1.0 - step):
                 problem.solve(low * (1.0 - step))
-        best = _backed_off(plant, problem, high, back_off)
+        best = _back_off(plant, problem, high, back_off)
         below = max(problem.proved, high / 10.0**_DECADES)
         if best is None or (
             problem.proved < _NEARLY * low and _goes_lower(plant, problem, best, below)
         ):
-            best = _better(best, _tried(plant, problem, (below, 10.0 * high)))
+            best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
         if best is None:
             raise SynthesisFailedError(
                 f"the Riccati equations are solvable for γ = {high:.6g}, but no controller near it "
                 "makes a stable closed loop in floating point; scale inputs and outputs to order "
                 "one, or use a larger back_off"
             )
-    return _proved(best, 0.0 if regularisation else problem.proved)
+    return _attach_lower_bound(best, 0.0 if regularisation else problem.proved)
 
 
-def _proved(design: HinfDesign, least: float) -> HinfDesign:
+def _attach_lower_bound(design: HinfDesign, least: float) -> HinfDesign:
     """Return the design with a lower bound, none if the design itself refutes it."""
     if least > design.gamma * (1.0 + 1e-9):
         least = 0.0
@@ -250,13 +250,15 @@ def _goes_lower(plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below
     tried = [share * best.gamma for share in _SHARES if share * best.gamma > below]
     found = []
     for problem.by_pencil in (False, True):
-        found += [_made(plant, problem, gamma, checked=False) for gamma in tried]
+        found += [_design_at(plant, problem, gamma, checked=False) for gamma in tried]
     problem.by_pencil = bisected
     limit = _NEARLY * best.norm.upper
     return any(made is not None and made.norm.upper < limit for made in found)
 
 
-def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -> HinfDesign | None:
+def _scan_gamma(
+    plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]
+) -> HinfDesign | None:
     """Return the best controller of many γ, whether X and Y look right or not: the loop decides."""
     best: HinfDesign | None = None
     for problem.by_pencil in (False, True):
@@ -265,7 +267,7 @@ def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -
         for _ in range(_ROUNDS):  # after the first beside the best
             lowest = np.inf
             for gamma in np.geomspace(at / width, at * width, _TRIED):
-                made = _made(plant, problem, float(gamma), checked=False)
+                made = _design_at(plant, problem, float(gamma), checked=False)
                 if made is None:
                     continue
                 own = _better(own, replace(made, solvable=made.gamma))
@@ -279,32 +281,32 @@ def _tried(plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]) -
     return best
 
 
-def _made(
+def _design_at(
     plant: LtiSystem, problem: GammaProblem, gamma: float, *, checked: bool = True
 ) -> HinfDesign | None:
     """Return the central controller's design at a γ, None if there is none that works."""
     try:
         solved = problem.solve(gamma, checked=checked)
         controller = None if solved is None else problem.controller(gamma, *solved)
-        return None if controller is None else _checked(plant, controller, gamma)
+        return None if controller is None else _verify_design(plant, controller, gamma)
     except (SynthesisFailedError, InputError, np.linalg.LinAlgError):
         return None
 
 
-def _backed_off(
+def _back_off(
     plant: LtiSystem, problem: GammaProblem, least: float, back_off: float
 ) -> HinfDesign | None:
     """Return the best controller whose closed loop is what it should be."""
     best: HinfDesign | None = None
     for factor in _BACK_OFFS:
         gamma = least * (1.0 + back_off * factor)
-        best = _better(best, _made(plant, problem, gamma))
+        best = _better(best, _design_at(plant, problem, gamma))
         if best is not None and best.gamma <= gamma * (1.0 + 1e-6):
             break
     return None if best is None else replace(best, solvable=least)
 
 
-def _checked(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDesign:
+def _verify_design(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDesign:
     loop = lower_lft(plant, controller)
     if not loop.is_stable:
         raise SynthesisFailedError("the closed loop is not stable")
@@ -314,7 +316,7 @@ def _checked(plant: LtiSystem, controller: LtiSystem, solvable: float) -> HinfDe
     return HinfDesign(controller, norm.value, loop, norm, 0.0, solvable)
 
 
-def _regularised(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
+def _regularise(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
     """Return the plant with the controls among z and noise on the measurements, of one size."""
     (p, m), n = plant.shape, plant.order
     k, q = units.controls.size, units.measurements.size

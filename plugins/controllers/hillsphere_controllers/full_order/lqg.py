@@ -29,7 +29,7 @@ from hillsphere.lti import LtiSystem, real_matrix
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.h2 import optimal_cost
 from hillsphere_controllers.full_order.modes import check_modes
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["KalmanFilter", "Lqg", "Regulator", "kalman", "lqg", "lqr"]
 
@@ -131,7 +131,7 @@ def lqr(
     n, m = plant.b.shape
     discrete = plant.dt_s is not None
     c, d = _square_root(state_weight, control_weight, cross_weight, n, m, "weight of the controls")
-    made, scale = balanced(LtiSystem(plant.a, plant.b, c, d))
+    made, scale = balance_states(LtiSystem(plant.a, plant.b, c, d))
     check_modes(made.a, made.b, np.zeros((0, n)), discrete=discrete)
     x, f = optimal_cost(made.a, made.b, made.c, d, discrete=discrete)
     x, f = x / np.outer(scale, scale), f / scale
@@ -183,7 +183,7 @@ def kalman(
         process_noise, measurement_noise, cross_noise, g.shape[1], p, "noise of the measurements"
     )
     # the regulator of the transposed matrices
-    made, scale = balanced(LtiSystem(plant.a.T, plant.c.T, c @ g.T, d))
+    made, scale = balance_states(LtiSystem(plant.a.T, plant.c.T, c @ g.T, d))
     check_modes(made.a.T, np.zeros((n, 0)), made.b.T, discrete=discrete)
     y, f = optimal_cost(made.a, made.b, made.c, d, discrete=discrete)
     y, f = y / np.outer(scale, scale), f / scale

@@ -84,7 +84,7 @@ def optimal_cost(
             "shift it off"
         )
     for start in _starts(away, back, seen, discrete):
-        x = _refined(away, back, seen, start, discrete)
+        x = _refine_by_newton(away, back, seen, start, discrete)
         if x is not None:
             f = _feedback(away, back, x, discrete)
             return x, np.asarray(solve_triangular(unit, f - feed))
@@ -121,7 +121,7 @@ def _feedback(a: Array, b: Array, x: Array, discrete: bool) -> Array:
     return np.asarray(-np.linalg.solve(np.eye(b.shape[1]) + b.T @ x @ b, b.T @ x @ a))
 
 
-def _refined(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | None:
+def _refine_by_newton(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | None:
     """Return X after steps of Newton's method; None if it stabilises not, or solves not."""
     error = np.inf
     best = x

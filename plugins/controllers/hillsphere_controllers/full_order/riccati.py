@@ -69,7 +69,7 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
     if np.linalg.svd(upper, compute_uv=False)[-1] <= (_SINGULAR if checked else 0.0):
         return None
     x = t * np.linalg.solve(upper.T, lower.T).T
-    x = _refined(a, s, q, 0.5 * (x + x.T))
+    x = _refine_by_newton(a, s, q, 0.5 * (x + x.T))
     return x if not checked or _solves(a, s, q, x) else None
 
 
@@ -106,7 +106,7 @@ def solution_by_pencil(
         return None
     if not np.isfinite(x).all():
         return None
-    x = _refined(*formed, 0.5 * (x + x.T))
+    x = _refine_by_newton(*formed, 0.5 * (x + x.T))
     return x if not checked or _solves(*formed, x) else None
 
 
@@ -137,7 +137,7 @@ def _solves(a: Array, s: Array, q: Array, x: Array) -> bool:
     return bool(np.linalg.eigvals(a + s @ x).real.max() < 0.0)
 
 
-def _refined(a: Array, s: Array, q: Array, x: Array) -> Array:
+def _refine_by_newton(a: Array, s: Array, q: Array, x: Array) -> Array:
     """Return X after steps of Newton's method, as long as they bring it nearer and it is far."""
     rest = _largest_residual(a, s, q, x)
     for _ in range(_NEWTON):

@@ -70,7 +70,7 @@ def sampled_cost(
     whole[:states, :states], whole[:states, states:] = a, b
     weight = np.zeros_like(whole)
     weight[:states, :states], weight[states:, states:] = q, r
-    over, cost = _integrated(whole, weight, h)
+    over, cost = _integrate_weight(whole, weight, h)
     return (
         over[:states, :states], over[:states, states:],
         cost[:states, :states], cost[states:, states:], cost[:states, states:],
@@ -97,7 +97,7 @@ def sampled_noise(a: Array, density: Array, h: float) -> Array:
     a, density = real_matrix(a, "A"), real_matrix(density, "the density")
     _check_square("A", a, len(a))
     _check_square("the density", density, len(a))
-    return _integrated(a.T, density, h)[1]
+    return _integrate_weight(a.T, density, h)[1]
 
 
 def _check_square(name: str, matrix: Array, size: int) -> None:
@@ -105,7 +105,7 @@ def _check_square(name: str, matrix: Array, size: int) -> None:
         raise InputError(f"{name} must be {size} × {size}, got {matrix.shape}")
 
 
-def _integrated(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
+def _integrate_weight(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
     """Return exp(M h) and ∫ exp(Mᵀ t) W exp(M t) dt."""
     if not (np.isfinite(h) and h > 0.0):
         raise InputError(f"a period must be > 0 s, got {h}")

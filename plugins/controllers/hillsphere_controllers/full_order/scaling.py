@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["Units"]
 
@@ -37,7 +37,7 @@ class Units:
         (p, m), made = plant.shape, plant
         units = cls(np.ones(k), np.ones(q))
         for _ in range(_ROUNDS):  # units and scales of the states depend on each other
-            made, _ = balanced(made)
+            made, _ = balance_states(made)
             columns = np.vstack([made.b[:, m - k :], made.d[: p - q, m - k :]])
             rows = np.hstack([made.c[p - q :], made.d[p - q :, : m - k]])
             one = cls(_power(columns), _power(rows.T))

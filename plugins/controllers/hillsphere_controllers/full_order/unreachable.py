@@ -45,7 +45,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
     for omega in omega_rad_s:
         try:
             one, other = (
-                _untouched(system.response(np.array([omega]))[0], controls, measurements)
+                _unreachable_gain(system.response(np.array([omega]))[0], controls, measurements)
                 for system in (plant, turned)
             )
         except InputError:  # a pole on the axis
@@ -55,7 +55,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
     return found
 
 
-def _untouched(response: Array, k: int, q: int) -> float:
+def _unreachable_gain(response: Array, k: int, q: int) -> float:
     """Return the gain of what lies beside the range of P12 and beside the rows of P21."""
     p1, m1 = response.shape[0] - q, response.shape[1] - k
     direct, gains = response[:p1, :m1], [0.0]

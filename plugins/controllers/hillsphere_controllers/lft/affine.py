@@ -186,7 +186,7 @@ def affine_lft(
     left_out = left * np.where(lost, values, 0.0)[:, None] @ right
     bound, sampled = _error(moved, left_out, seed)
     return AffineLft(
-        lft=_realised(middle, rows, columns, left, values, right, kept, uncertainties, reach),
+        lft=_realise(middle, rows, columns, left, values, right, kept, uncertainties, reach),
         before=there.sum(axis=1),
         after=kept.sum(axis=1),
         dropped=float(np.sqrt((values[lost] ** 2).sum())) / nominal if lost.any() else 0.0,
@@ -202,7 +202,7 @@ def _threshold(values: Array, allowed: float) -> float:
     return float(ascending[count - 1]) if count else 0.0
 
 
-def _realised(
+def _realise(
     middle: Array,
     rows: Integers,
     columns: Integers,

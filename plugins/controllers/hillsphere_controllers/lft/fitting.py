@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_controllers.lft.polynomials import Terms, evaluated, scaled_polynomial
+from hillsphere_controllers.lft.polynomials import Terms, evaluate_polynomial, scaled_polynomial
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 
-__all__ = ["PolynomialFit", "fitted"]
+__all__ = ["PolynomialFit", "fit_polynomial"]
 
 _DEPENDENT = 1e-10
 
@@ -64,14 +64,16 @@ class PolynomialFit:
 
     def __call__(self, points: Array) -> Array:
         """Return the polynomial's values (N, p, m) at parameters (k, N), in their units."""
-        return evaluated(self.terms, _scaled(np.asarray(points, dtype=float), self.uncertainties))
+        return evaluate_polynomial(
+            self.terms, _normalise_points(np.asarray(points, dtype=float), self.uncertainties)
+        )
 
     def lft(self) -> Lft:
         """Return the polynomial as an LFT."""
         return scaled_polynomial(self.terms, self.uncertainties)
 
 
-def fitted(
+def fit_polynomial(
     points: Array,
     samples: Array,
     uncertainties: Sequence[Uncertainty],
@@ -129,7 +131,7 @@ def fitted(
     weight = _weights(y) if weights is None else np.asarray(weights, dtype=float)
     if weight.shape != y.shape[1:]:
         raise InputError(f"weights must have the shape {y.shape[1:]}, got {weight.shape}")
-    q = _scaled(p, uncertainties)
+    q = _normalise_points(p, uncertainties)
     exponents = [
         tuple(factors.count(v) for v in range(count))
         for size in range(degree + 1)
@@ -138,7 +140,7 @@ def fitted(
     monomials = np.array([np.prod(q ** np.array(e)[:, None], axis=0) for e in exponents]).T
     target = (y * weight).reshape(len(y), -1)
     limit = min(len(exponents), len(y), most_terms or len(exponents))
-    chosen, shares, errors, basis = _chosen(monomials, target, limit, tolerance)
+    chosen, shares, errors, basis = _select_terms(monomials, target, limit, tolerance)
     if errors[-1] > tolerance and len(chosen) < (most_terms or np.inf):
         raise InputError(
             f"{len(chosen)} terms of a degree up to {degree} leave an error of {errors[-1]:.3g}, "
@@ -163,7 +165,7 @@ def fitted(
     )  # fmt: skip
 
 
-def _chosen(
+def _select_terms(
     monomials: Array, target: Array, limit: int, tolerance: float
 ) -> tuple[list[int], list[float], list[float], Array]:
     """Return terms, their shares, errors up to each, and an orthonormal basis (N, T) of them."""
@@ -199,7 +201,7 @@ def _chosen(
     return chosen, shares, errors, basis
 
 
-def _scaled(points: Array, uncertainties: Sequence[Uncertainty]) -> Array:
+def _normalise_points(points: Array, uncertainties: Sequence[Uncertainty]) -> Array:
     nominal = np.array([u.nominal for u in uncertainties])[:, None]
     return np.asarray((points - nominal) / np.array([u.slope for u in uncertainties])[:, None])
 

@@ -36,7 +36,14 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.systems.algebra import gain
 
-__all__ = ["Terms", "affine", "evaluated", "least_copies", "polynomial", "scaled_polynomial"]
+__all__ = [
+    "Terms",
+    "affine",
+    "evaluate_polynomial",
+    "least_copies",
+    "polynomial",
+    "scaled_polynomial",
+]
 
 Terms = Mapping[tuple[int, ...], Array]
 """Exponents, one for each parameter, → coefficient matrix (p, m)."""
@@ -47,7 +54,7 @@ _NEGLIGIBLE = 1e-3
 _MOST_ORDERS = 24
 
 
-def evaluated(terms: Terms, points: Array) -> Array:
+def evaluate_polynomial(terms: Terms, points: Array) -> Array:
     """Return values (N, p, m) of a polynomial at points (k, N)."""
     return np.asarray(
         sum(
@@ -105,7 +112,7 @@ def polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     InputError
         If exponents or coefficients do not fit.
     """
-    checked = _checked(terms, uncertainties)
+    checked = _check_terms(terms, uncertainties)
     # p = p₀ + g q with q = δ/(1 + c δ)
     shifted: dict[tuple[int, ...], Array] = {}
     for e, matrix in checked.items():
@@ -132,7 +139,7 @@ def scaled_polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft
     InputError
         If exponents or coefficients do not fit.
     """
-    checked = _checked(terms, uncertainties)
+    checked = _check_terms(terms, uncertainties)
     # ranks are told by singular values: first bring rows and columns to one size
     rows, columns = _sizes(checked)
     even = {e: matrix / rows[:, None] / columns for e, matrix in checked.items()}
@@ -157,7 +164,7 @@ def _smallest(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     best: Lft | None = None
     for order in _orders(terms, len(uncertainties)):
         for side in ("fewer", "left", "right"):
-            found = minimal(_lft(_realised(terms, order, side), uncertainties))
+            found = minimal(_lft(_realise(terms, order, side), uncertainties))
             if best is None or found.size < best.size:
                 best = found
             if best.size <= least:
@@ -208,7 +215,7 @@ class _Form:
     owners: tuple[int, ...]
 
 
-def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
+def _realise(terms: Terms, order: Sequence[int], side: str) -> _Form:
     chosen = next((v for v in order if any(e[v] for e in terms)), None)
     if chosen is None:
         (m22,) = terms.values()
@@ -230,7 +237,7 @@ def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
             e: np.vstack([rest.get(e, np.zeros((p, m))), factor.T @ drawn.get(e, np.zeros((p, m)))])
             for e in both
         }
-        f = _realised(joined, order, side)
+        f = _realise(joined, order, side)
         n = len(f.owners)
         return _Form(
             np.block([[f.m11, np.zeros((n, r1))], [f.m21[p:], np.zeros((r1, r1))]]),
@@ -244,7 +251,7 @@ def _realised(terms: Terms, order: Sequence[int], side: str) -> _Form:
         e: np.hstack([rest.get(e, np.zeros((p, m))), drawn.get(e, np.zeros((p, m))) @ factor.T])
         for e in both
     }
-    f = _realised(joined, order, side)
+    f = _realise(joined, order, side)
     n = len(f.owners)
     return _Form(
         np.block([[f.m11, f.m12[:, m:]], [np.zeros((r2, n)), np.zeros((r2, r2))]]),
@@ -315,7 +322,9 @@ def _rank(values: Array, relative: float) -> int:
     return int(np.sum(values > relative * values[0])) if values.size and values[0] > 0.0 else 0
 
 
-def _checked(terms: Terms, uncertainties: Sequence[Uncertainty]) -> dict[tuple[int, ...], Array]:
+def _check_terms(
+    terms: Terms, uncertainties: Sequence[Uncertainty]
+) -> dict[tuple[int, ...], Array]:
     if not terms:
         raise InputError("a polynomial needs at least one term")
     names = [u.name for u in uncertainties]

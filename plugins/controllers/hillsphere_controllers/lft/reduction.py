@@ -26,13 +26,13 @@ from scipy.linalg import block_diag
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Integers
-from hillsphere_controllers.lft.transformation import Lft, closed
+from hillsphere_controllers.lft.transformation import Lft, evaluate_upper_lft
 from hillsphere_controllers.lft.uncertainties import random_values
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.upper_bound import upper_bound
 from hillsphere_controllers.systems.algebra import gain
 
-__all__ = ["Reduced", "gain_bound", "minimal", "reduced"]
+__all__ = ["ReducedLft", "gain_bound", "minimal", "reduce_lft"]
 
 _RANK = 1e-12
 _EVEN = 5
@@ -48,7 +48,7 @@ _FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedLft:
     """An LFT with fewer copies and what that costs.
 
     Parameters
@@ -75,10 +75,10 @@ def minimal(of: Lft) -> Lft:
     their size, where coefficients lie many decades apart.
     """
     for turned in (False, True):
-        scales, a, b, c, counts = _evened(of)
-        bases = _reached(a.T, c.T, counts) if turned else _reached(a, b, counts)
+        scales, a, b, c, counts = _equilibrate(of)
+        bases = _reachable_bases(a.T, c.T, counts) if turned else _reachable_bases(a, b, counts)
         if any(basis.shape[1] < len(basis) for basis in bases):
-            of = _projected(
+            of = _project(
                 of,
                 [basis / scale for basis, scale in zip(bases, scales, strict=True)],
                 [basis * scale for basis, scale in zip(bases, scales, strict=True)],
@@ -86,7 +86,7 @@ def minimal(of: Lft) -> Lft:
     return of
 
 
-def reduced(of: Lft, tolerance: float, *, seed: int = 0) -> Reduced:
+def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
     """Take out as many copies of numbers as an error allows.
 
     The error is that of the matrix [A B; C D], in the units of its entries: scale states, inputs
@@ -114,7 +114,7 @@ def reduced(of: Lft, tolerance: float, *, seed: int = 0) -> Reduced:
     if not tolerance >= 0.0:
         raise InputError(f"a tolerance must be ≥ 0, got {tolerance}")
     least = minimal(of)
-    best = Reduced(least, 0.0, _sampled(_error(of, least), seed))
+    best = ReducedLft(least, 0.0, _sample_gain(_error(of, least), seed))
     if tolerance == 0.0:
         return best
     left, right, values = _balancing(least)
@@ -124,16 +124,16 @@ def reduced(of: Lft, tolerance: float, *, seed: int = 0) -> Reduced:
         count = (low + high + 1) // 2
         # those of equal values go or stay together
         kept = [int(np.sum(v > ranked[count - 1])) for v in values]
-        found = _projected(
+        found = _project(
             least,
             [matrix[:, :k] for matrix, k in zip(left, kept, strict=True)],
             [matrix[:, :k] for matrix, k in zip(right, kept, strict=True)],
         )
         error = _error(least, found)
-        sampled = _sampled(error, seed)
+        sampled = _sample_gain(error, seed)
         bound = gain_bound(error, enough=tolerance) if sampled <= tolerance else np.inf
         if bound <= tolerance:
-            low, best = count, Reduced(found, bound, sampled)
+            low, best = count, ReducedLft(found, bound, sampled)
         else:
             high = count - 1
     if best.lft is least:
@@ -167,7 +167,7 @@ def _gain_bound(of: Lft, enough: float | None) -> float:
     if not of.uncertainties or not m22.size:
         return float(np.linalg.norm(m22, 2)) if m22.size else 0.0
     p, m = m22.shape
-    size = _sampled(of, 0) or float(max(np.abs(m21).max(), np.abs(m12).max()))
+    size = _sample_gain(of, 0) or float(max(np.abs(m21).max(), np.abs(m12).max()))
     # performance is a full block from the outputs to the inputs
     root = np.sqrt(size)
     matrix = np.block([[m11, m12 / root], [m21 / root, m22 / size]]).astype(complex)
@@ -215,7 +215,7 @@ def _places(of: Lft) -> tuple[Integers, Integers]:
     return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
 
 
-def _reached(a: Array, b: Array, counts: list[int]) -> list[Array]:
+def _reachable_bases(a: Array, b: Array, counts: list[int]) -> list[Array]:
     """Return orthonormal bases (nᵢ, kᵢ) of what any word of blocks reaches."""
     spans = _spans(counts)
     bases = [np.zeros((count, 0)) for count in counts]
@@ -235,7 +235,7 @@ def _reached(a: Array, b: Array, counts: list[int]) -> list[Array]:
         fresh, scale = a @ np.asarray(block_diag(*added)), float(np.abs(a).max(initial=0.0))
 
 
-def _evened(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
+def _equilibrate(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
     """Return T, one number for each number, and T⁻¹ A T, T⁻¹ B, C T in even units, and the counts.
 
     All other rows and columns of M are brought to one, so that what is small in its own unit alone
@@ -277,7 +277,7 @@ def _largest(matrix: Array, axis: int) -> Array:
     return np.asarray(np.where(size > 0.0, size, 1.0))
 
 
-def _projected(of: Lft, left: list[Array], right: list[Array]) -> Lft:
+def _project(of: Lft, left: list[Array], right: list[Array]) -> Lft:
     """Return the LFT whose numbers have the states x̃ᵢ = Lᵢᵀ xᵢ, xᵢ ≈ Rᵢ x̃ᵢ."""
     m11, m12, m21, _ = of.parts()
     out: list[Array] = []
@@ -359,7 +359,7 @@ def _contracting(of: Lft) -> Lft:
         root = np.sqrt(np.maximum(values, floor**2))
         left.append(vectors * root)
         right.append(vectors / root)
-    return _projected(of, left, right)
+    return _project(of, left, right)
 
 
 def _root(y: Array) -> Array:
@@ -377,7 +377,7 @@ def _matrix(of: Lft) -> Lft:
     return Lft(gain(np.block([[m11, m12], [m21, m22]])), of.uncertainties, of.times)
 
 
-def _sampled(of: Lft, seed: int) -> float:
+def _sample_gain(of: Lft, seed: int) -> float:
     """Return the largest singular value of a matrix at random Δ, those at the bounds as well."""
     values = random_values(of.uncertainties, _SAMPLES, seed=seed)
     random = np.random.default_rng(seed + 1)
@@ -386,5 +386,5 @@ def _sampled(of: Lft, seed: int) -> float:
             ends = random.choice([one.lower, one.upper], _SAMPLES // 2)
             values[one.name][: _SAMPLES // 2] = ends
     m11, m12, m21, m22 = (part.astype(complex) for part in of.parts())
-    found = closed(m11, m12, m21, m22, of.deltas(values))
+    found = evaluate_upper_lft(m11, m12, m21, m22, of.deltas(values))
     return float(np.linalg.norm(found, 2, axis=(1, 2)).max()) if found.size else 0.0

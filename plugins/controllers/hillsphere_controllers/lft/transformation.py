@@ -28,9 +28,9 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
-from hillsphere_controllers.systems.algebra import append, fed_back, gain, upper_lft
+from hillsphere_controllers.systems.algebra import append, close_with_gain, gain, upper_lft
 
-__all__ = ["Lft", "connected", "constant"]
+__all__ = ["Lft", "connect_lfts", "constant"]
 
 _SINGULAR = 1e13
 Complex = NDArray[np.complex128]
@@ -185,7 +185,7 @@ class Lft:
         if delta.imag.any():
             raise InputError("complex values make no real matrices; ask for the response instead")
         m11, m12, m21, m22 = self.parts()
-        made = closed(m11, m12, m21, m22, delta.real)
+        made = evaluate_upper_lft(m11, m12, m21, m22, delta.real)
         n = self.system.order
         return made[:, :n, :n], made[:, :n, n:], made[:, n:, :n], made[:, n:, n:]
 
@@ -230,8 +230,9 @@ class Lft:
         out, into = self.closed_channels
         m = self.system.response(omega_rad_s)
         delta = self.deltas(values)[:, None]
-        return closed(m[:, :out, :into], m[:, :out, into:], m[:, out:, :into], m[:, out:, into:],
-                      delta)  # fmt: skip
+        return evaluate_upper_lft(
+            m[:, :out, :into], m[:, :out, into:], m[:, out:, :into], m[:, out:, into:], delta
+        )
 
     def parts(self) -> tuple[Array, Array, Array, Array]:
         """Return M₁₁ … M₂₂ of the matrix [A B; C D], which Δ closes as it closes the system."""
@@ -278,7 +279,7 @@ class Lft:
             raise InputError(f"a sum needs systems of one shape, got {self.shape}, {right.shape}")
         (p, m), zero = self.shape, np.zeros((2 * self.shape[1], 2 * self.shape[0]))
         one, both = np.eye(p), np.eye(m)
-        return connected((self, right), zero, np.vstack([both, both]), np.hstack([one, one]))
+        return connect_lfts((self, right), zero, np.vstack([both, both]), np.hstack([one, one]))
 
     def __radd__(self, other: LtiSystem | Array) -> Lft:
         """Return the sum."""
@@ -301,7 +302,7 @@ class Lft:
         if np.ndim(number) or isinstance(number, Lft | LtiSystem):
             raise InputError("* is by a number; the product with a system or a matrix is a @ b")
         (p, m) = self.shape
-        return connected((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
+        return connect_lfts((self,), np.zeros((m, p)), np.eye(m), float(number) * np.eye(p))
 
     __rmul__ = __mul__
 
@@ -314,7 +315,7 @@ class Lft:
         feed = np.zeros((m + k, p + q))
         feed[:m, p:] = np.eye(m)
         into = np.vstack([np.zeros((m, k)), np.eye(k)])
-        return connected((self, right), feed, into, np.hstack([np.eye(p), np.zeros((p, q))]))
+        return connect_lfts((self, right), feed, into, np.hstack([np.eye(p), np.zeros((p, q))]))
 
     def __rmatmul__(self, other: LtiSystem | Array) -> Lft:
         """Return the product."""
@@ -328,7 +329,7 @@ def constant(given: Lft | LtiSystem | Array) -> Lft:
     return Lft(given if isinstance(given, LtiSystem) else gain(given))
 
 
-def closed(
+def evaluate_upper_lft(
     m11: NDArray[Number],
     m12: NDArray[Number],
     m21: NDArray[Number],
@@ -354,7 +355,7 @@ def closed(
     return np.asarray(m22 + m21 @ delta @ inside)
 
 
-def connected(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft:
+def connect_lfts(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft:
     """Return what uncertain systems make when connected.
 
     With u and y all their inputs and outputs one after the other, the result takes v and gives r:
@@ -402,7 +403,7 @@ def connected(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft
     plain = [LtiSystem(s.a, s.b, s.c, s.d, s.dt_s) for s in (part.system for part in parts)]
     whole = np.zeros((column, row))
     whole[np.ix_(inputs, outputs)] = feed
-    made = fed_back(append(*plain), whole)
+    made = close_with_gain(append(*plain), whole)
     first = [i for name in known for i in columns[name]]
     last = [i for name in known for i in rows[name]]
     b = np.hstack([made.b[:, first], made.b[:, inputs] @ into])

@@ -14,7 +14,12 @@ from hillsphere.interfaces import Array, Dispersion
 from hillsphere_controllers.uncertain import Parametric, uncertain
 
 __all__ = [
-    "Uncertainty", "corners", "dispersed", "physical_values", "random_values", "real_parameter",
+    "Uncertainty",
+    "bound_dispersion",
+    "corners",
+    "physical_values",
+    "random_values",
+    "real_parameter",
 ]  # fmt: skip
 
 
@@ -111,7 +116,7 @@ def real_parameter(
     return Uncertainty(name, "real", lower=lower, nominal=middle, upper=upper)
 
 
-def dispersed(
+def bound_dispersion(
     model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0
 ) -> tuple[Uncertainty, ...]:
     """Return the parameters of a model that a dispersion stands for, as uncertain ones.

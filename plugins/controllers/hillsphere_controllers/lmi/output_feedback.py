@@ -27,18 +27,18 @@ from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.lmi.coordinates import of_output_feedback
 from hillsphere_controllers.lmi.requirements import (
-    Achieved,
-    achieved,
+    VerifiedNorm,
     check_direct,
     in_units,
     indices,
     norm_inequalities,
     region_inequalities,
+    verify_norms,
 )
-from hillsphere_controllers.lmi.solving import check_order, cp, minimised
+from hillsphere_controllers.lmi.solving import check_order, cp, minimise
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
-from hillsphere_controllers.systems.algebra import fed_back, lower_lft
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.algebra import close_with_gain, lower_lft
+from hillsphere_controllers.systems.balancing import balance_states
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
 __all__ = ["OutputFeedback", "output_feedback"]
@@ -72,7 +72,7 @@ class OutputFeedback:
 
     controller: LtiSystem
     closed_loop: LtiSystem
-    channels: tuple[Achieved, ...]
+    channels: tuple[VerifiedNorm, ...]
     least: float
 
 
@@ -132,10 +132,10 @@ def output_feedback(
         loop = lower_lft(plant, controller)
         bounds = [found.bound for found in made.channels]
         return OutputFeedback(
-            controller, loop, achieved([loop], channels, bounds, wanted), made.least
+            controller, loop, verify_norms([loop], channels, bounds, wanted), made.least
         )
     units = Units.of(plant, k, q)
-    even, _ = balanced(units.scaled(plant))
+    even, _ = balance_states(units.scaled(plant))
     check_modes(even.a, even.b[:, m - k :], even.c[p - q :])
     coordinates = of_output_feedback(even, k, q)
     asked = tuple(in_units(channel, coordinates.unit) for channel in channels)
@@ -145,10 +145,10 @@ def output_feedback(
     for factor in _BACK_OFFS:
         try:
             controller = units.restored(problem.controller(factor))
-            controller = fed_back(controller, -plant.d[p - q :, m - k :])
+            controller = close_with_gain(controller, -plant.d[p - q :, m - k :])
             loop = lower_lft(plant, controller)
             bounds = [factor * least if c.limit is None else c.limit for c in channels]
-            norms = achieved([loop], channels, bounds, wanted)
+            norms = verify_norms([loop], channels, bounds, wanted)
         except (SynthesisFailedError, InputError) as error:
             reason = SynthesisFailedError(str(error))
             continue
@@ -248,7 +248,7 @@ class _Problem:
 
     def least(self) -> float:
         """Find the least bound."""
-        self._least = minimised(
+        self._least = minimise(
             self._square, [*self._inequalities, self._lyapunov >> 0], "output feedback"
         )
         self._sizes = [float(np.linalg.norm(v.value, 2)) for v in (self._x, self._y)]
@@ -259,7 +259,7 @@ class _Problem:
         n = len(self._a)
         apart = cp.Variable()
         one = np.eye(n)
-        minimised(
+        minimise(
             -apart,
             [
                 *self._inequalities,

@@ -36,8 +36,8 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import corners, random_values
-from hillsphere_controllers.lmi.solving import check_order, cp, minimised
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.lmi.solving import check_order, cp, minimise
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["HullGain", "corner_systems", "hull_gain", "hull_stability"]
 
@@ -131,7 +131,7 @@ def hull_gain(systems: Sequence[LtiSystem], *, common: bool = False) -> HullGain
     SynthesisFailedError
         If a corner is not stable, or the solver found nothing to rely on.
     """
-    given = _checked(systems)
+    given = _check_corners(systems)
     norms = [hinf_norm(system).value for system in given]
     unit = max(norms)
     if not np.isfinite(unit):
@@ -182,7 +182,7 @@ def hull_stability(
     SynthesisFailedError
         If the solver found nothing to rely on.
     """
-    given = _checked(systems)
+    given = _check_corners(systems)
     if not all(system.is_stable for system in given):
         return None
     t = _coordinates(given)
@@ -250,7 +250,7 @@ class _Hull:
     def least(self, margin: float) -> tuple[float, float]:
         """Find the least gain for which all holds by a margin, and the margin that there is."""
         square = cp.Variable(nonneg=True)
-        minimised(square, self.inequalities(square, margin), "gain of a hull")
+        minimise(square, self.inequalities(square, margin), "gain of a hull")
         bound = float(np.sqrt(square.value * (1.0 + margin)))
         return bound, self._found(bound**2)
 
@@ -259,7 +259,7 @@ class _Hull:
         margin = cp.Variable()
         whole = sum(cp.trace(p) for p in self.lyapunov)
         count = len(self.lyapunov) * self._systems[0].order
-        minimised(-margin, [*self.inequalities(0.0, margin), whole == count], "stability of a hull")
+        minimise(-margin, [*self.inequalities(0.0, margin), whole == count], "stability of a hull")
         return self._found(0.0)
 
     def _found(self, square: float) -> float:
@@ -273,7 +273,7 @@ class _Hull:
         return found
 
 
-def _checked(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:
+def _check_corners(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:
     given = tuple(systems)
     if not given:
         raise InputError("a hull needs at least one system")
@@ -285,7 +285,7 @@ def _checked(systems: Sequence[LtiSystem]) -> tuple[LtiSystem, ...]:
 
 def _coordinates(systems: Sequence[LtiSystem]) -> Array:
     """Return T, x = T x̃, in which the corners' mean observability Gramian is the identity."""
-    scale = balanced(systems[0])[1]
+    scale = balance_states(systems[0])[1]
     total = np.zeros((len(scale), len(scale)))
     for system in systems:
         a, c = system.a / scale[:, None] * scale, system.c * scale

@@ -19,8 +19,13 @@ from hillsphere_controllers.lmi.solving import cp
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
 
 __all__ = [
-    "Achieved", "achieved", "check_direct", "in_units", "indices", "norm_inequalities",
+    "VerifiedNorm",
+    "check_direct",
+    "in_units",
+    "indices",
+    "norm_inequalities",
     "region_inequalities",
+    "verify_norms",
 ]  # fmt: skip
 
 _BEYOND = 1e-4
@@ -28,7 +33,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Achieved:
+class VerifiedNorm:
     """A norm of a closed loop.
 
     Parameters
@@ -121,12 +126,12 @@ def region_inequalities(region: PoleRegion, a: Any, x: Any) -> list[Any]:
     return made
 
 
-def achieved(
+def verify_norms(
     loops: Sequence[LtiSystem],
     channels: Sequence[Channel],
     bounds: Sequence[float],
     region: PoleRegion,
-) -> tuple[Achieved, ...]:
+) -> tuple[VerifiedNorm, ...]:
     """Compute the norms of closed loops from w to z anew, by other methods.
 
     Raises
@@ -149,7 +154,7 @@ def achieved(
                 f"the closed loop has a norm of {max(norms):.6g} where the inequalities promise "
                 f"{bound:.6g}"
             )
-        made.append(Achieved(channel, max(norms), bound))
+        made.append(VerifiedNorm(channel, max(norms), bound))
     return tuple(made)
 
 

@@ -11,7 +11,7 @@ import cvxpy
 from hillsphere.errors import InputError
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 
-__all__ = ["MOST_STATES", "check_order", "cp", "minimised"]
+__all__ = ["MOST_STATES", "check_order", "cp", "minimise"]
 
 # cvxpy overloads its operators beyond what its annotations tell
 cp: Any = cvxpy
@@ -40,7 +40,7 @@ def check_order(order: int) -> None:
         )
 
 
-def minimised(
+def minimise(
     objective: Any, constraints: Sequence[Any], what: str, *, checked: bool = False
 ) -> float:
     """Minimise an expression by Clarabel; the variables then have their values.

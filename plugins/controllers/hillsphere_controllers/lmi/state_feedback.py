@@ -28,17 +28,17 @@ from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.scaling import Units
 from hillsphere_controllers.lmi.coordinates import of_state_feedback
 from hillsphere_controllers.lmi.requirements import (
-    Achieved,
-    achieved,
+    VerifiedNorm,
     check_direct,
     in_units,
     indices,
     norm_inequalities,
     region_inequalities,
+    verify_norms,
 )
-from hillsphere_controllers.lmi.solving import check_order, cp, minimised
+from hillsphere_controllers.lmi.solving import check_order, cp, minimise
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["StateFeedback", "state_feedback"]
 
@@ -69,7 +69,7 @@ class StateFeedback:
 
     gain: Array
     closed_loops: tuple[LtiSystem, ...]
-    channels: tuple[Achieved, ...]
+    channels: tuple[VerifiedNorm, ...]
     least: float
 
 
@@ -115,7 +115,7 @@ def state_feedback(
     wanted = PoleRegion() if region is None else region
     _check(given, controls)
     units = Units.of(given[0], controls, 0)
-    balanced_one, scale = balanced(units.scaled(given[0]))
+    balanced_one, scale = balance_states(units.scaled(given[0]))
     even = of_state_feedback(balanced_one, controls)
     even = replace(even, t=scale[:, None] * even.t)
     asked = tuple(in_units(channel, even.unit) for channel in channels)
@@ -127,9 +127,9 @@ def state_feedback(
             found = problem.gain(factor, small=small)
             gain: Array = np.asarray(np.linalg.solve(even.t.T, found.T).T, float)
             gain = gain / units.controls[:, None]
-            loops = tuple(_closed(plant, gain) for plant in given)
+            loops = tuple(_close_loop(plant, gain) for plant in given)
             bounds = [factor * least if c.limit is None else c.limit for c in channels]
-            norms = achieved(loops, channels, bounds, wanted)
+            norms = verify_norms(loops, channels, bounds, wanted)
         except SynthesisFailedError as error:
             reason = error
             continue
@@ -175,7 +175,7 @@ class _Problem:
 
     def least(self) -> float:
         """Find the least bound."""
-        self._least = minimised(self._square, [*self._inequalities, self._x >> 0], "state feedback")
+        self._least = minimise(self._square, [*self._inequalities, self._x >> 0], "state feedback")
         if self._channels:  # else any multiple of X does
             self._size = float(np.linalg.norm(self._x.value, 2))
         return float(np.sqrt(max(self._least, 0.0)))
@@ -193,14 +193,14 @@ class _Problem:
                 self._x >> _SMALLEST * self._size * np.eye(n),
                 cp.bmat([[power * np.eye(k), self._w], [self._w.T, self._x]]) >> 0,
             ]
-            minimised(power, kept, "state feedback", checked=True)
+            minimise(power, kept, "state feedback", checked=True)
         else:
             smallest = cp.Variable()
             kept += [
                 self._x >> smallest * self._size * np.eye(n),
                 self._x << _ROOM * self._size * np.eye(n),
             ]
-            minimised(-smallest, kept, "state feedback", checked=True)
+            minimise(-smallest, kept, "state feedback", checked=True)
             if not smallest.value > 0.0:
                 raise SynthesisFailedError("state feedback: the Lyapunov matrix is singular")
         return np.asarray(np.linalg.solve(self._x.value, self._w.value.T).T, dtype=float)
@@ -224,12 +224,12 @@ def _check(plants: Sequence[LtiSystem], controls: int) -> None:
                 "least one must be a disturbance"
             )
         check_order(plant.order)
-        even, _ = balanced(Units.of(plant, controls, 0).scaled(plant))
+        even, _ = balance_states(Units.of(plant, controls, 0).scaled(plant))
         b2 = even.b[:, plant.shape[1] - controls :]
         check_modes(even.a, b2, np.zeros((0, plant.order)))
 
 
-def _closed(plant: LtiSystem, gain: Array) -> LtiSystem:
+def _close_loop(plant: LtiSystem, gain: Array) -> LtiSystem:
     m = plant.shape[1] - len(gain)
     return LtiSystem(
         plant.a + plant.b[:, m:] @ gain, plant.b[:, :m],

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.gain_ascent import GainAscent, Raised
-from hillsphere_controllers.mu.lower_bound import LowerBound, checked, moving_response
+from hillsphere_controllers.mu.gain_ascent import GainAscent, GainMaximum
+from hillsphere_controllers.mu.lower_bound import LowerBound, moving_response, verify_perturbation
 
 __all__ = ["bound_by_gain"]
 
@@ -113,7 +113,7 @@ def _count(ascent: GainAscent, block: int) -> int:
 
 
 def _bound(
-    ascent: GainAscent, structure: BlockStructure, raised: Raised, level: float, omega: float
+    ascent: GainAscent, structure: BlockStructure, raised: GainMaximum, level: float, omega: float
 ) -> LowerBound | None:
     """Return the bound that a Δ of size 1/level and its gain prove."""
     if not np.isfinite(raised.gain) or raised.gain > 1e12 * level:
@@ -131,4 +131,4 @@ def _bound(
     delta[n:, n:] = np.outer(vh[0].conj(), u[:, 0].conj()) / s[0]
     fixed = not ascent.moving
     at = omega if fixed else float(omega * np.exp(raised.z))
-    return checked(m, delta.real + 0j if fixed else delta, structure, at)
+    return verify_perturbation(m, delta.real + 0j if fixed else delta, structure, at)

@@ -22,13 +22,13 @@ from hillsphere_controllers.mu.images import from_image, in_continuous_time
 from hillsphere_controllers.mu.intervals import Loop
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.upper_bound import UpperBound, upper_bound
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = [
     "CertifiedPeak",
     "Interval",
     "certified_peak",
-    "unproved",
+    "find_unproved",
 ]
 
 Complex = NDArray[np.complex128]
@@ -147,11 +147,11 @@ def certified_peak(
         raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
     image = in_continuous_time(system, structure)
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
-    search = _Cover(Loop(balanced(image)[0], structure, free), skewed, gap)
+    search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap)
     return search.result(system.dt_s)
 
 
-def unproved(
+def find_unproved(
     system: LtiSystem, structure: BlockStructure, limit: float
 ) -> tuple[float, float] | None:
     """Return where scalings do not prove that µ is below a limit.
@@ -179,7 +179,7 @@ def unproved(
     """
     image = in_continuous_time(system, structure)
     free = structure.indices(range(len(structure.blocks)))
-    search = _Cover(Loop(balanced(image)[0], structure, free), None, 0.0, limit)
+    search = _Cover(Loop(balance_states(image)[0], structure, free), None, 0.0, limit)
     if not search.bounds:
         return None
     return from_image(search.where, system.dt_s), search.peak

@@ -21,12 +21,12 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.certified import unproved
+from hillsphere_controllers.mu.certified import find_unproved
 from hillsphere_controllers.mu.images import check_loop
 from hillsphere_controllers.mu.sensitivities import sensitivities
 from hillsphere_controllers.systems.algebra import gain, star
 
-__all__ = ["Division", "proved_in_parts"]
+__all__ = ["Division", "prove_by_branch_and_bound"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Division:
     left: int
 
 
-def proved_in_parts(
+def prove_by_branch_and_bound(
     system: LtiSystem, structure: BlockStructure, limit: float, *, most: int = 64
 ) -> Division:
     """Try to prove that µ is below a limit at all frequencies, in parts of the real parameters.
@@ -83,7 +83,7 @@ def proved_in_parts(
         part = _on_part(system, structure, limit, np.where(real, low, -1.0), high)
         if not part.is_stable:  # the middle of the part is a counterexample
             return Division(proved, len(waiting) + 1)
-        found = unproved(part, structure, 1.0)
+        found = find_unproved(part, structure, 1.0)
         if found is None:
             proved += 1
             continue

@@ -14,7 +14,7 @@ from hillsphere_controllers.mu.ascent import FARTHEST
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.parameters import UnitPerturbation
 
-__all__ = ["GainAscent", "Raised"]
+__all__ = ["GainAscent", "GainMaximum"]
 
 Complex = NDArray[np.complex128]
 
@@ -24,7 +24,7 @@ _FARTHEST = 700.0
 
 
 @dataclass(frozen=True, eq=False)
-class Raised:
+class GainMaximum:
     """A local maximum of the gain.
 
     Parameters
@@ -76,7 +76,7 @@ class GainAscent:
         x[real] = generator.uniform(-1.0, 1.0, sum(real))
         return x
 
-    def best(self, starts: Sequence[Array], size: float = 1.0) -> Raised:
+    def best(self, starts: Sequence[Array], size: float = 1.0) -> GainMaximum:
         """Return the best of the local maxima from several parameters (k,).
 
         Parameters
@@ -101,9 +101,9 @@ class GainAscent:
         count = len(self.unit.bounds)
         x = np.asarray(found.x[:count])
         z = float(found.x[-1]) if self.moving else 0.0
-        return Raised(x, self.unit.q(x), z, float(np.exp(-found.fun)))
+        return GainMaximum(x, self.unit.q(x), z, float(np.exp(-found.fun)))
 
-    def performance(self, found: Raised, size: float = 1.0) -> Complex:
+    def performance(self, found: GainMaximum, size: float = 1.0) -> Complex:
         """Return the transfer matrix of performance with Δ."""
         m, _ = self.at(found.z)
         n = self.uncertainty.size

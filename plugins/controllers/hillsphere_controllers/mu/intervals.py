@@ -113,8 +113,8 @@ class Loop:
             return self._positive(at, root, into, g)
 
         return (
-            _reached(omega, crossings[crossings < omega][::-1], 0.0, positive),
-            _reached(omega, crossings[crossings > omega], np.inf, positive),
+            _positive_reach(omega, crossings[crossings < omega][::-1], 0.0, positive),
+            _positive_reach(omega, crossings[crossings > omega], np.inf, positive),
         )
 
     def _positive(
@@ -127,7 +127,7 @@ class Loop:
         return np.asarray(np.linalg.eigvalsh(f)[:, 0] > 0.0)
 
 
-def _reached(
+def _positive_reach(
     omega: float, crossings: Array, end: float, positive: Callable[[Array], NDArray[np.bool_]]
 ) -> float:
     """Return how far F stays positive on the way from ω by crossings to an end.

@@ -27,13 +27,17 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.mu.ascent import Ascent
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.power_iteration import iterated, singular_direction
+from hillsphere_controllers.mu.power_iteration import power_iterations, singular_direction
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.single_blocks import single_block, single_blocks
 
 __all__ = [
-    "LowerBound", "checked", "lower_bound", "lower_bound_near", "lower_bound_of_block",
+    "LowerBound",
+    "lower_bound",
+    "lower_bound_near",
+    "lower_bound_of_block",
     "moving_response",
+    "verify_perturbation",
 ]  # fmt: skip
 
 Complex = NDArray[np.complex128]
@@ -161,7 +165,7 @@ def lower_bound_of_block(
     """
     m, _ = moving_response(system, structure, omega_rad_s)(0.0)
     delta = single_block(m, structure, block)
-    return None if delta is None else checked(m, delta, structure, omega_rad_s)
+    return None if delta is None else verify_perturbation(m, delta, structure, omega_rad_s)
 
 
 def moving_response(
@@ -199,7 +203,7 @@ def _best(
     ascent = Ascent(at, structure, moving=omega is not None)
     random = np.random.default_rng(seed)
     likely = [] if scalings is None else singular_direction(m, structure, scalings)
-    found = iterated(m, structure, random, starts)
+    found = power_iterations(m, structure, random, starts)
     found.sort(key=lambda q: -ascent.merit(q))
     likely += found[:_RAISED]
     if structure.purely_real or not likely:  # no phase makes an eigenvalue real: more are tried
@@ -215,7 +219,7 @@ def _best(
         if raised is None:
             return
         delta, z = raised
-        made = checked(at(z)[0], delta, structure)
+        made = verify_perturbation(at(z)[0], delta, structure)
         if made is not None and made.value > best.value:
             frequency = np.nan if omega is None else float(omega * np.exp(z))
             best = LowerBound(made.value, made.delta, made.singular, frequency)
@@ -225,14 +229,14 @@ def _best(
     for delta in single_blocks(m, structure):
         if 1.0 / float(np.linalg.norm(delta, 2)) <= best.value:
             break
-        made = checked(m, delta, structure)
+        made = verify_perturbation(m, delta, structure)
         if made is not None and made.value > best.value:
             best = made if omega is None else replace(made, frequency_rad_s=omega)
             raise_from(delta * made.value)
     return best
 
 
-def checked(
+def verify_perturbation(
     m: Complex, delta: Complex, structure: BlockStructure, frequency_rad_s: float = np.nan
 ) -> LowerBound | None:
     """Return the bound that a squared Δ proves, None if I − M Δ is not singular.

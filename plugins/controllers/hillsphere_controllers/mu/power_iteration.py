@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.scalings import Scalings, crossed, level
+from hillsphere_controllers.mu.scalings import Scalings, dg_form, level
 
-__all__ = ["iterated", "singular_direction"]
+__all__ = ["power_iterations", "singular_direction"]
 
 Complex = NDArray[np.complex128]
 
@@ -32,7 +32,7 @@ def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings
     beta2 = level(m[None], scalings.d, scalings.g, everywhere, 1.0)
     if not np.isfinite(beta2):
         return []
-    f = beta2 * scalings.d - crossed(m, scalings.d, scalings.g)
+    f = beta2 * scalings.d - dg_form(m, scalings.d, scalings.g)
     _, vectors = np.linalg.eigh(f)
     beta = np.sqrt(max(beta2, 0.0))
     made = []
@@ -62,7 +62,7 @@ def _dyad(out: Complex, into: Complex) -> Complex:
     return np.outer(out, into.conj()) / size
 
 
-def iterated(
+def power_iterations(
     m: Complex, structure: BlockStructure, random: np.random.Generator, starts: int
 ) -> list[Complex]:
     """Return the last Q, and that of the largest eigenvalue, of some power iterations.
@@ -92,13 +92,13 @@ def iterated(
             if size <= _TINY:
                 break
             a /= size
-            z = _turned(structure, q_real, a, w)
+            z = _apply_adjoint(structure, q_real, a, w)
             w = m.conj().T @ z
             other = float(np.linalg.norm(w))
             if other <= _TINY:
                 break
             w /= other
-            q, q_real = _chosen(structure, q_real, a, w)
+            q, q_real = _update_perturbation(structure, q_real, a, w)
             b = q @ a
             largest = float(np.linalg.norm(b))
             if largest <= _TINY:
@@ -116,7 +116,7 @@ def iterated(
     return made
 
 
-def _turned(
+def _apply_adjoint(
     structure: BlockStructure, q_real: NDArray[np.float64], a: Complex, w: Complex
 ) -> Complex:
     """Return z: Qᴴ applied to w in the direction of a."""
@@ -133,7 +133,7 @@ def _turned(
     return z
 
 
-def _chosen(
+def _update_perturbation(
     structure: BlockStructure, q_real: NDArray[np.float64], a: Complex, w: Complex
 ) -> tuple[Complex, NDArray[np.float64]]:
     """Return Q of the directions a and w, and its real scalars."""

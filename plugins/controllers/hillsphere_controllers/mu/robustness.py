@@ -26,7 +26,7 @@ from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case import WorstCase, worst_case
 
 __all__ = [
-    "Complexified", "Robustness", "complexified", "mu_bounds_on_grid", "performance_structure",
+    "Complexified", "Robustness", "complexify", "mu_bounds_on_grid", "performance_structure",
     "robust_performance", "robust_stability",
 ]  # fmt: skip
 
@@ -221,7 +221,7 @@ def mu_bounds_on_grid(
     return np.array(lower), np.array([u.value for u in upper])
 
 
-def complexified(
+def complexify(
     system: LtiSystem, structure: BlockStructure, share: float
 ) -> tuple[LtiSystem, BlockStructure]:
     """Return M and structure in which each real scalar δ is δ + share·δᶜ with |δᶜ| ≤ the size too.
@@ -278,7 +278,7 @@ def _robustness(
     more: list[float] = []
     if structure.purely_real:
         for share in shares:
-            wider, blocks = complexified(system, structure, share)
+            wider, blocks = complexify(system, structure, share)
             bound = certified_peak(wider, blocks, gap=gap)
             below = _lower(wider, blocks, bound, [], seed)
             beside.append(Complexified(share, bound.upper, below.value))

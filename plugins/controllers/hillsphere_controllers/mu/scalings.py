@@ -22,7 +22,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.mu.blocks import BlockStructure
 
-__all__ = ["Basis", "Scalings", "crossed", "level"]
+__all__ = ["Basis", "Scalings", "dg_form", "level"]
 
 Complex = NDArray[np.complex128]
 
@@ -44,7 +44,7 @@ class Scalings:
     g: Complex
 
 
-def crossed(m: Complex, d: Complex, g: Complex) -> Complex:
+def dg_form(m: Complex, d: Complex, g: Complex) -> Complex:
     """Return Mᴴ D M + j (G M − Mᴴ G) of matrices (..., n, n)."""
     gm = g @ m
     mh = m.conj().swapaxes(-1, -2)
@@ -228,7 +228,7 @@ class Basis:
         return -2.0 * float(whole)
 
     def _form(self, m: Complex, d: Complex, g: Complex, b: float) -> Complex:
-        return np.asarray(self.levels(b)[:, None] * d - crossed(m, d, g))
+        return np.asarray(self.levels(b)[:, None] * d - dg_form(m, d, g))
 
     def derivatives(self, m: Complex, x: Array, b: float) -> tuple[Array, Array]:
         """Return gradient (k,) and Hessian (k, k) of the potential."""

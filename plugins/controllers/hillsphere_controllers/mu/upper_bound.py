@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.scalings import Basis, Scalings, crossed, level
+from hillsphere_controllers.mu.scalings import Basis, Scalings, dg_form, level
 
 __all__ = ["UpperBound", "centre", "upper_bound", "upper_bounds"]
 
@@ -229,14 +229,14 @@ def _begin(
         if warm < found[0]:
             found = (warm, d, g)
     if not np.isfinite(found[0]):
-        made = _fixed_part(m, structure, basis)
+        made = _scale_fixed_blocks(m, structure, basis)
         if made is None:
             return None
         found = (level(m, *made, basis.free, basis.fixed), *made)
         if not np.isfinite(found[0]):
             return None
     if not basis.free.all():
-        found = _weighed(m, basis, found)
+        found = _reweight_skewed(m, basis, found)
     return found
 
 
@@ -283,7 +283,7 @@ class _Whitened:
         return d * both, self.norm * (g * both)
 
 
-def _weighed(
+def _reweight_skewed(
     m: Complex, basis: Basis, found: tuple[float, Complex, Complex]
 ) -> tuple[float, Complex, Complex]:
     """Return scalings, with their level, whose skewed part has a better weight than those found."""
@@ -300,7 +300,7 @@ def _weighed(
     return found
 
 
-def _fixed_part(
+def _scale_fixed_blocks(
     m: Complex, structure: BlockStructure, basis: Basis
 ) -> tuple[Complex, Complex] | None:
     """Return scalings of finite level: those of the blocks that are not skewed, proved alone."""
@@ -315,7 +315,7 @@ def _fixed_part(
     d, g = np.zeros((2, basis.n, basis.n), dtype=complex)
     at = np.ix_(kept, kept)
     d[at], g[at] = proved.scalings.d, proved.scalings.g
-    room = basis.fixed * d[at] - crossed(part, d[at], g[at])
+    room = basis.fixed * d[at] - dg_form(part, d[at], g[at])
     side = m[:, basis.free][:, :, kept]
     taken = np.linalg.eigvals(np.linalg.solve(room, side.conj().swapaxes(1, 2) @ side)).real.max()
     # so small that the skewed rows take half of the room that F leaves

@@ -30,7 +30,7 @@ from hillsphere_controllers.mu.images import to_image
 from hillsphere_controllers.systems.algebra import append, gain, series, upper_lft
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
-__all__ = ["WorstCase", "interpolated", "worst_case"]
+__all__ = ["WorstCase", "interpolate_perturbation", "worst_case"]
 
 Complex = NDArray[np.complex128]
 
@@ -70,7 +70,9 @@ class WorstCase:
     singular: float
 
 
-def interpolated(delta: Complex, structure: BlockStructure, omega_rad_s: float) -> LtiSystem:
+def interpolate_perturbation(
+    delta: Complex, structure: BlockStructure, omega_rad_s: float
+) -> LtiSystem:
     """Return a stable system Δ(s) of the structure whose response at a frequency is Δ.
 
     Parameters
@@ -173,7 +175,7 @@ def worst_case(
     image = omega_rad_s
     if dt_s is not None:
         own, image = continuous(own), to_image(omega_rad_s, dt_s)
-    block = interpolated(delta, structure, image)
+    block = interpolate_perturbation(delta, structure, image)
     at = np.array([image])
     product = own.response(at)[0] @ block.response(at)[0]
     singular = float(np.linalg.svd(np.eye(p) - product, compute_uv=False)[-1])

@@ -27,7 +27,7 @@ from hillsphere_controllers.mu.images import beside_poles, from_image, in_contin
 from hillsphere_controllers.mu.lower_bound import lower_bound, moving_response
 from hillsphere_controllers.mu.robustness import performance_structure, robust_stability
 from hillsphere_controllers.mu.scalings import Scalings
-from hillsphere_controllers.mu.worst_case import interpolated
+from hillsphere_controllers.mu.worst_case import interpolate_perturbation
 from hillsphere_controllers.systems.algebra import upper_lft
 from hillsphere_controllers.systems.bilinear import discrete
 
@@ -118,23 +118,23 @@ def worst_case_gain(
         system.a, system.b, grown[:, None] * system.c, grown[:, None] * system.d, system.dt_s
     )
     units = _units(scaled, uncertainty)
-    measured = _measured(scaled, uncertainty, *units)
+    measured = _rescale_performance(scaled, uncertainty, *units)
     skewed = [len(uncertainty.blocks)]
     proof = certified_peak(measured, structure, skewed=skewed, gap=gap)
     image = in_continuous_time(measured, structure)
     omega = to_image(proof.frequency_rad_s, system.dt_s)
     if not 0.0 < omega < np.inf:
         omega = beside_poles(image, omega)
-    certified = _given(proof, structure, *units)
+    certified = _restore_units(proof, structure, *units)
     if np.isinf(proof.upper):
         broken = _unstable(system, scaled, uncertainty, size, certified, gap, seed)
         if broken is not None:
             return broken
-    delta, omega = _raised(image, structure, uncertainty, omega, proof, seed)
+    delta, omega = _ascend(image, structure, uncertainty, omega, proof, seed)
 
     def closed(factor: float) -> tuple[float, Complex, LtiSystem]:
-        made = (1.0 - _INSIDE) * size * _grown(delta, uncertainty, factor)
-        block = interpolated(made, uncertainty, omega)
+        made = (1.0 - _INSIDE) * size * _enlarge_real_blocks(delta, uncertainty, factor)
+        block = interpolate_perturbation(made, uncertainty, omega)
         if system.dt_s is not None:
             block = discrete(block, system.dt_s)
         return hinf_norm(upper_lft(system, block)).value, made, block
@@ -176,7 +176,7 @@ def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float
     return inputs, float(2.0 ** np.round(np.log2(whole / inputs)))
 
 
-def _measured(
+def _rescale_performance(
     system: LtiSystem, uncertainty: BlockStructure, inputs: float, outputs: float
 ) -> LtiSystem:
     """Return the system with performance inputs and outputs in other units."""
@@ -186,7 +186,7 @@ def _measured(
     return LtiSystem(system.a, system.b / into, system.c / out, system.d / out / into, system.dt_s)
 
 
-def _given(
+def _restore_units(
     proof: CertifiedPeak, structure: BlockStructure, inputs: float, outputs: float
 ) -> CertifiedPeak:
     """Return the proof for the performance inputs and outputs in the units given."""
@@ -234,7 +234,7 @@ def _unstable(
     return WorstCaseGain(np.inf, np.inf, found.frequency_rad_s, block, values, proof)
 
 
-def _grown(delta: Complex, uncertainty: BlockStructure, factor: float) -> Complex:
+def _enlarge_real_blocks(delta: Complex, uncertainty: BlockStructure, factor: float) -> Complex:
     """Return a Δ of unit size with larger real blocks."""
     made = delta.copy()
     for block, part in zip(uncertainty.blocks, uncertainty.parts(), strict=True):
@@ -243,7 +243,7 @@ def _grown(delta: Complex, uncertainty: BlockStructure, factor: float) -> Comple
     return made
 
 
-def _raised(
+def _ascend(
     system: LtiSystem,
     structure: BlockStructure,
     uncertainty: BlockStructure,

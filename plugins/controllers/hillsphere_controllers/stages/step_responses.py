@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.holding import discretised
+from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 
 __all__ = ["step_responses"]
 
@@ -82,7 +82,7 @@ def _final(system: LtiSystem) -> Array:
 def _response(system: LtiSystem, step: float, count: int) -> Array:
     a, b = system.a, system.b
     if system.dt_s is None:
-        a, b = discretised(a, b, step)
+        a, b = zero_order_hold_matrices(a, b, step)
     x = np.zeros((system.order, system.shape[1]))
     made = np.empty((count, *system.shape))
     for k in range(count):

@@ -21,7 +21,7 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant
 from hillsphere_controllers.structured.structure import Sizes, Structure
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["Closed", "Open", "OpenLoop"]
 
@@ -81,11 +81,11 @@ class Open:
             right = np.eye(gains.shape[1]) - self.d22 @ gains
             if np.max(np.linalg.cond(left)) > 1e12:
                 return None
-            moved = _solved(left, np.broadcast_to(gains, (*left.shape[:-1], gains.shape[1])))
+            moved = _solve(left, np.broadcast_to(gains, (*left.shape[:-1], gains.shape[1])))
             # dK₀ = (I − K D22)⁻¹ dK (I − D22 K)⁻¹
             turned = left.swapaxes(-1, -2)
-            b2, d12 = (_solved(turned, m.swapaxes(-1, -2)).swapaxes(-1, -2) for m in (b2, d12))
-            c2, d21 = (_solved(right, m) for m in (c2, d21))
+            b2, d12 = (_solve(turned, m.swapaxes(-1, -2)).swapaxes(-1, -2) for m in (b2, d12))
+            c2, d21 = (_solve(right, m) for m in (c2, d21))
         bk, dk = self.b2 @ moved, self.d12 @ moved
         return Closed(
             self.a + bk @ self.c2,
@@ -96,7 +96,7 @@ class Open:
         )  # fmt: skip
 
 
-def _solved(matrix: Array, right: Array) -> Array:
+def _solve(matrix: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, right), dtype=float)
 
 
@@ -140,7 +140,7 @@ class OpenLoop:
                 f"{what} has {m} inputs and {p} outputs: with {nu} controls and {ny} measurements "
                 "no w or no z is left"
             )
-        scaled, _ = balanced(system)
+        scaled, _ = balance_states(system)
         self.name, self.plant = what, plant
         m1, p1 = m - nu, p - ny
         a, b2 = np.zeros((n + k, n + k)), np.zeros((n + k, k + nu))

@@ -24,7 +24,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import minimax_step
 
-__all__ = ["Landscape", "Located", "descend", "sampled_descent"]
+__all__ = ["Landscape", "Located", "descend", "gradient_sampling"]
 
 _SUFFICIENT, _CURVATURE = 1e-4, 0.5
 _TRIALS = 40
@@ -111,7 +111,7 @@ def descend(
         if not g @ direction < 0.0:
             inverse, fresh, direction = np.eye(n), True, -g
         first = min(1.0, size / float(np.linalg.norm(direction))) if fresh else 1.0
-        line = _searched(landscape, point, g, direction, first)
+        line = _line_search(landscape, point, g, direction, first)
         if line.point is None:
             if fresh:
                 break
@@ -134,7 +134,7 @@ def descend(
     return point
 
 
-def _searched(
+def _line_search(
     landscape: Landscape[P], point: P, g: Array, direction: Array, first: float
 ) -> _Line[P]:
     """Return a point that meets the weak Wolfe conditions, or at least lies lower."""
@@ -166,7 +166,7 @@ def _searched(
     return best
 
 
-def sampled_descent(
+def gradient_sampling(
     landscape: Landscape[P], point: P, random: np.random.Generator, *, rounds: int = 3
 ) -> P:
     """Return a lower point by gradient sampling, the same if there is none.
@@ -198,7 +198,7 @@ def sampled_descent(
             )
             if found is None or found.predicted < 1e-10:
                 break
-            line = _searched(landscape, point, -found.step, found.step, 1.0)
+            line = _line_search(landscape, point, -found.step, found.step, 1.0)
             if line.point is None:
                 break
             point = line.point

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Integers
 from hillsphere_controllers.analysis.frequency import Response
 
-__all__ = ["frequencies", "gains", "local_peaks", "refined_peaks", "responses"]
+__all__ = ["frequencies", "gains", "local_peaks", "refine_peaks", "responses"]
 
 Complex = NDArray[np.complex128]
 
@@ -87,7 +87,7 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     count, p, m = matrices.shape
     rank = min(p, m)
     if rank == 1 or count == 0:
-        return np.asarray(np.sqrt(_squared(matrices)))
+        return np.asarray(np.sqrt(_squares_of(matrices)))
     turned = matrices.conj().swapaxes(1, 2)
     gram = matrices @ turned if p <= m else turned @ matrices
     if rank == 2:
@@ -95,7 +95,7 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
         top = 0.5 * (gram[:, 0, 0] + gram[:, 1, 1]).real + np.hypot(half, off)
         return np.asarray(np.sqrt(np.maximum(top, 0.0)))
     # with H = GGᴴ: (‖H²‖_F/‖H‖_F)^½ ≤ σ ≤ ‖H²‖_F^¼
-    first, second = np.sqrt(_squared(gram)), np.sqrt(_squared(gram @ gram))
+    first, second = np.sqrt(_squares_of(gram)), np.sqrt(_squares_of(gram @ gram))
     low, high = np.sqrt(second / np.maximum(first, 1e-300)), np.sqrt(np.sqrt(second))
     if owner is None:
         found, wanted = low, high >= low.max()
@@ -107,7 +107,7 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     return np.asarray(found)
 
 
-def _squared(matrices: Complex) -> Array:
+def _squares_of(matrices: Complex) -> Array:
     flat = matrices.reshape(len(matrices), -1)
     return np.asarray(
         np.einsum("kx,kx->k", flat.real, flat.real) + np.einsum("kx,kx->k", flat.imag, flat.imag)
@@ -142,7 +142,7 @@ def local_peaks(values: Array, owner: Integers) -> Integers:
     return np.asarray(np.sort(inner[order[place < _PEAKS]]))
 
 
-def refined_peaks(
+def refine_peaks(
     systems: Sequence[Response],
     part: Callable[[Complex], Complex],
     points: Array,
@@ -223,7 +223,7 @@ def _bent(
     right, moved = turned @ u, first.conj().swapaxes(1, 2) @ u  # Gᴴu, G'ᴴu
     along = vectors.conj().swapaxes(1, 2) @ (first @ right + g @ moved)  # u_kᴴ (GGᴴ)' u
     slope = along[:, -1, 0].real
-    bend = 2.0 * _squared(moved)
+    bend = 2.0 * _squares_of(moved)
     bend += 2.0 * (u.conj().swapaxes(1, 2) @ (second @ right))[:, 0, 0].real
     apart = np.maximum(values[:, -1:] - values[:, :-1], 1e-14 * values[:, -1:] + 1e-300)
     bend += 2.0 * np.sum(np.abs(along[:, :-1, 0]) ** 2 / apart, axis=1)

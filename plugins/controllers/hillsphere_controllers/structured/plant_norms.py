@@ -18,7 +18,7 @@ from hillsphere_controllers.structured.peaks import (
     frequencies,
     gains,
     local_peaks,
-    refined_peaks,
+    refine_peaks,
     responses,
 )
 
@@ -198,7 +198,7 @@ class PlantNorms:
                 points, values = (np.concatenate(one) for one in zip(*rough, strict=True))
                 owner = np.repeat(np.arange(len(here)), [w.size for w, _ in rough])
                 systems = [loop.response for loop in here]
-                found = refined_peaks(systems, part, points, values, owner)
+                found = refine_peaks(systems, part, points, values, owner)
                 self._take(members, here, c, *found)
 
     def _take(

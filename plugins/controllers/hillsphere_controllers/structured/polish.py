@@ -17,7 +17,7 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import MinimaxStep, minimax_step
 from hillsphere_controllers.structured.objective import Objective, Piece, Point
 
-__all__ = ["Active", "Polished", "certificate", "polished"]
+__all__ = ["Active", "PolishedPoint", "certificate", "polish_point"]
 
 _ARMIJO = 0.05
 _TRIALS = 14
@@ -51,7 +51,7 @@ class Active:
 
 
 @dataclass(frozen=True)
-class Polished:
+class PolishedPoint:
     """Where polishing ended.
 
     Parameters
@@ -69,14 +69,14 @@ class Polished:
     iterations: int
 
 
-def polished(
+def polish_point(
     objective: Objective,
     point: Point,
     *,
     accepted: Callable[[Point], Point],
     iterations: int = 80,
     tolerance: float = 1e-7,
-) -> Polished:
+) -> PolishedPoint:
     """Return a lower point.
 
     Parameters
@@ -96,20 +96,20 @@ def polished(
     extra: list[Piece] = []
     for count in range(iterations):
         pieces = objective.pieces(point, extra)
-        tried = _tried(objective, point, pieces, hessian, damping, tolerance)
+        tried = _find_step(objective, point, pieces, hessian, damping, tolerance)
         extra = (tried.rejected + extra)[:_REMEMBERED]
         if tried.point is None:
             if fresh:
-                return Polished(point, tried.converged, count)
+                return PolishedPoint(point, tried.converged, count)
             hessian, damping, fresh = _first(objective, point), 0.0, True
             continue
         new = accepted(tried.point)
         if new.value > point.value:  # the peak that was missed is remembered now
             continue
         damping, fresh = tried.damping, False
-        hessian = _updated(objective, point, new, tried.held, hessian)
+        hessian = _update_hessian(objective, point, new, tried.held, hessian)
         point = new
-    return Polished(point, False, iterations)
+    return PolishedPoint(point, False, iterations)
 
 
 def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
@@ -208,7 +208,7 @@ class _Linear:
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _TrialStep:
     point: Point | None
     held: list[tuple[Piece, float]]
     damping: float
@@ -216,14 +216,14 @@ class _Tried:
     converged: bool = False
 
 
-def _tried(
+def _find_step(
     objective: Objective,
     point: Point,
     pieces: list[Piece],
     hessian: Array,
     damping: float,
     tolerance: float,
-) -> _Tried:
+) -> _TrialStep:
     """Return a point that is low enough; steps that are not are corrected, then shortened.
 
     The optimum lies in a curved valley where peaks are equally high. A step along its tangent
@@ -240,14 +240,14 @@ def _tried(
             if damping > 0.0 and count == 0:
                 damping = 0.0
                 continue
-            return _Tried(None, [], 0.0, rejected, count <= 1 and damping == 0.0)
+            return _TrialStep(None, [], 0.0, rejected, count <= 1 and damping == 0.0)
         held = [(p, float(w)) for p, w in zip(pieces, found.multipliers, strict=True) if w > 1e-9]
         length = float(found.step @ shape @ found.step)
         trial = objective.evaluate(point.x + found.step)
         share = (point.value - trial.value) / found.predicted
         if share >= _ARMIJO:
             eased = 0.2 * damping if share > 0.5 and count == 0 else damping
-            return _Tried(trial, held, eased, rejected)
+            return _TrialStep(trial, held, eased, rejected)
         if np.isfinite(trial.value):
             moved = objective.followed(trial, pieces)
             near = [p for p in objective.pieces(trial) if not p.hard]
@@ -258,15 +258,15 @@ def _tried(
             if corrected is not None:
                 trial = objective.evaluate(point.x + corrected.step)
                 if point.value - trial.value >= _ARMIJO * found.predicted:
-                    return _Tried(trial, held, damping, rejected)
+                    return _TrialStep(trial, held, damping, rejected)
             # what stood in the way is looked at from here too
             rejected += violators
             pieces = objective.with_extra(point, pieces, violators)
         damping = max(4.0 * damping, found.predicted / length)
-    return _Tried(None, [], 0.0, rejected)
+    return _TrialStep(None, [], 0.0, rejected)
 
 
-def _updated(
+def _update_hessian(
     objective: Objective,
     old: Point,
     new: Point,

@@ -92,7 +92,7 @@ def synthesise_sampled(
             "plants must be in discrete time and of one period, got "
             f"{', '.join('continuous' if p is None else f'{p:g} s' for p in periods) or 'none'}"
         )
-    if not _kept(structure):
+    if not _is_free(structure):
         raise InputError(
             "in discrete time every entry of the controller must be free: the bilinear map, by "
             "which it is found, keeps no fixed entries, no PID and no transfer function"
@@ -153,9 +153,9 @@ def sampled_norms(plant: DesignPlant, controller: LtiSystem) -> list[float]:
     return norms
 
 
-def _kept(structure: Structure) -> bool:
+def _is_free(structure: Structure) -> bool:
     if isinstance(structure, Diagonal):
-        return all(_kept(part) for part in structure.parts)
+        return all(_is_free(part) for part in structure.parts)
     return isinstance(structure, FreeEntries) and bool(structure.free.all())
 
 

@@ -324,7 +324,7 @@ def worst_case(
     first = sorted(points, key=lambda x: -min(objective.evaluate(x).value, _UNSTABLE))
     found: list[Scenario] = []
     for start in first[:_CLIMBED]:
-        end = _climbed(objective, start)
+        end = _climb(objective, start)
         if all(np.abs(end.x - s.delta).max() > 1e-3 for s in found):
             found.append(Scenario(0, end.x, float(np.exp(end.value))))
     return sorted(found, key=lambda s: -s.gamma)
@@ -342,7 +342,7 @@ def _corners(objective: Objective, points: Sequence[Array]) -> list[Array]:
     return list(found.values())
 
 
-def _climbed(objective: Objective, start: Array) -> Point:
+def _climb(objective: Objective, start: Array) -> Point:
     """Return a local maximum in the box; one where the loop is unstable, if it meets such."""
     best = objective.evaluate(start)
 

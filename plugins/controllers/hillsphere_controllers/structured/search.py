@@ -11,11 +11,11 @@ import numpy as np
 from hillsphere.errors import Interrupted
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
-from hillsphere_controllers.structured.descent import descend, sampled_descent
+from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.objective import Objective, Point
-from hillsphere_controllers.structured.polish import Active, certificate, polished
+from hillsphere_controllers.structured.polish import Active, certificate, polish_point
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
-from hillsphere_controllers.structured.stabilise import stabilised
+from hillsphere_controllers.structured.stabilise import stabilise
 from hillsphere_controllers.structured.structure import Alike, Diagonal, Sizes, Structure
 
 __all__ = ["Found", "Problem", "Search", "Start"]
@@ -194,7 +194,7 @@ class Search:
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
             steps = _POLISHED if near else _LEFT if spent else 0
-            converged = _lowered(objective, point, random, best, polish=steps)
+            converged = _lower(objective, point, random, best, polish=steps)
         except Reached:
             converged = False
         except (KeyboardInterrupt, Interrupted):
@@ -243,7 +243,7 @@ class Search:
             converged = False
             if np.isfinite(point.value):
                 try:
-                    converged = _lowered(objective, point, random, lowest)
+                    converged = _lower(objective, point, random, lowest)
                 except (KeyboardInterrupt, Interrupted, Reached):
                     if lowest.point is not None:
                         best.accepted(best.objective.evaluate(apart(lowest.point.x)))
@@ -270,7 +270,7 @@ class Search:
                 x = (np.asarray(start.theta, dtype=float) - middle) / spread
                 size = np.maximum(np.abs(x), 0.1 * max(1.0, float(np.abs(x).max())))
                 x = x + start.perturbation * size * random.normal(size=n)
-            found = stabilised(self.loops, objective.structure, middle, spread, x, random)
+            found = stabilise(self.loops, objective.structure, middle, spread, x, random)
             if found[1] < 0.0 and np.isfinite(objective.evaluate(found[0]).value):
                 return found
             # stable, but with poles so fast that it is not for certain in floating point
@@ -364,7 +364,7 @@ def _alike(structure: Structure) -> TypeGuard[Diagonal]:
     return isinstance(structure, Diagonal) and structure.alike
 
 
-def _lowered(
+def _lower(
     objective: Objective,
     point: Point,
     random: np.random.Generator,
@@ -383,10 +383,10 @@ def _lowered(
             point = descend(objective, point, iterations=150, accepted=best.passed)
             point = best.accepted(point)
         iterations = polish or _POLISHED
-        found = polished(objective, point, accepted=best.accepted, iterations=iterations)
+        found = polish_point(objective, point, accepted=best.accepted, iterations=iterations)
         if not (found.converged or polish):
-            point = sampled_descent(objective, found.point, random, rounds=1)
-            found = polished(objective, best.accepted(point), accepted=best.accepted)
+            point = gradient_sampling(objective, found.point, random, rounds=1)
+            found = polish_point(objective, best.accepted(point), accepted=best.accepted)
         point, converged = found.point, found.converged
         if point.excess <= _KEPT:
             break

@@ -9,12 +9,12 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
-from hillsphere_controllers.structured.descent import descend, sampled_descent
+from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.gradients import pole_slopes
 from hillsphere_controllers.structured.objective import FURTHEST
 from hillsphere_controllers.structured.structure import Structure
 
-__all__ = ["stabilised"]
+__all__ = ["stabilise"]
 
 _TARGET = -1e-3
 _STEEPEST = 1e8
@@ -69,7 +69,7 @@ class _Landscape:
         return np.asarray(back * self.spread)
 
 
-def stabilised(
+def stabilise(
     loops: Sequence[OpenLoop],
     structure: Structure,
     middle: Array,
@@ -90,7 +90,7 @@ def stabilised(
         if point.value < 0.0:
             break
         before = point.value
-        point = sampled_descent(landscape, point, random, rounds=1)
+        point = gradient_sampling(landscape, point, random, rounds=1)
         if not point.value < before - 1e-6:
             break
     return point.x, point.value

@@ -24,8 +24,8 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 
 __all__ = [
-    "Alike", "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "masked", "of_order",
-    "static",
+    "Alike", "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "mask_gains",
+    "of_order", "static",
 ]  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def of_order(
     return FreeEntries(gains, order)
 
 
-def masked(gains: Array, order: int = 0) -> FreeEntries:
+def mask_gains(gains: Array, order: int = 0) -> FreeEntries:
     """Return a controller some entries of which are fixed: NaN marks those that are free."""
     return FreeEntries(gains, order)
 

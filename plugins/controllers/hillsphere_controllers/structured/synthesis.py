@@ -33,13 +33,13 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere.runs.workers import Workers
 from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
-from hillsphere_controllers.structured.kept import KeptSearches
 from hillsphere_controllers.structured.polish import Active
 from hillsphere_controllers.structured.reduced import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.search import Found, Problem, Search, Start
+from hillsphere_controllers.structured.search_store import SearchStore
 from hillsphere_controllers.structured.structure import Diagonal, Structure, controller_of
-from hillsphere_controllers.structured.verification import Verified, full_order, verified
+from hillsphere_controllers.structured.verification import Verified, full_order, verify_controller
 
 __all__ = ["Progress", "StructuredDesign", "synthesise"]
 
@@ -303,10 +303,10 @@ class _Run:
         self._progress, self._ctx = progress, ctx
         self.interrupted = False
         self._done, self._total, self._gamma = 0, 0, np.inf
-        self._kept: KeptSearches | None = None
+        self._kept: SearchStore | None = None
         if ctx is not None:
             directory = ctx.workspace() / f"searches-{ctx.fingerprint[:16]}{name}"
-            self._kept = KeptSearches(directory, ctx.info)
+            self._kept = SearchStore(directory, ctx.info)
 
     def all(self, starts: Sequence[Start]) -> list[Found]:
         """Return what the searches find; of those that were done, if they are stopped."""
@@ -407,7 +407,7 @@ def _best(
         if passed and min(v.gamma for _, v in passed) <= found.gamma * (1.0 + margin):
             break
         try:
-            check = verified(problem.plants, controller_of(problem.structure, found.theta))
+            check = verify_controller(problem.plants, controller_of(problem.structure, found.theta))
         except InputError as error:  # such gains that the loop is not well posed in floating point
             reasons.append(str(error))
             continue

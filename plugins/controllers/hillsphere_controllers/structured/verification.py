@@ -21,7 +21,7 @@ from hillsphere_controllers.structured.requirements import Channel, DesignPlant,
 from hillsphere_controllers.structured.structure import Structure
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verified"]
+__all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verify_controller"]
 
 _LIMITS = 1e-5
 _REGION = 1e-4
@@ -77,7 +77,7 @@ class Verified:
         return ""
 
 
-def verified(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
+def verify_controller(plants: Sequence[DesignPlant], controller: LtiSystem) -> Verified:
     """Return what a controller does with plants, from their closed loops as they are given."""
     loops = tuple(lower_lft(plant.system, controller) for plant in plants)
     found = [

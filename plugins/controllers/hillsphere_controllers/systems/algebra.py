@@ -21,7 +21,7 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem, real_matrix
 
 __all__ = [
-    "append", "fed_back", "feedback", "gain", "lower_lft", "parallel", "series", "star",
+    "append", "close_with_gain", "feedback", "gain", "lower_lft", "parallel", "series", "star",
     "upper_lft",
 ]  # fmt: skip
 
@@ -60,13 +60,13 @@ def append(*systems: LtiSystem) -> LtiSystem:
         _diagonal([s.c for s in systems]),
         _diagonal([s.d for s in systems]),
         dt_s,
-        _joined([s.inputs for s in systems], [s.shape[1] for s in systems]),
-        _joined([s.outputs for s in systems], [s.shape[0] for s in systems]),
-        _joined([s.states for s in systems], [s.order for s in systems]),
+        _join_names([s.inputs for s in systems], [s.shape[1] for s in systems]),
+        _join_names([s.outputs for s in systems], [s.shape[0] for s in systems]),
+        _join_names([s.states for s in systems], [s.order for s in systems]),
     )
 
 
-def fed_back(system: LtiSystem, matrix: Array) -> LtiSystem:
+def close_with_gain(system: LtiSystem, matrix: Array) -> LtiSystem:
     """Return a system whose inputs are u = F y + v.
 
     Parameters
@@ -177,11 +177,11 @@ def feedback(forward: LtiSystem, back: LtiSystem, sign: int = -1) -> LtiSystem:
         raise InputError(f"the feedback must be {m} × {p} to fit, got {back.shape}")
     if sign not in (-1, 1):
         raise InputError(f"sign must be -1 or 1, got {sign}")
-    both = append(_unnamed(forward), _unnamed(back))
+    both = append(_strip_names(forward), _strip_names(back))
     f = np.zeros((m + p, p + m))
     f[:m, p:] = sign * np.eye(m)
     f[m:, :p] = np.eye(p)
-    closed = fed_back(both, f)
+    closed = close_with_gain(both, f)
     return LtiSystem(
         closed.a, closed.b[:, :m], closed.c[:p], closed.d[:p, :m], closed.dt_s,
         forward.inputs, forward.outputs,
@@ -206,11 +206,11 @@ def star(upper: LtiSystem, lower: LtiSystem, controls: int, measurements: int) -
             f"star product of {p1} × {m1} and {p2} × {m2}: {controls} controls and {measurements} "
             "measurements do not fit"
         )
-    both = append(_unnamed(upper), _unnamed(lower))
+    both = append(_strip_names(upper), _strip_names(lower))
     f = np.zeros((m1 + m2, p1 + p2))
     f[m1 - controls : m1, p1 : p1 + controls] = np.eye(controls)
     f[m1 : m1 + measurements, p1 - measurements : p1] = np.eye(measurements)
-    closed = fed_back(both, f)
+    closed = close_with_gain(both, f)
     rows = [*range(p1 - measurements), *range(p1 + controls, p1 + p2)]
     columns = [*range(m1 - controls), *range(m1 + measurements, m1 + m2)]
     closes = lower.shape == (controls, measurements)
@@ -251,7 +251,7 @@ def _singular(loop: Array) -> bool:
     return bool(sizes.min() < _NEAR * max(1.0, sizes.max()))
 
 
-def _unnamed(system: LtiSystem) -> LtiSystem:
+def _strip_names(system: LtiSystem) -> LtiSystem:
     return replace(system, inputs=(), outputs=(), states=())
 
 
@@ -267,7 +267,7 @@ def _diagonal(blocks: list[Array]) -> Array:
     return np.asarray(block_diag(*blocks), dtype=float)
 
 
-def _joined(names: list[tuple[str, ...]], counts: list[int]) -> tuple[str, ...]:
+def _join_names(names: list[tuple[str, ...]], counts: list[int]) -> tuple[str, ...]:
     if any(len(one) != count for one, count in zip(names, counts, strict=True)):
         return ()
     found = tuple(name for one in names for name in one)

@@ -11,14 +11,14 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 
-__all__ = ["balanced"]
+__all__ = ["balance_states"]
 
 _SWEEPS = 20
 _GAIN = 0.95
 _LARGEST = 1e150
 
 
-def balanced(system: LtiSystem) -> tuple[LtiSystem, Array]:
+def balance_states(system: LtiSystem) -> tuple[LtiSystem, Array]:
     """Scale the states by powers of two.
 
     Row and column of each state in [[A, B], [C, 0]], the diagonal left out, come to have about the

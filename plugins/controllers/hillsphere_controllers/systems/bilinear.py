@@ -13,7 +13,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 __all__ = ["continuous", "discrete"]
 
@@ -34,7 +34,7 @@ def continuous(system: LtiSystem) -> LtiSystem:
         raise InputError("the system is one in continuous time already")
     dt, one = system.dt_s, np.eye(system.order)
     # the scale of a state decides nothing
-    even, scale = balanced(system)
+    even, scale = balance_states(system)
     away = np.abs(1.0 + even.poles)
     if away.size and away.min() <= _POLE:
         raise InputError(
@@ -66,7 +66,7 @@ def discrete(system: LtiSystem, dt_s: float) -> LtiSystem:
     if not dt_s > 0.0:
         raise InputError(f"a sampling period must be > 0 s, got {dt_s}")
     root, half = np.sqrt(dt_s), 0.5 * dt_s
-    even, scale = balanced(system)
+    even, scale = balance_states(system)
     one = np.eye(system.order)
     minus = one - half * even.a
     # rows of one size: of a fast mode all entries are large

@@ -9,13 +9,13 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem, real_matrix
 
-__all__ = ["averaged", "discretised", "held"]
+__all__ = ["mean_output_hold", "zero_order_hold", "zero_order_hold_matrices"]
 
 _WHOLE = 1e-9
 _MOST_DELAYED = 10_000
 
 
-def discretised(a: Array, b: Array, h: float) -> tuple[Array, Array]:
+def zero_order_hold_matrices(a: Array, b: Array, h: float) -> tuple[Array, Array]:
     r"""Discretise ẋ = A x + B e exactly for an e that is held [1]_.
 
     Parameters
@@ -51,8 +51,8 @@ def discretised(a: Array, b: Array, h: float) -> tuple[Array, Array]:
     return found[:m, :m], found[:m, m:]
 
 
-def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
-    r"""Return a system as `held` does, but with the means of its outputs over the periods.
+def mean_output_hold(system: LtiSystem, dt_s: float) -> LtiSystem:
+    r"""Discretise with held inputs and with the outputs' means over the periods.
 
     Of a controller whose outputs are held that is the one with the same
     :math:`\int u\,dt` over every period as the system itself between the samples: what it does to
@@ -77,7 +77,7 @@ def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
     """
     (p, _), n = system.shape, system.order
     integral = np.block([[system.a, np.zeros((n, p))], [system.c, np.zeros((p, p))]])
-    both = held(
+    both = zero_order_hold(
         LtiSystem(integral, np.vstack([system.b, system.d]), np.zeros((0, n + p)),
                   np.zeros((0, system.shape[1]))), dt_s,
     )  # fmt: skip
@@ -87,7 +87,7 @@ def averaged(system: LtiSystem, dt_s: float) -> LtiSystem:
     )  # fmt: skip
 
 
-def held(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
+def zero_order_hold(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
     """Return what a computer sees of a system: inputs held, outputs taken at the same times.
 
     Parameters
@@ -123,8 +123,8 @@ def held(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
     if part <= _WHOLE * dt_s:
         part = 0.0
     (p, m), n = system.shape, system.order
-    over, new = discretised(system.a, system.b, dt_s - part)
-    before, old = discretised(system.a, system.b, part)
+    over, new = zero_order_hold_matrices(system.a, system.b, dt_s - part)
+    before, old = zero_order_hold_matrices(system.a, system.b, part)
     # the older input acts first, for `part`
     a, old = over @ before, over @ old
     length = whole + (1 if part else 0)

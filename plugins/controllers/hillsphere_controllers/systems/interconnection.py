@@ -10,7 +10,7 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
-from hillsphere_controllers.systems.algebra import append, fed_back, gain
+from hillsphere_controllers.systems.algebra import append, close_with_gain, gain
 
 __all__ = ["connect", "with_names"]
 
@@ -115,7 +115,7 @@ def connect(
     first = len(outside)
     for row, name in enumerate(into):
         f[first + row, place[name]] = 1.0
-    closed = fed_back(whole, f)
+    closed = close_with_gain(whole, f)
     rows = [place[name] for name in wanted]
     return LtiSystem(
         closed.a, closed.b[:, :first], closed.c[rows], closed.d[rows, :first], closed.dt_s,

@@ -8,7 +8,7 @@ from hillsphere.errors import InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.bilinear import discrete
-from hillsphere_controllers.systems.holding import averaged, held
+from hillsphere_controllers.systems.holding import mean_output_hold, zero_order_hold
 
 __all__ = ["Method", "sampled_controller", "sampled_loop"]
 
@@ -48,8 +48,8 @@ def sampled_controller(
             )
         return controller
     if method == "mean":
-        return averaged(controller, dt_s)
-    return discrete(controller, dt_s) if method == "bilinear" else held(controller, dt_s)
+        return mean_output_hold(controller, dt_s)
+    return discrete(controller, dt_s) if method == "bilinear" else zero_order_hold(controller, dt_s)
 
 
 def sampled_loop(
@@ -84,6 +84,8 @@ def sampled_loop(
     Raises
     ------
     InputError
-        If the two do not fit, or as `sampled_controller` and `held` do.
+        If the two do not fit, or as `sampled_controller` and `zero_order_hold` do.
     """
-    return series(held(plant, dt_s, delay_s), sampled_controller(controller, dt_s, method))
+    return series(
+        zero_order_hold(plant, dt_s, delay_s), sampled_controller(controller, dt_s, method)
+    )

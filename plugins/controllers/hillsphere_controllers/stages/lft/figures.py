@@ -75,7 +75,7 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
         }
         system = models.systems[int(k)]
         axes.loglog(
-            omega, largest_gains(_kept(system, lft.nominal).response(omega)),
+            omega, largest_gains(_drop_closed_channels(system, lft.nominal).response(omega)),
             color=colours[place % len(colours)], lw=3.0, alpha=0.7, label=models.labels[int(k)],
         )  # fmt: skip
         gains = largest_gains(lft.response(omega, values)[0])
@@ -85,7 +85,7 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
     axes.legend(fontsize=8)
 
 
-def _kept(system: LtiSystem, like: LtiSystem) -> LtiSystem:
+def _drop_closed_channels(system: LtiSystem, like: LtiSystem) -> LtiSystem:
     """Return the outputs and inputs that no block of the uncertain model closes."""
     if not like.outputs:
         return system

@@ -11,8 +11,8 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.lft.affine import affine_fit, affine_lft
 from hillsphere_controllers.lft.algebra import state_space
-from hillsphere_controllers.lft.fitting import PolynomialFit, fitted
-from hillsphere_controllers.lft.reduction import Reduced, reduced
+from hillsphere_controllers.lft.fitting import PolynomialFit, fit_polynomial
+from hillsphere_controllers.lft.reduction import ReducedLft, reduce_lft
 from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.stages.lft.specs import LftSpec
@@ -84,14 +84,14 @@ def by_polynomial(
         If the models cannot be fitted so well.
     """
     samples = np.array([_matrix(one) for one in systems])
-    fit = fitted(
+    fit = fit_polynomial(
         points, samples, parameters, degree=spec.degree, tolerance=spec.tolerance,
         most_terms=spec.most_terms,
     )  # fmt: skip
     lft = fit.lft()
     middle = fit(np.array([[u.nominal] for u in parameters]))[0]
     size = float(np.linalg.norm(samples - middle, 2, axis=(1, 2)).max())
-    less: Reduced = reduced(lft, spec.reduction * size)
+    less: ReducedLft = reduce_lft(lft, spec.reduction * size)
     return Fit(
         state_space(less.lft, systems[0].order, systems[0].dt_s), fit, _copies(lft, parameters),
         _copies(less.lft, parameters), less.bound / size, less.sampled / size,

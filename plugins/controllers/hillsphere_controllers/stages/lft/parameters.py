@@ -11,11 +11,11 @@ from hillsphere.base.matching import match_names
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Dispersion, Integers, Parameter
-from hillsphere_controllers.lft.uncertainties import Uncertainty, dispersed, real_parameter
+from hillsphere_controllers.lft.uncertainties import Uncertainty, bound_dispersion, real_parameter
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
-__all__ = ["Groups", "grouped", "reaching_beyond", "uncertain_parameters"]
+__all__ = ["Groups", "group_models", "reaching_beyond", "uncertain_parameters"]
 
 _BEYOND = 1e-9
 
@@ -53,7 +53,7 @@ class Groups:
     values: Array
 
 
-def grouped(models: LinearModels, known: Sequence[str]) -> Groups:
+def group_models(models: LinearModels, known: Sequence[str]) -> Groups:
     """Return the models of each combination of values of known parameters."""
     rows = [models.parameters.index(name) for name in known]
     count = len(models.systems)
@@ -103,7 +103,7 @@ def uncertain_parameters(
     bounded = {
         u.name: u
         for ref in spec.dispersions
-        for u in _dispersed(models, ref.get(), reach, f"dispersions: {ref.name}")
+        for u in _bound_dispersion(models, ref.get(), reach, f"dispersions: {ref.name}")
     }
     for bound in spec.bounds:
         bounded[bound.parameter] = real_parameter(
@@ -137,7 +137,7 @@ def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> 
     return most if most > _BEYOND else 0.0
 
 
-def _dispersed(
+def _bound_dispersion(
     models: LinearModels, dispersion: Dispersion, sigmas: float, where: str
 ) -> tuple[Uncertainty, ...]:
     """Return what a dispersion stands for among the models' parameters.
@@ -160,5 +160,5 @@ def _dispersed(
             "being 0 or relative to a nominal 0, is certain and no parameter of models: give it "
             "one, or leave it out of the dispersion"
         ) from error
-    found = dispersed(_Parameters(offered), dispersion, sigmas=sigmas)
+    found = bound_dispersion(_Parameters(offered), dispersion, sigmas=sigmas)
     return tuple(real_parameter(f"{own}{u.name}", u.lower, u.upper, u.nominal) for u in found)

@@ -11,12 +11,12 @@ from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses, draw_sizes
 from hillsphere_controllers.stages.lft.products import FittedModels
 
-__all__ = ["presented"]
+__all__ = ["present_uncertain_models"]
 
 _TERMS = 60
 
 
-def presented(product: FittedModels, models: LinearModels) -> Presentation:
+def present_uncertain_models(product: FittedModels, models: LinearModels) -> Presentation:
     """Return tables, figures and sentences of uncertain models.
 
     Parameters

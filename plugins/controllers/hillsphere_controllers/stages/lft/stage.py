@@ -17,11 +17,11 @@ from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.lft.fits import Fit, by_affine, by_polynomial, certain
 from hillsphere_controllers.stages.lft.parameters import (
-    grouped,
+    group_models,
     reaching_beyond,
     uncertain_parameters,
 )
-from hillsphere_controllers.stages.lft.presentation import presented
+from hillsphere_controllers.stages.lft.presentation import present_uncertain_models
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.lft.specs import LftSpec, UncertainBlockSpec
 from hillsphere_controllers.stages.signals import places
@@ -72,7 +72,7 @@ class LftStage:
                 "only; vary one, or name blocks"
             )
         others = [uncertain_parameters(models, spec, sigmas) for sigmas in spec.compare_sigmas]
-        groups = grouped(models, spec.known)
+        groups = group_models(models, spec.known)
         advance = ctx.track("uncertain models", len(groups.members))
         found: list[Fit] = []
         response_error = np.full(len(models.systems), np.nan)
@@ -123,7 +123,7 @@ class LftStage:
 
     def present(self, product: FittedModels, models: LinearModels) -> Presentation:
         """Show blocks, terms, errors, sizes, and responses beside those of the models."""
-        return presented(product, models)
+        return present_uncertain_models(product, models)
 
     def _fitted(
         self,

@@ -39,7 +39,7 @@ def names_in(text: str) -> set[str]:
     InputError
         If it is no formula of the kind that is read.
     """
-    return set(_names(_parsed(text), text))
+    return set(_names(_parse(text), text))
 
 
 def value_of(entry: float | str, values: Mapping[str, float]) -> float:
@@ -60,7 +60,7 @@ def value_of(entry: float | str, values: Mapping[str, float]) -> float:
     if not isinstance(entry, str):
         return float(entry)
     known = dict(values) | {"pi": math.pi}
-    tree = _parsed(entry)
+    tree = _parse(entry)
     for name in _names(tree, entry):
         if name not in known:
             hint = did_you_mean(name, known, otherwise="there are")
@@ -68,13 +68,13 @@ def value_of(entry: float | str, values: Mapping[str, float]) -> float:
     try:
         value = _value(tree, known)
     except (ArithmeticError, ValueError) as error:
-        raise InputError(f"{entry!r} has no value for {_shown(values)}: {error}") from error
+        raise InputError(f"{entry!r} has no value for {_format_values(values)}: {error}") from error
     if isinstance(value, complex) or not math.isfinite(value):
-        raise InputError(f"{entry!r} is not a finite real number for {_shown(values)}")
+        raise InputError(f"{entry!r} is not a finite real number for {_format_values(values)}")
     return value
 
 
-def _parsed(text: str) -> ast.expr:
+def _parse(text: str) -> ast.expr:
     fault = f"{text[:60]!r} is no formula; write numbers, parameters, + - * / ** and brackets"
     if len(text) > _LONGEST:
         raise InputError(f"a formula has at most {_LONGEST} characters, got {len(text)}")
@@ -121,5 +121,5 @@ def _value(node: ast.expr, values: Mapping[str, float]) -> float:
     raise InputError("not a formula")
 
 
-def _shown(values: Mapping[str, float]) -> str:
+def _format_values(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in values.items()) or "no parameters"

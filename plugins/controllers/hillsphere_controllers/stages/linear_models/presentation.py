@@ -14,19 +14,19 @@ from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
-from hillsphere_controllers.systems.balancing import balanced
+from hillsphere_controllers.systems.balancing import balance_states
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
-__all__ = ["presented"]
+__all__ = ["present_linear_models"]
 
 _LISTED = 50
 _BORDER = 1e-7
 _DRAWN = 40
 
 
-def presented(product: LinearModels) -> Presentation:
+def present_linear_models(product: LinearModels) -> Presentation:
     """Return the table and the figure of linear models.
 
     Parameters
@@ -93,7 +93,7 @@ def _not_stable(system: LtiSystem) -> tuple[int, int]:
     """Return how many poles are unstable, and how many on the border but for rounding."""
     if not system.order:
         return 0, 0
-    poles = np.linalg.eigvals(balanced(system)[0].a)
+    poles = np.linalg.eigvals(balance_states(system)[0].a)
     away = poles.real if system.dt_s is None else np.abs(poles) - 1.0
     largest = max(float(np.abs(poles).max()), 1e-300) if system.dt_s is None else 1.0
     # of a pole that stands twice, rounding leaves its square root

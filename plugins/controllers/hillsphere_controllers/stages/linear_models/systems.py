@@ -27,12 +27,12 @@ from hillsphere_controllers.systems.algebra import append, series
 from hillsphere_controllers.systems.conversion import transfer_function
 from hillsphere_controllers.systems.delay import pade_delay
 from hillsphere_controllers.systems.exchange import load_mat
-from hillsphere_controllers.systems.holding import held
+from hillsphere_controllers.systems.holding import zero_order_hold
 from hillsphere_controllers.systems.interconnection import connect, with_names
 from hillsphere_controllers.systems.weights import performance_weight, shelving_weight
 
 __all__ = [
-    "connected_of",
+    "connect_systems",
     "model_part",
     "parts_of",
     "performance_of",
@@ -44,7 +44,7 @@ __all__ = [
 Values = Mapping[str, float]
 
 
-def connected_of(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSystem:
+def connect_systems(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSystem:
     """Return systems connected as a mission says.
 
     Parameters
@@ -128,7 +128,7 @@ def model_part(
     rows = places(model.outputs, spec.outputs, f"{key}.outputs")
     columns = places(model.inputs, spec.inputs, f"{key}.inputs")
     used = model.of([model.outputs[i] for i in rows], [model.inputs[j] for j in columns])
-    return held(used, period_s) if period_s is not None and used.dt_s is None else used
+    return zero_order_hold(used, period_s) if period_s is not None and used.dt_s is None else used
 
 
 def system_of(

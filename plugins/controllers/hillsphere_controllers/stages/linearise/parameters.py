@@ -118,7 +118,8 @@ def dispersed_parameters(
     if twice := sorted({q for q in own if own.count(q) > 1}):
         raise InputError(f"dispersions: two of them stand for {twice[0]}; leave it out of one")
     return Dispersed(
-        tuple(names), tuple(own), tuple(units), _joined(nominal), _joined(lower), _joined(upper),
+        tuple(names), tuple(own), tuple(units),
+        _concatenate(nominal), _concatenate(lower), _concatenate(upper),
         np.asarray(block_diag(*blocks), dtype=float).reshape(len(own), len(own)),
     )  # fmt: skip
 
@@ -151,5 +152,5 @@ def samples_at(dispersed: Dispersed, pairs: int, random: np.random.Generator) ->
     return np.concatenate([up, down, ends], axis=1)
 
 
-def _joined(parts: Sequence[Array]) -> Array:
+def _concatenate(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.zeros(0), *parts])

@@ -16,10 +16,10 @@ from hillsphere_controllers.stages.linearise.figures import (
 )
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 
-__all__ = ["nominal_models", "presented", "ranks"]
+__all__ = ["nominal_models", "present_linearisation", "ranks"]
 
 
-def presented(product: LinearisedFlight) -> Presentation:
+def present_linearisation(product: LinearisedFlight) -> Presentation:
     """Return tables, figures and sentences of linear models along a trajectory."""
     nominal = nominal_models(product)
     tables = {"linearised_points": _points(product, nominal)}

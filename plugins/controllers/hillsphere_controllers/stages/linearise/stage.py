@@ -24,7 +24,7 @@ from hillsphere_controllers.stages.linearise.parameters import (
     dispersed_parameters,
     samples_at,
 )
-from hillsphere_controllers.stages.linearise.presentation import presented
+from hillsphere_controllers.stages.linearise.presentation import present_linearisation
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.linearise.specs import LineariseSpec
 
@@ -93,7 +93,7 @@ class LineariseStage:
         advance = ctx.track("linearisation", 3 if dispersed.names else 1)
         slopes = Slopes(self.plant, self.rows, dispersed, spec.start_time_s)
         x, u = np.ascontiguousarray(course.at(t)), self._command(course, t)
-        middle = _derived(slopes, x, u, t, dispersed.nominal[:, None])
+        middle = _evaluate_derivatives(slopes, x, u, t, dispersed.nominal[:, None])
         advance(1)
         count = len(dispersed.names)
         affine = np.ones(0, dtype=bool)
@@ -143,7 +143,7 @@ class LineariseStage:
 
     def present(self, product: LinearisedFlight, reference: FlightSet) -> Presentation:
         """Show poles and unknown accelerations along the trajectory, and what parameters do."""
-        return presented(product)
+        return present_linearisation(product)
 
     def _times(self, course: Course) -> Array:
         """Return the times of the points since the trajectory's start."""
@@ -172,7 +172,7 @@ class LineariseStage:
         for ends in (0.5 * (d.lower + d.upper), d.upper, d.lower):
             values = nominal.copy()
             np.fill_diagonal(values, ends)
-            versions.append(_derived(slopes, x, u, t, values).a)
+            versions.append(_evaluate_derivatives(slopes, x, u, t, values).a)
         parts = [np.moveaxis(one.reshape(*one.shape[:2], count, t.size), 2, 0) for one in versions]
         middle, up, down = parts
         per_sigma = d.sigma / (d.upper - d.lower)
@@ -207,7 +207,7 @@ class LineariseStage:
         self, slopes: Slopes, x: Array, u: Array, t: Array, samples: _Sampled, covariance: Array
     ) -> tuple[tuple[LtiSystem, ...], tuple[str, ...], Array]:
         """Return the models, point by point, their names and the values of their parameters."""
-        found = _derived(slopes, x, u, t, samples.values)
+        found = _evaluate_derivatives(slopes, x, u, t, samples.values)
         s, m, r = len(found.a), slopes.controls, len(covariance)
         signals = _signals(self.rows, m, r if covariance.any() else 0)
         states = tuple(self.rows.names[i] for i in self.rows.moving)
@@ -232,7 +232,7 @@ class LineariseStage:
         return tuple(systems), tuple(labels), np.array(values).T
 
 
-def _derived(slopes: Slopes, x: Array, u: Array, t: Array, p: Array) -> Derived:
+def _evaluate_derivatives(slopes: Slopes, x: Array, u: Array, t: Array, p: Array) -> Derived:
     """Return the derivatives at N points for S values of the parameters (q, S): (..., S N)."""
     samples = p.shape[1]
     return slopes.at(

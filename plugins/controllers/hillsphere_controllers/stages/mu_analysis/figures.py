@@ -95,7 +95,7 @@ def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analys
     from matplotlib.ticker import LogLocator, NullFormatter
 
     grid = figure.subplots(2, len(columns), squeeze=False, sharex="col", sharey="row")
-    named = _named_blocks([one for _, one in columns])
+    named = _select_blocks([one for _, one in columns])
     for column, (product, one) in enumerate(columns):
         above, below = grid[:, column]
         omega = one.omega_rad_s
@@ -119,7 +119,7 @@ def draw_share_curves(figure: Figure, columns: Sequence[tuple[MuAnalysis, Analys
     grid[0, 0].legend(fontsize=8)
 
 
-def _named_blocks(found: Sequence[Analysed]) -> dict[str, int]:
+def _select_blocks(found: Sequence[Analysed]) -> dict[str, int]:
     """Return the blocks that are drawn by themselves, the weightiest first, with their places."""
     largest: dict[str, float] = {}
     for one in found:

@@ -17,10 +17,10 @@ from hillsphere_controllers.lft.uncertainties import physical_values
 from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak
-from hillsphere_controllers.mu.division import Division, proved_in_parts
+from hillsphere_controllers.mu.division import Division, prove_by_branch_and_bound
 from hillsphere_controllers.mu.robustness import (
     Robustness,
-    complexified,
+    complexify,
     mu_bounds_on_grid,
     performance_structure,
     robust_performance,
@@ -158,7 +158,7 @@ class Analyses:
         real = any(block.kind == "real" for block in whole.blocks)
         if limit is None or not real or not found.lower < limit < found.upper:
             return found.upper, _UNDIVIDED
-        division = proved_in_parts(loop, whole, limit)
+        division = prove_by_branch_and_bound(loop, whole, limit)
         return found.upper if division.left else limit, division
 
     def _curves(
@@ -172,7 +172,7 @@ class Analyses:
         """Return bounds, and what else is wanted, over frequency."""
         if not piece.drawn:
             return _Curves()
-        omega = _drawn(loop, wanted, self.points, self.ends)
+        omega = _curve_frequencies(loop, wanted, self.points, self.ends)
         lower, upper = mu_bounds_on_grid(loop, structure, omega, seed=self.seed)
         nominal, shares = _NONE, np.zeros((0, 0))
         if piece.analysis == "robust_performance":
@@ -195,7 +195,7 @@ class Analyses:
             return sensitivities(loop.response(omega)[0], structure)
         if not self.complex_parts:
             return _NONE
-        wider, blocks = complexified(loop, structure, max(self.complex_parts))
+        wider, blocks = complexify(loop, structure, max(self.complex_parts))
         found = sensitivities(wider.response(omega)[0], blocks)
         return np.asarray(found.reshape(2, -1).sum(axis=0))
 
@@ -261,7 +261,9 @@ def _result(
     )  # fmt: skip
 
 
-def _drawn(loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]) -> Array:
+def _curve_frequencies(
+    loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]
+) -> Array:
     """Return about so many of the frequencies of a loop, the ends of all, and those wanted."""
     low, high = ends[0], min(ends[1], np.pi / loop.dt_s if loop.dt_s is not None else np.inf)
     omega = frequencies([loop], more)

@@ -17,7 +17,7 @@ from hillsphere_controllers.stages.mu_analysis.figures import (
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 
-__all__ = ["presented"]
+__all__ = ["present_analyses"]
 
 _TITLES = {
     "robust_stability": "robust stability",
@@ -29,7 +29,7 @@ _SAME_FREQUENCY = 0.05
 """Ends of curves that differ by less, relative, look the same in a figure."""
 
 
-def presented(
+def present_analyses(
     product: MuAnalysis,
     reference: str | None,
     columns: Sequence[tuple[MuAnalysis, Analysed]] = (),
@@ -326,7 +326,7 @@ def _verdict(product: MuAnalysis) -> list[str]:
     for number, controller in enumerate(product.controllers):
         loops = np.flatnonzero(product.controller == number)
         if len(loops) > 1:
-            said += _summed_up(product, controller, loops.tolist())
+            said += _summarise_models(product, controller, loops.tolist())
         else:
             said += [_said(product, int(loop)) for loop in loops]
     wrong = [one for one in product.results if one.singular > _SINGULAR]
@@ -343,7 +343,7 @@ def _said(product: MuAnalysis, loop: int) -> str:
     return f"{name}: {'; '.join(parts)}."
 
 
-def _summed_up(product: MuAnalysis, controller: str, loops: list[int]) -> list[str]:
+def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) -> list[str]:
     """Return a sentence an analysis of a controller with several models."""
     said = []
     name = f"{controller}, {product.uncertain}"

@@ -172,10 +172,10 @@ class MuAnalysisSpec(StageSpec):
                 if set(here) != set(there):
                     yield (
                         ("needs", "beside", place),
-                        f"stage {ref.name!r} has {key} = {_listed(there)}, this one "
-                        f"{_listed(here)}: its µ means something else; use the same in both",
+                        f"stage {ref.name!r} has {key} = {_format_names(there)}, this one "
+                        f"{_format_names(here)}: its µ means something else; use the same in both",
                     )
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _format_names(names: tuple[str, ...]) -> str:
     return "[" + ", ".join(f'"{name}"' for name in names) + "]"

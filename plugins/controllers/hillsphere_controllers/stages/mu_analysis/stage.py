@@ -18,7 +18,7 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.loops import Analyses, Piece
-from hillsphere_controllers.stages.mu_analysis.presentation import presented
+from hillsphere_controllers.stages.mu_analysis.presentation import present_analyses
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
 from hillsphere_controllers.stages.signals import places
@@ -77,8 +77,8 @@ class MuAnalysisStage:
         systems: list[LtiSystem | None] = [design.controller for design in controllers]
         systems = systems or [None]
         seed = int(ctx.rng("starts").integers(1 << 31))
-        chosen = _chosen(spec.models, uncertain, "models")
-        drawn = _chosen(spec.curves, uncertain, "curves")
+        chosen = _select_models(spec.models, uncertain, "models")
+        drawn = _select_models(spec.curves, uncertain, "curves")
         of_loop: list[tuple[int, int]] = []
         loops: list[LtiSystem] = []
         for c, controller in enumerate(systems):
@@ -90,7 +90,7 @@ class MuAnalysisStage:
                         f"{spec.needs.uncertain.name!r}; give that stage a smaller truncation, or "
                         "name other models here (models)"
                     )
-                loops.append(_closed(model.system, controller, uncertain, names[c]))
+                loops.append(_close_loop(model.system, controller, uncertain, names[c]))
                 of_loop.append((c, m))
         grid = self._grid()
         nominal: list[float] = []
@@ -156,7 +156,7 @@ class MuAnalysisStage:
             if not spec.columns
             or product.controllers[int(product.controller[one.loop])] in spec.columns
         ]
-        return presented(product, spec.reference, columns)
+        return present_analyses(product, spec.reference, columns)
 
     def _comparable(self, beside: tuple[MuAnalysis, ...]) -> None:
         """Refuse analyses beside of other outputs or another kind, whose µ would mean another."""
@@ -185,7 +185,7 @@ class MuAnalysisStage:
         return np.geomspace(grid.low_rad_s, grid.high_rad_s, grid.count)
 
 
-def _chosen(patterns: tuple[str, ...], uncertain: UncertainModels, key: str) -> list[int]:
+def _select_models(patterns: tuple[str, ...], uncertain: UncertainModels, key: str) -> list[int]:
     """Return the places of models that are named; of all, if none is."""
     names = match_names(patterns, uncertain.labels, f"{key}: needs.uncertain", "model")
     return [k for k, label in enumerate(uncertain.labels) if not patterns or label in names]
@@ -198,7 +198,7 @@ def _labels(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name} {k + 1}" for k, name in enumerate(names))
 
 
-def _closed(
+def _close_loop(
     system: LtiSystem, controller: LtiSystem | None, uncertain: UncertainModels, name: str
 ) -> LtiSystem:
     if controller is None:

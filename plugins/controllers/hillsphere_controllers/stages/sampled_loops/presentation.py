@@ -10,7 +10,7 @@ from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, 
 from hillsphere_controllers.stages.sampled_loops.figures import draw_radius
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 
-__all__ = ["presented"]
+__all__ = ["present_sampled_loops"]
 
 _COLUMNS = (
     Column("controller", "", "controller"),
@@ -27,7 +27,7 @@ _COLUMNS = (
 )
 
 
-def presented(product: SampledLoops) -> Presentation:
+def present_sampled_loops(product: SampledLoops) -> Presentation:
     """Return tables, figures and sentences of sampled loops."""
     rows: list[dict[str, Cell]] = []
     for c, name in enumerate(product.controllers):

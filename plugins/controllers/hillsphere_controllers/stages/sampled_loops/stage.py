@@ -20,7 +20,7 @@ from hillsphere_controllers.analysis.sampled_loop import (
 )
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.lti import LinearLaw
-from hillsphere_controllers.stages.sampled_loops.presentation import presented
+from hillsphere_controllers.stages.sampled_loops.presentation import present_sampled_loops
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 from hillsphere_controllers.stages.sampled_loops.specs import SampledLoopsSpec
 from hillsphere_controllers.stages.signals import places
@@ -149,7 +149,7 @@ class SampledLoopsStage:
         controllers: tuple[ControlDesign, ...],
     ) -> Presentation:
         """Show margins at each period, and the spectral radius over the period."""
-        return presented(product)
+        return present_sampled_loops(product)
 
     def _worst(self, plants: list[LtiSystem], at: At, period: float) -> float:
         controller, delay = at(period), min(self.spec.delay_s, period)

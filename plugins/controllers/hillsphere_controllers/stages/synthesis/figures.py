@@ -36,7 +36,7 @@ _ALLOWED = "#555555"
 
 def draw_gains(figure: Figure, product: Synthesis) -> None:
     """Draw what each weighted signal sees of all disturbances, and what its weight allows."""
-    chosen = _chosen(product)
+    chosen = _select_plants(product)
     loops = [lower_lft(product.plants[k], product.controller) for k in chosen]
     omega = frequencies([*loops, *product.weights])
     responses = [loop.response(omega) for loop in loops]
@@ -68,7 +68,7 @@ def draw_gains(figure: Figure, product: Synthesis) -> None:
 
 def draw_steps(figure: Figure, product: Synthesis, duration_s: float | None) -> None:
     """Draw the responses of all measured outputs to steps of their commands."""
-    chosen = _chosen(product)
+    chosen = _select_plants(product)
     k = product.controller
     negative = series(k, gain(-np.eye(k.shape[0]), k.dt_s))
     loops = []
@@ -133,7 +133,7 @@ def draw_iterations(figure: Figure, found: Iterations) -> None:
     axes.legend()
 
 
-def _chosen(product: Synthesis) -> list[int]:
+def _select_plants(product: Synthesis) -> list[int]:
     stable = np.flatnonzero(np.isfinite(product.judged.hinf))
     count = min(stable.size, _DRAWN)
     return [int(stable[k]) for k in np.unique(np.linspace(0, stable.size - 1, count).astype(int))]

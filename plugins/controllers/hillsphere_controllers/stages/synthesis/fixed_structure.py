@@ -12,12 +12,12 @@ from hillsphere.interfaces import Array, Context
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.synthesis.methods import (
-    Designed,
+    Design,
     channels_of,
+    interrupt_synthesis,
     region_of,
-    stopped,
 )
-from hillsphere_controllers.stages.synthesis.plants import restricted
+from hillsphere_controllers.stages.synthesis.plants import restrict_channels
 from hillsphere_controllers.stages.synthesis.products import (
     RobustResult,
     SearchResult,
@@ -37,11 +37,11 @@ from hillsphere_controllers.structured.structure import (
     Diagonal,
     Structure,
     controller_of,
-    masked,
+    mask_gains,
     of_order,
 )
 from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
-from hillsphere_controllers.structured.verification import verified
+from hillsphere_controllers.structured.verification import verify_controller
 from hillsphere_controllers.systems.bilinear import discrete
 
 __all__ = ["by_search"]
@@ -60,7 +60,7 @@ def by_search(
     uncertain: UncertainModels | None,
     wider: UncertainModels | None,
     start: Synthesis | None = None,
-) -> Designed:
+) -> Design:
     """Return a controller of a fixed structure, for plants or for uncertain ones.
 
     Raises
@@ -94,7 +94,7 @@ def by_search(
     advance = ctx.track("searches", None, lambda: said[0])
     telling = _telling(said, advance, ctx.info)
     region = region_of(options.region)
-    begun = _begun(start, structure, plants[0].dt_s)
+    begun = _start_parameters(start, structure, plants[0].dt_s)
     scatter = options.scatter if begun else 0.0
     result: RobustResult | None = None
     if uncertain is None:
@@ -142,10 +142,10 @@ def by_search(
         alone = [plant.at(np.zeros(len(plant.repeats))) for plant in many]
     if found.interrupted:
         done = int(found.starts.size + found.shaken.size)
-        raise stopped(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
+        raise interrupt_synthesis(found.controller, f"γ = {found.gamma:.6g} ({done} searches)", ctx)
     own = joint = np.zeros(0)
     if options.per_plant:
-        joint = np.array([verified([plant], found.controller).gamma for plant in alone])
+        joint = np.array([verify_controller([plant], found.controller).gamma for plant in alone])
         own = np.array(
             [_own(plant, j, structure, options, found, seed, telling, ctx)
              for j, plant in enumerate(alone)]
@@ -160,7 +160,7 @@ def by_search(
         for k in np.argsort(found.starts, kind="stable").tolist()
         if np.isfinite(found.starts[k]) and not np.array_equal(found.ends[k], found.theta)
     )
-    return Designed(found.controller, found.gamma, found.lower_bound, search, others=others)
+    return Design(found.controller, found.gamma, found.lower_bound, search, others=others)
 
 
 def _controller(structure: Structure, theta: Array, period_s: float | None) -> LtiSystem:
@@ -169,7 +169,9 @@ def _controller(structure: Structure, theta: Array, period_s: float | None) -> L
     return made if period_s is None else discrete(made, period_s)
 
 
-def _begun(start: Synthesis | None, structure: Structure, period_s: float | None) -> list[Array]:
+def _start_parameters(
+    start: Synthesis | None, structure: Structure, period_s: float | None
+) -> list[Array]:
     """Return the parameters at which the first search begins, none without a start."""
     if start is None:
         return []
@@ -243,7 +245,7 @@ def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> Unce
     if not times:
         raise InputError(f"the uncertain model {label!r} has no uncertainty")
     n, sizes = sum(times), (many.controls, many.measurements)
-    kept = restricted(system, spec.outputs, spec.inputs, *sizes, uncertain=n)
+    kept = restrict_channels(system, spec.outputs, spec.inputs, *sizes, uncertain=n)
     inner = replace(
         kept, b=kept.b[:, n:], c=kept.c[n:], d=kept.d[n:, n:], inputs=kept.inputs[n:],
         outputs=kept.outputs[n:],
@@ -307,7 +309,7 @@ def _part(part: PartSpec, controls: int, measurements: int) -> Structure:
         return TransferFunction(part.order, part.relative_degree)
     if part.kind == "entries":
         rows = [[np.nan if entry == "free" else entry for entry in row] for row in part.entries]
-        return masked(np.array(rows, dtype=float), part.order)
+        return mask_gains(np.array(rows, dtype=float), part.order)
     return of_order(
         part.order, part.controls or controls, part.measurements or measurements,
         strictly_proper=part.strictly_proper,

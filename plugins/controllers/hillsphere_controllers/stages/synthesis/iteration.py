@@ -12,7 +12,7 @@ from hillsphere_controllers.dk.synthesis import dk_synthesis
 from hillsphere_controllers.linear_products import UncertainModel
 from hillsphere_controllers.mu.blocks import BlockStructure, full
 from hillsphere_controllers.mu.robustness import Robustness, robust_stability
-from hillsphere_controllers.stages.synthesis.methods import Designed, stopped
+from hillsphere_controllers.stages.synthesis.methods import Design, interrupt_synthesis
 from hillsphere_controllers.stages.synthesis.products import Iterations
 from hillsphere_controllers.stages.synthesis.specs import DkSpec
 from hillsphere_controllers.stages.uncertain import lft_of
@@ -28,7 +28,7 @@ def by_iteration(
     measurements: int,
     ctx: Context,
     first: LtiSystem | None = None,
-) -> Designed:
+) -> Design:
     """Return the controller that D–K iteration finds for an uncertain model.
 
     It begins with a first controller, if there is one.
@@ -70,7 +70,7 @@ def by_iteration(
     )  # fmt: skip
     if found.interrupted:
         count = len(found.iterations)
-        raise stopped(
+        raise interrupt_synthesis(
             found.controller,
             f"µ ≤ {found.robustness.upper:.6g} ({count} step{'s' if count > 1 else ''})",
             ctx,
@@ -94,7 +94,7 @@ def by_iteration(
         full_order=found.controller.order,
         reason=found.reason,
     )
-    return Designed(controller, float(robustness.upper), 0.0, iterations=result)
+    return Design(controller, float(robustness.upper), 0.0, iterations=result)
 
 
 def _robustness(

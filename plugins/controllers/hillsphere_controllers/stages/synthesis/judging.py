@@ -18,10 +18,10 @@ from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.synthesis.products import Judged
 from hillsphere_controllers.systems.algebra import gain, lower_lft, series
 
-__all__ = ["inner_plant", "judged"]
+__all__ = ["evaluate_controller", "inner_plant"]
 
 
-def judged(
+def evaluate_controller(
     plants: Sequence[LtiSystem], controller: LtiSystem, advance: Callable[[int], None]
 ) -> Judged:
     """Return what a controller does with generalised plants.

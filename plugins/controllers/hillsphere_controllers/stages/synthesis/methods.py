@@ -13,7 +13,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import save_product
 from hillsphere_controllers.full_order.h2 import h2_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
-from hillsphere_controllers.stages.linear_models.systems import connected_of, parts_of
+from hillsphere_controllers.stages.linear_models.systems import connect_systems, parts_of
 from hillsphere_controllers.stages.signals import places
 from hillsphere_controllers.stages.synthesis.products import Iterations, SearchResult
 from hillsphere_controllers.stages.synthesis.specs import (
@@ -25,11 +25,11 @@ from hillsphere_controllers.stages.synthesis.specs import (
 )
 from hillsphere_controllers.structured.requirements import Channel, PoleRegion
 
-__all__ = ["Designed", "channels_of", "designed", "region_of", "stopped"]
+__all__ = ["Design", "channels_of", "design_controller", "interrupt_synthesis", "region_of"]
 
 
 @dataclass(frozen=True)
-class Designed:
+class Design:
     """A controller, what was made small, a bound of it, and what the method says."""
 
     controller: LtiSystem
@@ -40,13 +40,13 @@ class Designed:
     others: tuple[LtiSystem, ...] = ()
 
 
-def designed(
+def design_controller(
     spec: SynthesisSpec,
     plants: Sequence[LtiSystem],
     labels: Sequence[str],
     controls: int,
     measurements: int,
-) -> Designed:
+) -> Design:
     """Return the controller of generalised plants by the method asked for.
 
     Raises
@@ -56,28 +56,28 @@ def designed(
     """
     if spec.method == "given":
         assert spec.given is not None
-        controller = connected_of(spec.given, parts_of(spec.given, {}, plants[0].dt_s))
+        controller = connect_systems(spec.given, parts_of(spec.given, {}, plants[0].dt_s))
         if controller.shape != (controls, measurements):
             raise InputError(
                 f"given: the controller takes {controller.shape[1]} measurements and gives "
                 f"{controller.shape[0]} controls, the models have {measurements} and {controls}"
             )
-        return Designed(controller, None, 0.0)
+        return Design(controller, None, 0.0)
     if spec.method == "lmi":
         return _by_inequalities(spec.lmi or LmiSpec(), plants[0], controls, measurements)
     if spec.method == "h2":
         square = h2_synthesis(plants[0], controls, measurements)
-        return Designed(square.controller, square.norm, square.norm)
+        return Design(square.controller, square.norm, square.norm)
     options = spec.mixed_sensitivity or spec.hinf or HinfSpec()
     full = hinf_synthesis(
         plants[0], controls, measurements, tolerance=options.tolerance, back_off=options.back_off,
         regularisation=options.regularisation,
     )  # fmt: skip
     # with a regularisation the bound is that of another problem
-    return Designed(full.controller, full.gamma, 0.0 if options.regularisation else full.least)
+    return Design(full.controller, full.gamma, 0.0 if options.regularisation else full.least)
 
 
-def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Designed:
+def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Design:
     # cvxpy, which it needs, takes seconds to import
     from hillsphere_controllers.lmi.output_feedback import output_feedback
 
@@ -85,10 +85,10 @@ def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurement
     found = output_feedback(plant, controls, measurements, channels, region_of(spec.region))
     minimised = [one.norm for one in found.channels if one.channel.limit is None]
     # with limits alone nothing is minimised: γ is then the H∞ norm of the whole
-    return Designed(found.controller, max(minimised) if minimised else None, 0.0)
+    return Design(found.controller, max(minimised) if minimised else None, 0.0)
 
 
-def stopped(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
+def interrupt_synthesis(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
     """Return the interruption of a synthesis; its best controller so far goes to a file."""
     path = ctx.workspace() / "best-controller.npz"
     save_product(path, controller)

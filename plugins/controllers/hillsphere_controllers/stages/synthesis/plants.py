@@ -10,10 +10,10 @@ import numpy as np
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.stages.signals import places
 
-__all__ = ["restricted"]
+__all__ = ["restrict_channels"]
 
 
-def restricted(
+def restrict_channels(
     plant: LtiSystem,
     outputs: Sequence[str],
     inputs: Sequence[str],

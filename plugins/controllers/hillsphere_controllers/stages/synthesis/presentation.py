@@ -22,7 +22,7 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
 )
 from hillsphere_controllers.stages.synthesis.step_panels import size_of_steps_in
 
-__all__ = ["presented"]
+__all__ = ["present_synthesis"]
 
 _LISTED = 60
 _CHECK = 1e-6
@@ -52,7 +52,7 @@ _MARGINS = (
 )
 
 
-def presented(product: Synthesis, duration_s: float | None) -> Presentation:
+def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentation:
     """Return tables, figures and sentences of a controller.
 
     Parameters

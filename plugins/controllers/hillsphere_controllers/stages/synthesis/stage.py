@@ -17,10 +17,10 @@ from hillsphere_controllers.linear_products import LinearModels, UncertainModel,
 from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
 from hillsphere_controllers.stages.synthesis.fixed_structure import by_search
 from hillsphere_controllers.stages.synthesis.iteration import by_iteration
-from hillsphere_controllers.stages.synthesis.judging import judged
-from hillsphere_controllers.stages.synthesis.methods import designed
-from hillsphere_controllers.stages.synthesis.plants import restricted
-from hillsphere_controllers.stages.synthesis.presentation import presented
+from hillsphere_controllers.stages.synthesis.judging import evaluate_controller
+from hillsphere_controllers.stages.synthesis.methods import design_controller
+from hillsphere_controllers.stages.synthesis.plants import restrict_channels
+from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
 from hillsphere_controllers.stages.synthesis.products import Synthesis
 from hillsphere_controllers.stages.synthesis.specs import (
     DkSpec,
@@ -89,7 +89,7 @@ class SynthesisStage:
         plants, weights = list(models.systems), models.weights
         controls, measurements = models.controls, models.measurements
         if spec.mixed_sensitivity is not None:
-            plants, weights = _weighted(plants, spec.mixed_sensitivity)
+            plants, weights = _apply_weights(plants, spec.mixed_sensitivity)
             measurements, controls = models.systems[0].shape
         elif not (controls and measurements):
             raise InputError(
@@ -100,7 +100,7 @@ class SynthesisStage:
         if uncertain is not None:
             own_outputs, own_inputs = _performance(uncertain, controls, measurements)
             outputs, inputs = outputs or own_outputs, inputs or own_inputs
-        plants = [restricted(one, outputs, inputs, controls, measurements) for one in plants]
+        plants = [restrict_channels(one, outputs, inputs, controls, measurements) for one in plants]
         seen = set(plants[0].outputs)
         weights = tuple(one for one in weights if set(one.outputs) <= seen)
         chosen = self._chosen(models)
@@ -114,13 +114,13 @@ class SynthesisStage:
             if spec.method == "structured":
                 made = by_search(spec, *given, controls, measurements, ctx, uncertain, wider, start)
             else:
-                made = designed(spec, *given, controls, measurements)
+                made = design_controller(spec, *given, controls, measurements)
         advance = ctx.track("closed loops", len(plants))
-        found = judged(plants, made.controller, advance)
+        found = evaluate_controller(plants, made.controller, advance)
         gamma = float(found.hinf[chosen].max()) if made.gamma is None else made.gamma
         return Synthesis(
-            controller=_named(made.controller, plants[0]),
-            others=tuple(_named(one, plants[0]) for one in made.others),
+            controller=_name_signals(made.controller, plants[0]),
+            others=tuple(_name_signals(one, plants[0]) for one in made.others),
             method=spec.method,
             norm={"h2": "h2", "dk": "mu"}.get(spec.method, "hinf"),
             gamma=gamma,
@@ -145,7 +145,7 @@ class SynthesisStage:
         start: Synthesis | None = None,
     ) -> Presentation:
         """Show norms, margins, gains against the inverse weights, and step responses."""
-        return presented(product, self.spec.step_duration_s)
+        return present_synthesis(product, self.spec.step_duration_s)
 
     def _chosen(self, models: LinearModels) -> NDArray[np.bool_]:
         """Return which models the controller is made for."""
@@ -169,7 +169,7 @@ class SynthesisStage:
         return chosen
 
 
-def _named(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
+def _name_signals(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
     """Return a controller with the names that its signals have in the plant."""
     controls, measurements = controller.shape
     return replace(
@@ -206,7 +206,7 @@ def _performance(
     return outputs[out : len(outputs) - measurements], inputs[into : len(inputs) - controls]
 
 
-def _weighted(
+def _apply_weights(
     plants: list[LtiSystem], spec: MixedSensitivitySpec
 ) -> tuple[list[LtiSystem], tuple[LtiSystem, ...]]:
     """Return generalised plants of a mixed-sensitivity problem, and their weights by name."""

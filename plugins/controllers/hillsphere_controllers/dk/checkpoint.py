@@ -14,10 +14,10 @@ from hillsphere.products.product_codec import load_product, save_product
 from hillsphere_controllers.dk.search import State
 from hillsphere_controllers.mu.blocks import BlockStructure
 
-__all__ = ["KeptState"]
+__all__ = ["CheckpointFile"]
 
 
-class KeptState:
+class CheckpointFile:
     """A file with the state after the last step.
 
     Parameters

@@ -11,10 +11,10 @@ from hillsphere.errors import InputError, StageError
 from hillsphere.products.product_codec import canonical, load_product, save_product
 from hillsphere_controllers.structured.search import Found, Start
 
-__all__ = ["KeptSearches"]
+__all__ = ["SearchStore"]
 
 
-class KeptSearches:
+class SearchStore:
     """A directory with a file for every search that has ended by itself.
 
     Parameters
