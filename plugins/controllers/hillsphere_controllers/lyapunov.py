@@ -17,6 +17,9 @@ from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 __all__ = ["Lyapunov"]
 
 _FALLS = 1e-12
+"""P is scaled to ones on its diagonal, so V falls if the largest eigenvalue of its change is below
+minus this rounding. A smaller value would accept a P for which V stays constant in some
+direction."""
 
 
 class Lyapunov:

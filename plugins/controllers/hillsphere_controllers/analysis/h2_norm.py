@@ -26,7 +26,10 @@ from hillsphere_controllers.systems.balancing import balance_states
 __all__ = ["h2_norm", "h2_rounding"]
 
 _AGREE = 1e-6
+"""Relative difference of the norms from the two Gramians up to which the norm is trusted."""
 _NOTHING = 1e-13
+"""Rounding of the squares relative to the sum of the sizes of their terms: a norm below it is zero
+but for cancellation."""
 
 
 def h2_norm(system: LtiSystem) -> float:

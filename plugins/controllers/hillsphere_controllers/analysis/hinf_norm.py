@@ -44,6 +44,8 @@ from hillsphere_controllers.systems.bilinear import continuous
 __all__ = ["HinfNorm", "hamiltonian_eigenvalues", "hamiltonians_eigenvalues", "hinf_norm"]
 
 _MOST_LEVELS = 40
+"""Levels at most. The level rises quadratically to the norm: fewer than ten are needed, and the
+limit ends cycles by rounding."""
 _GRID = 40
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _NEAR = 1e-2

@@ -32,8 +32,14 @@ Curve = Callable[[Complex], Array]
 _GRID = 200
 """Frequencies that are looked at besides the eigenvalues, should one of these be missed."""
 _BESIDE = 1e-7
+"""Relative distance to both sides of a candidate at which L is evaluated, so that its change of
+sign there is seen."""
 _REAL, _SAME = 1e-6, 1e-5
+"""The first is the deviation of L from the real axis or the unit circle up to which a candidate
+counts as a crossing, the second the relative distance of frequencies up to which two are one."""
 _NEAR = 1e-2
+"""Zeros this near to the imaginary axis, relative to their size, are candidates. A double crossing
+is displaced by the root of rounding; a larger value only costs evaluations."""
 _NOISY = 100.0
 """A real crossing is believed where L is so many times what rounding may change in it: at a pole on
 the axis, or far beyond all poles, its sign is no news."""

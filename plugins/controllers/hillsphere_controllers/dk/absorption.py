@@ -45,6 +45,8 @@ from hillsphere_controllers.systems.balancing import balance_states
 __all__ = ["Factors", "absorb_scalings", "factors"]
 
 _NO_G = 1e-9
+"""Size of G's part, relative to R, below which the factor is that of D alone and needs half of the
+states."""
 
 
 @dataclass(frozen=True)

@@ -38,15 +38,29 @@ __all__ = ["FittedMultipliers", "Goal", "dips", "fit_multipliers", "levels_of", 
 Complex = NDArray[np.complex128]
 
 _LOWERED = 0.1
+"""Share of the gap between the level and the one reached that the next level keeps, as in
+`mu.upper_bound`."""
 _MOST_LEVELS = 25
+"""Levels at most: each takes off up to nine tenths of the gap, so that about ten reach
+`_STALLED`."""
 _MOST_NEWTON = 25
+"""Damped Newton steps for one centre at most; the problem is not convex in the poles, and an
+unfinished centre is a valid fit."""
 _DECREMENT = 0.3
+"""Newton decrement at which a centre is near enough for the next level."""
 _PRIOR = np.array([0.02, 0.2])
 """Curvature, per frequency of the set, that holds a pole's rate and damping where they are."""
 _STALLED = 1e-3
+"""Relative gap between the level and the one reached at which a lower level gains too little."""
 _DAMPED, _LEAST_DAMPED, _MOST_DAMPED = 1e-4, 1e-13, 1e8
+"""First, least and largest damping of a step (Levenberg and Marquardt), in units in which each
+parameter's curvature is one. If even a step with the largest damping gains nothing, the point is a
+minimum to rounding."""
 _ENOUGH = 0.1
+"""Share of the predicted decrease that a step must reach to be taken (Armijo's rule)."""
 _LOOKED_AT = 400
+"""Frequencies at which D must be positive, over the range of the goal; besides those near its own
+poles, where it dips."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,14 @@ __all__ = ["Bounds", "bounds_of", "core_size", "reference_block"]
 Complex = NDArray[np.complex128]
 
 _PER_DECADE = 5
+"""Grid points per decade. µ is smooth there, and its peaks are handed over by the caller."""
 _MOST = 80
+"""Grid points at most: each costs an upper bound of µ and a row of the fit."""
 _ROOM = 0.003
+"""Relative room above µ that the fit may use. Without it the set of scalings that meet the goal has
+no interior, and the fit needs too many poles."""
 _TOLERANCE = 1e-3
+"""Relative accuracy of the upper bounds: a third of the room."""
 
 
 def reference_block(structure: BlockStructure) -> int | None:

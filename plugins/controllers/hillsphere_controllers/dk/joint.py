@@ -21,11 +21,18 @@ from hillsphere_controllers.dk.multipliers import Multiplier
 __all__ = ["descend_jointly"]
 
 _STEP = 3e-3
+"""Step of the difference quotients, in units in which log D changes by about one. γ is known to
+1e-6, so that the slope has three digits."""
 _LEAST_SHARE = 1e-4
 """Directions in which D hardly changes count as if it changed by that share of the largest."""
 _LONGEST = 0.5
+"""Length of the first step, in the same units; later ones are at most four times as long. The
+linear model of ln γ holds no farther."""
 _ENOUGH = 0.2
+"""Share of the predicted decrease that a step must reach (Armijo's rule)."""
 _GAIN = 5e-4
+"""Decrease of ln γ by one step below which the descent ends: half of what the search counts as
+converged."""
 
 
 def descend_jointly(

@@ -45,13 +45,21 @@ _FLOORS = (0.5, 0.9, 1.0)
 _SLOW = 0.01
 """An alternation that gains less is followed by a joint step."""
 _ENDED = 1e-3
+"""Relative gain of a step below which the search has converged."""
 _REFITTED = 4
+"""Fits of one step at most, each with the frequencies at which the last one fell short."""
 _MISSED = 1.01
+"""A fit whose proved level is within 1 % of the bounds of µ, or a norm within 1 % of the level, is
+good enough: the next H∞ synthesis moves µ by more."""
 _FITTED = 1.004
+"""A fit within 0.4 % of the goal needs no further pole; each pole adds states to the plant."""
 _ABOVE = 1.005
 """G is taken in for a level that the K-step should stay below: above it a large G proves little."""
 _ROUGH = 1e-2
+"""Relative accuracy of γ while constant scalings are compared."""
 _SMOOTH = 1e-6
+"""Relative accuracy of γ in the joint descent. Its difference quotients have steps of 0.3 %, so
+that a rougher γ would hide the slope."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,9 +24,17 @@ __all__ = ["GammaProblem"]
 _RANK = 1e-9
 """Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
 _ROUNDING = 1e-13
+"""Relative rounding of computed norms and weights: proofs are made with this margin, and entries
+that cancel to less count as zero."""
 _HIGHEST = 1e12
+"""Largest γ tried, relative to the size of the problem. From γ² above the inverse of rounding
+(1e16) on w has no effect on the equations; the rest is room for a poor estimate of the size."""
 _ZERO = 1e-13
+"""Smallest singular value of the equilibrated pencil at which it has a zero there: rounding, since
+rows and columns have norm one."""
 _FLOORS = (1e-15, 1e-10, 1e-6, 1e-2)
+"""Floors of the eigenvalues of X in the error bound: a low floor is sharp for a well conditioned X,
+a high one alone proves anything for a nearly singular X. Each proof that succeeds is valid."""
 _EPS = float(np.finfo(float).eps)
 
 

@@ -33,6 +33,9 @@ __all__ = ["H2Design", "h2_synthesis", "optimal_cost"]
 _RANK = 1e-9
 """Of D12 and D21, beside columns [B2; D12] and rows [C2 D21] of norm one."""
 _AGREE = 1e-5
+"""Relative difference between the closed loop's H2 norm and the one from the Riccati equations up
+to which the design passes. A larger difference means that one of them has lost half of its
+digits."""
 
 
 @dataclass(frozen=True)

@@ -43,13 +43,24 @@ from hillsphere_controllers.systems.bilinear import continuous, discrete
 __all__ = ["HinfDesign", "hinf_synthesis"]
 
 _BACK_OFFS = (1.0, 1.5, 3.0, 10.0, 30.0)
+"""Multiples of the back-off that are tried until the closed loop has the norm it should. Near the
+least γ the central controller has very fast poles; a larger back-off slows them."""
 _TRIED, _ROUNDS = 12, 4
 """Values of γ tried where rounding, not proof, ended the bisection, ever nearer to the best."""
 _DECADES = 8.0
+"""Decades about the size of the problem that are scanned if the bisection has no upper end."""
 _LOWER = 0.97
+"""In a scan over rising γ a controller counts as better only if its norm is 3 % lower: at a larger
+γ nearly the same controller results, with other rounding."""
 _NEARLY = 0.99
+"""A gap of 1 % between γ and its proved lower bound, or an improvement of less, does not justify a
+scan."""
 _SHARES = (0.98, 0.9, 0.5)
+"""Shares of the best γ at which a controller is tried before a scan, which takes up to 96
+attempts."""
 _STEPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.2, 0.4)
+"""Relative steps below the bisection's lower end at which a proof of the lower bound is tried. Just
+below it X or Y is nearly infinite, and its rounding error exceeds what the proof needs."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,20 @@ from hillsphere_controllers.errors import NotStabilisableError
 __all__ = ["axis_mode", "check_modes"]
 
 _MODE = 1e-9
+"""Smallest singular value of [A − λ I, B], relative to the largest, below which the controls do not
+reach the mode. A larger value refuses weakly controllable plants that can be stabilised."""
 _NEAR = 1e-6
+"""Distance of an eigenvalue from the stability boundary, relative to the largest, below which
+rounding may have moved it off the boundary."""
 _UNSEEN = 1e-13
+"""Smallest singular value of the equilibrated matrix below which C does not show the mode:
+rounding, since rows and columns have norm one."""
 _CANCELLED = 1e-15
+"""Entries of the diagonal of A − λ I below this share of the largest are what rounding leaves of
+zero."""
 _ROUNDS = 3
+"""Rounds of scaling rows and columns to norm one, each of which disturbs the other; three bring
+both close to one."""
 
 
 def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None:

@@ -34,9 +34,15 @@ from hillsphere_controllers.full_order.riccati import stabilising_solution
 __all__ = ["optimal_cost"]
 
 _RESIDUAL = 1e-9
+"""Largest residual, relative to the largest term of the equation, of an accepted X."""
 _CANCELLED = 1e-14
+"""Entries below this share of the sums that they are the difference of are rounding; kept, they
+would show modes to the cost that it does not contain."""
 _MOST = 60
+"""Steps of Newton's method at most. From a far stabilising start each step halves the error first;
+sixty reach the quadratic range over 18 decades."""
 _SETTLED = 1e-15
+"""Residual of rounding size, at which no step can gain any more."""
 _QUADRATIC = 1e-6
 """Below that, a step that gains nothing is the last."""
 

@@ -27,11 +27,23 @@ from hillsphere.interfaces import Array
 __all__ = ["axis_frequencies", "solution_by_pencil", "stabilising_solution"]
 
 _ON_AXIS = 1e-11
+"""Real part of a Hamiltonian eigenvalue, relative to the largest, below which it counts as on the
+imaginary axis: no stabilising solution exists then."""
 _NEAR_AXIS = 1e-3
+"""Eigenvalues this near to the axis, relative to their size, may be imaginary ones that rounding
+has displaced. A larger value only costs evaluations of the response."""
 _RESIDUAL = 1e-6
+"""Largest residual, relative to the terms of the equation, of an accepted solution. Near the least
+γ X grows without bound, and rounding leaves residuals far above 1e-9; the closed loop is checked in
+any case."""
 _SMALL = 1e-9
+"""Residual at which Newton's method ends: further steps change no digit that the closed loop
+shows."""
 _NEWTON = 5
+"""Steps of Newton's method at most. It converges quadratically from the Schur solution: two or
+three steps suffice, or none helps."""
 _SINGULAR = 1e-13
+"""Smallest singular value of the orthonormal basis' upper block below which X is infinite."""
 
 
 def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) -> Array | None:

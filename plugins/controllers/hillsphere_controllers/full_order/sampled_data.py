@@ -33,6 +33,8 @@ from hillsphere.lti import real_matrix
 __all__ = ["sampled_cost", "sampled_noise"]
 
 _LARGEST_STEP = 0.5
+"""Largest ‖M‖₁ h of the exponential before doubling. Below one half exp(−Mᵀ h) and exp(M h) have
+one size, so that neither loses digits beside the other (Van Loan 1978)."""
 
 
 def sampled_cost(

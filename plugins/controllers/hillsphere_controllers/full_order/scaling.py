@@ -13,6 +13,8 @@ from hillsphere_controllers.systems.balancing import balance_states
 __all__ = ["Units"]
 
 _ROUNDS = 3
+"""Rounds of choosing units and balancing states in turn: units and scales are powers of two, so
+that they settle exactly."""
 
 
 @dataclass(frozen=True)

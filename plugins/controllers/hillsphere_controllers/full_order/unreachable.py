@@ -14,6 +14,8 @@ from hillsphere.lti import LtiSystem
 __all__ = ["response_bound", "solution_error"]
 
 _SAFETY = 10.0
+"""Units of rounding per order that an entry of the Hamiltonian matrix may be wrong by: above the
+usual error of sums of n products, so that a proved bound holds."""
 _EPS = float(np.finfo(float).eps)
 
 

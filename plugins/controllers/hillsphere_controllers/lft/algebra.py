@@ -29,6 +29,8 @@ __all__ = [
 ]  # fmt: skip
 
 _SINGULAR = 1e-13
+"""Smallest singular value of the direct term, relative to the largest, below which its inverse is
+rounding alone."""
 
 
 def parameter(uncertainty: Uncertainty) -> Lft:

@@ -29,6 +29,8 @@ from hillsphere_controllers.lft.uncertainties import Uncertainty
 __all__ = ["PolynomialFit", "fit_polynomial"]
 
 _DEPENDENT = 1e-10
+"""A monomial of unit length counts as dependent on the chosen ones if less than this remains beside
+them; its coefficient would amplify rounding by the inverse."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,9 +49,13 @@ Terms = Mapping[tuple[int, ...], Array]
 """Exponents, one for each parameter, → coefficient matrix (p, m)."""
 
 _RANK = 1e-12
+"""Singular values of the equilibrated coefficients below this share of the largest count as zero. A
+larger value drops terms; a smaller one adds copies that exist only by rounding."""
 _NEGLIGIBLE = 1e-3
 """A term of as little, relative to `_RANK`, is rounding."""
 _MOST_ORDERS = 24
+"""Orders of factoring tried for more than four parameters, where all permutations would be 120 and
+more: 4! = 24, the number for four parameters."""
 
 
 def evaluate_polynomial(terms: Terms, points: Array) -> Array:

@@ -44,7 +44,12 @@ from hillsphere_controllers.systems.bilinear import continuous, discrete
 __all__ = ["OutputFeedback", "output_feedback"]
 
 _BACK_OFFS = (1.01, 1.03, 1.1, 1.3)
+"""Factors on the least bound, tried in this order. At the least bound itself I − X Y is singular
+and the controller's gains infinite; a larger factor gives smaller gains, at the cost of the
+norm."""
 _ROOM = 10.0
+"""Upper limit of X and Y in the second optimisation, relative to their sizes at the least bound. It
+keeps the search for the best conditioned I − X Y bounded."""
 _LARGEST = (1e5, 1e7, 1e4, 1e3)
 """Sizes of X and Y, in coordinates in which those of a linear-quadratic design are one."""
 _SLOWEST = 1e-6

@@ -42,9 +42,18 @@ from hillsphere_controllers.systems.balancing import balance_states
 __all__ = ["HullGain", "corner_systems", "hull_gain", "hull_stability"]
 
 _MARGINS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
+"""Amounts, relative to the unit coordinates, by which the inequalities must hold, smallest first.
+The first whose solution passes the check with rounding taken off is used; a larger margin costs
+more of the bound."""
 _LINEAR = 1e-9
+"""Matrices count as linear in a parameter if the middle of its range differs by less than this from
+the mean of the ends: rounding of a few operations, far below an actual curvature."""
 _SMALL = 1e-6
+"""Share of the trace of CᵀC that is added to it, so that states that C does not show keep a
+positive definite Gramian and the coordinates exist."""
 _ROUNDING = 1e-14
+"""Error of an eigenvalue per row of a matrix, relative to its largest entry: about 45 units of
+rounding, taken off before an inequality counts as proved."""
 
 
 @dataclass(frozen=True, eq=False)

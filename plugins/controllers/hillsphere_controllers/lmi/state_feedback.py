@@ -43,7 +43,12 @@ from hillsphere_controllers.systems.balancing import balance_states
 __all__ = ["StateFeedback", "state_feedback"]
 
 _BACK_OFFS = (1.01, 1.03, 1.1, 1.3)
+"""Factors on the least bound, tried in this order. At the least bound itself X is singular and K
+infinite; a larger factor gives smaller gains and more accurate inequalities, at the cost of the
+norm."""
 _ROOM = 10.0
+"""Upper limit of X in the second kind of solution, relative to the X of the least bound. Without a
+limit the largest smallest eigenvalue of X would be unbounded."""
 _SMALLEST = 1e-4
 """Eigenvalue of X that is asked for at least, relative to the largest of the least bound."""
 _SLOWEST = 1e-6

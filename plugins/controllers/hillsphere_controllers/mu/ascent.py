@@ -18,8 +18,13 @@ __all__ = ["FARTHEST", "Ascent"]
 Complex = NDArray[np.complex128]
 
 _MOST = 60
+"""Steps of sequential quadratic programming at most. Any point reached gives a valid lower bound,
+so that an unfinished ascent does no harm."""
 _CORRECTIONS = 12
+"""Newton steps that bring the eigenvalue back to the real axis at most; they converge quadratically
+or not at all."""
 _REAL = 1e-13
+"""Imaginary part of an eigenvalue, relative to its size, that counts as rounding."""
 _LOST = 1e100
 """Parameters of that size tell nothing: lengths of vectors overflow soon after."""
 FARTHEST = 0.7

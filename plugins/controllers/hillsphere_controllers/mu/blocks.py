@@ -17,6 +17,7 @@ __all__ = ["Block", "BlockStructure", "full", "repeated_complex", "repeated_real
 
 Complex = NDArray[np.complex128]
 _LARGEST = 1e150
+"""Size of an entry whose square is still a number of double precision (1e308)."""
 Kind = Literal["real", "complex", "full"]
 
 

@@ -36,6 +36,8 @@ Complex = NDArray[np.complex128]
 _GRID = 40
 """Frequencies of the first look, evenly spaced in their logarithm; besides those of the poles."""
 _MOST_INTERVALS = 3000
+"""Intervals at most: it bounds time and memory where a small gap or rounding makes the intervals
+short without end."""
 _MOST_OF_A_LIMIT = 500
 """Where a bound is all but the limit, intervals on which that is proved are short without end."""
 _NARROW = 1e-7

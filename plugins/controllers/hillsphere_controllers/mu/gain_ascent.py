@@ -19,6 +19,8 @@ __all__ = ["GainAscent", "GainMaximum"]
 Complex = NDArray[np.complex128]
 
 _MOST = 200
+"""Steps of L-BFGS-B at most. Any Δ reached has its gain, so that an unfinished ascent does no
+harm."""
 _FARTHEST = 700.0
 """The logarithm of what counts as an infinite gain."""
 

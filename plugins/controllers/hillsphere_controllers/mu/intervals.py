@@ -48,7 +48,11 @@ Complex = NDArray[np.complex128]
 _NEAR = 1e-2
 """An eigenvalue this near the imaginary axis, relative to its size, may be a crossing."""
 _SINGULAR = 1e10
+"""Condition number of R up to which the Hamiltonian matrix is formed by its inverse; beyond, the
+pencil keeps the digits that the inverse loses."""
 _CUTS = 30
+"""Points in the piece in which F becomes negative, at 1 − 2⁻ᵏ of its length: they close in on its
+end, where the crossing usually lies."""
 
 
 class Loop:

@@ -43,6 +43,8 @@ __all__ = [
 Complex = NDArray[np.complex128]
 
 _SINGULAR = 1e-8
+"""Smallest singular value of I − M Δ, relative to the size of M Δ, at which Δ proves a lower bound:
+half of the digits of double precision."""
 _RAISED = 3
 """So many of the best iterates are raised."""
 

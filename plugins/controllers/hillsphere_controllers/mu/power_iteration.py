@@ -13,7 +13,10 @@ __all__ = ["power_iterations", "singular_direction"]
 Complex = NDArray[np.complex128]
 
 _STEPS = 40
+"""Steps of a power iteration. Some cycle instead of converging; the best iterate is taken in any
+case."""
 _TINY = 1e-300
+"""Length below which a vector has no direction: division by it would overflow."""
 
 
 def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings) -> list[Complex]:

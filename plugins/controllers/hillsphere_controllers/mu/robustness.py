@@ -33,6 +33,8 @@ __all__ = [
 Complex = NDArray[np.complex128]
 
 _PEAKS = 4
+"""Frequencies of the largest upper bounds at which a lower bound is searched. The highest peak of µ
+can lie at another frequency than that of its upper bound, where the two differ."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ __all__ = ["Basis", "Scalings", "dg_form", "level"]
 Complex = NDArray[np.complex128]
 
 _OSBORNE = 30
+"""Sweeps of Osborne's iteration at most. It only gives the coordinates of the optimisation: a few
+per cent suffice."""
 _ROUNDING = 8.0 * float(np.finfo(float).eps)
 
 

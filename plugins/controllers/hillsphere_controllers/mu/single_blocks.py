@@ -20,6 +20,8 @@ _NEAR = 1e-3
 """Eigenvalues so near to each other, or to the real axis, relative, may be one of several Jordan
 blocks: rounding parts a triple one by 1e-5."""
 _SINGULAR = 1e-10
+"""Smallest singular value of I − M/ρ, relative to the size of M/ρ, at which ρ counts as a real
+eigenvalue."""
 
 
 def single_blocks(m: Complex, structure: BlockStructure) -> list[Complex]:

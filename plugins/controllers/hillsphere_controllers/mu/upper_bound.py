@@ -42,12 +42,24 @@ __all__ = ["UpperBound", "centre", "upper_bound", "upper_bounds"]
 Complex = NDArray[np.complex128]
 
 _STEP = 0.1
+"""Share of the gap between the level and the one reached that the next level keeps. A smaller share
+lowers the level faster but starts Newton's method farther from the next centre."""
 _DECREMENT = 0.7
+"""Newton decrement at which a centre on the way is near enough: below one, full steps converge
+quadratically, and the next level needs no more."""
 _CENTRED = 1e-3
+"""Newton decrement of a centre that is itself the result, see `centre`."""
 _MOST_STEPS = 200
+"""Levels at most. Each takes off nine tenths of the gap, so that a bound of nine digits needs about
+ten; the limit ends stagnation."""
 _MOST_NEWTON = 60
+"""Newton steps for one centre at most; a self-concordant barrier needs a few from the last
+centre."""
 _VOID = 1e-13
+"""Curvature added along G, relative to the largest. Entries of G on rows of M that are zero have
+none, and the Newton equations would be singular."""
 _SMALLEST = 1e-150
+"""Size of M below which its square is no number of double precision."""
 _ZERO = 1e-9
 """Of the norm: rounding of entries of that norm has as much to do with a smaller µ."""
 _LONGEST = 1e2

@@ -35,8 +35,13 @@ __all__ = ["WorstCase", "interpolate_perturbation", "worst_case"]
 Complex = NDArray[np.complex128]
 
 _REAL = 1e-10
+"""Imaginary part, relative to the size, up to which a value counts as real and needs no
+dynamics."""
 _SINGULAR = 1e-6
+"""Smallest singular value of I − M Δ(jω), relative to M Δ, up to which the check in the closed loop
+is passed. Interpolation by systems costs some of the digits that `lower_bound` asks for."""
 _RANK = 1e-8
+"""Second singular value of a full block, relative to the first, up to which it counts as a dyad."""
 
 
 @dataclass(frozen=True, eq=False)

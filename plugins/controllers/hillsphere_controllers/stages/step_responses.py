@@ -13,8 +13,12 @@ from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 __all__ = ["step_responses"]
 
 _SAMPLES = 400
+"""Samples of a response in continuous time: a curve of a printed figure shows no corners."""
 _SETTLED = 0.01
+"""A response has settled when it stays within 1 % of its size, a usual limit of the settling
+time."""
 _ROOM = 1.4
+"""Length of the time axis relative to the settling time, so that the settled part is seen."""
 
 
 def step_responses(

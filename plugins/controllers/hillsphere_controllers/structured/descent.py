@@ -27,10 +27,15 @@ from hillsphere_controllers.structured.minimax import minimax_step
 __all__ = ["Landscape", "Located", "descend", "gradient_sampling"]
 
 _SUFFICIENT, _CURVATURE = 1e-4, 0.5
+"""Constants of the weak Wolfe conditions, of the decrease and of the slope. For functions that are
+not smooth Lewis and Overton (2013) recommend such a small and such a middle value."""
 _TRIALS = 40
+"""Bisections of a line search at most: the step is then known to rounding."""
 _LONGEST = 10.0
 """A step is no longer than this times |x|: gains that run away do so in steps."""
 _RADII = (1e-2, 1e-3, 1e-4)
+"""Radii of gradient sampling, relative to the size of the parameters. Large ones escape shallow
+ridges, small ones find a descent near a sharp one."""
 
 
 class Located(Protocol):

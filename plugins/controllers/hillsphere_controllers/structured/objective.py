@@ -29,6 +29,8 @@ _NEAR = 0.6
 _REFINED = 0.85
 """Those of at least this share are found exactly, the others to the next frequency looked at."""
 _MOST = 14
+"""Peaks that a step takes into account at most, for one plant. More make the quadratic programs
+slower; with fewer, a peak left out rises and the step is rejected."""
 _EACH, _AT_ALL = 6, 60
 """With many plants more peaks are, or nearly are, the highest: so many for each, and at all."""
 _ALIKE = 10

@@ -29,10 +29,15 @@ Complex = NDArray[np.complex128]
 _STABLE = 1e-11
 """Poles count as stable when their real part is below minus this share of the fastest."""
 _NEAR = 0.6
+"""Peaks of at least this share of the largest are remembered: those that may become the largest
+within a step."""
 _NEAR_LIMIT = -0.5
 """Logarithms of norms relative to their limits above this are known well."""
 _REMEMBERED = 12
+"""Frequencies remembered for each plant at most; each costs an evaluation of the response."""
 _ROUNDING = 1e-9
+"""Relative amount above the level at which crossings are searched, so that the peak at the level
+itself is none."""
 _IMAGINARY = 1e-2
 """Eigenvalues this near the imaginary axis, relative to their size, are looked at."""
 

@@ -20,9 +20,15 @@ from hillsphere_controllers.structured.objective import Objective, Piece, Point
 __all__ = ["Active", "PolishedPoint", "certificate", "polish_point"]
 
 _ARMIJO = 0.05
+"""Share of the predicted decrease that a step must reach."""
 _TRIALS = 14
+"""Steps tried, each corrected or damped more, before the point counts as a minimum to rounding."""
 _EVEN = 1e-5
+"""Peaks whose logarithms differ by less from the highest are taken for equally high in the
+certificate."""
 _FAR, _SMALL = 50.0, 0.5
+"""Largest logarithm of a level over the reference, so that its exponential stays a number; and the
+share of the highest level below which a real gain may pass through zero within a step."""
 _VIOLATORS, _REMEMBERED = 3, 12
 """So many peaks that make a step too high are looked at; so many in the next steps too."""
 

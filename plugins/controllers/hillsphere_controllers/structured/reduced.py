@@ -19,6 +19,8 @@ from hillsphere_controllers.systems.truncation import balanced_truncation
 __all__ = ["reduced_start"]
 
 _AFFINE = 1e-9
+"""Relative deviation from linearity up to which a structure counts as linear in its parameters:
+rounding of its evaluation."""
 
 
 def reduced_start(

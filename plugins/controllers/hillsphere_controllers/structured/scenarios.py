@@ -36,6 +36,9 @@ from hillsphere_controllers.systems.algebra import gain, lower_lft, upper_lft
 __all__ = ["RobustDesign", "Scenario", "UncertainPlant", "synthesise_robust", "worst_case"]
 
 _VIOLATES, _ENOUGH = 1e-3, 5e-3
+"""The first is the relative excess over γ from which on a worst case becomes a scenario, the second
+that up to which the design counts as robust. Below the first a scenario would change the controller
+by less than the search's own accuracy."""
 _NEW, _NEW_EACH = 10, 2
 """New scenarios of a round at most, and of one plant: the worst."""
 _CARRIED = 0.85
@@ -44,10 +47,13 @@ brings those back that matter again."""
 _FAR = 1.1
 """A worst case above this times the design's γ asks for a controller that may be quite another."""
 _RANDOM, _CLIMBED = 16, 4
+"""Random parameters that are looked at, and the best of all points from which the worst case is
+climbed to. More find rarer worst cases, in proportion to the time."""
 _FEW = 6
 """With so many parameters all corners are looked at; with more those that slopes point to, and the
 following numbers of corners and of inner points at random."""
 _SOME_CORNERS, _SOME_INSIDE = 16, 4
+"""Random corners and inner points of a box of many parameters, see `_FEW`."""
 _UNSTABLE = 50.0
 """Logarithm of the gain that stands for instability in the search for the worst case."""
 

@@ -28,11 +28,18 @@ _NEAR_SIZES = (0.3, 1.0, 0.1)
 _POLISHED, _LEFT = 80, 30
 """Steps of polishing, and after the parts of a controller were lowered together."""
 _DRAWS, _ATTEMPTS = 6, 3
+"""Random starts of a search from which stabilisation is tried, and attempts to lower the parts of a
+controller together. More of them cost time where no controller of the structure stabilises the
+plants."""
 _OFTEN = 10
 """In the descent, one point in so many is certified, and the last one."""
 _HARDER = 10.0
+"""Factor by which the penalty of violated constraints grows."""
 _PENALTIES = 4
+"""Rounds with a growing penalty at most; a still larger penalty makes the descent
+ill-conditioned."""
 _STATIONARY = 1e-2
+"""Norm of the certificate's residual, relative, up to which a point counts as a local minimum."""
 _KEPT = 1e-6
 """A constraint counts as kept when it is not exceeded by more than this, relative."""
 

@@ -17,7 +17,11 @@ from hillsphere_controllers.structured.structure import Structure
 __all__ = ["stabilise"]
 
 _TARGET = -1e-3
+"""Spectral abscissa, relative to the plant's rate, at which stabilisation ends: the descent of the
+norms moves poles farther itself."""
 _STEEPEST = 1e8
+"""Largest slope of the abscissa. Near a multiple pole it is infinite, and its size would swallow
+the other entries of the step."""
 
 
 @dataclass

@@ -44,11 +44,17 @@ from hillsphere_controllers.structured.verification import Verified, full_order,
 __all__ = ["Progress", "StructuredDesign", "synthesise"]
 
 _SHAKES = (1.0, 1e-1, 1e-2)
+"""Scatter of the second searches around a good minimum, relative: wide ones leave its basin, narrow
+ones finish its convergence. The last is left out for a minimum that has converged."""
 _ABOUT = 0.1
+"""Scatter of a start around zero gains. There the gradient by the gains of the states vanishes, so
+that exactly zero would be a saddle."""
 _KEPT = 3
+"""Different minima around which second searches begin."""
 _SAME = 1e-4
 """Minima whose γ differ by less, relative, are taken for the same."""
 _SETTLED = 1e-5
+"""Residual of the certificate below which a minimum needs no narrow second search."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,11 @@ from hillsphere_controllers.systems.algebra import lower_lft
 __all__ = ["FullOrder", "Verified", "full_order", "lower_bound", "verify_controller"]
 
 _LIMITS = 1e-5
+"""Relative excess of a norm over its limit that counts as kept. The search keeps limits to 1e-6 of
+its own evaluation, and the check uses another method."""
 _REGION = 1e-4
+"""Relative distance of a pole outside its region that counts as kept; poles are less accurate than
+norms."""
 
 
 @dataclass(frozen=True)

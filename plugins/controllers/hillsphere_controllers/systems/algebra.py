@@ -26,6 +26,9 @@ __all__ = [
 ]  # fmt: skip
 
 _SINGULAR, _NEAR = 1e-12, 1e-6
+"""A loop is refused only if I − F D fails both tests: its smallest singular value is below the
+first share of its size, and its smallest eigenvalue, which does not depend on the units of signals,
+below the second. A looser singular-value test alone would refuse loops in uneven units."""
 
 
 def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:

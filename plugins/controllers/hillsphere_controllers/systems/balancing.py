@@ -14,8 +14,14 @@ from hillsphere.lti import LtiSystem
 __all__ = ["balance_states"]
 
 _SWEEPS = 20
+"""Sweeps over the states at most. Each sweep brings the norms of rows and columns closer; the limit
+ends sweeps that only undo each other."""
 _GAIN = 0.95
+"""A scale is changed only if the sum of the squares of both norms falls below this share, as in
+[1]_ of `balance_states`; a value nearer to one costs sweeps that gain nothing."""
 _LARGEST = 1e150
+"""Size of an entry whose square, and its inverse, still lie within the range of double precision
+(1e±308)."""
 
 
 def balance_states(system: LtiSystem) -> tuple[LtiSystem, Array]:

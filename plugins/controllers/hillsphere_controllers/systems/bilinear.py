@@ -18,6 +18,7 @@ from hillsphere_controllers.systems.balancing import balance_states
 __all__ = ["continuous", "discrete"]
 
 _POLE = 1e-13
+"""Distance of a pole from z = −1 below which rounding alone decides where its image lies."""
 _REST = 1e-8
 """Of a matrix times its inverse, besides the unit matrix; larger if a pole has no image."""
 

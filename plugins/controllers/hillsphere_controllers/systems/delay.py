@@ -26,6 +26,8 @@ from hillsphere_controllers.systems.conversion import transfer_function
 __all__ = ["pade_delay"]
 
 _HIGHEST = 8
+"""Order of the approximation at most: its coefficients span (2n)!/n!, and beyond eight the poles
+lose digits to rounding."""
 
 
 def pade_delay(time_s: float, order: int = 1) -> LtiSystem:

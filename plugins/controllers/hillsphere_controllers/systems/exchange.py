@@ -39,6 +39,8 @@ Content = LtiSystem | tuple[LtiSystem, BlockStructure] | Numbers | dict[str, Num
 _NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 _SYSTEM = {"a", "b", "c", "d"}
 _REGULAR = 1e-12
+"""Inverse condition number of the equilibrated descriptor matrix below which it counts as
+singular."""
 _MOST_BYTES = 256 << 20
 """Most bytes of a file: thirty systems of 1000 states."""
 _NAMES = (("InputName", "inputs"), ("OutputName", "outputs"), ("StateName", "states"))

@@ -12,7 +12,11 @@ from hillsphere.lti import LtiSystem, real_matrix
 __all__ = ["mean_output_hold", "zero_order_hold", "zero_order_hold_matrices"]
 
 _WHOLE = 1e-9
+"""Share of a period by which a delay may differ from a whole number of periods by rounding; the
+rest then counts as none and costs no states."""
 _MOST_DELAYED = 10_000
+"""Periods of delay at most. Each adds a state per input, and more than this is a wrong unit rather
+than a delay."""
 
 
 def zero_order_hold_matrices(a: Array, b: Array, h: float) -> tuple[Array, Array]:

@@ -26,6 +26,8 @@ __all__ = ["MatFileError", "parse_mat"]
 Value: TypeAlias = np.ndarray[Any, Any]
 
 _HEAD = 128
+"""Bytes of the header of a version 5 file [1]_: 116 of text, 8 of offset, 2 of version, 2 of byte
+order."""
 _MATRIX, _COMPRESSED = 14, 15
 """Kinds of data elements that hold others [1]_, table 1-1."""
 
@@ -43,7 +45,10 @@ _CLASSES = {
 """Classes of arrays of numbers [1]_, table 1-3."""
 
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+"""Classes of arrays that are not numeric [1]_, table 1-3; 16 and 17 are undocumented: function
+handles and new-style objects."""
 _COMPLEX = 0x0800
+"""Bit of the array flags that announces an imaginary part [1]_."""
 
 _DEEPEST = 16
 """Deepest nesting of cells and structs. What is read here has three levels; each costs three calls

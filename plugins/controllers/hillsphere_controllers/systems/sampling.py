@@ -14,6 +14,8 @@ __all__ = ["Method", "sampled_controller", "sampled_loop"]
 
 Method = Literal["bilinear", "held", "mean"]
 _SAME = 1e-9
+"""Relative difference up to which two periods are the same: they may come from different products
+of decimal numbers."""
 
 
 def sampled_controller(

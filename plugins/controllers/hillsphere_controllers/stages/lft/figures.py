@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["draw_errors", "draw_responses", "draw_sizes"]
 
 _FLOOR = 1e-17
+"""Smallest error drawn: a logarithmic axis has no zero, and errors below rounding look alike."""
 _DRAWN = 6
+"""Models drawn, and legend entries, at most; more curves could not be told apart."""
 
 
 def draw_errors(figure: Figure, product: FittedModels) -> None:

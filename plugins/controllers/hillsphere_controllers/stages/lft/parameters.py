@@ -18,6 +18,8 @@ from hillsphere_controllers.stages.lft.specs import LftSpec
 __all__ = ["Groups", "group_models", "reaching_beyond", "uncertain_parameters"]
 
 _BEYOND = 1e-9
+"""Relative excess of a bound over the models' range that is rounding of the bound's own
+computation."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from hillsphere_controllers.stages.lft.products import FittedModels
 __all__ = ["present_uncertain_models"]
 
 _TERMS = 60
+"""Rows of a table of terms at most; all terms are in the product."""
 
 
 def present_uncertain_models(product: FittedModels, models: LinearModels) -> Presentation:

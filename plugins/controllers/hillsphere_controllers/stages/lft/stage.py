@@ -30,6 +30,7 @@ from hillsphere_controllers.stages.uncertain import uncertain_model
 __all__ = ["LftStage"]
 
 _BEYOND = 1e-9
+"""A model's parameter counts as inside its bounds up to this relative rounding of the bounds."""
 
 
 class LftStage:

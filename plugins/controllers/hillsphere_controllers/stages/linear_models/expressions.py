@@ -23,6 +23,8 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
 """What a formula may call."""
 
 _LONGEST = 200
+"""Characters of a formula at most. It keeps the parser's recursion and the time of evaluation small
+for any mission file."""
 _OPERATORS: Mapping[type[ast.AST], Callable[[float, float], float]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.Div: operator.truediv, ast.Pow: operator.pow,

@@ -22,8 +22,12 @@ if TYPE_CHECKING:
 __all__ = ["present_linear_models"]
 
 _LISTED = 50
+"""Rows of the table of models at most; all models are in the product."""
 _BORDER = 1e-7
+"""Distance from the stability boundary, relative to the largest pole, up to which a pole counts as
+on it: rounding displaces a double pole by its square root, 1e-8."""
 _DRAWN = 40
+"""Gains drawn at most, evenly spaced among the models; more make a grey area only."""
 
 
 def present_linear_models(product: LinearModels) -> Presentation:

@@ -22,6 +22,7 @@ EntryMatrix = tuple[tuple[Entry, ...], ...]
 
 _NAME = r"^[A-Za-z_][A-Za-z0-9_]{0,39}$"
 _MODELS = 2000
+"""Models of a stage at most: later stages close a loop and compute a norm for each."""
 
 
 class ShelvingSpec(Spec):

@@ -16,7 +16,11 @@ from hillsphere_controllers.stages.linearise.parameters import Dispersed
 __all__ = ["Slopes", "affine_in"]
 
 _AFFINE = 1e-9
+"""Curvature over the range of a parameter, relative to the change over it, below which the matrix
+counts as affine."""
 _ROUNDING = 1e-13
+"""Rounding of the matrix itself, relative to its largest entry: a difference of this size is no
+curvature."""
 
 
 class Slopes:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["draw_influence", "draw_poles", "unstable_poles"]
 
 _ON_THE_AXIS = 1e-9
+"""Real part, relative to the largest pole, up to which a pole counts as on the imaginary axis: the
+rounding of eigenvalues."""
 
 
 def unstable_poles(system: LtiSystem) -> NDArray[np.bool_]:

@@ -13,6 +13,8 @@ from hillsphere_controllers.stages.linearise.parameters import Dispersed
 __all__ = ["end_deviations", "fit_weights", "jacobian_shares", "largest_accelerations"]
 
 _ROUNDING = 1e-13
+"""An entry counts as changed by a parameter if it changes by more than this share of the entry or
+of the largest change."""
 
 
 def jacobian_shares(a: Array, changes: Array) -> Array:

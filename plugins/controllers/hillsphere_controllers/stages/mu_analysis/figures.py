@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 __all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "with_share_curves"]
 
 _DRAWN = 6
+"""Analyses drawn at most; more curves could not be told apart."""
 _COLUMNS = 4
+"""Analyses side by side in the figure of shares at most; narrower panels cannot be read."""
 _NAMED = 0.05
 """Share from which on a block is drawn by itself."""
 _TITLES = {"robust_stability": "Robust stability", "robust_performance": "Robust performance"}

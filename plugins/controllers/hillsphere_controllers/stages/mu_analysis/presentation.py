@@ -25,6 +25,8 @@ _TITLES = {
     "worst_case_gain": "worst-case gain",
 }
 _SINGULAR = 1e-6
+"""Smallest singular value of I − M Δ up to which Δ counts as checked in the closed loop; it is the
+limit of `mu.worst_case`."""
 _SAME_FREQUENCY = 0.05
 """Ends of curves that differ by less, relative, look the same in a figure."""
 

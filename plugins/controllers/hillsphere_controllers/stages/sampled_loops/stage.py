@@ -28,9 +28,16 @@ from hillsphere_controllers.stages.signals import places
 __all__ = ["SampledLoopsStage"]
 
 _LOOKED = 120
+"""Periods of the curve of the spectral radius, evenly spaced in their logarithm: sixty per
+decade."""
 _RANGE = 100.0
+"""Longest over shortest period of that curve: two decades."""
 _BEYOND = 10.0
+"""Longest period of the curve relative to the longest that is analysed, so that the loss of
+stability is usually in the figure."""
 _SAME_TIME = 1e-9
+"""Relative difference up to which two periods are the same: they may come from different products
+of decimal numbers."""
 
 At = Callable[[float], LtiSystem]
 """What flies at a period, from deviations to commands."""

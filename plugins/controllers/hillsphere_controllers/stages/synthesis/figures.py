@@ -30,7 +30,9 @@ __all__ = ["draw_gains", "draw_iterations", "draw_starts", "draw_steps"]
 Complex = NDArray[np.complex128]
 
 _DRAWN = 12
+"""Plants drawn at most, evenly spaced among the stable loops."""
 _NAMED = 6
+"""Curves with a colour and a legend entry each at most; more curves could not be told apart."""
 _ALLOWED = "#555555"
 
 

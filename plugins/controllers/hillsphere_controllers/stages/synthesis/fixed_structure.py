@@ -47,7 +47,12 @@ from hillsphere_controllers.systems.bilinear import discrete
 __all__ = ["by_search"]
 
 _OWN_STARTS, _OWN_SCATTER = 2, 0.1
+"""Searches for one plant by itself, and their relative scatter around the joint controller. They
+begin at a stabilising controller, so that two nearby starts suffice to show what the joint design
+costs."""
 _SAME = 1e-9
+"""Relative difference of the entries up to which a stored controller is the one that its parameters
+give, after saving and loading."""
 
 
 def by_search(

@@ -25,9 +25,14 @@ from hillsphere_controllers.stages.synthesis.step_panels import size_of_steps_in
 __all__ = ["present_synthesis"]
 
 _LISTED = 60
+"""Rows of a table at most; all values are in the product."""
 _CHECK = 1e-6
+"""Relative excess of a sampled gain over the proved bound of the H∞ norm that is rounding of the
+response."""
 _SAME = 1e-3
+"""Searches whose γ differ by less than 0.1 % count as ending at the same value."""
 _UNSURE = 0.01
+"""Relative error by rounding from which on the H∞ norm is reported as uncertain."""
 _NORMS = (
     Column("model", "", "model"),
     Column("designed", "", "made for it"),

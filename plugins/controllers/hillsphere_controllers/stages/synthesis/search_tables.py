@@ -12,6 +12,7 @@ from hillsphere_controllers.stages.synthesis.products import RobustResult, Searc
 __all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 
 _LISTED = 60
+"""Rows of a table at most; all searches are in the product."""
 _ALIKE = 0.2
 """Spread of γ over the starts, %, up to which they are said to end alike."""
 _SHOWN = 4

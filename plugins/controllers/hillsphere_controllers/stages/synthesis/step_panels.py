@@ -18,7 +18,9 @@ LARGEST_GRID = 4
 """Up to so many measurements, each response has a panel of its own."""
 
 _PANELS = 15
+"""Steps drawn at most: five rows of three panels fill a page."""
 _COLUMNS = 3
+"""Panels in a row: axis labels of narrower panels overlap."""
 _TARGET = "#555555"
 _OTHERS = "#aaaaaa"
 

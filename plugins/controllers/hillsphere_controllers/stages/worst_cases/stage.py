@@ -19,7 +19,10 @@ from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
 __all__ = ["WorstCasesStage"]
 
 _SHOWN = 60
+"""Rows of the table of cases at most; all cases are in the product."""
 _ROUNDING = 1e-6
+"""Normalised values below this share of the largest are rounding of the search and stay nominal; a
+lower bound of µ below it counts as this value."""
 
 
 class WorstCasesStage:
