@@ -1,4 +1,4 @@
-"""What can go wrong in synthesis and analysis, by name."""
+"""Named errors of synthesis and analysis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What passes between stages of linear control: models, and models that are uncertain.
+"""Products of the stages of linear control: linear models and uncertain models.
 
 Frozen dataclasses as those of `hillsphere.products`, where `ControlDesign` is what a synthesis
 makes of them.

@@ -1,4 +1,4 @@
-"""The motion of a spacecraft near a state, to first order."""
+"""Linearisation of a plant's equations of motion at a state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["LinearisedPlant", "linearise_plant"]
 
 @dataclass(frozen=True)
 class LinearisedPlant:
-    """ẋ = A x + B u + f of the deviation x from a state.
+    """Linearised motion ẋ = A x + B u + f of the deviation x from a state.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def linearise_plant(
     others: dict[str, float] | None = None,
     time_s: float = 0.0,
 ) -> LinearisedPlant:
-    """Return a plant's motion near a state.
+    """Linearise a plant's equations of motion at a state.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def linearise_plant(
 
     Returns
     -------
-    Linearised
+    LinearisedPlant
         Of the positions and velocities.
 
     Raises

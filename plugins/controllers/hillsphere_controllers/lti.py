@@ -1,4 +1,4 @@
-"""Linear controllers as they come from a synthesis or a file, flown."""
+"""Control laws from linear controllers: from a synthesis, a file or matrices."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["ContinuousLti", "LinearLaw", "Lti", "build_flight_controller", "lti"
 
 @runtime_checkable
 class LinearLaw(Contract, Protocol):
-    """A law that can say what it makes of a controller at any period, for an analysis of it."""
+    """A law that gives its linear controller at any sampling period, for analysis."""
 
     @property
     def period_s(self) -> float:
@@ -48,7 +48,7 @@ def lti(spec: LtiSpec) -> Lti | ContinuousLti:
 
 
 def build_flight_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
-    """Return what a law makes of a controller.
+    """Return the controller as the law flies it: inputs chosen, filtered, brought to samples.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def build_flight_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
 
 
 class _Law:
-    """What both laws share: where the controller comes from, and what is made of it."""
+    """Common part of both laws: the controller's origin and its form in flight."""
 
     def __init__(self, spec: LtiSpec) -> None:
         self.spec = spec
@@ -103,7 +103,7 @@ class _Law:
 
     @property
     def controller(self) -> LtiSystem:
-        """What flies, see `build_flight_controller`."""
+        """Controller in flight, see `build_flight_controller`."""
         if self._controller is None:
             raise InputError(
                 "the law has no controller: give its matrices or a file, or the flight the "

@@ -1,4 +1,4 @@
-"""Control by a Lyapunov function."""
+"""Sampled control by a quadratic Lyapunov function."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ direction."""
 
 
 class Lyapunov:
-    r"""The held acceleration for which V = xᵀ P x is least one period later.
+    r"""The held acceleration that minimises V = xᵀ P x one period later.
 
     Each axis is a chain of two integrators, x = (position, velocity) minus the reference, once the
     plant's own acceleration is cancelled. Over a period h with u held, x goes to A x + B u exactly,
@@ -81,6 +81,7 @@ class Lyapunov:
             or np.linalg.eigvalsh(_normalise_by(self.p, self.p))[0] <= 0.0
         ):
             raise InputError("p must be positive definite")
+        # minimum of V after one period over u
         self.gain = np.linalg.solve(b.T @ self.p @ b, b.T @ self.p @ a)
         closed = a - b @ self.gain
         change = _normalise_by(closed.T @ self.p @ closed - self.p, self.p)
@@ -165,6 +166,7 @@ def _function(spec: LyapunovSpec, h: float) -> Array:
     # the held command that puts the poles where those of the wanted motion are after h
     closed = a - b @ _place_poles(a, b, np.trace(poles), float(np.linalg.det(poles)))
     p = solve_discrete_lyapunov(closed.T, np.eye(2))
+    # back from time constants to seconds: velocity times τ is a length
     unit = np.array([1.0, tau])
     return np.asarray(p * np.outer(unit, unit))
 

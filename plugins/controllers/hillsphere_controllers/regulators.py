@@ -1,4 +1,4 @@
-"""Optimal regulators whose gains are worked out from a motion and weights."""
+"""Linear-quadratic laws (LQR, LQG) whose gains follow from a motion and weights."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class LinearQuadraticGaussian:
 
 
 class _Motion:
-    """A, B, Q, R and u₀ of a Spec."""
+    """Motion A, B, weights Q, R and trim command u₀ of a Spec."""
 
     def __init__(self, spec: LqrSpec | LqgSpec) -> None:
         if spec.plant is not None and spec.point is not None:

@@ -1,4 +1,4 @@
-"""Linear compensators by their matrices."""
+"""Linear compensators given by their matrices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Disk margins: how much gain and phase may change at once, in all channels at once.
+r"""Disk margins: simultaneous changes of gain and phase, in all channels at once.
 
 A loop stays stable for every factor on it, each channel its own, of the disk
 
@@ -9,8 +9,8 @@ A loop stays stable for every factor on it, each channel its own, of the disk
 
 [1]_, with the structured singular value for diagonal δ. The skew σ = 0 treats rise and fall of the
 gain alike, σ = 1 gives the margin of S, σ = −1 that of T. For full matrices δ, factors that also
-mix the channels, µ is the largest singular value. What is returned is on the safe side: the
-inverse of a bound of µ that holds at all frequencies.
+mix the channels, µ is the largest singular value. The result is conservative: the inverse of a
+bound of µ that holds at all frequencies.
 
 References
 ----------
@@ -41,7 +41,7 @@ _GAP = 1e-4
 
 @dataclass(frozen=True)
 class DiskMargin:
-    """A disk of factors that the loop bears.
+    """A disk margin: the factors on the loop for which it stays stable.
 
     Parameters
     ----------
@@ -147,6 +147,7 @@ def disk_margin_of_both_ends(
 
 
 def _of_sensitivity(s: LtiSystem, skew: float, factors: Factors) -> DiskMargin:
+    # S + (σ − 1)/2 I, whose µ over δ gives 1/α
     shifted = LtiSystem(s.a, s.b, s.c, s.d + 0.5 * (skew - 1.0) * np.eye(len(s.d)), s.dt_s)
     norm = hinf_norm(shifted)
     if not np.isfinite(norm.value):
@@ -169,6 +170,7 @@ def _gain_and_phase(alpha: float, skew: float) -> tuple[float, float, float]:
     """Return the ends of the real factors around one, and the largest phase."""
     if not np.isfinite(alpha):
         return -np.inf, np.inf, np.pi
+    # f = (1 + u δ)/(1 − v δ); its real ends are at δ = ±1
     u, v = 0.5 * (1.0 - skew) * alpha, 0.5 * (1.0 + skew) * alpha
     low = (1.0 - u) / (1.0 + v) if v > -1.0 else -np.inf
     high = (1.0 + u) / (1.0 - v) if v < 1.0 else np.inf

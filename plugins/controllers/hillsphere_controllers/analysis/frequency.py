@@ -1,4 +1,4 @@
-"""Frequency responses of one system at many frequencies, fast."""
+"""Frequency responses of one system at many frequencies, by its Schur form or its modes."""
 
 from __future__ import annotations
 
@@ -100,6 +100,7 @@ class Response:
         s = (1j * omega).astype(complex)
         if self._t is None:
             one = 1.0 / (s[:, None] - self.poles)
+            # derivatives of 1/(jω − λ): −j/(jω − λ)² and −2/(jω − λ)³
             two = one * one
             made = self._by_modes(np.concatenate([one, -1j * two, -2.0 * two * one]))
             g, first, second = made.reshape(3, omega.size, *made.shape[1:])
@@ -122,6 +123,7 @@ class Response:
         n, m = self._b.shape
         count = s.size
         x = np.empty((n, count, m), dtype=complex)
+        # back substitution with T, one row for all frequencies and inputs at once
         for i in range(n - 1, -1, -1):
             above = self._t[i, i + 1 :] @ x[i + 1 :].reshape(n - 1 - i, count * m)
             x[i] = (above.reshape(count, m) + right[i]) / (s - self._t[i, i])[:, None]

@@ -67,7 +67,7 @@ def h2_norm(system: LtiSystem) -> float:
 
 
 def h2_rounding(system: LtiSystem) -> float:
-    """Return a norm that is nothing but rounding beside the parts that cancel in a stable system.
+    """Return the H2 norm below which a result is rounding, from the parts that cancel.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def h2_rounding(system: LtiSystem) -> float:
 
 
 def _squares(system: LtiSystem) -> tuple[float, float, float]:
-    """Return the norm's square by either gramian, and the sum of sizes of which it is the rest."""
+    """Return the norm's square by both Gramians, and the sum of the sizes of its terms."""
     made, _ = balance_states(system)
     direct, discrete = float(np.sum(system.d**2)), system.dt_s is not None
     p = gramian(made.a, made.b @ made.b.T, discrete=discrete)

@@ -10,11 +10,10 @@ r"""The H∞ norm: the largest singular value of a stable system over all freque
 
 has no imaginary eigenvalue [1]_; where it has some, they are the frequencies at which a singular
 value is γ, and the gain between them is higher [2]_. In floating point an eigenvalue is never quite
-imaginary: all those that are nearly so are looked at through the frequency response, which also has
-the first and the last word. What is returned is a gain that the system has, at a frequency that is
-named, and a bound from above, which allows for what rounding can have changed in the response: the
-solution of P (s I − A) X = L U X = P B is that of a matrix which differs by no more than
-:math:`n ε |L| |U|` [3]_.
+imaginary: the frequency response decides at all eigenvalues that are nearly so. The result is a
+gain that the system has at a named frequency, and an upper bound that allows for rounding of the
+response: the solution of P (s I − A) X = L U X = P B is that of a matrix that differs by no more
+than :math:`n ε |L| |U|` [3]_.
 
 References
 ----------
@@ -95,7 +94,7 @@ class HinfNorm:
 
     @property
     def doubt(self) -> str:
-        """What is to be said against the value; empty if rounding leaves it two digits at least."""
+        """A doubt about the value in words; empty if rounding leaves it at least two digits."""
         if not self.error > _DOUBTFUL:
             return ""
         much = f"by {100.0 * self.error:.2g} %" if np.isfinite(self.error) else "by any amount"
@@ -152,7 +151,7 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
 
 
 class _Search:
-    """The largest gain of a stable system of order ≥ 1 found so far, and where."""
+    """Search for the largest gain of a stable system of order ≥ 1: the best so far, and where."""
 
     def __init__(self, system: LtiSystem, poles: NDArray[np.complex128]) -> None:
         self.given = system
@@ -186,11 +185,13 @@ class _Search:
         inner = np.flatnonzero(
             (gains >= np.append(gains[1:], -1.0)) & (gains >= np.insert(gains[:-1], 0, -1.0))
         )
+        # the four highest local maxima within 10 % of the largest are refined together
         inner = inner[np.argsort(gains[inner])[-4:]]
         inner = inner[gains[inner] >= 0.9 * gains.max()]
         at = points[inner]
         left = points[np.maximum(inner - 1, 0)]
         right = np.append(points, 2.0 * points[-1] + 1e-300)[inner + 1]
+        # each round divides the intervals beside a maximum by six
         share = np.linspace(0.0, 1.0, 7)[1:-1, None]
         highest = gains[inner]
         for _ in range(5):
@@ -232,6 +233,8 @@ class _Search:
         if self.value == 0.0:  # at so many frequencies: everywhere
             return HinfNorm(0.0, self.frequency, 0.0)
         for _ in range(_MOST_LEVELS):
+            # Bruinsma and Steinbuch (1990): a level just above the best gain; where it is crossed,
+            # the gain between the crossings is higher
             level = self.value * (1.0 + tolerance)
             values = hamiltonian_eigenvalues(self.system, level)
             near = np.abs(values.real) <= _NEAR * np.abs(values)
@@ -278,6 +281,7 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
         return np.inf, np.inf
     inverse, _ = zgetri(factors, swaps)
     size = np.abs(factors)
+    # |L| |U| of the backward error bound, rows in their original order
     changed = (np.tril(size, -1) + np.eye(n)) @ np.triu(size)
     order = list(range(n))
     for k, other in reversed(list(enumerate(swaps.tolist()))):
@@ -292,6 +296,7 @@ def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     # (I − R E)⁻¹ R B with |E| no larger than `changed`
     if not np.isfinite(part).all():
         return np.inf, np.inf
+    # the Neumann series of (I − R E)⁻¹ must converge, else rounding may make the matrix singular
     if part.sum(axis=0).max() >= 0.5 and np.abs(np.linalg.eigvals(part)).max() >= 0.5:
         return np.inf, np.inf
     error = float(np.linalg.norm(out @ changed @ np.linalg.solve(np.eye(n) - part, into)))

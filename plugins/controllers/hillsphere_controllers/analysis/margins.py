@@ -1,4 +1,4 @@
-r"""Margins of loops that are closed by negative feedback, S = (I + L)⁻¹.
+r"""Gain, phase and delay margins of loops closed by negative feedback, S = (I + L)⁻¹.
 
 Crossings are found exactly: the gain of a scalar L(jω) is one at the imaginary zeros of
 :math:`1 - L(-s) L(s)`, and L(jω) is real at those of :math:`L(s) - L(-s)`; both are eigenvalues of
@@ -48,7 +48,7 @@ _EPS = float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """What one loop bears while all others are as they are.
+    """Margins of one loop while all others stay as they are.
 
     Parameters
     ----------
@@ -140,6 +140,7 @@ def _of_channel(loop: LtiSystem) -> LoopMargins:
 
     lower, upper = (0.0, np.nan), (np.inf, np.nan)
     for omega, value in gains:
+        # the factor that brings the crossing to −1
         factor = -1.0 / value.real
         if factor > 1.0:
             upper = min(upper, (factor, omega), key=lambda pair: pair[0])
@@ -147,6 +148,7 @@ def _of_channel(loop: LtiSystem) -> LoopMargins:
             lower = max(lower, (factor, omega), key=lambda pair: pair[0])
     phase, delay = (np.pi, np.nan), (np.inf, np.nan)
     for omega, value in phases:
+        # phase between L and −1, and the delay that uses it up at this frequency
         lag = float(np.angle(-value)) % (2.0 * np.pi)
         phase = min(phase, (min(lag, 2.0 * np.pi - lag), omega), key=lambda pair: pair[0])
         delay = min(delay, (lag / rate(omega), omega), key=lambda pair: pair[0])
@@ -199,7 +201,7 @@ class _Curve:
         return [pair for pair in found if abs(pair[1]) > _NOISY * self._noise(pair[0])]
 
     def _noise(self, omega: float) -> float:
-        """Return what rounding of the entries of A may change in L, to first order.
+        """Return the change of L by rounding of the entries of A, to first order.
 
         Entry by entry: the norms of A and of what stands beside it would let fast poles hide all
         that happens at low frequencies.
@@ -260,6 +262,7 @@ class _Curve:
     def _unit_at(self) -> Array:
         """Return candidates for a gain of one: zeros of 1 − L(−s) L(s)."""
         a, b, c, d = self.loop.a, self.loop.b, self.loop.c, self.loop.d
+        # realisation of 1 − L(−s) L(s)
         both = np.block([[a, np.zeros_like(a)], [c.T @ c, -a.T]])
         into, out = np.vstack([b, c.T @ d]), np.hstack([-d.T @ c, b.T])
         return _axis_zeros(both, into, out, np.eye(1) - d.T @ d)

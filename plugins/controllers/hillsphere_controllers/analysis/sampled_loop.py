@@ -1,4 +1,4 @@
-r"""Loops of a plant in continuous time and a controller that sees it at samples, exactly.
+r"""Exact analysis of sampled-data loops: a plant in continuous time, a controller at samples.
 
 Between samples plant, filters and controller move by matrix exponentials; over one period the whole
 is a linear map, the monodromy, and the loop is stable if and only if its eigenvalues lie inside the
@@ -36,7 +36,7 @@ _FAR = 100.0
 
 @dataclass(frozen=True)
 class SampledLoop:
-    r"""A plant G and a controller K that sees its outputs every period, u = K y.
+    r"""A sampled-data loop: a plant G and a controller K of its sampled outputs, u = K y.
 
     K is closed without a change of sign, as a synthesis makes it. In continuous time it runs
     between the samples, on outputs that are held; in discrete time its u is held.
@@ -86,7 +86,7 @@ class SampledLoop:
         return self.plant.shape[1]
 
     def monodromy(self, factors: Array | None = None) -> Array:
-        """Return what becomes of plant, controller and held values over one period.
+        """Return the monodromy: the map of plant, controller and held values over one period.
 
         Parameters
         ----------
@@ -142,6 +142,7 @@ class SampledLoop:
         # as further rows until the delay is over.
         s, held = len(sampled), self._held
         rows = slice(self._size - held, self._size)
+        # flow until the delay is over with the old values, the new ones stored as extra rows
         widened = np.zeros((*factors.shape[:-1], s + held, s))
         widened[..., :s, :] = before @ self._only_controller()
         widened[..., s:, :] = sampled[rows]
@@ -158,6 +159,8 @@ class SampledLoop:
         d, total = slice(y.stop, y.stop + p), slice(y.stop + p, y.stop + 2 * p)
         rate = np.zeros((*factors.shape[:-1], total.stop, total.stop))
         into = plant.b * factors[..., None, :]
+        # generator of the states (plant, controller, held values, disturbance, ∫ of the total
+        # command)
         rate[..., x, x] = plant.a
         rate[..., x, d] = into
         rate[..., total, d] = np.eye(p)
@@ -192,7 +195,7 @@ class SampledLoop:
 
 @dataclass(frozen=True)
 class SampledMargins:
-    """Stability of a sampled loop, and what it bears at the plant's p controls.
+    """Stability and margins of a sampled loop at the plant's p controls.
 
     Parameters
     ----------
@@ -253,6 +256,7 @@ def _gain_margin(loop: SampledLoop, which: Array, sign: Literal[-1, 1]) -> float
     def radius(log_gain: Array | float) -> Array:
         return loop.spectral_radius(np.exp(np.multiply.outer(log_gain, which))) - 1.0
 
+    # the first factor at which the spectral radius reaches one, bracketed on a grid
     logs = np.linspace(0.0, sign * np.log(_FAR), _STEPS + 1)
     found = np.flatnonzero(radius(logs[1:]) >= 0.0)
     if not found.size:

@@ -1,4 +1,4 @@
-"""The state of a µ synthesis in a file, so that an interrupted one goes on where it was."""
+"""Checkpoint file of a µ synthesis, from which an interrupted one resumes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["CheckpointFile"]
 
 
 class CheckpointFile:
-    """A file with the state after the last step.
+    """A checkpoint: the state after the last step, in a file.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class CheckpointFile:
         try:
             state = load_product(self._path)
         except InputError as error:
-            raise InputError(f"{error}; remove {self._path} to begin anew") from error
+            raise InputError(f"{error}; remove {self._path} to start again") from error
         if not isinstance(state, State) or state.key != self.key:
             raise InputError(
                 f"{self._path} holds the state of another synthesis; remove it, or name another "
@@ -85,6 +85,6 @@ class CheckpointFile:
             save_product(self._path, state)
         except OSError as error:
             raise StageError(
-                f"{self._path} cannot be written: {error.strerror or error}; the step before is "
-                "kept: mend that and resume the run"
+                f"{self._path} cannot be written: {error.strerror or error}; the previous "
+                "step is stored: free the path and resume the run"
             ) from error

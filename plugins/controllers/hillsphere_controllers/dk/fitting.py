@@ -15,9 +15,9 @@ set of parameters serves all frequencies, and that
     -\log\det F - \log\det D + \operatorname{tr} D_*^{-1} D
 
 is minimised, summed over the set: the last two terms are least where D is D∗, the centre of the
-scalings that prove b at the frequency alone. The sum is convex in what D and G are linear in; the
-poles are moved along by the same steps of Gauss and Newton. What is fitted is so the bound itself,
-not a curve, and phase and repeated blocks are no special case.
+scalings that prove b at the frequency alone. The sum is convex in the matrices in which D and G are
+linear; the poles are moved along by the same Gauss-Newton steps. The bound itself is fitted, not a
+curve, so that phase and repeated blocks are no special case.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ poles, where it dips."""
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What rational scalings are asked to prove.
+    """Goal of a fit: the bounds that rational scalings must prove.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class FittedMultipliers:
 
 
 def fit_multipliers(goal: Goal, start: Sequence[Multiplier]) -> FittedMultipliers:
-    """Return scalings of the orders of those to begin with, as near to the goal as they come.
+    """Fit scalings to a goal, of the same orders as the initial ones.
 
     Parameters
     ----------
@@ -147,6 +147,7 @@ def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
     made = np.full(len(d), np.inf)
     good = np.linalg.eigvalsh(d)[:, 0] > 0.0
     root = np.linalg.inv(np.linalg.cholesky(d[good]))
+    # D = K Kᴴ: the bound is the largest eigenvalue of K⁻¹ (MᴴDM + …) K⁻ᴴ
     inside = root @ _dg_form(goal.matrices[good], d[good], g[good]) @ root.conj().swapaxes(1, 2)
     made[good] = np.linalg.eigvalsh(inside)[:, -1] / goal.levels[good]
     return made
@@ -166,7 +167,7 @@ def dips(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
 
 
 def lift_multiplier(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
-    """Return scalings whose D is positive at those many frequencies, by a constant if need be."""
+    """Return scalings whose D is positive on a fine grid, by adding a constant if necessary."""
     _, least = _least(multiplier, omega_rad_s)
     if least.min() > 0.0:
         return multiplier
@@ -229,6 +230,8 @@ def _centre(goal: Goal, x: tuple[Multiplier, ...], t: float) -> tuple[Multiplier
         scale = np.maximum(scale, 1e-12 * scale.max())
         r = np.linalg.qr(rows / scale, mode="r")
         while True:
+            # Levenberg-Marquardt: (JᵀJ + damping I) step = −gradient, by the QR factor of [J;
+            # √damping I]
             both = np.vstack([r, np.sqrt(damping) * np.eye(scale.size)])
             damped = np.linalg.qr(both, mode="r")
             step = solve_triangular(damped, -gradient / scale, trans="T", check_finite=False)
@@ -262,6 +265,7 @@ def _derivatives(goal: Goal, x: Sequence[Multiplier], t: float) -> tuple[Array, 
             continue
         dd, dg = one.tangents(goal.omega_rad_s)
         inner = m[:, None, span, :]
+        # dF = t b dD − Mᴴ dD M − (jdG M + (jdG M)ᴴ) for each parameter
         lifted = -(mh[:, None, :, span] @ dd @ inner)
         lifted[:, :, span, span] += levels[:, None] * dd
         if one.y is not None:
@@ -271,6 +275,7 @@ def _derivatives(goal: Goal, x: Sequence[Multiplier], t: float) -> tuple[Array, 
         change = roots @ lifted @ roots.conj().swapaxes(2, 3)
         own = np.linalg.inv(np.linalg.cholesky(d[:, span, span]))[:, None]
         change_d = own @ dd @ own.conj().swapaxes(2, 3)
+        # d(−log det F) = −tr F⁻¹ dF, likewise for D
         slope = -np.trace(change, axis1=2, axis2=3).real - np.trace(change_d, axis1=2, axis2=3).real
         slope += np.sum(goal.weights[:, None, span, span].conj() * dd, axis=(2, 3)).real
         gradient.append(slope.sum(axis=0))

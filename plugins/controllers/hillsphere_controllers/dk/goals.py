@@ -1,4 +1,4 @@
-"""Where scalings are to be fitted, and to what: µ's upper bound at a set of frequencies."""
+"""Goals of the D-step: upper bounds of µ at a set of frequencies, to which scalings are fitted."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Bounds:
         return np.array([b.value for b in self.found])
 
     def goal(self, floor: float) -> Goal:
-        """Return what scalings should prove.
+        """Return the goal of a fit: slightly more than the bounds.
 
         Parameters
         ----------
@@ -78,13 +78,14 @@ class Bounds:
             d = centre.scalings.d
             if reference is not None:
                 at = int(self.structure.starts[reference])
+                # a common factor of D does not matter: the reference block has D = 1
                 d = d / d[at, at].real
             weights.append(np.linalg.inv(d))
         return Goal(self.omega_rad_s, self.matrices, asked**2, np.array(weights))
 
 
 def bounds_of(loop: LtiSystem, structure: BlockStructure, more_rad_s: Array) -> Bounds:
-    """Return µ's bounds of a stable loop.
+    """Return upper bounds of µ of a stable loop on a grid of frequencies.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-r"""Scalings moved together with the controller.
+r"""Joint descent: scalings and controller moved together.
 
-Alternation creeps once µ is about the same at all frequencies: scalings that prove the bound of one
-controller have no reason to suit the next. But the least γ of the K-step is a function of the
+Alternation converges slowly once µ is about the same at all frequencies: scalings that prove the
+bound of one controller need not suit the next. But the least γ of the K-step is a function of the
 scalings' parameters, smooth where the K-step is H∞ synthesis of full order, and its minimum is what
 the alternation looks for. So it is minimised itself, by a quasi-Newton method with differences, in
 coordinates in which steps of one change D by as much as itself (the metric of −log det D).
@@ -41,7 +41,7 @@ def descend_jointly(
     omega_rad_s: Array,
     steps: int,
 ) -> Sequence[Multiplier]:
-    """Return scalings of a lower γ.
+    """Return scalings for which the K-step reaches a lower γ, by quasi-Newton steps.
 
     Parameters
     ----------
@@ -105,6 +105,8 @@ def _basis(start: Sequence[Multiplier], omega: Array) -> Array:
             continue
         d, _ = one.values(omega)
         dd, dg = one.tangents(omega)
+        # relative change K⁻¹ dD K⁻ᴴ with D = K Kᴴ, stacked over the frequencies; its singular
+        # vectors are the directions
         root = np.linalg.inv(np.linalg.cholesky(d))[:, None]
         both = np.stack([dd, dg], axis=2)
         change = root[:, :, None] @ both @ root[:, :, None].conj().swapaxes(3, 4)
@@ -119,6 +121,7 @@ def _gradient(cost: Callable[[Array], float], v: Array, value: float) -> Array:
     made = np.zeros(v.size)
     for k in range(v.size):
         moved = v.copy()
+        # one-sided difference; backwards where the K-step fails ahead
         for step in (_STEP, -_STEP):
             moved[k] = v[k] + step
             there = cost(moved)
@@ -150,7 +153,7 @@ def _along(
 
 
 def _update_inverse_hessian(inverse: Array, step: Array, change: Array) -> Array:
-    """Return the inverse Hessian after a step, by the formula of Broyden and others."""
+    """Return the inverse Hessian after a step, by the BFGS formula."""
     product = float(step @ change)
     if product <= 1e-10 * float(np.linalg.norm(step) * np.linalg.norm(change)):
         return inverse

@@ -1,4 +1,4 @@
-r"""Scalings D and G of one block as rational functions of frequency.
+r"""Multipliers: scalings D and G of one block as rational functions of frequency.
 
 With a basis of stable functions φ, those of first- and second-order lags, and real matrices X, Y,
 
@@ -134,6 +134,7 @@ class Multiplier:
             y = None if self.y is None else np.concatenate([self.y, none])
             return replace(self, single=new, x=np.concatenate([self.x, none]), y=y)
         # p/(s + p) = (p q + p s)/((s + p)(s + q))
+        # two first-order lags become one second-order lag of the geometric mean frequency
         middle = 0.5 * (self.single + new)
         damping = np.log(np.cosh(0.5 * (self.single - new)))
         pairs = np.vstack([self.pairs, [middle, min(max(damping, _DAMPING[0]), _DAMPING[1])]])
@@ -201,6 +202,7 @@ class Multiplier:
             for column, above, lift in ((0, w * w + 0.0 * s, 2.0), (1, w * s, 1.0)):
                 at = 1 + 2 * k + column
                 phi[there, at] = above / below
+                # derivatives by ln ω and ln ζ; lift is the power of ω in the numerator
                 turn = 2.0 * z * w * s
                 more[there, at, 2 * k] = (lift - (turn + 2.0 * w * w) / below) * above / below
                 more[there, at, 2 * k + 1] = -turn * above / below**2

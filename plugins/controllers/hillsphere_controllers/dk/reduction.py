@@ -1,4 +1,4 @@
-"""Controllers of lower order, by balanced truncation, with µ certified for each."""
+"""Order reduction of controllers by balanced truncation, with certified µ."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def reduced_controller(
     *,
     gap: float = 0.01,
 ) -> ReducedController | None:
-    """Return the controller of the least order found with which µ stays below a limit.
+    """Return the controller of the lowest order found that keeps µ below a limit.
 
-    By bisection: that µ grows as the order falls is likely, but not sure.
+    The order is found by bisection, which assumes that µ grows as the order falls.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a search is between two steps: what goes on from it depends on nothing else.
+    """State of a search between two steps, complete for its continuation.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class State:
 class Search:
     """The best controller so far, and the steps towards it.
 
-    `progress` is told of each step, `keep` of the state after it.
+    `progress` is called with each step, `keep` with the state after it.
     """
 
     def __init__(
@@ -185,6 +185,8 @@ class Search:
                 self._joint(start, before.peak.upper, joint_steps)
             else:
                 self._step("alternate", *self._fitted(before, highest))
+            # an alternation that gains little is followed by a joint step, that by one of higher
+            # order
             gained = 1.0 - self.best.peak.upper / before.peak.upper
             if joint:
                 if gained < _ENDED and (
@@ -206,7 +208,7 @@ class Search:
         return f"{iterations} iterations are done"
 
     def _settled(self) -> None:
-        """Keep the state after a step, and tell of the step."""
+        """Store the state after a step, and report the step."""
         best = self.best
         if self._keep is not None and best is not None:
             state = canonical(
@@ -243,6 +245,7 @@ class Search:
         for _ in range(_REFITTED):
             bounds = bounds_of(point.loop, self.structure, more)
             self._omega = bounds.omega_rad_s
+            # fit the whole curve first; if it misses, only the frequencies near the peak
             for floor in _FLOORS:
                 goal = bounds.goal(floor)
                 if not np.isfinite(levels_of(goal, start)).all():
@@ -252,6 +255,8 @@ class Search:
                 if beta <= _MISSED * bounds.values.max():
                     break
             start = found.multipliers
+            # between the frequencies D may be negative, or the scaled norm exceed the level: such a
+            # frequency joins the set
             missed = dips(start, bounds.omega_rad_s)
             if not missed.size:
                 try:
@@ -269,7 +274,7 @@ class Search:
         return absorb_scalings(self.plant, [factors(one, beta) for one in multipliers], beta)
 
     def _gamma(self, multipliers: Sequence[Multiplier], beta: float, tolerance: float) -> float:
-        """Return what the K-step reaches with scalings."""
+        """Return the γ that the K-step reaches with scalings."""
         scaled = self._scaled(multipliers, beta)
         if self._given is not None:
             return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value

@@ -1,4 +1,4 @@
-"""Constant scalings to begin with, so that no unit decides where the alternation ends."""
+"""Initial constant scalings, so that units do not decide where the alternation ends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _EVALUATIONS = 15
 def constant_scalings(
     structure: BlockStructure, gamma: Callable[[Sequence[Multiplier]], float]
 ) -> tuple[Multiplier, ...]:
-    """Return the constant scalings for which the K-step reaches the least γ that was found.
+    """Return the constant scalings with the lowest γ of the K-step that was found.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def constant_scalings(
 
     if not moving:
         return made(np.zeros(0))
+    # first one common factor over eight decades, then each by itself (Nelder and Mead)
     swept = [cost(np.full(len(moving), log)) for log in _SWEPT]
     begun = np.full(len(moving), _SWEPT[int(np.argmin(swept))])
     if not np.isfinite(min(swept)):

@@ -6,8 +6,8 @@ A controller is sought that keeps µ of its closed loop below β at all frequenc
 or performance, for all Δ smaller than 1/β. From the best one known:
 
 1. D-step: µ's upper bound at a set of frequencies; rational D, for real blocks D and G, of rising
-   order, that prove nearly the same bounds. Where they miss it between the frequencies, as the norm
-   of the scaled loop tells, that frequency joins the set.
+   order, that prove nearly the same bounds. Where the norm of the scaled loop shows that they miss
+   the bound between the frequencies, that frequency joins the set.
 2. K-step: H∞ synthesis for the plant with the scalings in it.
 3. Where that gains little, scalings and controller are moved together (`joint`).
 

@@ -1,4 +1,4 @@
-"""Both Riccati equations of H∞ synthesis at a given γ, and the central controller."""
+"""The two Riccati equations of H∞ synthesis at a given γ, and the central controller."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _EPS = float(np.finfo(float).eps)
 
 
 class GammaProblem:
-    """The plant with D12 = [0; I], D21 = [0 I], D22 = 0, and how to come back."""
+    """H∞ problem with D12 = [0; I], D21 = [0 I], D22 = 0, and the transformation back."""
 
     def __init__(self, plant: LtiSystem, k: int, q: int) -> None:
         p, m = plant.shape
@@ -85,9 +85,10 @@ class GammaProblem:
         self.size = max(np.abs(plant.c).max(initial=0.0), np.abs(plant.d).max(initial=0.0), 1e-300)
 
     def bracket(self) -> tuple[float, float | None]:
-        """Return a γ without and one with a solution, None if none with one was found."""
+        """Return a γ without and a γ with a solution; None for the latter if none was found."""
         k, q = self._k, self._q
         p1, m1 = self._d11.shape
+        # Parrott: no controller changes the parts of D11 that u does not reach or y does not show
         low = max(
             np.linalg.norm(self._d11[: p1 - k], 2) if p1 > k else 0.0,
             np.linalg.norm(self._d11[:, : m1 - q], 2) if m1 > q else 0.0,
@@ -116,10 +117,10 @@ class GammaProblem:
         return None
 
     def solve(self, gamma: float, *, checked: bool = True) -> tuple[Array, Array] | None:
-        """Return X and Y for a γ, None if it is too small or rounding hides them.
+        """Return X and Y for a γ; None if γ is too small or rounding hides the solutions.
 
-        Where it is too small beyond the errors of X and Y, `proved` is raised. Without checks, X
-        and Y are what is found; what a controller made from them does must be seen.
+        If γ is too small by more than the errors of X and Y, `proved` is raised. Without checks X
+        and Y are returned as found; the closed loop of their controller must then be checked.
         """
         r, rt = self._weights(gamma)
         sides = (
@@ -145,6 +146,7 @@ class GammaProblem:
                     self.proved = max(self.proved, bound)
                 return None
             least = float(np.linalg.eigvalsh(x)[0]) if len(x) else 0.0
+            # X ≥ 0 is the second condition of Glover and Doyle (1988)
             if checked and least < -1e-9 * max(float(np.abs(x).max(initial=0.0)), 1e-300):
                 if gamma > self.proved and any(
                     solution_error(matrices, rounding, x, floor)[0] < 1.0 for floor in _FLOORS
@@ -156,6 +158,7 @@ class GammaProblem:
         if not checked:
             return x, y
         g2 = gamma * gamma
+        # ρ(X Y) < γ² is the third
         largest = _radius(x, y)
         if largest < g2 * (1.0 - 1e-12):
             return x, y
@@ -175,6 +178,7 @@ class GammaProblem:
         d1 = np.hstack([self._d11, self._d12])
         d2 = np.vstack([self._d11, self._d21])
         r, rt = d1.T @ d1, d2 @ d2.T
+        # R = D1ᵀ D1 − diag(γ² I, 0) and its dual (Zhou et al. 1996, section 17.1)
         r[:m1, :m1] -= gamma**2 * np.eye(m1)
         rt[:p1, :p1] -= gamma**2 * np.eye(p1)
         return r, rt
@@ -187,6 +191,7 @@ class GammaProblem:
         c = np.vstack([self._c1, self._c2])
         d1 = np.hstack([self._d11, self._d12])
         d2 = np.vstack([self._d11, self._d21])
+        # gains F and H of state feedback and output injection, in the partition of w and z
         f = -np.linalg.solve(r, d1.T @ self._c1 + b.T @ x)
         h = -np.linalg.solve(rt, (self._b1 @ d2.T + y @ c.T).T).T
         f12, f2 = f[m1 - q : m1], f[m1:]
@@ -195,12 +200,14 @@ class GammaProblem:
         d1121, d1122 = self._d11[p1 - k :, : m1 - q], self._d11[p1 - k :, m1 - q :]
         left = g2 * np.eye(p1 - k) - d1111 @ d1111.T
         right = g2 * np.eye(m1 - q) - d1111.T @ d1111
+        # direct term and factors of the central controller (Zhou et al. 1996, theorem 17.1)
         through = -d1121 @ d1111.T @ np.linalg.solve(left, d1112) - d1122
         try:
             d12 = np.linalg.cholesky(np.eye(k) - d1121 @ np.linalg.solve(right, d1121.T))
             d21 = np.linalg.cholesky(np.eye(q) - d1112.T @ np.linalg.solve(left, d1112)).T
         except np.linalg.LinAlgError:
             return None
+        # Z = (I − Y X/γ²)⁻¹ couples the estimate to the worst disturbance
         z = np.linalg.inv(np.eye(len(x)) - y @ x / g2)
         b2 = z @ (self._b2 + h12) @ d12
         c2 = -d21 @ (self._c2 + f12)
@@ -216,7 +223,7 @@ class GammaProblem:
 
 
 def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
-    """Return the controller for measurements that contain the controls, y = y₀ + D22 u."""
+    """Return the controller for measurements y = y₀ + D22 u, given the one for y₀."""
     if not d22.any():
         return controller
     k, q = controller.shape
@@ -275,6 +282,7 @@ def _equation(
     rest = np.abs(q)
     rest[rest > _ROUNDING * np.abs(whole).max(initial=0.0)] = 0.0
     q[rest > 0.0] = 0.0
+    # first-order error of the solution with R, by its condition number
     small = _EPS * len(r) * float(np.linalg.cond(r))
     size = [np.abs(one) for one in (b, feed, back, cross, c, a)]
     rounding = (

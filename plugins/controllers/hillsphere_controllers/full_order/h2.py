@@ -111,16 +111,20 @@ def _solve_scaled(plant: LtiSystem, k: int, q: int) -> H2Design:
     check_modes(a, b2, c2, discrete=discrete)
     _check_rank(d12, "control")
     _check_rank(d21.T, "measurement")
+    # state feedback, and the filter as the state feedback of the transposed plant
     x, f = optimal_cost(a, b2, c1, d12, discrete=discrete)
     y, h = optimal_cost(a.T, c2.T, b1.T, d21.T, discrete=discrete)
     gain = h.T
     if not discrete:
         weight = d12.T @ d12
+        # ‖·‖₂² = tr(B1ᵀ X B1) + tr(R F Y Fᵀ), cost of the state feedback and of the estimate's
+        # error
         square = np.sum((b1.T @ x) * b1.T) + np.sum((f @ y) * (weight @ f))
         controller = LtiSystem(a + b2 @ f + gain @ c2, -gain, f, np.zeros((k, q)))
     else:
         weight = d12.T @ d12 + b2.T @ x @ b2
         noise = d21 @ d21.T + c2 @ y @ c2.T
+        # in discrete time the optimal u also depends on the present w: u = F x + F0 w
         f0 = -np.linalg.solve(weight, b2.T @ x @ b1 + d12.T @ d11)
         # of F x + F0 w, what the measurement of the moment tells
         told = f @ y @ c2.T + f0 @ d21.T

@@ -179,6 +179,7 @@ def _continuous(
 ) -> HinfDesign:
     """Return the design for a plant in continuous time, its controls in these units."""
     posed = _regularise(plant, units, regularisation) if regularisation else plant
+    # the Riccati equations are solved for the balanced states; the controller is the same
     posed = balance_states(posed)[0]
     problem = GammaProblem(posed, units.controls.size, units.measurements.size)
     low, high = problem.bracket()
@@ -203,6 +204,7 @@ def _continuous(
             )
             low, high = _beside(problem, guess, low, high, tolerance)
         while high > low * (1.0 + tolerance):
+            # bisection in ln γ
             middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
             if middle <= 1e-12 * problem.size:
                 break
@@ -245,7 +247,7 @@ def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | No
 def _beside(
     problem: GammaProblem, guess: float, low: float, high: float, tolerance: float
 ) -> tuple[float, float]:
-    """Return a γ without and one with a solution, near a guess if it is right."""
+    """Return a bracket of γ around a guess, as far as the guess is right."""
     for gamma in (guess * (1.0 + 0.4 * tolerance), guess * (1.0 - 0.4 * tolerance)):
         if low < gamma < high:  # not if the guess is NaN
             if problem.solve(gamma) is None:
@@ -256,7 +258,7 @@ def _beside(
 
 
 def _goes_lower(plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below: float) -> bool:
-    """Whether a controller for a γ that the bisection has refused does better."""
+    """Return whether a γ that the bisection has refused gives a better controller."""
     bisected = problem.by_pencil
     tried = [share * best.gamma for share in _SHARES if share * best.gamma > below]
     found = []
@@ -270,7 +272,7 @@ def _goes_lower(plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below
 def _scan_gamma(
     plant: LtiSystem, problem: GammaProblem, span: tuple[float, float]
 ) -> HinfDesign | None:
-    """Return the best controller of many γ, whether X and Y look right or not: the loop decides."""
+    """Return the best controller over a grid of γ, judged by its closed loop alone."""
     best: HinfDesign | None = None
     for problem.by_pencil in (False, True):
         own: HinfDesign | None = None
@@ -307,7 +309,7 @@ def _design_at(
 def _back_off(
     plant: LtiSystem, problem: GammaProblem, least: float, back_off: float
 ) -> HinfDesign | None:
-    """Return the best controller whose closed loop is what it should be."""
+    """Return the controller of the least back-off whose closed loop has the norm it should."""
     best: HinfDesign | None = None
     for factor in _BACK_OFFS:
         gamma = least * (1.0 + back_off * factor)
@@ -328,7 +330,7 @@ def _verify_design(plant: LtiSystem, controller: LtiSystem, solvable: float) -> 
 
 
 def _regularise(plant: LtiSystem, units: Units, size: float) -> LtiSystem:
-    """Return the plant with the controls among z and noise on the measurements, of one size."""
+    """Return the plant with extra outputs for the controls and extra noise on the measurements."""
     (p, m), n = plant.shape, plant.order
     k, q = units.controls.size, units.measurements.size
     b1, b2 = plant.b[:, : m - k], plant.b[:, m - k :]

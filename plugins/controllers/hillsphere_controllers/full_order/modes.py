@@ -1,4 +1,4 @@
-"""Whether what is not stable can be reached and seen."""
+"""Stabilisability and detectability by the Popov-Belevitch-Hautus (PBH) test."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ both close to one."""
 
 
 def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None:
-    """Check that controls reach and measurements show every mode that is not stable.
+    """Check that the plant is stabilisable and detectable (PBH test).
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
         ):
             if matrix.shape[1] == len(a):
                 continue
+            # both tests: units alone can make the first fail, and rounding alone the second
             if _lacks_rank(matrix) and _lacks_rank(_even(matrix)):
                 raise NotStabilisableError(
                     f"{what} the mode at {'z' if discrete else 's'} = {value:.6g}, which is not "

@@ -1,4 +1,4 @@
-r"""The state feedback of least cost, from a Riccati equation with a definite quadratic term.
+r"""Linear-quadratic state feedback, from a Riccati equation with a definite quadratic term.
 
 The energy of :math:`C x + D u` is brought to that of :math:`C_\perp x` and of a control of unit
 weight, by the QR factorisation of D, in which nothing is squared: what cancels, cancels to zero.
@@ -102,7 +102,7 @@ def optimal_cost(
 
 
 def _starts(a: Array, b: Array, c: Array, discrete: bool) -> Iterator[Array]:
-    """Yield feedbacks' costs to begin with, from the fastest method to the most robust one."""
+    """Yield initial solutions of the Riccati equation, the fastest method first."""
     q, one = c.T @ c, np.eye(b.shape[1])
     if not discrete:
         found = stabilising_solution(a, -b @ b.T, q, checked=False)
@@ -128,7 +128,7 @@ def _feedback(a: Array, b: Array, x: Array, discrete: bool) -> Array:
 
 
 def _refine_by_newton(a: Array, b: Array, c: Array, x: Array, discrete: bool) -> Array | None:
-    """Return X after steps of Newton's method; None if it stabilises not, or solves not."""
+    """Refine X by Newton's method (Kleinman); None if X does not stabilise or solve."""
     error = np.inf
     best = x
     for _ in range(_MOST):
@@ -140,6 +140,7 @@ def _refine_by_newton(a: Array, b: Array, c: Array, x: Array, discrete: bool) ->
         if not (np.abs(poles).max() < 1.0 if discrete else poles.real.max() < 0.0):
             break
         if discrete:
+            # residual in its factors: squares do not cancel against each other
             terms = closed.T @ x @ closed, -x, f.T @ f, c.T @ c
         else:
             flow = a.T @ x
@@ -153,5 +154,6 @@ def _refine_by_newton(a: Array, b: Array, c: Array, x: Array, discrete: bool) ->
             best, error = x, reached
         if error <= _SETTLED:
             break
+        # Newton step: the Lyapunov equation of the closed loop for the residual
         x = x + gramian(closed.T, rest, discrete=discrete)
     return best if error <= _RESIDUAL else None

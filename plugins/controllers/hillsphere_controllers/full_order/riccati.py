@@ -69,6 +69,7 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
         return np.zeros((0, 0))
     hamiltonian, t = _hamiltonian(a, s, q)
     try:
+        # ordered real Schur form: the first n columns span the stable invariant subspace
         found, vectors, stable = schur(hamiltonian, sort="lhp")
     except np.linalg.LinAlgError:  # eigenvalues too near the axis to be put in order
         return None
@@ -80,6 +81,7 @@ def stabilising_solution(a: Array, s: Array, q: Array, *, checked: bool = True) 
     upper, lower = vectors[:n, :n], vectors[n:, :n]
     if np.linalg.svd(upper, compute_uv=False)[-1] <= (_SINGULAR if checked else 0.0):
         return None
+    # X = t X₂ X₁⁻¹
     x = t * np.linalg.solve(upper.T, lower.T).T
     x = _refine_by_newton(a, s, q, 0.5 * (x + x.T))
     return x if not checked or _solves(a, s, q, x) else None
@@ -91,7 +93,7 @@ def solution_by_pencil(
     *,
     checked: bool = True,
 ) -> Array | None:
-    """Return the stabilising solution X (n, n), symmetric, by another way, or None.
+    """Return the stabilising solution X (n, n), symmetric, from the extended pencil, or None.
 
     From the pencil [2]_ in which the weight R is not inverted. It takes some times as long, and
     finds solutions where R, or the units of the states, are so uneven that the Hamiltonian matrix
@@ -123,9 +125,10 @@ def solution_by_pencil(
 
 
 def axis_frequencies(a: Array, s: Array, q: Array) -> Array:
-    """Return the frequencies at which eigenvalues of the Hamiltonian matrix may be imaginary.
+    """Return frequencies at which eigenvalues of the Hamiltonian matrix may be imaginary.
 
-    And those between them, where the level it belongs to is exceeded if they are.
+    The midpoints between them are included: if the eigenvalues are imaginary, the gain exceeds the
+    level there.
     """
     values = np.linalg.eigvals(_hamiltonian(a, s, q)[0]) if len(a) else np.zeros(0)
     near = np.abs(values.real) <= _NEAR_AXIS * np.abs(values)
@@ -134,9 +137,9 @@ def axis_frequencies(a: Array, s: Array, q: Array) -> Array:
 
 
 def _hamiltonian(a: Array, s: Array, q: Array) -> tuple[Array, float]:
-    """Return the matrix for t⁻¹ X, and t, which brings S and Q to the same size.
+    """Return the Hamiltonian matrix of the scaled solution X/t, and the scale t.
 
-    The subspace is then well conditioned.
+    The scale gives S and Q the same size, which makes the subspace well conditioned.
     """
     size_s, size_q = np.abs(s).max(), np.abs(q).max()
     t = float(np.sqrt(size_q / size_s)) if size_s > 0.0 and size_q > 0.0 else 1.0
@@ -150,11 +153,12 @@ def _solves(a: Array, s: Array, q: Array, x: Array) -> bool:
 
 
 def _refine_by_newton(a: Array, s: Array, q: Array, x: Array) -> Array:
-    """Return X after steps of Newton's method, as long as they bring it nearer and it is far."""
+    """Refine X by Newton's method while the residual falls and is not yet small."""
     rest = _largest_residual(a, s, q, x)
     for _ in range(_NEWTON):
         closed = a + s @ x
-        # where this is nearly singular, the step is none that helps, and not taken
+        # the Newton step solves (A + S X)ᵀ Δ + Δ (A + S X) = −residual; if the equation is nearly
+        # singular, the step does not lower the residual and is not taken
         step = solve_sylvester(closed.T, closed, -_residual(a, s, q, x))
         better = np.asarray(x + 0.5 * (step + step.T))
         left = _largest_residual(a, s, q, better)
@@ -167,7 +171,7 @@ def _refine_by_newton(a: Array, s: Array, q: Array, x: Array) -> Array:
 
 
 def _largest_residual(a: Array, s: Array, q: Array, x: Array) -> float:
-    """Return it relative to the largest of the equation's terms."""
+    """Return the largest entry of the residual, relative to the equation's largest term."""
     size = max(np.abs(q).max(), np.abs(a.T @ x).max(), np.abs(x @ s @ x).max(), 1e-300)
     return float(np.abs(_residual(a, s, q, x)).max() / size)
 

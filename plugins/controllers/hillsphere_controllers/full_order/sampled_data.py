@@ -1,4 +1,4 @@
-r"""Costs and noises of continuous time, exact for what a computer does: samples and a hold.
+r"""Exact sampling of quadratic costs and white noise, with held inputs (sampled-data LQG).
 
 Over a period h with x(0) = x and u held,
 
@@ -115,11 +115,13 @@ def _integrate_weight(m: Array, weight: Array, h: float) -> tuple[Array, Array]:
     # the exponential holds exp(−Mᵀ h) too: over short steps, then doubled, no mode drowns another
     doublings = max(0, int(np.ceil(np.log2(max(np.abs(m).sum(axis=0).max() * h, 1e-300)
                                            / _LARGEST_STEP))))  # fmt: skip
+    # Van Loan (1978): exp([[−Mᵀ, W], [0, M]] h) has the integral in its upper right block
     both = np.block([[-m.T, weight], [np.zeros((n, n)), m]])
     found = expm(both * (h / 2.0**doublings))
     over = found[n:, n:]
     total = over.T @ found[:n, n:]
     for _ in range(doublings):
+        # doubling: ∫₀²ʰ = ∫₀ʰ + exp(Mᵀ h) (∫₀ʰ) exp(M h)
         total = total + over.T @ total @ over
         over = over @ over
     return over, 0.5 * (total + total.T)

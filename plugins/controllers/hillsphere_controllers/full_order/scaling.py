@@ -1,4 +1,4 @@
-"""Controls and measurements in units of their own size, so that no unit decides what is solved."""
+"""Scaling of controls and measurements to norm one, so that units do not decide solvability."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class Units:
         return units
 
     def scaled(self, plant: LtiSystem) -> LtiSystem:
-        """Return a plant in these units; the closed loop from w to z stays what it is."""
+        """Return a plant in these units; the closed loop from w to z does not change."""
         (p, m), k, q = plant.shape, self.controls.size, self.measurements.size
         columns = np.concatenate([np.ones(m - k), self.controls])
         rows = np.concatenate([np.ones(p - q), self.measurements])[:, None]
         return replace(plant, b=plant.b / columns, c=plant.c / rows, d=plant.d / columns / rows)
 
     def restored(self, controller: LtiSystem) -> LtiSystem:
-        """Return a controller of the plant in these units in those of the plant as given."""
+        """Return the controller for the plant in its original units."""
         rows = self.controls[:, None]
         return replace(
             controller,

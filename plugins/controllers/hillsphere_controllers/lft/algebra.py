@@ -1,4 +1,4 @@
-r"""Uncertain systems: elements, and what is made of them."""
+r"""Algebra of uncertain systems: uncertain elements, and their interconnections."""
 
 from __future__ import annotations
 
@@ -95,12 +95,13 @@ def dynamics(name: str, rows: int = 1, columns: int = 1, weight: LtiSystem | Non
 
 def _block(uncertainty: Uncertainty) -> Lft:
     p, m = uncertainty.rows, uncertainty.columns
+    # F_u(M, Δ) = Δ for M = [0 I; I 0]
     matrix = np.block([[np.zeros((m, p)), np.eye(m)], [np.eye(p), np.zeros((p, m))]])
     return Lft(gain(matrix), (uncertainty,), (1,))
 
 
 def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return [G₁ G₂ …]: the sum of what each makes of its own inputs."""
+    """Return [G₁ G₂ …]: the inputs side by side, the outputs added."""
     found = [constant(part) for part in parts]
     _same({part.shape[0] for part in found}, "outputs")
     count = len(found)
@@ -108,7 +109,7 @@ def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
 
 
 def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
-    """Return [G₁; G₂; …]: all outputs for one input."""
+    """Return [G₁; G₂; …]: one common input, the outputs stacked."""
     found = [constant(part) for part in parts]
     _same({part.shape[1] for part in found}, "inputs")
     feed, _ = _apart(found)

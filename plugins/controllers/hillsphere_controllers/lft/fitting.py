@@ -35,7 +35,7 @@ them; its coefficient would amplify rounding by the inverse."""
 
 @dataclass(frozen=True, eq=False)
 class PolynomialFit:
-    """A polynomial of q = (p − p₀)/g near sampled matrices.
+    """A polynomial of q = (p − p₀)/g fitted to sampled matrices.
 
     Parameters
     ----------
@@ -159,6 +159,7 @@ def fit_polynomial(
     rest = target - basis @ (basis.T @ target)
     leverage = np.sum(basis**2, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
+        # leave-one-out residual of a linear fit, rest/(1 − leverage), without fitting again
         without = np.abs(rest) / (1.0 - leverage)[:, None]
     alone = leverage > 1.0 - 1e-9  # a sample that fixes a term by itself tells nothing about it
     return PolynomialFit(
@@ -186,9 +187,12 @@ def _select_terms(
         if not free.any():
             break
         explained = np.zeros(len(sizes))
+        # error reduction of each candidate: the squared projection on its part orthogonal to the
+        # chosen
         explained[free] = np.sum((left[:, free].T @ rest) ** 2, axis=1) / sizes[free] ** 2
         best = int(np.argmax(np.where(free, explained, -1.0))) if chosen else 0
         column = left[:, best] / sizes[best]
+        # once more against the basis (Gram-Schmidt twice), so that it stays orthogonal to rounding
         column = column - basis @ (basis.T @ column)
         column /= np.linalg.norm(column)
         before = float(np.sum(rest**2))

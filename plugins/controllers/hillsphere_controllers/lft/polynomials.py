@@ -4,12 +4,12 @@ r"""Matrices that are polynomials of real parameters, as LFTs with as few copies
 
     P(p) = \sum_e P_e\, p_1^{e_1} p_2^{e_2} \cdots
 
-A parameter is drawn out of all terms that contain it, with as many copies as the coefficients left
-have independent columns (or rows), by singular values; what is left and what it was drawn out of
-are stacked and dealt with likewise, so that common factors are common. Then states that are not
-reached or not seen are taken out [1]_. Of what different orders of the parameters give the smallest
-is returned. For affine matrices that is the least possible size (rank of each coefficient [2]_), as
-it is for one parameter; in general `least_copies` bounds it from below.
+One parameter is factored out of all terms that contain it, with as many copies as the remaining
+coefficients have independent columns (or rows), by singular values. The quotient and the terms
+without the parameter are stacked and factored likewise, so that common factors need copies once.
+Then unreachable and unobservable copies are removed [1]_. The smallest result over different orders
+of the parameters is returned. For affine matrices that is the least possible size (rank of each
+coefficient [2]_), as it is for one parameter; in general `least_copies` bounds it from below.
 
 References
 ----------
@@ -204,6 +204,7 @@ def least_copies(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
         hankel = np.block(
             [[rest.get(i + j + 1, none) for j in range(degree)] for i in range(degree)]
         )
+        # Ho and Kalman: the rank of the Hankel matrix is the order of a minimal realisation
         made.append(_rank(np.linalg.svd(hankel, compute_uv=False), _RANK))
     return tuple(made)
 
@@ -228,6 +229,7 @@ def _realise(terms: Terms, order: Sequence[int], side: str) -> _Form:
     v = chosen
     zero = next(iter(terms.values()))
     p, m = zero.shape
+    # P = rest + p_v · drawn; the rank of drawn is the number of copies of p_v
     rest = {e: matrix for e, matrix in terms.items() if e[v] == 0}
     drawn = {(*e[:v], e[v] - 1, *e[v + 1 :]): matrix for e, matrix in terms.items() if e[v]}
     columns, s1, _ = np.linalg.svd(np.hstack(list(drawn.values())), full_matrices=False)
@@ -281,7 +283,7 @@ def _lft(form: _Form, uncertainties: Sequence[Uncertainty]) -> Lft:
 
 
 def _orders(terms: Terms, count: int) -> Iterator[tuple[int, ...]]:
-    """Give orders of the parameters: all of few, else some, those of high degree first."""
+    """Yield orders of the parameters: all of few, else some, those of high degree first."""
     degree = [max(e[v] for e in terms) for v in range(count)]
     there = sorted((v for v in range(count) if degree[v]), key=lambda v: -degree[v])
     rest = tuple(v for v in range(count) if not degree[v])

@@ -1,8 +1,9 @@
-r"""Fewer copies of uncertainties: exactly, or within an error that is proved.
+r"""Reduction of LFTs: fewer copies of uncertainties, exactly or within a proved error.
 
 A copy is a state of an LFT as an integrator is one of a system: Δ takes its outputs z and returns
-its inputs w. Copies that no input reaches through any word of blocks, or that no output sees, go
-without any error [1]_. Others go after balancing, uncertainty by uncertainty, with the Gramians
+its inputs w. Copies that no input reaches through any product of blocks, or that no output shows,
+are removed without any error [1]_. Others are removed after balancing, uncertainty by uncertainty,
+with the Gramians
 
 .. math::
 
@@ -98,7 +99,7 @@ def minimal(of: Lft) -> Lft:
 
 
 def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
-    """Take out as many copies of numbers as an error allows.
+    """Remove as many copies of scalar uncertainties as a tolerance allows.
 
     The error is that of the matrix [A B; C D], in the units of its entries: scale states, inputs
     and outputs first.
@@ -114,7 +115,7 @@ def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
 
     Returns
     -------
-    Reduced
+    ReducedLft
         The least of those tried whose bound, proved by µ, is no larger than the tolerance.
 
     Raises
@@ -129,6 +130,7 @@ def reduce_lft(of: Lft, tolerance: float, *, seed: int = 0) -> ReducedLft:
     if tolerance == 0.0:
         return best
     left, right, values = _balancing(least)
+    # bisection of the number of copies removed, in the order of their singular values
     ranked = np.sort(np.concatenate([*values, np.empty(0)]))
     low, high = 0, len(ranked)
     while low < high:
@@ -243,6 +245,7 @@ def _reachable_bases(a: Array, b: Array, counts: list[int]) -> list[Array]:
             added.append(new)
         if not any(new.shape[1] for new in added):
             return bases
+        # longer words: what the newly reached directions reach in turn
         fresh, scale = a @ np.asarray(block_diag(*added)), float(np.abs(a).max(initial=0.0))
 
 
@@ -272,6 +275,7 @@ def _equilibrate(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
             )
             sizes[i] = np.sqrt(into * out)
             if sizes[i] > 0.0:
+                # a power of two that makes rows and columns of the copies equally large
                 step = float(np.exp2(np.round(0.5 * np.log2(into / out))))
                 scales[i] *= step
                 matrix[rows[span]] /= step
@@ -319,6 +323,7 @@ def _balancing(of: Lft) -> tuple[list[Array], list[Array], list[Array]]:
     left, right, values = [], [], []
     for span in spans:
         root_y, root_z = _root(y[span, span]), _root(z[span, span])
+        # square-root balancing: Z = Rz Rzᵀ, Y = Ry Ryᵀ, singular values of Rzᵀ Ry
         u, s, vt = np.linalg.svd(root_z.T @ root_y)
         safe = np.maximum(s, 1e-300)
         left.append(root_z @ u / np.sqrt(safe))

@@ -1,12 +1,12 @@
-r"""Linear fractional transformations: a system M closed by what is uncertain.
+r"""Linear fractional transformations (LFTs): a system M closed by an uncertainty Δ.
 
 .. math::
 
     F_u(M, \Delta) = M_{22} + M_{21} \Delta (I - M_{11} \Delta)^{-1} M_{12},
     \qquad \lVert \Delta \rVert \le 1
 
-[1]_. Sums, products, feedback and so on of such are such again: their M are put beside each other,
-connected, and the copies of one uncertainty gathered.
+[1]_. Sums, products and feedback of LFTs are LFTs: their M are put side by side and connected, and
+the copies of one uncertainty are gathered.
 
 References
 ----------
@@ -338,7 +338,7 @@ def evaluate_upper_lft(
     m22: NDArray[Number],
     delta: NDArray[Number],
 ) -> NDArray[Number]:
-    """Return F_u(M, Δ) for stacks of Δ.
+    """Return the upper LFT F_u(M, Δ) for stacks of Δ.
 
     Raises
     ------
@@ -358,7 +358,7 @@ def evaluate_upper_lft(
 
 
 def connect_lfts(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> Lft:
-    """Return what uncertain systems make when connected.
+    """Return the interconnection of uncertain systems.
 
     With u and y all their inputs and outputs one after the other, the result takes v and gives r:
     u = F y + N v, r = E y. All operations are of this kind.
@@ -405,7 +405,9 @@ def connect_lfts(parts: Sequence[Lft], feed: Array, into: Array, out: Array) -> 
     plain = [LtiSystem(s.a, s.b, s.c, s.d, s.dt_s) for s in (part.system for part in parts)]
     whole = np.zeros((column, row))
     whole[np.ix_(inputs, outputs)] = feed
+    # close the connections first; Δ stays outside as inputs and outputs
     made = close_with_gain(append(*plain), whole)
+    # then bring the copies of each uncertainty together
     first = [i for name in known for i in columns[name]]
     last = [i for name in known for i in rows[name]]
     b = np.hstack([made.b[:, first], made.b[:, inputs] @ into])

@@ -1,4 +1,4 @@
-r"""What is uncertain, and the normalised block that stands for it."""
+r"""Uncertain parameters and blocks, normalised to a norm of at most one."""
 
 from __future__ import annotations
 
@@ -119,19 +119,19 @@ def real_parameter(
 def bound_dispersion(
     model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0
 ) -> tuple[Uncertainty, ...]:
-    """Return the parameters of a model that a dispersion stands for, as uncertain ones.
+    """Return uncertain parameters whose bounds are those of a dispersion.
 
-    Their correlation is left out: the box of the bounds contains what is correlated, too.
+    Correlations are ignored: the box of the bounds contains every correlated sample within them.
 
     Parameters
     ----------
     model : Parametric
-        What the dispersion's table makes.
+        Model whose parameters the dispersion varies.
     dispersion : Dispersion
         How its parameters are distributed.
     sigmas : float
-        How many standard deviations the bounds are away from the mean; never beyond what is
-        possible.
+        Distance of the bounds from the mean in standard deviations; cut off at the bounds of the
+        distribution.
 
     Returns
     -------
@@ -238,6 +238,7 @@ def random_values(
             made[one.name] = random.uniform(one.lower, one.upper, count)
         elif one.kind == "complex":
             angle = random.uniform(0.0, 2.0 * np.pi, count)
+            # the root makes the points uniform in area
             made[one.name] = np.sqrt(random.uniform(size=count)) * np.exp(1j * angle)
         else:
             block = random.normal(size=(count, one.rows, one.columns))

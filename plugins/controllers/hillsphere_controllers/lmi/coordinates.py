@@ -1,8 +1,8 @@
-"""States in which the unknowns of the inequalities are near the identity.
+"""Coordinates in which the unknowns of the matrix inequalities are near the identity.
 
 Interior-point methods for matrix inequalities lose their digits where unknowns differ in size. A
-linear-quadratic design for the same plant tells sizes: the covariance of the states under white
-noise is about what X is, the inverse of the filter's error covariance about what Y is.
+linear-quadratic design for the same plant gives the sizes: X is about the covariance of the states
+under white noise, Y about the inverse of the filter's error covariance.
 """
 
 from __future__ import annotations
@@ -75,6 +75,7 @@ def of_output_feedback(plant: LtiSystem, controls: int, measurements: int) -> Co
     errors, _ = _feedback(plant.a.T, plant.c[p:].T, plant.b[:, :m].T, plant.d[p:, :m].T)
     # T⁻¹ X T⁻ᵀ = Tᵀ Y T = diagonal
     x, y = _root(covariance + errors), _root(np.linalg.inv(errors).astype(float))
+    # balancing of the pair (X, Y), as for Gramians
     _, values, vt = np.linalg.svd(y.T @ x)
     return Coordinates(x @ vt.T / np.sqrt(values), hinf_norm(loop, 1e-3).value or 1.0)
 
@@ -90,7 +91,7 @@ def _lqr_covariance(plant: LtiSystem, controls: int) -> tuple[Array, LtiSystem]:
 
 
 def _feedback(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
-    """Return the cost matrix (n, n) and the gain of a linear-quadratic design, made regular."""
+    """Return the cost matrix (n, n) and the gain of a regularised linear-quadratic design."""
     across = d.T @ c
     fast = float(np.linalg.norm(a)) or 1.0
     weight = _make_positive(

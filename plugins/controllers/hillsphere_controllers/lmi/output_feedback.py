@@ -66,7 +66,7 @@ class OutputFeedback:
         From y to u, of the order of the plant.
     closed_loop : LtiSystem
         From w to z.
-    channels : tuple of Achieved
+    channels : tuple of VerifiedNorm
         Norms, computed from the closed loop.
     least : float
         The least bound that the inequalities allow, with X and Y of limited size, for the largest
@@ -150,6 +150,7 @@ def output_feedback(
     for factor in _BACK_OFFS:
         try:
             controller = units.restored(problem.controller(factor))
+            # the design is for D22 = 0: y − D22 u
             controller = close_with_gain(controller, -plant.d[p - q :, m - k :])
             loop = lower_lft(plant, controller)
             bounds = [factor * least if c.limit is None else c.limit for c in channels]
@@ -209,6 +210,8 @@ class _Problem:
         limit = largest * np.eye(n)
         self._dh = self._direct(channels, k, q)
         a, b2, c2, one = self._a, self._b2, self._c2, np.eye(n)
+        # closed-loop A under the congruence of Scherer, Gahinet and Chilali (1997), linear in the
+        # new variables
         moved = cp.bmat(
             [
                 [a @ self._x + b2 @ self._ch, a + b2 @ self._dh @ c2],
@@ -279,6 +282,7 @@ class _Problem:
         )
         x, y = self._x.value, self._y.value
         dk = self._dh.value
+        # back to K: M Nᵀ = I − X Y, then D, C, B and A in turn
         u, values, vt = np.linalg.svd(one - x @ y)
         if not values[-1] > 1e-10 * values[0]:
             raise SynthesisFailedError("output feedback: I − X Y is singular")

@@ -1,4 +1,4 @@
-r"""Guarantees for all plants in a convex hull, by Lyapunov functions.
+r"""Gain and stability of all plants in a convex hull (a polytope), by Lyapunov functions.
 
 With :math:`\dot x = A x + B w`, z = C x + D w and a multiplier F that all plants share,
 
@@ -220,6 +220,7 @@ class _Hull:
         """Return the matrix of corner i, which is to be negative."""
         s, lyapunov = self._systems[i], self.lyapunov[i]
         n, (p, m) = s.order, s.shape
+        # [A −I B], with zero columns for the rows of z in the Schur complement
         across = np.hstack([s.a, -np.eye(n), s.b, np.zeros((n, p))])
         none, zero = np.zeros((n, n)), np.zeros
         upper = (none, lyapunov, lyapunov, none)
@@ -248,7 +249,7 @@ class _Hull:
         return cp.bmat(energy) + term + term.T
 
     def inequalities(self, square: Any, margin: Any) -> list[Any]:
-        """Return what is to hold, each by a margin."""
+        """Return the inequalities of all corners, each with a margin."""
         made = []
         for i, lyapunov in enumerate(self.lyapunov):
             whole = self._whole(i, square)
@@ -272,7 +273,7 @@ class _Hull:
         return self._found(0.0)
 
     def _found(self, square: float) -> float:
-        """Return by how much the inequalities hold, rounding taken off."""
+        """Return the margin of the inequalities, less rounding."""
         found = np.inf
         for i, lyapunov in enumerate(self.lyapunov):
             whole = np.asarray(self._whole(i, square).value)

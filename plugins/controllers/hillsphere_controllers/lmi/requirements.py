@@ -1,4 +1,4 @@
-"""What is asked of a closed loop, as inequalities, and whether the loop does it."""
+"""Requirements on a closed loop as matrix inequalities, and their verification on the loop."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class VerifiedNorm:
-    """A norm of a closed loop.
+    """A norm of a closed loop, verified against the bound of the inequalities.
 
     Parameters
     ----------
     channel : Channel
-        Which part.
+        Part of the transfer from w to z.
     norm : float
         Its weighted norm, computed from the closed loop; the largest if there are several loops.
     bound : float
-        What the inequalities promise.
+        Bound by the inequalities.
     """
 
     channel: Channel
@@ -76,7 +76,7 @@ def indices(channel: Channel, outputs: int, inputs: int) -> tuple[Integers, Inte
 
 
 def check_direct(d11: Array, channel: Channel) -> None:
-    """Refuse an H2 norm of what has a direct term.
+    """Check that a channel with an H2 norm has no direct term.
 
     Raises
     ------
@@ -112,10 +112,12 @@ def norm_inequalities(
     limit = square / channel.weight**2
     (p, m) = d.shape
     if channel.norm == "hinf":
+        # bounded real lemma, with γ² in the last block
         whole = cp.bmat([[a + a.T, b, c.T], [b.T, -np.eye(m), d.T], [c, d, -limit * np.eye(p)]])
         return [whole << 0]
     power = cp.Variable((p, p), symmetric=True)
     return [
+        # controllability Gramian below X, and tr(C X Cᵀ) below the limit by a slack matrix
         cp.bmat([[a + a.T, b], [b.T, -np.eye(m)]]) << 0,
         cp.bmat([[power, c], [c.T, x]]) >> 0,
         cp.trace(power) <= limit,
@@ -137,7 +139,7 @@ def verify_norms(
     bounds: Sequence[float],
     region: PoleRegion,
 ) -> tuple[VerifiedNorm, ...]:
-    """Compute the norms of closed loops from w to z anew, by other methods.
+    """Verify poles and norms of closed loops by methods other than the inequalities.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Semidefinite programs: solved, or a named error; nothing doubtful passes for a solution."""
+"""Solution of semidefinite programs by Clarabel, with named errors for doubtful results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_STATES = 20
 
 
 def check_order(order: int) -> None:
-    """Refuse plants of an order for which the inequalities are not reliable.
+    """Check that the order is one for which the inequalities are solved reliably.
 
     Raises
     ------
@@ -50,12 +50,12 @@ def minimise(
     objective : expression
         Of variables of cvxpy.
     constraints : sequence of constraint
-        What is to hold.
+        Constraints of cvxpy.
     what : str
         For messages.
     checked : bool
-        The caller computes by other means what the solution does, so that one that meets its
-        constraints not quite may serve.
+        Whether the caller verifies the solution by other means, so that an inaccurate one may
+        serve.
 
     Raises
     ------

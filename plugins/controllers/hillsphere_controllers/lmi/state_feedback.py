@@ -1,9 +1,9 @@
 r"""State feedback u = K x by linear matrix inequalities, for one plant or a polytope of plants.
 
 With X ≻ 0 and W = K X all requirements are linear in X and W: norms of channels through the bounded
-real lemma and its H2 counterpart, poles in a region [1]_. One X serves them all, and all plants;
-that makes the result hold for every plant in their convex hull, even where it changes with time,
-and somewhat larger than need be.
+real lemma and its H2 counterpart, poles in a region [1]_. One X serves all requirements and plants.
+The result therefore holds for every plant in their convex hull, even one that changes with time; it
+is somewhat conservative.
 
 References
 ----------
@@ -65,7 +65,7 @@ class StateFeedback:
         K of u = K x.
     closed_loops : tuple of LtiSystem
         From w to z, one for each plant.
-    channels : tuple of Achieved
+    channels : tuple of VerifiedNorm
         Norms, computed from the closed loops.
     least : float
         The least bound that the inequalities allow for the largest norm to be minimised; zero if
@@ -161,6 +161,7 @@ class _Problem:
         self._inequalities: list[Any] = []
         for plant in plants:
             m = plant.shape[1] - k
+            # (A + B K) X = A X + B W with W = K X
             a = plant.a @ self._x + plant.b[:, m:] @ self._w
             for channel in channels:
                 rows, columns = indices(channel, plant.shape[0], m)

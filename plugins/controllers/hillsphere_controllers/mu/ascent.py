@@ -1,4 +1,8 @@
-"""Ascent of the real eigenvalue of Q M in the parameters of Q, and in frequency."""
+"""Local maxima of a real eigenvalue of Q M over the parameters of Q and over frequency.
+
+A real eigenvalue λ > 0 of Q M makes I − M Δ singular for Δ = Q/λ, so that every maximum is a lower
+bound of µ.
+"""
 
 from __future__ import annotations
 
@@ -59,18 +63,20 @@ class Ascent:
         self.bounds = [*self.unit.bounds, *([(-FARTHEST, FARTHEST)] if moving else [])]
 
     def merit(self, q: Complex) -> float:
-        """Say how good a start is: the eigenvalue's real part less the imaginary one's size."""
+        """Return the merit of a start: the largest real less imaginary part of an eigenvalue."""
         values = np.linalg.eigvals(q @ self._still[0])
         return float(np.max(np.abs(values.real) - np.abs(values.imag)))
 
     def eigenvalue(self, x: Array) -> tuple[complex, Complex]:
-        """Return the eigenvalue of Q M to be raised, relative to |M|, and its gradient."""
+        """Return the eigenvalue of Q M with the largest merit, over ‖M‖, and its gradient (k,)."""
         m, slope = self.at(float(x[-1])) if self.moving else self._still
         q = self.unit.q(x)
         values, vectors = np.linalg.eig(q @ m)
         best = int(np.argmax(values.real - np.abs(values.imag)))
         right = vectors[:, best]
         try:
+            # dλ = yᴴ d(Q M) x, with the left eigenvector y scaled to yᴴ x = 1: a row of the inverse
+            # of the right eigenvectors
             left = np.linalg.inv(vectors)[best] / self.size
         except np.linalg.LinAlgError:  # defective: any direction will do for one step
             left = right.conj() / self.size
@@ -80,7 +86,8 @@ class Ascent:
         return complex(values[best] / self.size), made
 
     def raised(self, q: Complex) -> tuple[Complex, float] | None:
-        """Return the Δ of a local maximum reached from Q, and z there; None if none is real."""
+        """Return the Δ of a local maximum reached from Q, and its z; None without a real one."""
+        # Q and −Q are both admissible: the one with the larger eigenvalue is taken
         begun, other = self._begun(q), self._begun(-q)
         if self.eigenvalue(other)[0].real > self.eigenvalue(begun)[0].real:
             begun = other
@@ -90,6 +97,8 @@ class Ascent:
             nonlocal last
             if not np.abs(x).max(initial=0.0) < _LOST:
                 raise FloatingPointError("the search has left along a direction that is flat")
+            # objective and constraint are asked for the same x in turn: one eigenvalue problem
+            # serves both
             if x.tobytes() != last[0]:
                 last = (x.tobytes(), self.eigenvalue(x))
             return last[1]
@@ -109,6 +118,7 @@ class Ascent:
                 method="SLSQP",
                 options={"maxiter": _MOST, "ftol": 1e-11},
             )
+            # SQP keeps the constraint Im λ = 0 only to its tolerance
             x = self._made_real(np.asarray(found.x))
         if x is None:
             x = self._made_real(begun)
@@ -134,6 +144,7 @@ class Ascent:
             value, slope = self.eigenvalue(x)
             if abs(value.imag) <= _REAL * abs(value):
                 return x
+            # Newton step on Im λ along its gradient, in the parameters that are not at a bound
             step = -value.imag * slope.imag
             moves = ((step < 0.0) | (x < high)) & ((step > 0.0) | (x > low))
             size = float(np.sum(slope.imag[moves] ** 2))

@@ -1,4 +1,4 @@
-"""Structure of an uncertainty: repeated real and complex scalars, full complex blocks."""
+"""Block structure of an uncertainty: repeated real and complex scalars, full complex blocks."""
 
 from __future__ import annotations
 
@@ -56,18 +56,18 @@ class Block:
             raise InputError(f"a repeated scalar is square, got {self.rows} × {self.columns}")
 
     def squared(self) -> Block:
-        """Return the square block that this one is a part of."""
+        """Return the smallest square block that contains this one."""
         size = max(self.rows, self.columns)
         return Block(self.kind, size, size, self.name)
 
 
 def repeated_real(times: int = 1, name: str = "") -> Block:
-    """Return δ I with a real δ, so many times."""
+    """Return the block δ I with a real δ, of `times` rows and columns."""
     return Block("real", times, times, name)
 
 
 def repeated_complex(times: int = 1, name: str = "") -> Block:
-    """Return δ I with a complex δ, so many times."""
+    """Return the block δ I with a complex δ, of `times` rows and columns."""
     return Block("complex", times, times, name)
 
 
@@ -155,7 +155,7 @@ class BlockStructure:
         return self._rows, self._columns
 
     def parts(self) -> list[tuple[slice, slice]]:
-        """Return the rows and columns that each block has in Δ as it is, not squared."""
+        """Return the rows and columns of each block in Δ (m, p), without squaring."""
         rows = np.cumsum([0, *(b.rows for b in self.blocks)]).tolist()
         columns = np.cumsum([0, *(b.columns for b in self.blocks)]).tolist()
         return [
@@ -174,7 +174,7 @@ class BlockStructure:
         }
 
     def unsquared(self, delta: Complex) -> Complex:
-        """Return the part of a squared Δ (size, size) that is there, all rows by all columns."""
+        """Return Δ (m, p) without the rows and columns that squaring added."""
         return np.asarray(delta[self._columns[:, None], self._rows])
 
     def indices(self, blocks: Iterable[int]) -> NDArray[np.bool_]:

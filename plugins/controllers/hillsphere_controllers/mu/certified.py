@@ -111,7 +111,7 @@ def certified_peak(
     skewed: Sequence[int] | None = None,
     gap: float = 0.01,
 ) -> CertifiedPeak:
-    """Return an upper bound of µ that holds at all frequencies.
+    """Return an upper bound of µ that is proved at all frequencies, without a grid.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def certified_peak(
 def find_unproved(
     system: LtiSystem, structure: BlockStructure, limit: float
 ) -> tuple[float, float] | None:
-    """Return where scalings do not prove that µ is below a limit.
+    """Return a frequency at which scalings do not prove that µ is below a limit.
 
     Parameters
     ----------
@@ -212,6 +212,7 @@ class _Cover:
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
+        # cover the axis: bound µ in the middle of the widest gap, then take the interval it proves
         while not self._ended() and (between := self._widest_gap()) is not None:
             low, high = between
             near, far = max(low, self.slowest), min(high, self.fastest)
@@ -223,6 +224,8 @@ class _Cover:
                     f"{_MOST_INTERVALS} intervals do not cover all frequencies: a gap around "
                     f"{low:.6g} rad/s is left; allow a larger gap of the bounds"
                 )
+            # a gap this narrow, or beyond all poles, is closed by one pair of scalings for both its
+            # ends
             if far <= near * (1.0 + _NARROW):
                 self._close(low, high)
             else:
@@ -256,9 +259,12 @@ class _Cover:
         self.floor = _FLOOR * self.largest
         known, done = gains.copy(), np.zeros(omega.size, dtype=bool)
         if not self.loop.free.all():
+            # the gain bounds µ itself only if all blocks are free
             known[:] = np.inf
         best = -np.inf if self.limit is None else self.limit
         while not done.all():
+            # largest remaining bound first: as soon as it is below the peak found, all others are
+            # too
             k = int(np.argmax(np.where(done, -1.0, known)))
             if known[k] <= best:
                 break
@@ -275,6 +281,7 @@ class _Cover:
         inverse = np.linalg.inv(root)
         x = root.conj().T @ m @ inverse.conj().T
         gx = inverse @ scalings.g @ inverse.conj().T @ x
+        # with D = L Lᴴ: β² is the largest eigenvalue of Xᴴ X + j(Ĝ X − Xᴴ Ĝ), X = Lᴴ M L⁻ᴴ
         right = x.conj().swapaxes(1, 2) @ x + 1j * (gx - gx.conj().swapaxes(1, 2))
         free = self.loop.free
         made = np.full(len(m), np.inf)
@@ -282,6 +289,7 @@ class _Cover:
             made = np.linalg.eigvalsh(right)[:, -1]
         else:
             kept = ~free
+            # skewed problem: Schur complement of the blocks whose level is one
             inner = np.eye(int(kept.sum())) - right[:, kept][:, :, kept]
             good = np.linalg.eigvalsh(inner)[:, 0] > 1e-9
             side = right[good][:, kept][:, :, free]
@@ -293,6 +301,8 @@ class _Cover:
         """Return the bound at a frequency, begun at the nearest one known."""
         start = None
         if self.proved:
+            # distances are in ln ω; zero and infinity stand at the ends of the range of double
+            # precision
             place = np.log(max(omega, 1e-300)) if np.isfinite(omega) else 700.0
             nearest = min(
                 self.proved,
@@ -310,6 +320,7 @@ class _Cover:
 
     def _add(self, omega: float) -> None:
         """Add an interval around a frequency, raising the bound if it does not hold there."""
+        # the bound fails here: raise it by the gap, so that it cannot fail by rounding again
         while (found := self._bound(omega, self.beta)).value >= self.beta:
             self.beta = (1.0 + self.gap) * found.value
             if self._ended():

@@ -1,4 +1,4 @@
-"""Ascent of the gain of a loop in the parameters of Δ of bounded size, and in frequency."""
+"""Local maxima of the gain of a loop over the parameters of a bounded Δ, and over frequency."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class GainAscent:
         return GainMaximum(x, self.unit.q(x), z, float(np.exp(-found.fun)))
 
     def performance(self, found: GainMaximum, size: float = 1.0) -> Complex:
-        """Return the transfer matrix of performance with Δ."""
+        """Return the transfer matrix F_u(M, Δ) of performance (p, m) with a Δ of that size."""
         m, _ = self.at(found.z)
         n = self.uncertainty.size
         q = size * found.q
@@ -119,6 +119,7 @@ class GainAscent:
         q = size * self.unit.q(x[:count])
         inner = np.eye(n) - m[:n, :n] @ q
         try:
+            # T = M₂₂ + M₂₁ Q (I − M₁₁ Q)⁻¹ M₁₂, right = (I − M₁₁ Q)⁻¹ M₁₂
             right = np.linalg.solve(inner, m[:n, n:])
             left = np.linalg.solve(inner.T, (m[n:, :n] @ q).T).T  # M₂₁ Q (I − M₁₁ Q)⁻¹
         except np.linalg.LinAlgError:
@@ -130,6 +131,7 @@ class GainAscent:
         if not s[0] > 0.0:
             return _FARTHEST, np.zeros(x.size)
         v, uh = vh[0].conj(), u[:, 0].conj()
+        # dT = (M₂₁ + left M₁₁) dQ right, and d ln σ₁ = Re(u₁ᴴ dT v₁)/σ₁
         row = uh @ (m[n:, :n] + left @ m[:n, :n])
         gradient = size * self.unit.derivative(x[:count], row, right @ v)
         if self.moving:

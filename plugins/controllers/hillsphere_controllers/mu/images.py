@@ -1,4 +1,4 @@
-"""Systems in discrete time by their bilinear images: µ is the same, frequencies are bent."""
+"""Bilinear images of systems in discrete time: µ stays the same, frequencies are warped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["beside_poles", "check_loop", "from_image", "in_continuous_time", "to
 
 
 def check_loop(system: LtiSystem, structure: BlockStructure) -> None:
-    """Refuse a system that is not stable or that the blocks do not close.
+    """Check that a system is stable and fits the block structure.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def check_loop(system: LtiSystem, structure: BlockStructure) -> None:
 
 
 def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSystem:
-    """Return a system, or its bilinear image, that `check_loop` lets pass.
+    """Return a system in continuous time, or the bilinear image of one in discrete time.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def in_continuous_time(system: LtiSystem, structure: BlockStructure) -> LtiSyste
 
 
 def to_image(omega_rad_s: float, dt_s: float | None) -> float:
-    """Return the frequency of the image in continuous time; the same if the system is that."""
+    """Return the image of a frequency, 2/dt tan(ω dt/2); the same in continuous time."""
     if dt_s is None:
         return omega_rad_s
     if omega_rad_s >= np.pi / dt_s:  # the tangent of a rounded right angle is finite
@@ -56,7 +56,7 @@ def to_image(omega_rad_s: float, dt_s: float | None) -> float:
 
 
 def from_image(omega_rad_s: float, dt_s: float | None) -> float:
-    """Return the frequency in discrete time of one of the image."""
+    """Return the frequency in discrete time, 2/dt atan(ω dt/2), of a frequency of the image."""
     return omega_rad_s if dt_s is None else float(2.0 / dt_s * np.arctan(0.5 * dt_s * omega_rad_s))
 
 

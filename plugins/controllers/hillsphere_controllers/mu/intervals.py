@@ -102,12 +102,14 @@ class Loop:
         omega : float
             A frequency, rad/s; may be zero or infinite.
         """
+        # normalise D and the levels L to the identity: D = K Kᴴ, and the inputs by K⁻ᴴ L^(−1/2)
         root: Complex = np.asarray(np.linalg.cholesky(scalings.d), dtype=complex)
         weight = np.where(self.free, beta, 1.0)
         inverse = solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False)
         into = inverse.conj().T / weight
         b, c, d = self._b @ into, root.conj().T @ self._c, root.conj().T @ self._d @ into
         g = (inverse @ scalings.g @ inverse.conj().T) / weight[:, None]
+        # imaginary eigenvalues jω of the Hamiltonian matrix: F(ω) is singular there
         found = _eigenvalues(self.system.a, b, c, d, g)
         near = np.abs(found.real) <= _NEAR * np.abs(found)
         crossings = np.unique(found[near].imag)
@@ -127,6 +129,7 @@ class Loop:
         x = root.conj().T @ self.structure.squared(self.response(omega)) @ into
         gx = g @ x
         xh = x.conj().swapaxes(1, 2)
+        # F in normalised coordinates: I − Xᴴ X − j(G X − Xᴴ G)
         f = np.eye(len(root)) - xh @ x - 1j * (gx - gx.conj().swapaxes(1, 2))
         return np.asarray(np.linalg.eigvalsh(f)[:, 0] > 0.0)
 
@@ -142,6 +145,7 @@ def _positive_reach(
     stops = np.concatenate([[omega], crossings, [end]])
     between = stops.copy()
     if np.isinf(omega):
+        # an infinite end is represented by four times the last crossing
         between[0] = 4.0 * between[1]
     elif np.isinf(end):
         between[-1] = 4.0 * between[-2] + float(between[-2] == 0.0)
@@ -150,6 +154,7 @@ def _positive_reach(
     bad = np.flatnonzero(~positive(path))
     if bad.size == 0:
         return end
+    # not even at ω itself, beyond rounding: an empty interval
     if bad[0] == 0:
         return omega
     path[[0, -1]] = between[[0, -1]]
@@ -166,6 +171,7 @@ def _eigenvalues(a: Array, b: Complex, c: Complex, d: Complex, g: Complex) -> Co
     gd = g @ d
     r = d.conj().T @ d + 1j * (gd - gd.conj().T) - np.eye(m)
     if np.linalg.cond(r) < _SINGULAR:
+        # the Hamiltonian matrix of the module's second equation
         back = np.linalg.solve(r, np.hstack([s.conj().T, b.conj().T]))
         up = a - b @ back[:, :n]
         whole = np.block([[up, -b @ back[:, n:]], [-(q - s @ back[:, :n]), -up.conj().T]])

@@ -51,7 +51,7 @@ _RAISED = 3
 
 @dataclass(frozen=True, eq=False)
 class LowerBound:
-    """A bound and the perturbation that proves it.
+    """A lower bound of µ and the perturbation that proves it.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class LowerBound:
     singular : float
         The smallest singular value of I − M Δ.
     frequency_rad_s : float
-        At which M is that of a system; NaN for a matrix.
+        Frequency of the response M; NaN if M is a matrix and no response.
     """
 
     value: float
@@ -181,6 +181,7 @@ def moving_response(
         if not np.isfinite(omega):
             m = structure.squared(system.d + 0j)
             return m, np.zeros_like(m)
+        # M = C (jω − A)⁻¹ B + D, dM/dz = −jω C (jω − A)⁻² B with ω = ω₀ exp z
         x = np.linalg.solve(1j * omega * one - system.a, system.b + 0j)
         more = np.linalg.solve(1j * omega * one - system.a, x)
         m = structure.squared(system.c @ x + system.d)
@@ -204,6 +205,8 @@ def _best(
         return none
     ascent = Ascent(at, structure, moving=omega is not None)
     random = np.random.default_rng(seed)
+    # starts in the order of their expected merit: the upper bound's direction, power iterations,
+    # random ones
     likely = [] if scalings is None else singular_direction(m, structure, scalings)
     found = power_iterations(m, structure, random, starts)
     found.sort(key=lambda q: -ascent.merit(q))
@@ -228,6 +231,7 @@ def _best(
 
     for q in likely:
         raise_from(q)
+    # no smaller than the bound of any single block, which is known exactly
     for delta in single_blocks(m, structure):
         if 1.0 / float(np.linalg.norm(delta, 2)) <= best.value:
             break
@@ -241,7 +245,7 @@ def _best(
 def verify_perturbation(
     m: Complex, delta: Complex, structure: BlockStructure, frequency_rad_s: float = np.nan
 ) -> LowerBound | None:
-    """Return the bound that a squared Δ proves, None if I − M Δ is not singular.
+    """Return the lower bound that a squared Δ proves, None if I − M Δ is not singular.
 
     Parameters
     ----------
@@ -252,7 +256,7 @@ def verify_perturbation(
     structure : BlockStructure
         Of Δ.
     frequency_rad_s : float
-        At which M is that of a system.
+        Frequency of the response M, if it is one.
     """
     product = m @ delta
     singular = float(np.linalg.svd(np.eye(len(m)) - product, compute_uv=False)[-1])

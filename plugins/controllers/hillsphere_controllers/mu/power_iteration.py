@@ -35,6 +35,7 @@ def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings
     beta2 = level(m[None], scalings.d, scalings.g, everywhere, 1.0)
     if not np.isfinite(beta2):
         return []
+    # at the least β F is singular: its null vector x satisfies the conditions of a worst Q
     f = beta2 * scalings.d - dg_form(m, scalings.d, scalings.g)
     _, vectors = np.linalg.eigh(f)
     beta = np.sqrt(max(beta2, 0.0))
@@ -46,6 +47,7 @@ def singular_direction(m: Complex, structure: BlockStructure, scalings: Scalings
             into, out = a[span], x[span]
             inner = np.vdot(into, out)
             if block.kind == "real":
+                # least squares of q a = β x over real q
                 share = beta * inner.real / max(np.vdot(into, into).real, _TINY)
                 blocks.append(complex(np.clip(share, -1.0, 1.0)))
             elif block.kind == "complex":
@@ -90,6 +92,7 @@ def power_iterations(
         q = np.zeros_like(m)
         before = 0.0
         for _ in range(_STEPS):
+            # Young and Doyle (1990): β a = M b, z from a and w, β w = Mᴴ z, b = Q a
             a = m @ b
             size = float(np.linalg.norm(a))
             if size <= _TINY:
@@ -109,6 +112,7 @@ def power_iterations(
             b /= largest
             if best is None or size > best[0]:
                 best = (size, q)
+            # both vectors grow by the same factor, which no longer changes: an eigenvalue
             if abs(size - other) + abs(size - before) < 1e-9 * size:
                 break
             before = size
@@ -145,6 +149,7 @@ def _update_perturbation(
     for k, (span, block) in enumerate(zip(structure.spans(), structure.blocks, strict=True)):
         inner = np.vdot(a[span], w[span])
         if block.kind == "real":
+            # step of the real scalar along its gradient, cut off at its range
             real[k] = np.clip(real[k] + inner.real * len(a), -1.0, 1.0)
             blocks.append(complex(real[k]))
         elif block.kind == "complex":

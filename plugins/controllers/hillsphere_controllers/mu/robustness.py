@@ -1,4 +1,4 @@
-"""Robust stability and performance of a loop in M-Δ form."""
+"""Robust stability and robust performance of a loop in M-Δ form, by bounds of µ."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def robust_stability(
     complex_shares: Sequence[float] = (0.01, 0.05),
     seed: int = 0,
 ) -> Robustness:
-    """Return bounds of µ of what Δ closes: below one, the loop is stable for all Δ up to size one.
+    """Return bounds of µ for robust stability: below one, every Δ up to size one is tolerated.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def robust_performance(
     seed: int = 0,
     starts: Sequence[Mapping[str, float]] = (),
 ) -> Robustness:
-    """Return bounds of µ with a full block for performance.
+    """Return bounds of µ for robust performance, with a full block that closes performance.
 
     Below one, the gain from the inputs to the outputs that Δ leaves is below one for all Δ up to
     size one.
@@ -260,6 +260,7 @@ def complexify(
     if not 0.0 < share < 1.0:
         raise InputError(f"the complex share must be between 0 and 1, got {share}")
     root = np.sqrt(share)
+    # δ + share·δᶜ = [I, √share I] diag(δ, δᶜ) [I; √share I]
     into = np.vstack([np.eye(structure.size), root * np.eye(structure.size)])
     made = LtiSystem(
         system.a, system.b @ into.T, into @ system.c, into @ system.d @ into.T, system.dt_s
@@ -279,6 +280,8 @@ def _robustness(
     beside = []
     more: list[float] = []
     if structure.purely_real:
+        # µ of purely real Δ can be discontinuous in frequency: the complex parts show how large it
+        # becomes nearby
         for share in shares:
             wider, blocks = complexify(system, structure, share)
             bound = certified_peak(wider, blocks, gap=gap)
@@ -331,6 +334,7 @@ def _lower(
     for k, (rows, columns) in enumerate(structure.parts()):
         if structure.blocks[k].kind != "full":
             continue
+        # a full block alone: µ is no smaller than the H∞ norm of the part of M that it closes
         closed = LtiSystem(image.a, image.b[:, rows], image.c[columns], image.d[columns, rows])
         peak = hinf_norm(closed)
         if peak.value <= (0.0 if best is None else best.value) or not np.isfinite(peak.value):

@@ -1,4 +1,4 @@
-"""How much each block has to do with µ."""
+"""Sensitivity of µ to the size of each block."""
 
 from __future__ import annotations
 

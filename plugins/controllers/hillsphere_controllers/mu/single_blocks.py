@@ -1,4 +1,4 @@
-"""Perturbations of one block alone, all others zero: what µ is never below.
+"""Lower bounds of µ from one block alone, with all other blocks zero.
 
 With Δ zero but for block k, det(I − M Δ) = det(I − M_kk Δ_k): the smallest such Δ_k is known
 exactly, from the largest singular value of M_kk for a full block, and from an eigenvalue for a
@@ -78,8 +78,10 @@ def _smallest(part: Complex, block: Block, least: float) -> Complex | None:
         u, s, vh = np.linalg.svd(part)
         if not s[0] > least:
             return None
+        # smallest Δ of a full block: v₁ u₁ᴴ/σ₁
         dyad: Complex = np.outer(vh[0].conj() / s[0], u[:, 0].conj())
         return dyad
+    # smallest δ of a repeated scalar: 1/λ of the largest (real) eigenvalue
     values: Complex = np.linalg.eigvals(part).astype(complex)
     if block.kind == "real":
         values = _real_ones(part, values)
@@ -90,7 +92,7 @@ def _smallest(part: Complex, block: Block, least: float) -> Complex | None:
 
 
 def _real_ones(part: Complex, values: Complex) -> Complex:
-    """Return the real numbers (k,) among eigenvalues, and those that rounding has parted.
+    """Return the real eigenvalues (k,), and the means of clusters that rounding has split.
 
     A multiple eigenvalue without as many eigenvectors is found as several, most of them complex,
     about it; their mean is near to rounding. Only those are kept with which I − M/λ is singular.

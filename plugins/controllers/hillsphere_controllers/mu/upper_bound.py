@@ -68,7 +68,7 @@ _LONGEST = 1e2
 
 @dataclass(frozen=True)
 class UpperBound:
-    """A bound and the scalings that prove it.
+    """An upper bound of µ and the scalings that prove it.
 
     Parameters
     ----------
@@ -143,11 +143,13 @@ def upper_bound(
     begun = _begin(m, structure, basis, start, size)
     if begun is None:
         return UpperBound(np.inf, unscaled)
+    # coordinates in which the optimisation is well scaled, and a start in them
     white = _Whitened(m, basis)
     best = (begun[0] / white.norm**2, *white.there(begun[1], begun[2]))
     x = white.basis.parameters(*best[1:])
     goal = -np.inf if target is None else (target / size / white.norm) ** 2
     zero = (_ZERO / white.norm) ** 2
+    # a first level well above the one known, so that its centre is easy to reach
     beta2 = max(1.3 * best[0], best[0] + 1e-6)
     for _ in range(_MOST_STEPS):
         if best[0] < (1.0 - 1e-9) * goal:
@@ -161,10 +163,12 @@ def upper_bound(
             if reached < level_there:
                 return UpperBound(size * float(np.sqrt(max(reached, 0.0))), Scalings(d, size * g))
             break
+        # centre for the present level; its own level is the new bound
         x, found = white.centre(x, beta2)
         reached, gained = found[0], best[0] - found[0]
         if gained > 0.0:
             best = found
+        # converged: the centre has met the level
         if best[0] <= zero or beta2 - reached <= tolerance * abs(best[0]):
             if best[0] < (1.0 - 1e-9) * goal:
                 continue
@@ -235,6 +239,7 @@ def _begin(
     d = basis.osborne(m)
     found = (level(m, d, zero, basis.free, basis.fixed), d, zero)
     if start is not None:
+        # scalings of a neighbouring frequency, in the units of m
         d = start.d * (n / np.trace(start.d).real)
         g = start.g / size * (n / np.trace(start.d).real)
         warm = level(m, d, g, basis.free, basis.fixed)
@@ -299,6 +304,7 @@ def _reweight_skewed(
     m: Complex, basis: Basis, found: tuple[float, Complex, Complex]
 ) -> tuple[float, Complex, Complex]:
     """Return scalings, with their level, whose skewed part has a better weight than those found."""
+    # line search over the weight of the skewed part, from coarse to fine factors
     for factor in (30.0, 5.0, 1.5):
         for way in (factor, 1.0 / factor):
             share = np.where(basis.free, np.sqrt(way), 1.0)
@@ -321,6 +327,7 @@ def _scale_fixed_blocks(
         [b.squared() for k, b in enumerate(structure.blocks) if kept[structure.starts[k]]]
     )
     part = m[:, kept][:, :, kept]
+    # feasible only if the fixed blocks alone have µ below their level
     proved = upper_bound(part, inner, target=float(np.sqrt(basis.fixed)))
     if proved.value**2 >= basis.fixed:
         return None
@@ -347,9 +354,11 @@ def _centre(
     for _ in range(_MOST_NEWTON):
         gradient, hessian = basis.derivatives(m, x, b)
         step = _newton(basis, x, gradient, hessian)
+        # square of the Newton decrement
         decrement = float(-gradient @ step)
         if not decrement > 0.0:
             return x
+        # damped Newton step 1/(1 + λ), which stays inside for a self-concordant barrier
         length = 1.0 if decrement < 0.25 else 1.0 / (1.0 + np.sqrt(decrement))
         # the damped step is always inside; a longer one is tried as long as it pays
         made = _along(m, basis, x, step, b, value, length)
@@ -371,6 +380,7 @@ def _newton(basis: Basis, x: Array, gradient: Array, hessian: Array) -> Array:
     # rows of M that are zero but for rounding make entries of G void: those do not move
     void = _VOID * np.diagonal(whole).max() * basis.of_g
     whole[:k, :k] += np.diag(void)
+    # Lagrange multiplier of tr D = n
     whole[:k, k] = whole[k, :k] = basis.trace * units
     return np.asarray(units * np.linalg.solve(whole, np.append(-gradient * units, 0.0))[:k])
 

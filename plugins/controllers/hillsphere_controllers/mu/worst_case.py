@@ -175,6 +175,7 @@ def worst_case(
     """
     p, m = structure.shape
     dt_s = system.dt_s
+    # M without the channels of performance
     own = LtiSystem(system.a, system.b[:, :m], system.c[:p], system.d[:p, :m], dt_s)
     # in discrete time the system of the image is interpolated at the image of the frequency
     image = omega_rad_s
@@ -195,6 +196,7 @@ def worst_case(
             poles = upper_lft(own, block).poles
             pole = complex(poles[int(np.argmin(np.abs(poles - 1j * image)))])
             if dt_s is not None:
+                # the pole of the image, mapped back to the z-plane
                 pole = (1.0 + 0.5 * dt_s * pole) / (1.0 - 0.5 * dt_s * pole)
     if dt_s is not None:
         block = discrete(block, dt_s)

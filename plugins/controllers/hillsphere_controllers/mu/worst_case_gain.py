@@ -1,4 +1,4 @@
-r"""The largest gain that a loop can have under perturbations of bounded size.
+r"""Worst-case gain: the largest gain of a loop under perturbations of bounded size.
 
 With a full block between the performance outputs and inputs that closes the loop, the gain of
 F_u(M, Δ) is below γ for all Δ with σ̄(Δ) ≤ 1 if the skewed µ of M, whose performance block alone has
@@ -114,18 +114,21 @@ def worst_case_gain(
         raise InputError(f"the size of Δ must be positive, got {size}")
     structure = performance_structure(system, uncertainty)
     p = uncertainty.shape[0]
+    # a Δ of the given size becomes one of unit size: its factor goes into M
     grown = np.ones(system.shape[0])
     grown[:p] = size
     scaled = LtiSystem(
         system.a, system.b, grown[:, None] * system.c, grown[:, None] * system.d, system.dt_s
     )
     units = _units(scaled, uncertainty)
+    # the levels of performance and of Δ then have the same size, which the skewed problem needs
     measured = _rescale_performance(scaled, uncertainty, *units)
     skewed = [len(uncertainty.blocks)]
     proof = certified_peak(measured, structure, skewed=skewed, gap=gap)
     image = in_continuous_time(measured, structure)
     omega = to_image(proof.frequency_rad_s, system.dt_s)
     if not 0.0 < omega < np.inf:
+        # at zero and infinity a system has real values only: complex blocks are interpolated nearby
         omega = beside_poles(image, omega)
     certified = _restore_units(proof, structure, *units)
     if np.isinf(proof.upper):
@@ -142,6 +145,8 @@ def worst_case_gain(
         return hinf_norm(upper_lft(system, block)).value, made, block
 
     best = closed(1.0)
+    # the proof failed: a slightly larger Δ may make the loop unstable, which proves an infinite
+    # gain
     for factor in _GROWN if np.isinf(proof.upper) else ():
         if np.isinf(best[0]):
             break
@@ -170,6 +175,7 @@ def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float
     into, out, through = norm(first[0], left[1]), norm(left[0], first[1]), norm(left[0], left[1])
     if not np.isfinite([into, out, through]).all():
         return 1.0, 1.0
+    # gain of performance, directly or by way of Δ
     whole = max(through, into * out)
     if not whole > 0.0:
         return 1.0, 1.0
@@ -262,6 +268,7 @@ def _ascend(
     starts = []
     if 0.0 < proof.upper < np.inf:
         weight = np.ones(structure.size)
+        # starts from a lower bound of µ whose performance block has the level found
         weight[n:] = 1.0 / proof.upper
         whole = BlockStructure([b.squared() for b in structure.blocks])
         found = lower_bound(weight[:, None] * at(0.0)[0], whole, seed=seed)

@@ -1,4 +1,4 @@
-"""Structures whose parameters stay within bounds."""
+"""Structures whose parameters stay within bounds, by a sine substitution."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Bounded:
     Parameters
     ----------
     structure : Structure
-        What θ are the parameters of.
+        Structure whose parameters are θ.
     lower, upper : ndarray, shape (size,)
         Bounds of each θ: both finite, or both infinite.
 
@@ -54,6 +54,7 @@ class Bounded:
 
     def free(self, theta: Array) -> Array:
         """Return a φ of θ, moved into the box, both (size,)."""
+        # not at a bound itself, where the slope of the sine vanishes and no step would leave it
         share = np.clip((np.asarray(theta) - self._middle) / self._half, -0.999, 0.999)
         return np.where(self._inside, np.arcsin(share), theta)
 
@@ -64,6 +65,7 @@ class Bounded:
     def pulled_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of φ."""
         inner = self.structure.pulled_back(self.parameters(theta), slope)
+        # chain rule: dθ/dφ = h cos φ
         return inner * np.where(self._inside, self._half * np.cos(theta), 1.0)
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-r"""Closed loops with a controller whose states are put into the plant.
+r"""Closed loops as static feedback of the plant augmented by the controller's states.
 
 A controller of order k is a constant gain K on the plant with k integrators added. With D22 out of
 the way, K₀ = (I − K D22)⁻¹ K, the closed loop is affine in K₀:
@@ -28,9 +28,9 @@ __all__ = ["Closed", "Open", "OpenLoop"]
 
 @dataclass(frozen=True)
 class Closed:
-    """A closed loop: its matrices, and those by which a change of K enters, as dA = b2 dK c2.
+    """Matrices of a closed loop, and those by which a change of K enters it, as dA = b2 dK c2.
 
-    Or closed loops of one size: matrices then have a first axis, that of the loops.
+    For several closed loops of one size the matrices have a first axis, that of the loops.
 
     Parameters
     ----------
@@ -79,6 +79,7 @@ class Open:
         if self.d22.any():
             left = np.eye(len(gains)) - gains @ self.d22
             right = np.eye(gains.shape[1]) - self.d22 @ gains
+            # I − K D22 is nearly singular: the loop is not well posed in floating point
             if np.max(np.linalg.cond(left)) > 1e12:
                 return None
             moved = _solve(left, np.broadcast_to(gains, (*left.shape[:-1], gains.shape[1])))
@@ -101,7 +102,7 @@ def _solve(matrix: Array, right: Array) -> Array:
 
 
 class OpenLoop:
-    """A plant with the controller's states, to be closed again and again.
+    """A plant augmented by the controller's states, prepared to be closed many times.
 
     Parameters
     ----------
@@ -143,6 +144,8 @@ class OpenLoop:
         scaled, _ = balance_states(system)
         self.name, self.plant = what, plant
         m1, p1 = m - nu, p - ny
+        # k integrators: their inputs are the first k controls, their states the first k
+        # measurements
         a, b2 = np.zeros((n + k, n + k)), np.zeros((n + k, k + nu))
         c2, d22 = np.zeros((k + ny, n + k)), np.zeros((k + ny, k + nu))
         a[:n, :n], d22[k:, k:] = scaled.a, scaled.d[p1:, m1:]
@@ -169,6 +172,7 @@ class OpenLoop:
         if not plant.weight > 0.0:
             raise InputError(f"{what}: a weight must be > 0, got {plant.weight}")
         poles = np.abs(np.linalg.eigvals(scaled.a)) if n else np.ones(1)
+        # the plant's typical rate is the geometric mean of its poles; integrators do not count
         there = poles[poles > 1e-8 * max(float(poles.max()), 1e-300)]
         self.rate = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
         self._scaled, self._size = scaled, (p1, m1)

@@ -1,8 +1,8 @@
-"""Descent for functions that are not smooth where they matter: BFGS and gradient sampling.
+"""Descent for nonsmooth functions: BFGS with a weak Wolfe line search, and gradient sampling.
 
 BFGS with a weak Wolfe line search works on functions that are smooth almost everywhere: its matrix
-learns the directions in which the function has a kink [1]_. Where it can do no more, the gradients
-at points nearby tell a direction along the kink [2]_.
+learns the directions in which the function has a kink [1]_. Where BFGS stalls, the gradients at
+points nearby give a direction along the kink [2]_.
 
 References
 ----------
@@ -43,12 +43,12 @@ class Located(Protocol):
 
     @property
     def x(self) -> Array:
-        """Where."""
+        """Position, shape (n,)."""
         ...
 
     @property
     def value(self) -> float:
-        """How high."""
+        """Value of the function; infinite where it has none."""
         ...
 
 
@@ -127,9 +127,12 @@ def descend(
             continue
         slope = line.slope if new is line.point else landscape.slope(new)
         step, change = new.x - point.x, slope - g
+        # BFGS update of the inverse Hessian; without positive curvature along the step it is
+        # skipped
         along = float(step @ change)
         if along > 1e-14 * float(np.linalg.norm(step) * np.linalg.norm(change)):
             if fresh:
+                # first update: scale the unit matrix to the curvature just seen
                 inverse *= along / float(change @ change)
             turned = inverse @ change
             inverse += (1.0 + change @ turned / along) / along * np.outer(step, step)
@@ -142,7 +145,7 @@ def descend(
 def _line_search(
     landscape: Landscape[P], point: P, g: Array, direction: Array, first: float
 ) -> _Line[P]:
-    """Return a point that meets the weak Wolfe conditions, or at least lies lower."""
+    """Return a point that meets the weak Wolfe conditions, or else the best lower one."""
     size = max(1.0, float(np.linalg.norm(point.x)))
     longest = _LONGEST * size / float(np.linalg.norm(direction))
     low, high, t = 0.0, np.inf, min(first, longest)
@@ -198,6 +201,7 @@ def gradient_sampling(
                 if np.isfinite(near.value):
                     slopes.append(landscape.slope(near))
             many = np.array(slopes)
+            # shortest vector in the convex hull of the gradients: the direction of steepest descent
             found = minimax_step(
                 np.zeros(len(many)), many, np.zeros(len(many), dtype=bool), np.eye(n), 1.0
             )

@@ -1,4 +1,4 @@
-"""What a design minimises: the logarithm of the largest weighted norm, with its gradients.
+"""Objective of a design: the logarithm of the largest weighted norm, with its gradients.
 
 Constraints h ≤ 0 are added as ρ max(h, 0), an exact penalty.
 """
@@ -162,9 +162,11 @@ class Objective:
         if not np.isfinite(matrix).all() or float(np.abs(x).max()) > FURTHEST:
             return no
         loops = self.norms.closed(matrix)
+        # the cheapest test first: a remembered peak may already exceed the level
         if loops is None or self.norms.seen_above(loops, above):
             return no
         self.norms.measure(loops)
+        # then the peaks on a grid, a lower bound; only those that may decide are refined
         roughly = self.norms.highest(loops)
         if roughly > above:
             return no
@@ -179,6 +181,7 @@ class Objective:
                     excess = max(excess, level)
             if self.region is not None:
                 excess = max(excess, float(self.region.excess(loop.response.poles)[0].max()))
+        # exact penalty: its minimum keeps the constraints for a finite ρ
         value = objective + self.penalty * max(0.0, excess + _MARGIN)
         return Point(x, value, objective, excess, matrix, loops)
 
@@ -279,7 +282,7 @@ class Objective:
         return made + [p for found in self._at(point, wanted) for p in found]
 
     def followed(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
-        """Return what pieces have become at another point; itself where one is gone."""
+        """Return the same pieces at another point; a piece that is gone there stays as it was."""
         found, hard = list(pieces), None
         self._refine(point)
         places: list[int] = []
@@ -361,6 +364,7 @@ class Objective:
             omega = np.array([wanted[k][2] for k in members])
             weight = np.array([self.loops[wanted[k][0]].weights[c] for k in members])
             place = np.array([point.loops[wanted[k][0]].place for k in members])
+            # all singular values near the largest: where two meet, both hold the optimum up
             sigma, slopes = gain_slopes(point.loops[first].all.at(place), rows, columns, omega)
             looked = sigma > _NEAR * sigma[:, :1] * (1.0 - 1e-12)
             for i, k in enumerate(members):
@@ -398,7 +402,7 @@ class Objective:
 
 
 def _unlike(pieces: Sequence[Piece]) -> list[Piece]:
-    """Return the pieces without those that are the same for several plants, as a direct term is."""
+    """Return the pieces without duplicates, which several plants have in a common direct term."""
     found: list[Piece] = []
     known: dict[tuple[int, int, float, float], list[Piece]] = {}
     for p in pieces:

@@ -1,4 +1,4 @@
-"""Peaks of the gains of stable systems over frequency, fast: what a line search looks at.
+"""Peaks over frequency of the gains of many stable systems at once, fast, for line searches.
 
 Systems of one size are looked at together. What belongs to a frequency or a peak of any of them is
 in one flat array, with the number of its system, the owner, beside it; owners are in order, and so
@@ -47,7 +47,7 @@ def frequencies(poles: Complex, remembered: Sequence[Array]) -> tuple[Array, Int
     """
     count, n = poles.shape
     size, imag, real = np.abs(poles), np.abs(poles.imag), np.abs(poles.real)
-    # far above the poles is the direct term's business
+    # far above all poles the gain is that of the direct term
     fast = size.max(axis=1, initial=0.0)
     known = [w[w <= 10.0 * most] for w, most in zip(remembered, fast.tolist(), strict=True)]
     found = [np.zeros((count, 1))]
@@ -55,6 +55,8 @@ def frequencies(poles: Complex, remembered: Sequence[Array]) -> tuple[Array, Int
         slow = np.maximum(size.min(axis=1), 1e-12 * fast)
         low, high = np.log10(slow)[:, None] - 1.0, np.log10(fast)[:, None] + 1.0
         grid = 10.0 ** (low + _GRID * (high - low))
+        # a resonance lies near |Im λ|, a corner frequency near |λ|; ±|Re λ| are its half-power
+        # points
         found += [size, imag, imag + real, np.maximum(imag - real, 0.0), grid]
     each = np.hstack(found)
     owner = np.repeat(np.arange(count), each.shape[1])
@@ -91,6 +93,7 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     turned = matrices.conj().swapaxes(1, 2)
     gram = matrices @ turned if p <= m else turned @ matrices
     if rank == 2:
+        # 2 × 2: the larger eigenvalue in closed form
         half, off = 0.5 * (gram[:, 0, 0] - gram[:, 1, 1]).real, np.abs(gram[:, 0, 1])
         top = 0.5 * (gram[:, 0, 0] + gram[:, 1, 1]).real + np.hypot(half, off)
         return np.asarray(np.sqrt(np.maximum(top, 0.0)))
@@ -177,10 +180,12 @@ def refine_peaks(
         up |= (at <= 0.0) & (bend > 0.0)  # an even function
         left, right = np.where(up, at, left), np.where(up, right, at)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            # Newton's step on 1/σ²: its derivatives by those of σ²
             curved = 2.0 * slope**2 / high - bend
             move = np.where(curved > 0.0, slope / curved, np.inf)
             gained = 0.5 * slope * move / high
         inside = (at + move > left) & (at + move < right)
+        # towards the side on which the gain rises, halving the bracket where Newton leaves it
         rest = np.where(up, right, left) - at
         move = np.where(inside, move, 0.5 * rest)
         done = going & inside & ~(gained > _GAINED)  # of a halved step the gain is not known
@@ -207,7 +212,7 @@ def _bent(
     omega: Array,
     owner: Integers,
 ) -> tuple[Array, Array, Array]:
-    """Return the square of the largest singular value, its slope and its second derivative (K,)."""
+    """Return σ₁², and its first and second derivative by ω, (K,) each."""
     ends = np.searchsorted(owner, np.arange(len(systems) + 1))
     made = [
         system.derivatives(omega[i:j])
@@ -221,6 +226,8 @@ def _bent(
     values, vectors = np.linalg.eigh(g @ turned)
     u = vectors[:, :, -1:]
     right, moved = turned @ u, first.conj().swapaxes(1, 2) @ u  # Gᴴu, G'ᴴu
+    # perturbation of a simple eigenvalue of G Gᴴ: first order uᴴ (GGᴴ)' u, second order with the
+    # others' coupling over their distance
     along = vectors.conj().swapaxes(1, 2) @ (first @ right + g @ moved)  # u_kᴴ (GGᴴ)' u
     slope = along[:, -1, 0].real
     bend = 2.0 * _squares_of(moved)

@@ -1,4 +1,4 @@
-"""The norms of the closed loops of some plants, with the memory of where their gains had peaks."""
+"""Norms of the closed loops of several plants, with a memory of the frequencies of their peaks."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _IMAGINARY = 1e-2
 
 @dataclass
 class Loop:
-    """A stable closed loop and what is known of it.
+    """A stable closed loop and the peaks and norms known so far.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class _Group:
 
 
 class PlantNorms:
-    """Plants that are closed again and again by controllers that differ little.
+    """Norms of plants that are closed by a sequence of similar controllers.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class PlantNorms:
         return [found[j] for j in range(len(self.plants))]
 
     def seen_above(self, loops: Sequence[Loop], level: float) -> bool:
-        """Say whether a gain at a remembered peak is above a level (a logarithm) already."""
+        """Return whether a gain at a remembered peak already exceeds a level (a logarithm)."""
         if not np.isfinite(level):
             return False
         for group in self._groups:
@@ -143,7 +143,7 @@ class PlantNorms:
         return False
 
     def measure(self, loops: Sequence[Loop]) -> None:
-        """Find the peaks and norms of all channels, roughly: to the next frequency looked at."""
+        """Compute peaks and norms of all channels on a grid of frequencies, without refinement."""
         for group in self._groups:
             channels = self.plants[group.members[0]].channels
             here = [loops[j] for j in group.members]
@@ -225,7 +225,7 @@ class PlantNorms:
         return float(np.log(max(self.plants[j].weights[c] * norm, 1e-300)))
 
     def remember(self, loops: Sequence[Loop], more: bool) -> None:
-        """Take the loops' peaks for the next ones, and of those known all if `more`, or half."""
+        """Remember the loops' peaks, beside all earlier ones if `more`, or half of them."""
         for j, loop in enumerate(loops):
             if not loop.peaks:
                 continue
@@ -238,11 +238,11 @@ class PlantNorms:
             self._remembered[j] = together[np.sort(first)][:_REMEMBERED]
 
     def forget(self) -> None:
-        """Drop what is remembered, so that a start does not depend on those before it."""
+        """Forget all peaks, so that a search does not depend on those before it."""
         self._remembered = [np.zeros(0) for _ in self.plants]
 
     def missed(self, loops: Sequence[Loop], above: float) -> bool:
-        """Say whether the level-set method shows a gain that was not known, and remember where.
+        """Return whether the level-set method finds a higher gain, and remember its frequency.
 
         Parameters
         ----------
@@ -284,6 +284,7 @@ class PlantNorms:
         if not crossed:
             return found
         many = loops[group.members[0]].all.at(np.array([loops[j].place for j in crossed]))
+        # Boyd, Balakrishnan and Kabamba (1989): the gain crosses the level at imaginary eigenvalues
         all_values = hamiltonians_eigenvalues(
             many.a, many.b[..., columns], many.c[:, rows], many.d[:, rows][..., columns],
             np.array(list(crossed.values())),
@@ -303,7 +304,7 @@ class PlantNorms:
 
 
 def _kind(plant: OpenLoop) -> tuple[object, ...]:
-    """Return what plants have in common that are looked at together."""
+    """Return the key by which plants of one shape and set of channels are grouped."""
     channels = [
         (tuple(rows.tolist()), tuple(columns.tolist()), channel.norm, channel.limit is None)
         for rows, columns, channel in plant.channels

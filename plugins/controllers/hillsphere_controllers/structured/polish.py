@@ -1,4 +1,4 @@
-"""Polishing: sequential quadratic programming on the peaks that hold an optimum together.
+"""Polishing: sequential quadratic programming (SQP) on the active peaks of a minimax problem.
 
 Near a minimax optimum several peaks are equally high. Each is a smooth function of the parameters,
 so that a quadratic model of their Lagrangian and their linear parts give fast convergence, where
@@ -35,7 +35,7 @@ _VIOLATORS, _REMEMBERED = 3, 12
 
 @dataclass(frozen=True)
 class Active:
-    """A peak or constraint that holds an optimum.
+    """An active peak or constraint of an optimum, with its multiplier.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Active:
 
 @dataclass(frozen=True)
 class PolishedPoint:
-    """Where polishing ended.
+    """Result of polishing.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def polish_point(
     iterations: int = 80,
     tolerance: float = 1e-7,
 ) -> PolishedPoint:
-    """Return a lower point.
+    """Return the point that SQP steps reach, no higher than the start.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def polish_point(
 
 
 def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
-    """Return the least |Σ λ g| max(1, |x|) of the pieces at the top, and what is active.
+    """Return the residual of stationarity, the least |Σ λ g| max(1, |x|), and the active pieces.
 
     At the top is what is within 1e-5 of the largest, or of a constraint's limit. Among these, what
     is a little higher counts no more than the others: rounding and the tolerance of polishing make
@@ -155,7 +155,7 @@ def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active
 
 
 def _first(objective: Objective, point: Point) -> Array:
-    """Return a diagonal matrix that makes a step of about a tenth of x."""
+    """Return the initial Hessian, whose first step is about a tenth of x."""
     size = _scale(point.x)
     steep = float(np.linalg.norm(size * objective.slope(point)))
     return np.diag(max(10.0 * steep, 1e-8) / size**2)
@@ -230,7 +230,7 @@ def _find_step(
     damping: float,
     tolerance: float,
 ) -> _TrialStep:
-    """Return a point that is low enough; steps that are not are corrected, then shortened.
+    """Return an acceptable trial point; rejected steps are corrected, then shortened.
 
     The optimum lies in a curved valley where peaks are equally high. A step along its tangent
     leaves it: the correction takes the levels found there into account.
@@ -250,11 +250,13 @@ def _find_step(
         held = [(p, float(w)) for p, w in zip(pieces, found.multipliers, strict=True) if w > 1e-9]
         length = float(found.step @ shape @ found.step)
         trial = objective.evaluate(point.x + found.step)
+        # ratio of actual to predicted decrease, as in trust-region methods
         share = (point.value - trial.value) / found.predicted
         if share >= _ARMIJO:
             eased = 0.2 * damping if share > 0.5 and count == 0 else damping
             return _TrialStep(trial, held, eased, rejected)
         if np.isfinite(trial.value):
+            # second-order correction: the levels at the trial point replace the linear prediction
             moved = objective.followed(trial, pieces)
             near = [p for p in objective.pieces(trial) if not p.hard]
             violators = [p for p in near if p.level > trial.objective - 1e-3][:_VIOLATORS]
@@ -268,6 +270,7 @@ def _find_step(
             # what stood in the way is looked at from here too
             rejected += violators
             pieces = objective.with_extra(point, pieces, violators)
+        # Levenberg-Marquardt: a larger damping shortens the step
         damping = max(4.0 * damping, found.predicted / length)
     return _TrialStep(None, [], 0.0, rejected)
 
@@ -291,6 +294,7 @@ def _update_hessian(
     along = float(step @ change)
     if not curved > 0.0 or not np.isfinite(change).all():
         return hessian
+    # Powell (1978): mix in H s, so that the update stays positive definite
     if along < 0.2 * curved:
         share = 0.8 * curved / (curved - along)
         change = share * change + (1.0 - share) * turned

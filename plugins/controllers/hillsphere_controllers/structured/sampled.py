@@ -176,6 +176,7 @@ def _image(plant: DesignPlant, structure: Structure) -> DesignPlant:
     n, k = image.order, len(wanted)
     a = np.zeros((n + k, n + k))
     a[:n, :n] = image.a
+    # states of the filters (2/√T)/(s + 2/T), one for each output of an H2 channel
     a[n:, :n], a[n:, n:] = image.c[wanted], -2.0 / period * np.eye(k)
     b = np.concatenate([image.b, image.d[wanted]])
     c = np.zeros((k + image.shape[0], n + k))

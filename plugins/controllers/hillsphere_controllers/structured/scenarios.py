@@ -6,7 +6,7 @@ then the worst values for this controller are looked for in the whole box, and b
 until there are none that are much worse [1]_. With the controller closed, Δ enters the loop as a
 static controller does: the search for the worst δ has the same gradients as the design.
 
-What is found so is the worst that was found: certify the result by an upper bound of µ.
+The worst case found is a lower bound of the true one: certify the result by an upper bound of µ.
 
 References
 ----------
@@ -60,7 +60,7 @@ _UNSTABLE = 50.0
 
 @dataclass(frozen=True)
 class UncertainPlant:
-    """A plant with uncertain parameters, and what is asked of its closed loop.
+    """A plant with uncertain parameters, with the channels of its closed loop.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class UncertainPlant:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Values of a plant's parameters, and what the controller does there.
+    """Values of a plant's parameters, and γ of the closed loop there.
 
     Parameters
     ----------
@@ -311,6 +311,8 @@ def worst_case(
     # Δ comes last, as a controller
     rows = np.concatenate([np.arange(nd, p), np.arange(nd)])
     columns = np.concatenate([np.arange(nd, m), np.arange(nd)])
+    # with Δ as the controller the search for the worst case is a structured synthesis that
+    # maximises
     turned = LtiSystem(
         closed.a, closed.b[:, columns], closed.c[rows], closed.d[np.ix_(rows, columns)]
     )
@@ -327,6 +329,7 @@ def worst_case(
         points += _corners(objective, points)
         points += list(random.uniform(-1.0, 1.0, (_SOME_INSIDE, k)))
         points += list(random.choice([-1.0, 1.0], (_SOME_CORNERS, k)))
+    # the worst points first; instability is worst of all
     first = sorted(points, key=lambda x: -min(objective.evaluate(x).value, _UNSTABLE))
     found: list[Scenario] = []
     for start in first[:_CLIMBED]:
@@ -343,6 +346,7 @@ def _corners(objective: Objective, points: Sequence[Array]) -> list[Array]:
         point = objective.evaluate(x)
         if np.isfinite(point.value):
             for piece in objective.pieces(point):
+                # to first order the gain grows most towards this corner of the box
                 corner = np.where(piece.slope >= 0.0, 1.0, -1.0)
                 found.setdefault(tuple(corner), corner)
     return list(found.values())

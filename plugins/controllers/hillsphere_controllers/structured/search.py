@@ -1,4 +1,4 @@
-"""The search from one start: stabilise, descend, polish."""
+"""The search from one start: stabilisation, BFGS descent, polishing."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _KEPT = 1e-6
 
 @dataclass(frozen=True)
 class Problem:
-    """All that a search depends on besides its start.
+    """A synthesis problem: all that a search depends on besides its start.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """Result of a search.
 
     Parameters
     ----------
@@ -189,6 +189,7 @@ class Search:
             if _alike(structure) and not near and start.perturbation == 0.0:
                 if start.theta is not None:
                     self._taken(start, objective, best)
+                # equal parts are varied together first, then apart
                 x, abscissa, spent = self._together(Alike(structure), start, random, best)
             else:
                 x, abscissa = self._stable(start, random, objective)
@@ -219,7 +220,7 @@ class Search:
         )  # fmt: skip
 
     def _taken(self, start: Start, objective: Objective, best: Best) -> None:
-        """Take given parameters into account as they are."""
+        """Take given parameters into account without a search."""
         point = objective.evaluate((np.asarray(start.theta) - self.middle) / self.spread)
         if np.isfinite(point.value):
             best.accepted(point)
@@ -309,7 +310,7 @@ class Search:
 
 
 class Best:
-    """The best point of a search so far: among those that keep the constraints, the lowest.
+    """The best point of a search so far: the lowest that keeps the constraints.
 
     Parameters
     ----------
@@ -379,7 +380,7 @@ def _lower(
     *,
     polish: int = 0,
 ) -> bool:
-    """Lower a point; one near a minimum is only polished, in so many steps at most.
+    """Minimise from a point; one near a minimum is only polished, in so many steps at most.
 
     Returns whether polishing ended by itself.
     """
@@ -397,6 +398,7 @@ def _lower(
         point, converged = found.point, found.converged
         if point.excess <= _KEPT:
             break
+        # constraints are still violated: raise the penalty and go on from here
         objective.penalty *= _HARDER
         point = objective.evaluate(point.x)
     return converged

@@ -1,4 +1,4 @@
-"""Stabilisation: the largest real part of all closed loops' poles is brought below zero."""
+"""Stabilisation: minimise the largest spectral abscissa of all closed loops to below zero."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def stabilise(
     x: Array,
     random: np.random.Generator,
 ) -> tuple[Array, float]:
-    """Return scaled parameters (size,), and the largest spectral abscissa over rate they give.
+    """Return stabilising scaled parameters (size,), and the largest abscissa over rate.
 
     The second is below zero where stabilisation succeeded.
     """

@@ -1,4 +1,4 @@
-r"""Structures of a controller: how a few parameters θ make its matrices.
+r"""Structures of a controller: its matrices as functions of a few parameters θ.
 
 A controller of order k is one matrix,
 
@@ -31,7 +31,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Sizes:
-    """What is large and fast for a plant: the scale of the starts.
+    """Typical sizes of a plant's signals and poles: the scale of the starts.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def controller_of(structure: Structure, theta: Array) -> LtiSystem:
 
 
 class FreeEntries:
-    """Some entries of K are the parameters, row by row; the others are fixed.
+    """A structure whose parameters are the free entries of K, row by row.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def mask_gains(gains: Array, order: int = 0) -> FreeEntries:
 
 
 class Diagonal:
-    """Controllers beside each other: each has measurements and controls of its own, in turn.
+    """A block-diagonal controller: each part has its own measurements and controls, in turn.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class Diagonal:
 
 
 class Alike:
-    """A diagonal controller whose parts all have the same values of their parameters.
+    """A diagonal controller whose parts share the values of their parameters.
 
     Parameters
     ----------

@@ -7,9 +7,9 @@ r"""Synthesis of a controller of a fixed structure for one or many plants.
 over the channels c of the plants j, where every closed loop is to be stable. The function is
 neither smooth nor convex. From each of several starts the loops are stabilised, the largest norm is
 lowered by BFGS, and the peaks that are equally high at its minimum are lowered together by
-sequential quadratic programming [1]_, [2]_; the best are then shaken and lowered again. What is
-found are local minima: how many starts reached the best one, and a bound from below, tell how good
-it is.
+sequential quadratic programming [1]_, [2]_; the best are then perturbed and lowered again. The
+results are local minima. The number of starts that reach the best one, and a lower bound, show how
+good it is.
 
 References
 ----------
@@ -59,7 +59,7 @@ _SETTLED = 1e-5
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a synthesis is: told when a search has ended, or has found a lower γ.
+    """Progress of a synthesis, reported when a search has ended or has found a lower γ.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def synthesise(
 
 
 class _Run:
-    """Searches, here or by workers, until they are done or the user stops them."""
+    """Runs searches in this process or in workers, until they have ended or the user stops them."""
 
     def __init__(
         self,
@@ -381,7 +381,7 @@ def _seed(seed: int, number: int) -> int:
 
 
 def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
-    """Return starts near the best minima that differ, at most as many as there were."""
+    """Return starts near the best different minima, at most as many as there were."""
     different: list[Found] = []
     for found in good:
         if all(abs(found.gamma - f.gamma) > _SAME * f.gamma for f in different):
@@ -401,7 +401,7 @@ def _best(
     prefer: Callable[[LtiSystem], float] | None,
     tie: float,
 ) -> tuple[Found, Verified, Array]:
-    """Return the first whose closed loops are what they were found to be, or the best of all.
+    """Return the best candidate that passes the check of its closed loops.
 
     Among equals, within the tie, it is the one that is preferred; γ of these (E, 2) follow, with
     what was to be small, that of the one that is taken first.

@@ -1,4 +1,4 @@
-r"""Connections of linear systems: series, sum, feedback, star product.
+r"""Algebra of linear systems: series, sum, feedback, star product, LFTs.
 
 All are special cases of one: some outputs of an appended system are fed into some of its inputs,
 
@@ -45,7 +45,7 @@ def gain(matrix: Array, dt_s: float | None = None) -> LtiSystem:
 
 
 def append(*systems: LtiSystem) -> LtiSystem:
-    """Return systems beside each other, inputs and outputs one after the other.
+    """Return the block-diagonal system, inputs and outputs one after the other.
 
     Names are kept if every system has them and none stands twice.
 
@@ -70,7 +70,7 @@ def append(*systems: LtiSystem) -> LtiSystem:
 
 
 def close_with_gain(system: LtiSystem, matrix: Array) -> LtiSystem:
-    """Return a system whose inputs are u = F y + v.
+    """Close a system by a constant feedback matrix, u = F y + v.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def upper_lft(plant: LtiSystem, block: LtiSystem) -> LtiSystem:
 
 
 def _singular(loop: Array) -> bool:
-    """Say whether a matrix I − F D is singular, in whatever units its rows and columns are."""
+    """Return whether a matrix I − F D is singular, for any units of its rows and columns."""
     if np.linalg.svd(loop, compute_uv=False)[-1] >= _SINGULAR * max(1.0, np.abs(loop).max()):
         return False
     # the units of signals change singular values, but not the eigenvalues

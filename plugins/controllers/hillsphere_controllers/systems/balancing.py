@@ -1,4 +1,4 @@
-"""Scaling of a system's states, so that no number in it is larger than it need be."""
+"""Balancing: scaling of a system's states, so that its entries are of similar size."""
 
 from __future__ import annotations
 

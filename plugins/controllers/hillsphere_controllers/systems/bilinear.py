@@ -1,7 +1,7 @@
-r"""Between continuous and discrete time by the bilinear map s = (2/T) (z − 1)/(z + 1).
+r"""Bilinear (Tustin) map between continuous and discrete time, s = (2/T) (z − 1)/(z + 1).
 
 It maps the left half-plane onto the unit disc and the imaginary axis onto its circle, so that
-stability and the H∞ norm are those of the image; frequencies are bent: ω = (2/T) tan(θ/2) for
+stability and the H∞ norm are those of the image; frequencies are warped: ω = (2/T) tan(θ/2) for
 z = exp(jθ).
 """
 
@@ -34,7 +34,7 @@ def continuous(system: LtiSystem) -> LtiSystem:
     if system.dt_s is None:
         raise InputError("the system is one in continuous time already")
     dt, one = system.dt_s, np.eye(system.order)
-    # the scale of a state decides nothing
+    # balance the states, so that their scales do not affect the inverse
     even, scale = balance_states(system)
     away = np.abs(1.0 + even.poles)
     if away.size and away.min() <= _POLE:
@@ -46,6 +46,7 @@ def continuous(system: LtiSystem) -> LtiSystem:
     root = np.sqrt(dt)
     return replace(
         system,
+        # A_c = (2/T) (I + A)⁻¹ (A − I), with the factor √T shared between B and C
         a=2.0 / dt * (inverse @ (even.a - one)) * scale[:, None] / scale,
         b=2.0 / root * (inverse @ even.b) * scale[:, None],
         c=2.0 / root * (even.c @ inverse) / scale,

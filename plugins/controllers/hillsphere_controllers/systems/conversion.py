@@ -1,4 +1,4 @@
-"""From and to other descriptions: transfer functions, objects of python-control."""
+"""Conversion from and to transfer functions and objects of python-control."""
 
 from __future__ import annotations
 
@@ -57,6 +57,7 @@ def transfer_function(
         a[0] = -bottom
         a[1:, :-1] = np.eye(n - 1)
         b[0] = 1.0
+    # the direct term is split off the numerator
     c = (top[1:] - top[0] * bottom)[None]
     made, _ = balance_states(LtiSystem(a, b, c, top[:1, None], dt_s))
     return made

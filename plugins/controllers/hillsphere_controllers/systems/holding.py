@@ -1,4 +1,4 @@
-"""Discretisation of a system whose inputs are held between samples, exact at the samples."""
+"""Zero-order hold discretisation: inputs held between samples, exact at the samples."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ than a delay."""
 
 
 def zero_order_hold_matrices(a: Array, b: Array, h: float) -> tuple[Array, Array]:
-    r"""Discretise ẋ = A x + B e exactly for an e that is held [1]_.
+    r"""Return the zero-order hold matrices of ẋ = A x + B e, exact for an e that is held [1]_.
 
     Parameters
     ----------
@@ -58,9 +58,8 @@ def zero_order_hold_matrices(a: Array, b: Array, h: float) -> tuple[Array, Array
 def mean_output_hold(system: LtiSystem, dt_s: float) -> LtiSystem:
     r"""Discretise with held inputs and with the outputs' means over the periods.
 
-    Of a controller whose outputs are held that is the one with the same
-    :math:`\int u\,dt` over every period as the system itself between the samples: what it does to
-    errors that are held begins at once, not a period later.
+    For a controller with held outputs this keeps :math:`\int u\,dt` over every period equal to that
+    of the continuous system. Its response to held errors begins at once, not a period later.
 
     Parameters
     ----------
@@ -80,6 +79,7 @@ def mean_output_hold(system: LtiSystem, dt_s: float) -> LtiSystem:
         If the system is one in discrete time already, or the period not positive.
     """
     (p, _), n = system.shape, system.order
+    # append the integrals of the outputs as states: their growth over a period is the mean times it
     integral = np.block([[system.a, np.zeros((n, p))], [system.c, np.zeros((p, p))]])
     both = zero_order_hold(
         LtiSystem(integral, np.vstack([system.b, system.d]), np.zeros((0, n + p)),
@@ -92,7 +92,7 @@ def mean_output_hold(system: LtiSystem, dt_s: float) -> LtiSystem:
 
 
 def zero_order_hold(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> LtiSystem:
-    """Return what a computer sees of a system: inputs held, outputs taken at the same times.
+    """Discretise a system with held inputs and sampled outputs, and an optional input delay.
 
     Parameters
     ----------
@@ -136,6 +136,7 @@ def zero_order_hold(system: LtiSystem, dt_s: float, delay_s: float = 0.0) -> Lti
         return LtiSystem(
             a, new, system.c, system.d, dt_s, system.inputs, system.outputs, system.states
         )
+    # inputs on their way are a shift register of states, the oldest one first
     size = n + length * m
     whole_a, whole_b = np.zeros((size, size)), np.zeros((size, m))
     whole_c = np.zeros((p, size))

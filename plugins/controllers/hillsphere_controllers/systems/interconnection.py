@@ -1,4 +1,4 @@
-"""Systems connected by the names of their signals, with summing junctions."""
+"""Interconnection of systems by the names of their signals, with summing junctions."""
 
 from __future__ import annotations
 
@@ -114,6 +114,7 @@ def connect(
     f = np.zeros((whole.shape[1], whole.shape[0]))
     first = len(outside)
     for row, name in enumerate(into):
+        # each input of a part is fed from the one output of its name
         f[first + row, place[name]] = 1.0
     closed = close_with_gain(whole, f)
     rows = [place[name] for name in wanted]

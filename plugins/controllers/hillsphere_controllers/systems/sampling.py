@@ -1,4 +1,4 @@
-"""Controllers as a computer runs them, and the loop as it then is."""
+"""Controllers at samples, and sampled loops in discrete time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ of decimal numbers."""
 def sampled_controller(
     controller: LtiSystem, dt_s: float, method: Method = "bilinear"
 ) -> LtiSystem:
-    """Return a controller that acts at samples.
+    """Return a controller in discrete time that acts at the samples.
 
     Parameters
     ----------
@@ -30,9 +30,10 @@ def sampled_controller(
     dt_s : float
         Period, s.
     method : {"bilinear", "held", "mean"}
-        The bilinear map has the phase of the controller, so that what is lost in the loop is that
-        of the hold alone, half a period; the discretisation for held inputs costs one that is
-        strictly proper another half, unless the mean over the period stands for its output.
+        "bilinear" keeps the phase of the controller; the loop then loses only the half period of
+        the hold. "held" discretises for held inputs, which adds another half period of delay to a
+        strictly proper controller. "mean" does the same with the mean output over the period,
+        without that delay.
 
     Raises
     ------
@@ -62,10 +63,10 @@ def sampled_loop(
     delay_s: float = 0.0,
     method: Method = "bilinear",
 ) -> LtiSystem:
-    """Return the loop, cut at the controls, of a plant that a computer controls.
+    """Return the discrete-time loop, cut at the controls, of a plant and a sampled controller.
 
-    Its margins (`hillsphere_controllers.analysis`) are those of what flies, the hold and the delay
-    included; those of the loop in continuous time promise more than that has.
+    Its margins (`hillsphere_controllers.analysis`) include the hold and the delay; those of the
+    loop in continuous time are too optimistic.
 
     Parameters
     ----------
