@@ -244,7 +244,7 @@ def test_an_interrupted_synthesis_goes_on_to_the_same_bits(tmp_path: Path) -> No
     with pytest.raises(InputError, match="another synthesis"):
         dk_synthesis(LAG, 1, 1, PAIR, iterations=3, checkpoint=path)
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match="to begin anew"):
+    with pytest.raises(InputError, match="to start again"):
         dk_synthesis(LAG, 1, 1, PAIR, iterations=2, joint_steps=1, reduction=0.0, checkpoint=path)
 
 

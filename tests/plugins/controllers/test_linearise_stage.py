@@ -317,7 +317,7 @@ def test_gravity_breaks_exact_cancellation_and_not_integral_action(
         ({"follow": "rt7"}, "rt7"),
         ({"dispersions": [normal("stage.flight", ["state.x"], sigma=1.0)]}, "takes no parameter"),
         ({"dispersions": [normal("gravity.phobos", ["C9,9"], sigma=1.0)]}, "C9,9"),
-        ({"dispersions": [FIELD, FIELD]}, "two of them stand for"),
+        ({"dispersions": [FIELD, FIELD]}, "two of them vary"),
     ],
 )
 def test_faults_are_said(plant: Any, reference: FlightSet, keys: dict[str, Any], said: str) -> None:

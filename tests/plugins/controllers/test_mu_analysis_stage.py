@@ -211,10 +211,8 @@ def test_models_are_chosen_and_drawn_with_shares_over_frequency(spring: Uncertai
     wide, narrow = (one.figures["mu_sensitivity_curves"].size_in[0] for one in (columns, shown))
     assert wide - narrow == pytest.approx(3.2)
     soft, _ = shown.verdict
-    assert soft.startswith(
-        "soft, uncertain: a gain below one for all their perturbations with 0 of 2 uncertain models"
-    )
-    assert "not with point=1, point=10" in soft
+    assert soft.startswith("soft, uncertain: robust performance proved for 0 of 2 uncertain models")
+    assert "disproved for point=1, point=10" in soft
     with pytest.raises(InputError, match=r"models: needs\.uncertain"):
         run(several, given, {"models": ["point=3"]})
 

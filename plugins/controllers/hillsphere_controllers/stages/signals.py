@@ -11,7 +11,7 @@ __all__ = ["places"]
 
 
 def places(known: Sequence[str], wanted: Sequence[str], key: str) -> list[int]:
-    """Return the places of signals among those known.
+    """Return the indices of signals by their names.
 
     Parameters
     ----------

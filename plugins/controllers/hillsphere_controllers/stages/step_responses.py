@@ -60,6 +60,7 @@ def _settling(system: LtiSystem) -> float:
     rates = rates[rates > 0.0]
     if not rates.size:
         return 10.0 * (system.dt_s or 1.0)
+    # exp(−7) = 0.1 %: well below the settling limit of 1 %
     longest = 7.0 / float(rates.min())
     # the slowest modes may hardly be seen: times from the fastest to the slowest are tried
     trial = 7.0 / float(np.median(rates))

@@ -1,4 +1,4 @@
-"""Between the LFTs that are computed with and the uncertain models that pass between stages."""
+"""Conversion between LFTs and the uncertain models that pass between stages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From matrices of models over their parameters to an uncertain matrix, by one way or the other."""
+"""Fits of linear models over their parameters: polynomial or affine, as uncertain models."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ _AFFINE = 1e-9
 
 @dataclass(frozen=True)
 class Fit:
-    """One uncertain model.
+    """One uncertain model and the cost of its reduction.
 
     Parameters
     ----------
     lft : Lft
         The model.
     polynomial : PolynomialFit or None
-        What it was made of, if that is a polynomial.
+        The polynomial that it realises; None for an affine fit.
     before, after : ndarray of int, shape (k,)
-        Copies of each parameter before and after what was left out.
+        Copies of each parameter before and after the reduction.
     bound, sampled : float
-        What that costs, relative to the largest change of the matrix.
+        Error of the reduction, relative to the largest change of the matrix: proved, and found at
+        random.
     dropped : float
         Of an affine fit, see `AffineLft.dropped`; else zero.
     checks : int
@@ -65,7 +66,7 @@ def certain(system: LtiSystem) -> Fit:
 def by_polynomial(
     points: Array, systems: Sequence[LtiSystem], parameters: Sequence[Uncertainty], spec: LftSpec
 ) -> Fit:
-    """Fit polynomials.
+    """Fit polynomials to the models' matrices, and reduce the LFT.
 
     Parameters
     ----------
@@ -106,7 +107,7 @@ def by_affine(
     others: Sequence[Sequence[Uncertainty]],
     spec: LftSpec,
 ) -> Fit:
-    """Take the models as affine in their parameters.
+    """Fit an affine function to the models' matrices, and truncate weak directions.
 
     Parameters
     ----------
@@ -122,6 +123,7 @@ def by_affine(
     """
     middle = np.array([[u.nominal] for u in parameters])
     width = np.array([[u.upper - u.lower] for u in parameters])
+    # the model nearest to nominal is the base of the slopes
     nearest = int(np.argmin((((points - middle) / width) ** 2).sum(axis=0)))
     order = [nearest, *(k for k in range(len(systems)) if k != nearest)]
     samples = np.array([_matrix(systems[k]) for k in order])

@@ -1,4 +1,4 @@
-"""Which parameters of linear models are uncertain, between which bounds, and which are known."""
+"""Selection of the uncertain parameters of linear models, their bounds, and the known ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _Parameters:
 
 @dataclass(frozen=True)
 class Groups:
-    """Models by the values of their known parameters.
+    """Groups of models with equal values of their known parameters.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Groups:
 
 
 def group_models(models: LinearModels, known: Sequence[str]) -> Groups:
-    """Return the models of each combination of values of known parameters."""
+    """Group models by the values of their known parameters."""
     rows = [models.parameters.index(name) for name in known]
     count = len(models.systems)
     if not rows:
@@ -130,7 +130,7 @@ def uncertain_parameters(
 
 
 def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
-    """Return by how much bounds reach beyond the models, relative to these models' range."""
+    """Return the largest excess of bounds over the models' range, relative to that range."""
     most = 0.0
     for one in parameters:
         values = models.values[models.parameters.index(one.name)]
@@ -142,10 +142,10 @@ def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> 
 def _bound_dispersion(
     models: LinearModels, dispersion: Dispersion, sigmas: float, where: str
 ) -> tuple[Uncertainty, ...]:
-    """Return what a dispersion stands for among the models' parameters.
+    """Return the models' parameters that a dispersion varies, with its bounds.
 
     Models of a stage that linearises name parameters as a mission does, ``"gravity.phobos.C2,0"``:
-    there the dispersion's own table tells which are meant. Others by their plain names.
+    the dispersion's own table selects them. Other models have plain names.
     """
     prefix = f"{dispersion.of}."
     own = prefix if any(name.startswith(prefix) for name in models.parameters) else ""
@@ -158,9 +158,9 @@ def _bound_dispersion(
         match_names(dispersion.keys, [one.name for one in offered], dispersion.of)
     except InputError as error:
         raise InputError(
-            f"{where}: among the parameters of the models {error}. What has no spread, its sigma "
-            "being 0 or relative to a nominal 0, is certain and no parameter of models: give it "
-            "one, or leave it out of the dispersion"
+            f"{where}: among the parameters of the models {error}. A parameter without spread "
+            "(sigma 0, or relative to a nominal 0) is certain and no parameter of models: give it "
+            "a spread, or leave it out of the dispersion"
         ) from error
     found = bound_dispersion(_Parameters(offered), dispersion, sigmas=sigmas)
     return tuple(real_parameter(f"{own}{u.name}", u.lower, u.upper, u.nominal) for u in found)

@@ -1,4 +1,4 @@
-"""How the stage ``lft`` shows its result: blocks, terms and errors in tables, two figures."""
+"""Presentation of uncertain models: tables of blocks, terms and errors, and figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def present_uncertain_models(product: FittedModels, models: LinearModels) -> Pre
     product : FittedModels
         The uncertain models.
     models : LinearModels
-        What they were fitted to.
+        Models that they were fitted to.
     """
     seen = product.response_error[np.isfinite(product.response_error)]
     worst = float(seen.max()) if seen.size else 0.0
@@ -99,14 +99,15 @@ def _blocks(product: FittedModels) -> Table:
         Column("unit", "", "unit"),
     )
     notes = [
-        f"{label}: the reduction costs at most {bound:.3g} of the largest change of [A B; C D] "
-        f"(proved for all Δ; {sampled:.3g} found at random)."
+        f"{label}: the error of the reduction is at most {bound:.3g} of the largest change of "
+        f"[A B; C D] (proved for all Δ; {sampled:.3g} found at random)."
         for label, bound, sampled in zip(
             product.labels, product.bound, product.sampled, strict=True
         )
         if bound > 0.0
     ]
-    return Table("Uncertainties", columns, rows, notes or ["No copy with any effect was left out."])
+    notes = notes or ["The reduction removed only copies without effect."]
+    return Table("Uncertainties", columns, rows, notes)
 
 
 def _sizes(product: FittedModels) -> Table:
@@ -138,10 +139,10 @@ def _sizes(product: FittedModels) -> Table:
         ),
     )
     notes = [
-        "What is left out: root of the sum of squares of its directions, relative to the nominal "
-        "matrix where parameters change it; largest singular value, relative to that of the "
-        "largest change of [A B; C D], bounded for all values of the parameters, and found at "
-        "random ones. The uncertain models do not cover it."
+        "Truncation error: the root sum of squares of the directions left out, relative to the "
+        "nominal matrix where parameters change it; and its largest singular value, relative to "
+        "that of the largest change of [A B; C D], as a bound for all values of the parameters and "
+        "at random ones. The uncertain models do not cover this error."
     ]
     return Table("Sizes of the uncertain models", columns, rows, notes)
 
@@ -168,7 +169,10 @@ def _terms(product: FittedModels) -> Table:
         Column("share", "-", "share of the sum of squares", 4),
         Column("error", "-", "largest error so far", 3),
     )
-    notes = ["Terms are of the distance from nominal; the largest error is relative to the range."]
+    notes = [
+        "The terms are powers of the distance from nominal. "
+        "The largest error is relative to the range."
+    ]
     if len(rows) > _TERMS:
         notes.append(f"The first {_TERMS} of {len(rows)} terms.")
     return Table("Terms of the fit", columns, rows[:_TERMS], notes)
@@ -188,9 +192,8 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
     if product.exponents:
         fit = max(float(e[-1]) for e in product.errors)
         said.append(
-            f"Polynomials stand for the models' matrices to {fit:.2g} of each entry's range; the "
-            f"uncertain models' responses are those of {checked} models to {worst:.2g} of their "
-            "largest gain."
+            f"The polynomials fit the models' matrices to {fit:.2g} of each entry's range, and the "
+            f"frequency responses of {checked} models to {worst:.2g} of their largest gain."
         )
     elif product.parameters and product.checks.all():
         bare = [
@@ -208,18 +211,18 @@ def _verdict(product: FittedModels, worst: float, checked: int) -> list[str]:
         )
     elif product.parameters:
         said.append(
-            f"The models are taken as affine in the {len(product.parameters)} uncertain "
-            "parameters, which none of them checks: make more than one for each parameter."
+            f"The models are assumed affine in the {len(product.parameters)} uncertain "
+            "parameters. No model is left to check this: make more than one for each parameter."
         )
     if product.beyond:
         said.append(
-            f"The bounds reach beyond the models by {100.0 * product.beyond:.3g} % of their range: "
-            "there the uncertain model is extrapolated."
+            f"The bounds exceed the models' range by {100.0 * product.beyond:.3g} % of it: the "
+            "uncertain model extrapolates there."
         )
     alone = product.left_out_error[np.isfinite(product.left_out_error)]
     if alone.size and float(alone.max()) > 10.0 * product.tolerance:
         said.append(
-            f"A fit without one of the models misses it by up to {float(alone.max()):.2g} of the "
-            "range: more models, or a lower degree, would tell how good the fit is between them."
+            f"Cross-validation: a fit without one of the models misses it by up to "
+            f"{float(alone.max()):.2g} of the range. Use more models, or a lower degree."
         )
     return said

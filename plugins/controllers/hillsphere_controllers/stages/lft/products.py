@@ -1,4 +1,4 @@
-"""What the stage ``lft`` yields."""
+"""Product of the stage ``lft``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["FittedModels"]
 
 @dataclass(frozen=True)
 class FittedModels(UncertainModels):
-    """Uncertain models, and how well they stand for the N models that they were fitted to.
+    """Uncertain models, and the errors of their fit to N linear models.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class FittedModels(UncertainModels):
     beyond : float
         By how much the bounds reach beyond the models, relative to these models' range.
     tolerance : float
-        What was asked of the fit.
+        Tolerance that was asked of the fit.
     known : tuple of str
         The j known parameters.
     known_values : ndarray, shape (j, G)

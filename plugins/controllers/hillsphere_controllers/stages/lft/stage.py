@@ -1,4 +1,4 @@
-"""The stage ``lft``: from models over parameters to an uncertain model."""
+"""The stage ``lft``: uncertain models M-Δ from linear models over their parameters."""
 
 from __future__ import annotations
 
@@ -206,6 +206,7 @@ def _with_blocks(
     carried[into : into + len(sizes)] = sizes
     d = s.d[np.ix_(order, across)] * carried
     for row, column, curvature in bends:
+        # feedback −c of a real block whose nominal value is not in the middle
         d[out + row, into + column] -= curvature
     system = LtiSystem(
         s.a, s.b[:, across] * carried, s.c[order], d, s.dt_s,
@@ -223,7 +224,7 @@ def _with_blocks(
 def _uncertainty(
     block: UncertainBlockSpec, rows: int, columns: int, key: str
 ) -> tuple[Uncertainty, int]:
-    """Return what a block is, and how often it stands there."""
+    """Return the uncertainty of a block, and its number of copies."""
     if block.kind == "full":
         return Uncertainty(block.name, "full", rows, columns, dynamic=block.dynamic), 1
     if rows != columns:

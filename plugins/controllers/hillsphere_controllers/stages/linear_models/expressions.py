@@ -20,7 +20,7 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin, "cos": math.cos,
     "tan": math.tan, "abs": abs,
 }  # fmt: skip
-"""What a formula may call."""
+"""Functions that a formula may call."""
 
 _LONGEST = 200
 """Characters of a formula at most. It keeps the parser's recursion and the time of evaluation small

@@ -1,4 +1,4 @@
-"""How linear models are shown: orders and poles in a table, gains in a figure."""
+"""Presentation of linear models: a table of orders and poles, a figure of gains."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def present_linear_models(product: LinearModels) -> Presentation:
 
 
 def _not_stable(system: LtiSystem) -> tuple[int, int]:
-    """Return how many poles are unstable, and how many on the border but for rounding."""
+    """Return the numbers of unstable poles and of poles on the stability boundary."""
     if not system.order:
         return 0, 0
     poles = np.linalg.eigvals(balance_states(system)[0].a)

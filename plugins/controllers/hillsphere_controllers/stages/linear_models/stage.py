@@ -26,7 +26,7 @@ junctions show in the first. More would take the time of the run twice."""
 
 
 class LinearModelsStage:
-    """Linear models by what a mission says of their parts.
+    """Linear models built from the systems and junctions of a mission.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class LinearModelsStage:
         self.spec = spec
 
     def check_needs(self, models: object = None) -> None:
-        """Refuse systems that cannot be made or do not connect, where no product is needed."""
+        """Check before the run that systems can be made and connect, where no product is needed."""
         spec = self.spec
         if models is None:
             names = [parameter.name for parameter in spec.parameters]

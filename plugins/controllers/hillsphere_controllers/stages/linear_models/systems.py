@@ -1,4 +1,4 @@
-"""Systems made of what a mission says of them."""
+"""Construction of linear systems from their Specs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Values = Mapping[str, float]
 
 
 def connect_systems(spec: InterconnectionSpec, parts: Sequence[LtiSystem]) -> LtiSystem:
-    """Return systems connected as a mission says.
+    """Connect systems by the junctions and signals of a Spec.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def parts_of(
 def model_part(
     spec: SystemSpec, model: LtiSystem | None, period_s: float | None = None, key: str = "system"
 ) -> LtiSystem:
-    """Return what a mission uses of a model.
+    """Return a model restricted to the signals that a mission names.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def _low_pass(spec: LowPassSpec, period_s: float | None) -> LtiSystem:
 
 
 def _gauss_markov(spec: GaussMarkovSpec, period_s: float | None) -> LtiSystem:
-    """Return σ √(2/τ)/(s + 1/τ), or what makes the same noise at samples: both of H2 norm σ."""
+    """Return the shaping filter σ √(2/τ)/(s + 1/τ), or its equivalent at samples, of H2 norm σ."""
     size, rate = np.array([[spec.deviation]]), 1.0 / spec.correlation_time_s
     one, none = np.ones((1, 1)), np.zeros((1, 1))
     if period_s is None:

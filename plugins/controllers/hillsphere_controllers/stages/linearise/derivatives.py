@@ -86,7 +86,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Derived:
-    """Derivatives at N states.
+    """Jacobians at N states.
 
     Parameters
     ----------
@@ -111,6 +111,7 @@ def affine_in(middle: Array, up: Array, down: Array) -> NDArray[np.bool_]:
     middle, up, down : ndarray, shape (q, ...)
         The matrix, or several, with each parameter in the middle of its bounds and at both.
     """
+    # second and first difference over the range of each parameter
     rest, along = np.abs(up + down - 2.0 * middle), np.abs(up - down)
     axes = tuple(range(1, middle.ndim))
     slack = _AFFINE * along.max(axis=axes) + _ROUNDING * np.abs(middle).max(axis=axes)

@@ -1,4 +1,4 @@
-"""Which parameters of a plant are dispersed, and how far from nominal models of it are made."""
+"""Dispersed parameters of a plant, and the values at which models are made."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class _Offered:
 def dispersed_parameters(
     plant: Plant, plant_name: str, dispersions: Sequence[Ref], sigmas: float
 ) -> Dispersed:
-    """Return the parameters of a plant that dispersions stand for.
+    """Return the parameters of a plant that dispersions vary.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def dispersed_parameters(
         upper.append(found.upper[here])
         blocks.append(found.covariance[np.ix_(here, here)])
     if twice := sorted({q for q in own if own.count(q) > 1}):
-        raise InputError(f"dispersions: two of them stand for {twice[0]}; leave it out of one")
+        raise InputError(f"dispersions: two of them vary {twice[0]}; leave it out of one")
     return Dispersed(
         tuple(names), tuple(own), tuple(units),
         _concatenate(nominal), _concatenate(lower), _concatenate(upper),

@@ -1,4 +1,4 @@
-"""How linear models along a trajectory are shown: poles, disturbances, influence of parameters."""
+"""Presentation of linear models along a trajectory: poles, disturbances, parameters."""
 
 from __future__ import annotations
 
@@ -50,7 +50,8 @@ def present_linearisation(product: LinearisedFlight) -> Presentation:
         said.append(
             f"The derivatives are affine in all {len(product.dispersed)} dispersed parameters."
             if not bent
-            else f"The derivatives are not affine in {', '.join(bent)}: fit polynomials."
+            else f"The derivatives are not affine in {', '.join(bent)}: "
+            "fit polynomials in the stage lft."
         )
     return Presentation(metrics, tables, figures, said)
 
@@ -157,7 +158,7 @@ def _influence(product: LinearisedFlight) -> Table:
         Column("weight_rank", "-", "rank"),
     )
     notes = [
-        "For one standard deviation of each, in the order of the sum of the ranks; the end of the "
-        "flight is that under the trajectory's own command."
+        "Effects of one standard deviation of each parameter, sorted by the sum of the ranks. The "
+        "end of the flight is the one under the trajectory's own command."
     ]
     return Table("Influence of the parameters", columns, rows, notes)

@@ -1,4 +1,4 @@
-"""What the stage ``linearise`` yields."""
+"""Product of the stage ``linearise``."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ class LineariseStage:
     def _changes(
         self, slopes: Slopes, x: Array, u: Array, t: Array
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Return which parameters are affine, and the changes of A by one σ of each."""
+        """Return which parameters enter A affinely, and the changes of A by one σ of each."""
         d = self.dispersed
         count = len(d.names)
         nominal = np.repeat(d.nominal[:, None], count, axis=1)

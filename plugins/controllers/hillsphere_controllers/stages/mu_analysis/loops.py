@@ -1,4 +1,4 @@
-"""One analysis of one loop, which needs nothing of the others."""
+"""Robustness analysis of a single loop, independent of all others."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Analyses:
-    """What all of them have in common; see `hillsphere.runs.workers.Divisible`.
+    """Options common to all analyses; see `hillsphere.runs.workers.Divisible`.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Analyses:
         return self.analysed
 
     def analysed(self, piece: Piece) -> Analysed:
-        """Return bounds with what proves them.
+        """Return the bounds of one loop with their certificates.
 
         Parameters
         ----------
@@ -125,7 +125,8 @@ class Analyses:
             whole = performance_structure(loop, structure)
         certified, worst = found.certified, found.worst
         upper, division = self._upper(found, loop, whole)
-        # a purely real µ jumps: a perturbation may show more than the bounds looked at
+        # µ of purely real blocks is discontinuous: the perturbation found may exceed all bounds at
+        # the frequencies looked at
         peak = certified.frequency_rad_s
         if found.lower > certified.peak:
             peak = found.frequency_rad_s
@@ -188,7 +189,8 @@ class Analyses:
     def _shares(self, loop: LtiSystem, structure: BlockStructure, omega_rad_s: float) -> Array:
         """Return the shares of the blocks (k,) at a frequency.
 
-        A purely real µ jumps: its shares are those with complex parts; none if there are no such.
+        µ of purely real blocks is discontinuous: its shares are computed with complex parts, and
+        are none without them.
         """
         omega = np.array([omega_rad_s])
         if not structure.purely_real:

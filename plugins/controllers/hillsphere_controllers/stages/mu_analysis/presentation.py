@@ -1,4 +1,4 @@
-"""How the stage ``mu_analysis`` shows its result: bounds, certificates, worst cases, shares."""
+"""Presentation of robustness: bounds, certificates, worst cases, shares of the blocks."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def present_analyses(
 
 
 def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
-    """Say which frequencies the columns of a figure span, unless these are the same for all."""
+    """Return a sentence on the columns' frequency ranges, empty if they are the same."""
     spans = [(float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])) for _, one in columns]
     if all(max(ends) <= (1.0 + _SAME_FREQUENCY) * min(ends) for ends in zip(*spans, strict=True)):
         return ""
@@ -107,7 +107,7 @@ def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
 
 def _summary(product: MuAnalysis, path: str | None) -> Table:
     rows: list[dict[str, Cell]] = []
-    # like is held against like: what is published was found at these frequencies only
+    # compare like with like: the published values are maxima over these frequencies only
     on_grid = bool(np.isfinite(product.nominal_grid).any())
     for loop, nominal in enumerate(product.nominal):
         row: dict[str, Cell] = {
@@ -139,22 +139,23 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
                 Column(f"{name}_lower", "-", f"{title}, from below", 5),
             ]
     notes = [
-        "Of each analysis: the largest bound found at one frequency, from above, or from below "
-        "where that is larger; the bound certified for all frequencies (at most "
-        f"{100.0 * product.gap:.3g} % above it, or as proved by parts); and what a perturbation "
-        "reaches. They hold for the uncertain models as they are: what their making left out, "
-        "such as the truncation of an LFT, comes on top."
+        "For each analysis: the largest bound at one frequency (the lower bound where that is "
+        "larger), the bound certified for all frequencies (at most "
+        f"{100.0 * product.gap:.3g} % above, or as proved in parts), and the lower bound that a "
+        "perturbation reaches. The bounds hold for the uncertain models as given; errors of these "
+        "models, such as the truncation of an LFT, are not included."
     ]
     notes += [_division(product, one) for one in product.results if one.parts or one.parts_left]
     if any(one.channel for one in product.results):
         notes.append(
-            "Outputs count by themselves: each number is the largest over them, and a bound from "
-            "above may be of other outputs than the one from below; the certificates have each."
+            "Each group of outputs is a channel of its own, and each number is the largest over "
+            "the channels. Upper and lower bound may belong to different channels; the "
+            "certificates list each."
         )
     if on_grid:
         notes.append(
-            "Values 'at the frequencies published' are the largest at just those, for the "
-            "comparison; the peaks beside them are over all frequencies."
+            "Values 'at the frequencies published' are maxima over those frequencies, for the "
+            "comparison. The peaks beside them are over all frequencies."
         )
     if path is None:
         return Table("Robustness", columns, rows, notes)
@@ -167,13 +168,14 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
 
 
 def _division(product: MuAnalysis, one: Analysed) -> str:
-    """Return a sentence on the bound that was to be proved in parts."""
+    """Return a sentence on the bound that branch and bound was to prove."""
     what = f"{product.label(one.loop)}: the bound asked for{_of(one.channel)}"
     total = one.parts + one.parts_left
     if one.parts_left:
         return f"{what} is not proved on {one.parts_left} of {total} parts of the ranges."
     return (
-        f"{what}, {one.upper:.4g}, is proved in {total} parts; for the whole ranges it is larger."
+        f"{what}, {one.upper:.4g}, is proved in {total} parts of the ranges; "
+        "undivided it is larger."
     )
 
 
@@ -263,9 +265,9 @@ def _worst_cases(product: MuAnalysis) -> Table:
         Column("pole_im", "rad/s", "imaginary part", 5),
     )
     notes = (
-        "The smallest perturbation found that makes the loop unstable, or lose its performance; "
-        "for the worst-case gain the one of the size declared that makes it largest. A normalised "
-        "value beyond −1 and 1 is outside the bounds.",
+        "The smallest perturbation found that makes the loop unstable or violates its performance; "
+        "for the worst-case gain, the perturbation of the declared size with the largest gain. A "
+        "normalised value beyond −1 and 1 is outside the bounds.",
     )
     return Table("Worst cases", columns, rows, notes)
 
@@ -291,7 +293,7 @@ def _shares(product: MuAnalysis) -> Table:
         "Shares of the blocks",
         columns,
         rows,
-        ("They sum to one; those of a purely real µ, which jumps, are with complex parts.",),
+        ("The shares sum to one. For purely real blocks they are computed with complex parts.",),
     )
 
 
@@ -315,8 +317,8 @@ def _by_model(product: MuAnalysis, analysis: str) -> Table:
         *(Column(f"controller_{k}", "", name) for k, name in enumerate(product.controllers)),
     ]
     note = (
-        "Nominal performance; what a perturbation reaches, to the bound certified for all "
-        "frequencies."
+        "Nominal performance; lower bound, reached by a perturbation, to upper bound, certified "
+        "for all frequencies."
     )
     title = _TITLES[analysis]
     of = f"{title[0].upper()}{title[1:]} by model, {product.uncertain}"
@@ -333,14 +335,16 @@ def _verdict(product: MuAnalysis) -> list[str]:
             said += [_said(product, int(loop)) for loop in loops]
     wrong = [one for one in product.results if one.singular > _SINGULAR]
     if wrong:
-        said.append(f"{len(wrong)} worst cases do not pass their check: see Certificates.")
+        said.append(
+            f"{len(wrong)} worst cases fail their check in the closed loop: see Certificates."
+        )
     return said
 
 
 def _said(product: MuAnalysis, loop: int) -> str:
     name = product.label(loop)
     if not np.isfinite(product.nominal[loop]):
-        return f"{name}: the nominal loop is not stable; nothing was analysed."
+        return f"{name}: the nominal loop is unstable and was not analysed."
     parts = [_sentence(one) for one in product.worst if one.loop == loop]
     return f"{name}: {'; '.join(parts)}."
 
@@ -351,7 +355,7 @@ def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) ->
     name = f"{controller}, {product.uncertain}"
     unstable = [loop for loop in loops if not np.isfinite(product.nominal[loop])]
     if unstable:
-        said.append(f"{name}: the nominal loop is not stable with {_names(product, unstable)}.")
+        said.append(f"{name}: the nominal loop is unstable for {_names(product, unstable)}.")
     for analysis in _analyses(product):
         found = [o for o in product.worst if o.loop in loops and o.analysis == analysis]
         if not found:
@@ -359,22 +363,20 @@ def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) ->
         highest = max(found, key=lambda one: one.upper)
         if analysis == "worst_case_gain":
             said.append(
-                f"{name}: gain at worst up to {highest.upper:.4g} "
+                f"{name}: worst-case gain at most {highest.upper:.4g} "
                 f"({product.models[int(product.model[highest.loop])]})."
             )
             continue
         sure = [one for one in found if one.upper < 1.0]
         broken = [one.loop for one in found if one.lower > 1.0]
         open_ = [one.loop for one in found if one.lower <= 1.0 <= one.upper]
-        what = "stable" if analysis == "robust_stability" else "a gain below one"
-        count = f"{len(sure)} of {len(found)} uncertain models"
-        parts = [f"{what} for all their perturbations with {count}"]
+        parts = [f"{_TITLES[analysis]} proved for {len(sure)} of {len(found)} uncertain models"]
         if sure:
             parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
         if broken:
-            parts.append(f"not with {_names(product, broken)}")
+            parts.append(f"disproved for {_names(product, broken)}")
         if open_:
-            parts.append(f"not known with {_names(product, open_)}")
+            parts.append(f"undecided for {_names(product, open_)}")
         said.append(f"{name}: {'; '.join(parts)}.")
     return said
 
@@ -385,16 +387,14 @@ def _names(product: MuAnalysis, loops: list[int]) -> str:
 
 def _sentence(one: Analysed) -> str:
     if one.analysis == "worst_case_gain":
-        return f"gain at worst from {one.lower:.4g} to {one.upper:.4g}"
-    what = "stable" if one.analysis == "robust_stability" else "a gain below one"
+        return f"worst-case gain from {one.lower:.4g} to {one.upper:.4g}"
+    title = _TITLES[one.analysis]
     if one.upper < 1.0:
-        bound = f"µ ≤ {one.upper:.4g}{_of(one.channel)}, certified"
-        return f"{what} for all perturbations of the uncertain model ({bound})"
+        return f"{title} proved (µ ≤ {one.upper:.4g}{_of(one.channel)}, certified)"
     if one.lower > 1.0:
-        bound = f"µ ≥ {one.lower:.4g}{_of(one.lower_channel)}"
-        return f"not {what} for all perturbations of the uncertain model ({bound})"
+        return f"{title} disproved (µ ≥ {one.lower:.4g}{_of(one.lower_channel)})"
     return (
-        f"not known whether {what} for all (µ from {one.lower:.4g}{_of(one.lower_channel)} to "
+        f"{title} undecided (µ from {one.lower:.4g}{_of(one.lower_channel)} to "
         f"{one.upper:.4g}{_of(one.channel)})"
     )
 

@@ -1,4 +1,4 @@
-"""What the stage ``mu_analysis`` yields."""
+"""Product of the stage ``mu_analysis``."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Analysed:
         Names of the blocks, performance last where it is one.
     shares : ndarray, shape (k,)
         Relative change of µ's upper bound at its peak with the size of each block; they sum to
-        one. Of a purely real µ, which jumps, those with the largest of the complex parts. None if
+        one. For purely real blocks they are those with the largest of the complex parts. None if
         not computed.
     names, units : tuple of str
         Of the real parameters.
@@ -164,7 +164,7 @@ class MuAnalysis:
 
 
 def _worst(one: Analysed, other: Analysed) -> Analysed:
-    """Return the larger bounds of two channels of a loop, each with what proves it."""
+    """Return the larger bounds of two channels of a loop, each with its certificate."""
     above = max(one, other, key=attrgetter("upper"))
     below = max(one, other, key=attrgetter("lower"))
     return replace(

@@ -51,7 +51,7 @@ class GridSpec(Spec):
 
 
 class MuAnalysisSpec(StageSpec):
-    """What loops bear of their uncertainty: µ over all frequencies, worst cases, shares."""
+    """Robustness of loops: µ over all frequencies, worst cases, shares of the blocks."""
 
     produces = "hillsphere_controllers.stages.mu_analysis.products:MuAnalysis"
     examples = (
@@ -173,7 +173,7 @@ class MuAnalysisSpec(StageSpec):
                     yield (
                         ("needs", "beside", place),
                         f"stage {ref.name!r} has {key} = {_format_names(there)}, this one "
-                        f"{_format_names(here)}: its µ means something else; use the same in both",
+                        f"{_format_names(here)}: its µ is another quantity; use the same in both",
                     )
 
 

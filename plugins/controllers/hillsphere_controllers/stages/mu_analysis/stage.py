@@ -29,7 +29,7 @@ __all__ = ["MuAnalysisStage"]
 
 
 class MuAnalysisStage:
-    """What loops bear of their uncertainty.
+    """Robustness analysis of loops with uncertain models.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class MuAnalysisStage:
         Returns
         -------
         MuAnalysis
-            Bounds with what proves them.
+            Bounds with their certificates.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class MuAnalysisStage:
         return present_analyses(product, spec.reference, columns)
 
     def _comparable(self, beside: tuple[MuAnalysis, ...]) -> None:
-        """Refuse analyses beside of other outputs or another kind, whose µ would mean another."""
+        """Check that analyses shown beside are of the same kind and outputs."""
         spec = self.spec
         own = {
             (analysis, channel)

@@ -1,4 +1,4 @@
-"""How the stage ``sampled_loops`` shows its result."""
+"""Presentation of sampled loops: margins at each period, and the spectral radius."""
 
 from __future__ import annotations
 
@@ -50,12 +50,13 @@ def present_sampled_loops(product: SampledLoops) -> Presentation:
                     "model": product.models[int(np.argmax(ranked))],
                 }
             )
-    late = f", {product.delay_s:g} s after the sample" if product.delay_s else ""
+    late = f" {product.delay_s:g} s after the sample" if product.delay_s else " at the sample"
     notes = [
-        f"The worst of {len(product.models)} models each. The plant moves between samples{late} as "
-        "it does; Ms is the largest gain from disturbances of the controls, held over each period, "
-        "to the mean of what enters the plant; gains: factors on one control, and on all at once, "
-        "between which the loop stays stable. Nothing is said of a loop that is not stable."
+        f"Each number is the worst of {len(product.models)} models. The commands act{late}, and "
+        "the plant moves in continuous time. Ms is the largest gain from disturbances of the "
+        "controls, held over each period, to the mean of the total command. The gains are factors"
+        " on one control, and on all at once, between which the loop stays stable. An unstable "
+        "loop has no margins."
     ]
     metrics = {
         f"sampled_lost_{name}": Metric(float(lost), "s")

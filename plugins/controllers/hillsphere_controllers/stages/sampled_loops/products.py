@@ -1,4 +1,4 @@
-"""What the stage ``sampled_loops`` yields."""
+"""Product of the stage ``sampled_loops``."""
 
 from __future__ import annotations
 

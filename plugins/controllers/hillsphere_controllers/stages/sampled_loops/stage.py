@@ -1,4 +1,4 @@
-"""The stage ``sampled_loops``: what linear loops are at the rate at which they are sampled."""
+"""The stage ``sampled_loops``: stability and margins of linear loops at their sample rates."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _SAME_TIME = 1e-9
 of decimal numbers."""
 
 At = Callable[[float], LtiSystem]
-"""What flies at a period, from deviations to commands."""
+"""Controller in flight as a function of the period, from deviations to commands."""
 
 
 class SampledLoopsStage:
@@ -62,8 +62,8 @@ class SampledLoopsStage:
         law = None if spec.law is None else spec.law.get()
         if law is not None and not isinstance(law, LinearLaw):
             raise InputError(
-                "law: sampled_loops needs a linear law that says what it makes of a controller at "
-                f"any period, such as one of type 'lti'; got {type(law).__name__}"
+                "law: sampled_loops needs a linear law that gives its controller at any period, "
+                f"such as one of type 'lti'; got {type(law).__name__}"
             )
         self._law: LinearLaw | None = law
         if law is not None and not spec.needs.controllers:
@@ -188,7 +188,7 @@ class SampledLoopsStage:
         return labels, plants
 
     def _flown(self, controllers: tuple[ControlDesign, ...]) -> dict[str, At]:
-        """Return what flies at a period, by name of the controller."""
+        """Return the controllers in flight as functions of the period, by name."""
         law = self._law
         if not controllers:
             assert law is not None
@@ -218,12 +218,12 @@ def _check_periods(name: str, at: At, periods: Sequence[float]) -> None:
         if made.dt_s is not None and abs(made.dt_s - period) > _SAME_TIME * period:
             raise InputError(
                 f"periods_s: {name} is a controller in discrete time, of a period of "
-                f"{made.dt_s:g} s; at {period:g} s it says nothing: name its own period alone"
+                f"{made.dt_s:g} s; it is not defined at {period:g} s: name its own period alone"
             )
 
 
 def _of_one_period(at: At, period: float) -> bool:
-    """Return whether what flies at a period is a controller in discrete time, made for it."""
+    """Return whether a controller is in discrete time, made for one period."""
     try:
         made = at(2.0 * period)
     except InputError:

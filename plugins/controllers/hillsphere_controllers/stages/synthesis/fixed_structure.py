@@ -73,7 +73,7 @@ def by_search(
     InputError
         If sizes or names do not fit, or an uncertainty is not a real parameter.
     HillsphereError
-        What the synthesis raises.
+        Errors of the synthesis.
     Interrupted
         If the run was stopped; the workspace has the best controller until then.
     """
@@ -197,7 +197,7 @@ def _start_parameters(
 
 
 def _check_sampled(spec: SynthesisSpec) -> None:
-    """Raise an error if what is asked for is known in continuous time only."""
+    """Raise `InputError` for options that exist in continuous time only."""
     options = spec.structured
     assert options is not None
     for key, given in (
@@ -236,7 +236,7 @@ def _worst_of(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
 
 
 def _uncertain_plant(spec: SynthesisSpec, many: UncertainModels, j: int) -> UncertainPlant:
-    """Return an uncertain model as the search takes it, with what is to be small only."""
+    """Return an uncertain model as a plant of the search, with the chosen channels only."""
     model, label = many.models[j], many.labels[j]
     options = spec.structured
     assert options is not None
@@ -282,7 +282,7 @@ def _physical(model: UncertainModel, delta: Array) -> Array:
 def _telling(
     said: list[str], advance: Callable[[int], None], log: Callable[[str], None]
 ) -> Callable[[Progress], None]:
-    """Return what keeps the bar's note and the log up to date."""
+    """Return the callback that updates the progress bar and the log."""
 
     def tell(progress: Progress) -> None:
         done, total, latest = progress.done, progress.total, progress.latest

@@ -38,7 +38,7 @@ def by_iteration(
     InputError
         If nothing is uncertain, or nothing is left for performance.
     HillsphereError
-        What the synthesis raises.
+        Errors of the synthesis.
     Interrupted
         If the run was stopped; the workspace has the best controller until then.
     """

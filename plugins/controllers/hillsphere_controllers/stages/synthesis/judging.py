@@ -1,4 +1,4 @@
-"""What a controller does with plants, from their closed loops, whoever made it."""
+"""Evaluation of a controller on plants: norms, poles and margins of their closed loops."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["evaluate_controller", "inner_plant"]
 def evaluate_controller(
     plants: Sequence[LtiSystem], controller: LtiSystem, advance: Callable[[int], None]
 ) -> Judged:
-    """Return what a controller does with generalised plants.
+    """Compute norms, poles and margins of a controller's closed loops with generalised plants.
 
     Parameters
     ----------

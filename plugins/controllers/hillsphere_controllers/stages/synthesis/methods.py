@@ -1,4 +1,4 @@
-"""Methods of the stage ``synthesis`` that need no search, and what the others share."""
+"""Methods of the stage ``synthesis`` without a search, and parts that all methods share."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["Design", "channels_of", "design_controller", "interrupt_synthesis", 
 
 @dataclass(frozen=True)
 class Design:
-    """A controller, what was made small, a bound of it, and what the method says."""
+    """Result of a method: controller, minimised value, its lower bound, and details."""
 
     controller: LtiSystem
     gamma: float | None
@@ -52,7 +52,7 @@ def design_controller(
     Raises
     ------
     HillsphereError
-        What the method raises.
+        Errors of the method.
     """
     if spec.method == "given":
         assert spec.given is not None
@@ -89,10 +89,13 @@ def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurement
 
 
 def interrupt_synthesis(controller: LtiSystem, what: str, ctx: Context) -> Interrupted:
-    """Return the interruption of a synthesis; its best controller so far goes to a file."""
+    """Store the best controller so far, and return the interruption of the synthesis."""
     path = ctx.workspace() / "best-controller.npz"
     save_product(path, controller)
-    kept = f"the best controller so far has {what} and is in {path}, and resuming goes on from it"
+    kept = (
+        f"the best controller so far has {what} and is stored in {path}; "
+        "a resumed run goes on from it"
+    )
     ctx.info(f"interrupted: {kept}")
     return Interrupted("interrupted during a synthesis", kept=kept)
 

@@ -1,4 +1,4 @@
-"""How the stage ``synthesis`` shows its result: norms and margins in tables, figures."""
+"""Presentation of a synthesis: tables of norms and margins, figures, verdict."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
     Parameters
     ----------
     product : Synthesis
-        The controller and what it does.
+        The controller and its closed loops.
     duration_s : float or None
         Length of the step responses.
     """
@@ -82,8 +82,8 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
             "Margins of single loops",
             _MARGINS,
             _margin_rows(product),
-            ("One loop changed at a time, the others as they are; nothing stands where nothing "
-             "bounds a margin.",),
+            ("One loop changes at a time, the others stay as they are. A blank cell means an "
+             "unbounded margin.",),
         ),
         "synthesis_controller": _controller(product),
     }  # fmt: skip
@@ -99,15 +99,15 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
         figures["synthesis_steps"] = Figure(
             "Step responses",
             partial(draw_steps, product=product, duration_s=duration_s),
-            "What the plant's outputs make of a step of one command after the other, in the units "
-            "of the measurements; where these are many, those not commanded are grey.",
+            "Responses of the plant's outputs to a step of each command in turn, in the units of "
+            "the measurements; where these are many, the outputs not commanded are grey.",
             size_in=size_of_steps_in(product.measurements),
         )
     if product.search is not None:
         figures["synthesis_starts"] = Figure(
-            "What the searches found",
+            "Results of the searches",
             partial(draw_starts, product=product),
-            "γ of every search, sorted; the line is the bound below which no controller comes.",
+            "γ of every search, sorted; the line is the lower bound for any controller.",
         )
         metrics["synthesis_residual"] = Metric(product.search.residual)
         metrics |= search_metrics(product.search)
@@ -237,11 +237,10 @@ def _iterations(found: Iterations) -> Table:
 
 
 def _notes(product: Synthesis) -> list[str]:
-    notes = ["Norms are those of the whole transfer from all disturbances to all weighted signals."]
+    notes = ["The norms are of the whole transfer from all disturbances to all weighted signals."]
     if product.search is not None:
         notes.append(
-            "γ is the largest weighted norm of the channels that were asked for, which may be "
-            "others."
+            "γ is the largest weighted norm of the design's channels, which may be parts of it."
         )
     if len(product.labels) > _LISTED:
         notes.append(f"The first {_LISTED} of {len(product.labels)} models.")
@@ -254,25 +253,24 @@ def _verdict(product: Synthesis) -> list[str]:
     order = product.controller.order
     norm = {"h2": "H2 norm", "mu": "certified µ"}.get(product.norm, "γ")
     bound = (
-        f"; no controller of any order has less than {product.lower_bound:.6g}"
+        f" (lower bound for any order: {product.lower_bound:.6g})"
         if product.lower_bound > 0.0
         else ""
     )
     said = [
-        f"The controller ({product.method}, order {order}) has {norm} = {product.gamma:.6g}, "
-        f"computed from the closed loops{bound}. It stabilises {stable} of {count} "
+        f"The controller ({product.method}, order {order}) reaches {norm} = {product.gamma:.6g}"
+        f"{bound}, computed from the closed loops. It stabilises {stable} of {count} "
         f"model{'' if count == 1 else 's'}."
     ]
     if (over := judged.sampled > judged.hinf_upper * (1.0 + _CHECK)).any():
         said.append(
-            f"A gain sampled is above the H∞ norm's bound for {int(over.sum())} models: do not "
-            "trust these norms; scale the models."
+            f"For {int(over.sum())} models a sampled gain exceeds the bound of the H∞ norm: these "
+            "norms are wrong; scale the models."
         )
     if (unsure := np.isfinite(judged.hinf) & ~(judged.hinf_error <= _UNSURE)).any():
         said.append(
-            f"Rounding can have changed the H∞ norm of {int(unsure.sum())} closed loops by more "
-            f"than {100.0 * _UNSURE:g} %: scale the models' states, or take very slow and fast "
-            "modes out."
+            f"Rounding may change the H∞ norm of {int(unsure.sum())} closed loops by more than "
+            f"{100.0 * _UNSURE:g} %: scale the models' states, or remove very slow and fast modes."
         )
     if product.search is not None:
         search = product.search
@@ -282,19 +280,19 @@ def _verdict(product: Synthesis) -> list[str]:
         same = int(np.count_nonzero(found <= found.min() * (1.0 + _SAME)))
         among = (
             f"{same} of {found.size} searches, {search.starts.size} from starts and "
-            f"{search.shaken.size} from near the best of these, end within 0.1 % of the best, the "
-            "best included."
+            f"{search.shaken.size} from near the best, end within 0.1 % of the best γ (the best "
+            "included)."
             if found.size > 1
-            else "It is that of the only search."
+            else "There was one search only."
         )
         said.append(
-            f"{among} By its gradients it is "
+            f"{among} By its gradients the result is "
             f"{'' if search.converged else 'not shown to be '}a local minimum (residual "
             f"{search.residual:.2g}, {search.active} active peaks and constraints)."
         )
         if not search.converged:
             said.append(
-                "A gain that is the same over a range of frequencies, or gains that grow without "
-                "bound, leave such a residual: compare γ with its bound, or use more starts."
+                "The residual stays large if the gain is constant over a range of frequencies, or "
+                "if gains grow without bound: compare γ with its bound, or use more starts."
             )
     return said

@@ -1,4 +1,4 @@
-"""What the stage ``synthesis`` yields."""
+"""Product of the stage ``synthesis``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Iterations", "Judged", "RobustResult", "SearchResult", "Synthesis"]
 
 @dataclass(frozen=True)
 class Judged:
-    """What a controller does with N plants, computed from their closed loops.
+    """Norms, poles and margins of a controller's closed loops with N plants.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class RobustResult:
-    """What a controller that was made for uncertain plants does with them.
+    """Worst cases and scenarios of a design for uncertain plants.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class RobustResult:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search of a fixed structure says of itself.
+    """Outcome of the searches for a controller of fixed structure.
 
     Parameters
     ----------
@@ -193,9 +193,9 @@ class Synthesis(ControlDesign):
     method : str
         How it was made.
     norm : {"hinf", "h2", "mu"}
-        What γ is: a norm, or the certified bound of µ.
+        Meaning of γ: a norm, or the certified bound of µ.
     gamma : float
-        What was made small, recomputed from the closed loops.
+        Minimised value, recomputed from the closed loops.
     lower_bound : float
         No controller of any order or structure reaches less; 0 if nothing is known.
     plants : tuple of LtiSystem
@@ -210,7 +210,7 @@ class Synthesis(ControlDesign):
         Square systems at the plants' ends, see
         `hillsphere_controllers.linear_products.LinearModels`.
     judged : Judged
-        What the controller does with them.
+        Norms, poles and margins of the closed loops.
     search : SearchResult or None
         Of a fixed structure.
     iterations : Iterations or None

@@ -1,4 +1,4 @@
-"""What searches of a fixed structure show: spread of the starts, worst cases, scenarios."""
+"""Tables and sentences on searches: spread over the starts, worst cases, scenarios."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table
             for name, own, joint in zip(names, search.per_plant, search.joint, strict=True)
         ]
         note = (
-            "At its nominal parameters, by searches that begin at the controller of all: what the "
-            "structure loses by serving all of them."
+            "Cost of one controller for all plants. Each plant has its nominal parameters, and its "
+            "own searches begin at the joint controller."
         )
         tables["synthesis_own"] = Table(
             "The same structure for each plant by itself", columns, rows[:_LISTED], (note,)
@@ -78,11 +78,11 @@ def worst_sentence(search: SearchResult) -> list[str]:
     if robust is None:
         return []
     k = int(np.argmax(robust.worst))
-    word = "no more than" if robust.converged else "more than"
+    word = "at most" if robust.converged else "more than"
     return [
-        f"For the uncertain models the worst case found has γ = {robust.worst[k]:.6g} "
-        f"({robust.labels[k]}), {word} 0.5 % above that of the {robust.gammas.size - 1} scenarios "
-        "that it was made for."
+        f"Worst case found for the uncertain models: γ = {robust.worst[k]:.6g} "
+        f"({robust.labels[k]}), {word} 0.5 % above the γ of the {robust.gammas.size - 1} scenarios "
+        "of the design."
     ]
 
 
@@ -93,24 +93,25 @@ def start_sentences(search: SearchResult) -> list[str]:
     if good.size > 1:
         spread = 100.0 * float(good.max() / good.min() - 1.0)
         told = "no more" if spread <= _ALIKE else "more"
-        some = "" if good.size == search.starts.size else f" that found one of {search.starts.size}"
+        some = "" if good.size == search.starts.size else f" with a result, of {search.starts.size}"
         said.append(
-            f"All starts lie within {100.0 * search.scatter:g} % about one controller: that γ of "
-            f"the {good.size}{some} spreads by {spread:.2g} % says nothing of other minima."
+            f"All starts lie within {100.0 * search.scatter:g} % about one controller. Their "
+            f"spread in γ, {spread:.2g} % over {good.size}{some}, gives no evidence on other "
+            "minima."
             if search.scatter
-            else f"γ of the {good.size} starts{some} spreads by {spread:.2g} %, {told} than "
+            else f"γ spreads by {spread:.2g} % over {good.size} starts{some}, {told} than "
             f"{_ALIKE:g} %."
         )
     if (below := int(np.count_nonzero(good < search.target))) > 0:
         said.append(
-            f"{below} of them ended below the target of {search.target:g}, not at a minimum."
+            f"{below} of them stopped below the target γ of {search.target:g}, not at a minimum."
         )
     if search.equals.shape[0] > 1:
         worst = float(search.equals[0, 1])
         said.append(
-            f"Of {search.equals.shape[0]} designs that are equal, that with the smallest worst "
-            f"case of the wider uncertainty was taken: {worst:.4g}; the others have up to "
-            f"{search.equals[:, 1].max():.4g}."
+            f"{search.equals.shape[0]} designs are equal within the tie. The one with the smallest "
+            f"worst case of the wider uncertainty was taken: γ = {worst:.4g}; the others have up "
+            f"to {search.equals[:, 1].max():.4g}."
         )
     return said
 
@@ -137,7 +138,7 @@ def _searches(search: SearchResult) -> Table:
         }
         for k, gamma in enumerate(found.tolist())
     ]
-    note = "Nothing stands where no controller was found that keeps what is asked for."
+    note = "A blank cell means that no admissible controller was found."
     return Table("Searches", columns, rows[:_LISTED], (note,))
 
 
@@ -152,8 +153,8 @@ def _equals(search: SearchResult) -> Table:
         for k, (gamma, worst) in enumerate(search.equals.tolist())
     ]
     note = (
-        "Designs whose γ differs by no more than the tie are equal; that with the smallest worst "
-        "case of the wider uncertainty is taken. Worst cases are those found."
+        "Designs whose γ differs by at most the tie are equal. The one with the smallest worst "
+        "case found for the wider uncertainty is taken."
     )
     return Table("Equal designs", columns, rows[:_LISTED], (note,))
 
@@ -164,7 +165,7 @@ def _worst(robust: RobustResult) -> Table:
         {"model": label, "gamma": _finite(gamma)}
         for label, gamma in zip(robust.labels, robust.worst, strict=True)
     ]
-    note = "Gains that are reached: whether any is larger, a bound of µ tells."
+    note = "Each γ is reached by a perturbation and is a lower bound; µ gives an upper bound."
     return Table("Worst cases", columns, rows[:_LISTED], (note,))
 
 
@@ -182,7 +183,9 @@ def _scenarios(robust: RobustResult) -> Table:
         }
         for k in range(robust.gammas.size)
     ]
-    note = f"The last one is the worst case of all. All values are in the product; {_SHOWN} shown."
+    note = (
+        f"The last row is the worst case of all. {_SHOWN} values are shown, all are in the product."
+    )
     return Table("Scenarios that the controller was made for", columns, rows[-_LISTED:], (note,))
 
 

@@ -247,7 +247,7 @@ class DkSpec(Spec):
     iterations: int = option("at most so many steps after the first", default=10, ge=0, le=100)
     highest_order: int = option("of the scaling of one block", default=4, ge=0, le=12)
     joint_steps: int = option(
-        "steps of each joint move of scalings and controller, where alternation creeps; 0: none",
+        "steps of each joint move of scalings and controller, where alternation stalls; 0: none",
         default=6, ge=0, le=100,
     )  # fmt: skip
     target: float = option("ends once µ is certified to be below", default=0.0, ge=0)

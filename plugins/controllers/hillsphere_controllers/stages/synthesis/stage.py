@@ -1,4 +1,4 @@
-"""The stage ``synthesis``: a controller for linear models, and what it does with all of them."""
+"""The stage ``synthesis``: a controller for linear models, evaluated on all of them."""
 
 from __future__ import annotations
 
@@ -76,14 +76,14 @@ class SynthesisStage:
         Returns
         -------
         Synthesis
-            The controller; no γ in it is anything but what the closed loops have.
+            The controller; every γ is computed from the closed loops.
 
         Raises
         ------
         InputError
             If the models have no controls, or a name or a size does not fit.
         HillsphereError
-            What the method raises.
+            Errors of the method.
         """
         spec = self.spec
         plants, weights = list(models.systems), models.weights

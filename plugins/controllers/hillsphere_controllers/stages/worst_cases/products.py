@@ -1,4 +1,4 @@
-"""What the stage ``worst_cases`` yields."""
+"""Product of the stage ``worst_cases``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage ``worst_cases``: from what µ finds to be worst to points of a sweep."""
+"""The stage ``worst_cases``: points of a sweep from the worst perturbations of a µ analysis."""
 
 from __future__ import annotations
 
@@ -198,18 +198,18 @@ class WorstCasesStage:
             Column("norm_sigmas", "-", "all together", 4),
         )
         notes = [
-            "Worst perturbations, brought to the size of the declared bounds: those of µ with "
-            "their largest entry at its bound, those of the worst-case gain as they are"
-            + (", and their parameters together to other sizes" if self.spec.scales else "")
-            + ". Taken together they are far less probable than each: the last column "
-            "is the root of the sum of squares, in standard deviations."
+            "Worst perturbations, scaled to the declared bounds: for µ with the largest entry at "
+            "its bound, for the worst-case gain as they are"
+            + (", with their parameters scaled together to other sizes" if self.spec.scales else "")
+            + ". Together they are far less probable than each alone: the last column is the root "
+            "sum of squares, in standard deviations."
         ]
         if len(product.labels) > _SHOWN:
             notes.append(f"The first {_SHOWN} of {len(product.labels)} cases.")
         if product.unmoved:
             notes.append(
-                f"Without a case ({len(product.unmoved)}), since the worst perturbation moves "
-                "nothing that could be set or scaled in the flight: "
+                f"Without a case ({len(product.unmoved)}): the worst perturbation changes no "
+                "parameter that can be set or scaled in the flight: "
                 f"{'; '.join(product.unmoved)}."
             )
         return Presentation(
