@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.figures import draw_errors, draw_responses, draw_sizes
 from hillsphere_controllers.stages.lft.products import FittedModels
+from hillsphere_controllers.stages.table_cells import first_rows
 
 __all__ = ["present_uncertain_models"]
 
@@ -65,39 +69,37 @@ def present_uncertain_models(product: FittedModels, models: LinearModels) -> Pre
 
 
 def _blocks(product: FittedModels) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for g, model in enumerate(product.models):
-        for k, name in enumerate(model.names):
-            real, fitted = model.kinds[k] == "real", name in product.parameters
-            place = product.parameters.index(name) if fitted else -1
-            rows.append(
-                {
-                    "model": product.labels[g],
-                    "block": name,
-                    "kind": "dynamic" if model.dynamic[k] else model.kinds[k],
-                    "rows": int(model.rows[k]),
-                    "columns": int(model.columns[k]),
-                    "copies_before": int(product.before[g, place] if fitted else model.times[k]),
-                    "copies": int(model.times[k]),
-                    "lower": float(model.lower[k]) if real else None,
-                    "nominal": float(model.nominal[k]) if real else None,
-                    "upper": float(model.upper[k]) if real else None,
-                    "unit": model.units[k] if real else "",
-                }
-            )
-    columns = (
-        Column("model", "", "uncertain model"),
-        Column("block", "", "uncertainty"),
-        Column("kind", "", "kind"),
-        Column("rows", "-", "rows"),
-        Column("columns", "-", "columns"),
-        Column("copies_before", "-", "copies before reduction"),
-        Column("copies", "-", "copies"),
-        Column("lower", "-", "lower bound", 6),
-        Column("nominal", "-", "nominal", 6),
-        Column("upper", "-", "upper bound", 6),
-        Column("unit", "", "unit"),
-    )
+    blocks = [(g, k) for g, model in enumerate(product.models) for k in range(len(model.names))]
+
+    def each(field: str) -> list[Any]:
+        return [getattr(product.models[g], field)[k] for g, k in blocks]
+
+    names, kinds, dynamic, times = map(each, ("names", "kinds", "dynamic", "times"))
+    real = [kind == "real" for kind in kinds]
+
+    def of_real(field: str, blank: Any = None) -> list[Any]:
+        return [one if here else blank for one, here in zip(each(field), real, strict=True)]
+
+    before = [
+        product.before[g, product.parameters.index(name)] if name in product.parameters else copies
+        for (g, _), name, copies in zip(blocks, names, times, strict=True)
+    ]
+    columns = [
+        text_column("model", [product.labels[g] for g, _ in blocks], "uncertain model"),
+        text_column("block", names, "uncertainty"),
+        text_column(
+            "kind",
+            ["dynamic" if own else kind for own, kind in zip(dynamic, kinds, strict=True)], "kind",
+        ),
+        column("rows", each("rows"), "rows"),
+        column("columns", each("columns"), "columns"),
+        column("copies_before", before, "copies before reduction"),
+        column("copies", times, "copies"),
+        column("lower", of_real("lower"), "lower bound", 6),
+        column("nominal", of_real("nominal"), "nominal", 6),
+        column("upper", of_real("upper"), "upper bound", 6),
+        text_column("unit", of_real("units", ""), "unit"),
+    ]  # fmt: skip
     notes = [
         f"{label}: the error of the reduction is at most {bound:.3g} of the largest change of "
         f"[A B; C D] (proved for all Δ; {sampled:.3g} found at random)."
@@ -107,44 +109,29 @@ def _blocks(product: FittedModels) -> Table:
         if bound > 0.0
     ]
     notes = notes or ["The reduction removed only copies without effect."]
-    return Table("Uncertainties", columns, rows, notes)
+    return tabulate("Uncertainties", columns, notes)
 
 
 def _sizes(product: FittedModels) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for g, label in enumerate(product.labels):
-        row: dict[str, Cell] = {
-            "model": label,
-            "before": int(product.before[g].sum()),
-            "after": int(product.after[g].sum()),
-            "parameters": int(np.count_nonzero(product.after[g])),
-            "dropped": float(product.dropped[g]),
-            "bound": float(product.bound[g]),
-            "sampled": float(product.sampled[g]),
-        }
-        for sigmas, sizes in zip(product.size_sigmas, product.sizes, strict=True):
-            row[_at_sigmas(float(sigmas))] = int(sizes[g])
-        rows.append(row)
-    columns = (
-        Column("model", "", "uncertain model"),
-        Column("before", "-", "copies before reduction"),
-        Column("after", "-", "copies"),
-        Column("parameters", "-", "parameters left"),
-        Column("dropped", "-", "left out, relative to the nominal matrix", 3),
-        Column("bound", "-", "bound of it, relative to the change", 3),
-        Column("sampled", "-", "largest found of it, likewise", 3),
+    of = FieldColumns(product, "uncertain_models")
+    columns = [
+        of("labels", "model"),
+        column("before", product.before.sum(axis=1), "copies before reduction"),
+        column("after", product.after.sum(axis=1), "copies"),
+        column("parameters", np.count_nonzero(product.after, axis=1), "parameters left"),
+        *map(of, ("dropped", "bound", "sampled")),
         *(
-            Column(_at_sigmas(float(sigmas)), "-", f"copies for {sigmas:g} σ")
-            for sigmas in product.size_sigmas
+            column(_at_sigmas(sigmas), sizes, f"copies for {sigmas:g} σ")
+            for sigmas, sizes in zip(product.size_sigmas.tolist(), product.sizes, strict=True)
         ),
-    )
+    ]
     notes = [
         "Truncation error: the root sum of squares of the directions left out, relative to the "
         "nominal matrix where parameters change it; and its largest singular value, relative to "
         "that of the largest change of [A B; C D], as a bound for all values of the parameters and "
         "at random ones. The uncertain models do not cover this error."
     ]
-    return Table("Sizes of the uncertain models", columns, rows, notes)
+    return tabulate("Sizes of the uncertain models", columns, notes)
 
 
 def _at_sigmas(sigmas: float) -> str:
@@ -152,30 +139,18 @@ def _at_sigmas(sigmas: float) -> str:
 
 
 def _terms(product: FittedModels) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for g, exponents in enumerate(product.exponents):
-        rows += [
-            {
-                "model": product.labels[g],
-                "term": _term(product.parameters, row.tolist()),
-                "share": float(product.shares[g][t]),
-                "error": float(product.errors[g][t]),
-            }
-            for t, row in enumerate(exponents)
-        ]
-    columns = (
-        Column("model", "", "uncertain model"),
-        Column("term", "", "term"),
-        Column("share", "-", "share of the sum of squares", 4),
-        Column("error", "-", "largest error so far", 3),
-    )
+    terms = [(g, row) for g, exponents in enumerate(product.exponents) for row in exponents]
+    columns = [
+        text_column("model", [product.labels[g] for g, _ in terms], "uncertain model"),
+        text_column("term", [_term(product.parameters, row.tolist()) for _, row in terms], "term"),
+        column("share", list(chain(*product.shares)), "share of the sum of squares", 4),
+        column("error", list(chain(*product.errors)), "largest error so far", 3),
+    ]
     notes = [
         "The terms are powers of the distance from nominal. "
         "The largest error is relative to the range."
     ]
-    if len(rows) > _TERMS:
-        notes.append(f"The first {_TERMS} of {len(rows)} terms.")
-    return Table("Terms of the fit", columns, rows[:_TERMS], notes)
+    return first_rows(tabulate("Terms of the fit", columns, notes), _TERMS, "terms")
 
 
 def _term(names: tuple[str, ...], exponents: list[int]) -> str:

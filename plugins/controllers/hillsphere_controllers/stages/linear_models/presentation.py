@@ -9,7 +9,8 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import column, tabulate, text_column
 from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.analysis.stability import spectral_abscissa
 from hillsphere_controllers.linear_products import LinearModels
@@ -44,32 +45,25 @@ def present_linear_models(product: LinearModels) -> Presentation:
         With the first models, if there are many.
     """
     count = len(product.systems)
-    rows: list[dict[str, Cell]] = []
-    for k, system in enumerate(product.systems[:_LISTED]):
-        size = np.abs(system.poles)
-        unstable, border = _not_stable(system)
-        rows.append(
-            {
-                "model": product.labels[k],
-                "order": system.order,
-                "outputs": system.shape[0],
-                "inputs": system.shape[1],
-                "abscissa_1_s": spectral_abscissa(system) if system.order else None,
-                "unstable_poles": unstable,
-                "border_poles": border,
-                "fastest_pole_rad_s": float(size.max()) if system.order else None,
-            }
-        )
-    columns = (
-        Column("model", "", "model"),
-        Column("order", "-", "order"),
-        Column("outputs", "-", "outputs"),
-        Column("inputs", "-", "inputs"),
-        Column("abscissa_1_s", "1/s", "largest real part of the poles", 5),
-        Column("unstable_poles", "-", "unstable poles"),
-        Column("border_poles", "-", "poles on the stability border"),
-        Column("fastest_pole_rad_s", "rad/s", "largest pole", 5),
-    )
+    listed = product.systems[:_LISTED]
+    counts = [_not_stable(system) for system in listed]
+    columns = [
+        text_column("model", product.labels[:_LISTED], "model"),
+        column("order", [system.order for system in listed], "order"),
+        column("outputs", [system.shape[0] for system in listed], "outputs"),
+        column("inputs", [system.shape[1] for system in listed], "inputs"),
+        column(
+            "abscissa_1_s", [spectral_abscissa(one) if one.order else None for one in listed],
+            "largest real part of the poles", 5,
+        ),
+        column("unstable_poles", [unstable for unstable, _ in counts], "unstable poles"),
+        column("border_poles", [border for _, border in counts], "poles on the stability border"),
+        column(
+            "fastest_pole_rad_s",
+            [float(np.abs(one.poles).max()) if one.order else None for one in listed],
+            "largest pole", 5,
+        ),
+    ]  # fmt: skip
     notes = [
         f"Parameters: {', '.join(_parameter(product, k) for k in range(len(product.parameters)))}."
         if product.parameters
@@ -81,7 +75,7 @@ def present_linear_models(product: LinearModels) -> Presentation:
         notes.append(f"The first {_LISTED} of {count} models.")
     return Presentation(
         metrics={"linear_models": Metric(count)},
-        tables={"linear_models": Table("Linear models", columns, rows, notes)},
+        tables={"linear_models": tabulate("Linear models", columns, notes)},
         figures={
             "linear_models": Figure(
                 "Gains of the models",

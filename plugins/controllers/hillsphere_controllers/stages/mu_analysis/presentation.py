@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
-from hillsphere.show.reference import ReferenceTable, beside, difference_notes, with_paper
+from hillsphere.interfaces import Array
+from hillsphere.presentation import Figure, Metric, Presentation, Table
+from hillsphere.show.reference import ReferenceTable
+from hillsphere.show.tables import FilledColumn, column, set_beside, tabulate, text_column
 from hillsphere_controllers.stages.mu_analysis.figures import (
     draw_bounds,
     draw_share_curves,
@@ -16,6 +20,7 @@ from hillsphere_controllers.stages.mu_analysis.figures import (
     with_share_curves,
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
+from hillsphere_controllers.stages.table_cells import finite_or_blank
 
 __all__ = ["present_analyses"]
 
@@ -106,38 +111,38 @@ def _frequencies_differ(columns: Sequence[tuple[MuAnalysis, Analysed]]) -> str:
 
 
 def _summary(product: MuAnalysis, path: str | None) -> Table:
-    rows: list[dict[str, Cell]] = []
     # compare like with like: the published values are maxima over these frequencies only
     on_grid = bool(np.isfinite(product.nominal_grid).any())
-    for loop, nominal in enumerate(product.nominal):
-        row: dict[str, Cell] = {
-            "controller": product.controllers[int(product.controller[loop])],
-            "model": product.models[int(product.model[loop])],
-            "nominal_performance": _finite(product.nominal_grid[loop] if on_grid else nominal),
-        }
-        if on_grid:
-            row["nominal_performance_peak"] = _finite(nominal)
-        for one in product.worst:
-            if one.loop == loop:
-                at_published = on_grid and one.analysis != "worst_case_gain"
-                row[one.analysis] = _finite(one.grid_peak if at_published else one.peak)
-                if at_published:
-                    row[f"{one.analysis}_peak"] = _finite(one.peak)
-                row[f"{one.analysis}_certified"] = one.upper if np.isfinite(one.upper) else None
-                row[f"{one.analysis}_lower"] = one.lower if np.isfinite(one.lower) else None
-        rows.append(row)
     columns = [
-        Column("controller", "", "controller"),
-        Column("model", "", "uncertain model"),
-        *_columns("nominal_performance", "nominal performance", on_grid),
-    ]
+        text_column(
+            "controller", [product.controllers[k] for k in product.controller.tolist()],
+            "controller",
+        ),
+        text_column(
+            "model", [product.models[k] for k in product.model.tolist()], "uncertain model"
+        ),
+        *_peak_columns(
+            "nominal_performance", "nominal performance", product.nominal,
+            product.nominal_grid if on_grid else None,
+        ),
+    ]  # fmt: skip
     for name, title in _TITLES.items():
-        if any(one.analysis == name for one in product.worst):
-            columns += [
-                *_columns(name, title, on_grid and name != "worst_case_gain"),
-                Column(f"{name}_certified", "-", f"{title}, certified", 5),
-                Column(f"{name}_lower", "-", f"{title}, from below", 5),
-            ]
+        of_loop = {one.loop: one for one in product.worst if one.analysis == name}
+        if not of_loop:
+            continue
+        peak, grid, upper, lower = (
+            np.array(
+                [getattr(of_loop.get(loop), field, np.nan) for loop in range(product.nominal.size)]
+            )
+            for field in ("peak", "grid_peak", "upper", "lower")
+        )
+        columns += [
+            *_peak_columns(
+                name, title, peak, grid if on_grid and name != "worst_case_gain" else None
+            ),
+            column(f"{name}_certified", finite_or_blank(upper), f"{title}, certified", 5),
+            column(f"{name}_lower", finite_or_blank(lower), f"{title}, from below", 5),
+        ]
     notes = [
         "For each analysis: the largest bound at one frequency (the lower bound where that is "
         "larger), the bound certified for all frequencies (at most "
@@ -157,14 +162,14 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
             "Values 'at the frequencies published' are maxima over those frequencies, for the "
             "comparison. The peaks beside them are over all frequencies."
         )
+    table = tabulate("Robustness", columns, notes)
     if path is None:
-        return Table("Robustness", columns, rows, notes)
+        return table
     reference = ReferenceTable.read(path)
-    rows = beside(rows, reference, on="controller")
-    notes += difference_notes(rows, reference, label="controller")
+    table = set_beside(table, reference, on="controller", label="controller")
     if remark := reference.about.get("note"):
-        notes.append(f"Published: {remark}.")
-    return Table("Robustness", with_paper(columns, rows), rows, notes)
+        return replace(table, notes=[*table.notes, f"Published: {remark}."])
+    return table
 
 
 def _division(product: MuAnalysis, one: Analysed) -> str:
@@ -179,122 +184,108 @@ def _division(product: MuAnalysis, one: Analysed) -> str:
     )
 
 
-def _columns(name: str, title: str, on_grid: bool) -> list[Column]:
-    if not on_grid:
-        return [Column(name, "-", title, 5)]
+def _peak_columns(name: str, title: str, peak: Array, grid: Array | None) -> list[FilledColumn]:
+    """Return the column of peaks, beside that of the maxima over published frequencies if any."""
+    if grid is None:
+        return [column(name, finite_or_blank(peak), title, 5)]
     return [
-        Column(name, "-", f"{title}, at the frequencies published", 5),
-        Column(f"{name}_peak", "-", f"{title}, peak", 5),
+        column(name, finite_or_blank(grid), f"{title}, at the frequencies published", 5),
+        column(f"{name}_peak", finite_or_blank(peak), f"{title}, peak", 5),
     ]
 
 
+def _analysis_columns(product: MuAnalysis, shown: Sequence[Analysed]) -> list[FilledColumn]:
+    """Return columns that say which analysis a row is of; its channel only if any has one."""
+    columns = [
+        text_column("loop", [product.label(one.loop) for one in shown], "loop"),
+        text_column("analysis", [_TITLES[one.analysis] for one in shown], "analysis"),
+    ]
+    if any(one.channel for one in product.results):
+        columns.append(text_column("channel", [one.channel or None for one in shown], "outputs"))
+    return columns
+
+
 def _certificates(product: MuAnalysis) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for one in product.results:
-        row: dict[str, Cell] = {
-            "loop": product.label(one.loop),
-            "analysis": _TITLES[one.analysis],
-            **({"channel": one.channel} if one.channel else {}),
-            "upper": _finite(one.upper),
-            "peak_rad_s": _frequency(one.peak_rad_s),
-            "intervals": int(one.interval_bound.size),
-            **({"parts": one.parts} if one.parts and not one.parts_left else {}),
-            "lower": _finite(one.lower),
-            "frequency_rad_s": _frequency(one.frequency_rad_s),
-            "singular": _finite(one.singular),
-        }
-        for part, upper, lower in zip(
-            one.complex_parts, one.complex_upper, one.complex_lower, strict=True
-        ):
-            row["complexified"] = (
-                f"{row.get('complexified', '')}{'; ' if 'complexified' in row else ''}"
-                f"{100.0 * part:.3g} %: {lower:.4g} to {upper:.4g}"
-            )
-        rows.append(row)
-    columns = (
-        Column("loop", "", "loop"),
-        Column("analysis", "", "analysis"),
-        *([Column("channel", "", "outputs")] if any(o.channel for o in product.results) else []),
-        Column("upper", "-", "certified", 6),
-        Column("peak_rad_s", "rad/s", "largest at", 4),
-        Column("intervals", "-", "intervals that cover all frequencies"),
-        *([Column("parts", "-", "parts")] if any(o.parts for o in product.results) else []),
-        Column("lower", "-", "from below", 6),
-        Column("frequency_rad_s", "rad/s", "reached at", 4),
-        Column("singular", "-", "least singular value of I − MΔ", 2),
-        Column("complexified", "", "with complex parts: from, to"),
-    )
-    return Table("Certificates", columns, rows)
+    shown = product.results
+
+    def numbers(name: str, field: str, label: str, digits: int) -> FilledColumn:
+        found = np.array([getattr(one, field) for one in shown])
+        # A peak may lie at infinite frequency: that is no blank.
+        cells = found if name.endswith("_rad_s") else finite_or_blank(found)
+        return column(name, cells, label, digits)
+
+    intervals = [one.interval_bound.size for one in shown]
+    parts = [one.parts if one.parts and not one.parts_left else None for one in shown]
+    columns = [
+        *_analysis_columns(product, shown),
+        numbers("upper", "upper", "certified", 6),
+        numbers("peak_rad_s", "peak_rad_s", "largest at", 4),
+        column("intervals", intervals, "intervals that cover all frequencies"),
+        *([column("parts", parts, "parts")] if any(one.parts for one in shown) else []),
+        numbers("lower", "lower", "from below", 6),
+        numbers("frequency_rad_s", "frequency_rad_s", "reached at", 4),
+        numbers("singular", "singular", "least singular value of I − MΔ", 2),
+        text_column(
+            "complexified", [_complexified(one) for one in shown], "with complex parts: from, to"
+        ),
+    ]
+    return tabulate("Certificates", columns)
+
+
+def _complexified(one: Analysed) -> str | None:
+    bounds = zip(one.complex_parts, one.complex_upper, one.complex_lower, strict=True)
+    said = [f"{100.0 * part:.3g} %: {lower:.4g} to {upper:.4g}" for part, upper, lower in bounds]
+    return "; ".join(said) or None
 
 
 def _worst_cases(product: MuAnalysis) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for one in product.results:
-        where = {
-            "loop": product.label(one.loop),
-            "analysis": _TITLES[one.analysis],
-            **({"channel": one.channel} if one.channel else {}),
-            "frequency_rad_s": _frequency(one.frequency_rad_s),
-            "order": None if one.delta is None else one.delta.order,
-            "pole_re": _finite(one.pole_re),
-            "pole_im": _finite(one.pole_im),
-        }
-        for k, name in enumerate(one.names):
-            rows.append(
-                {
-                    **where,
-                    "parameter": name,
-                    "value": _finite(one.values[k]),
-                    "unit": one.units[k],
-                    "normalised": float(one.normalised[k]),
-                }
-            )
-        if not one.names:
-            rows.append(dict(where))
-    columns = (
-        Column("loop", "", "loop"),
-        Column("analysis", "", "analysis"),
-        *([Column("channel", "", "outputs")] if any(o.channel for o in product.results) else []),
-        Column("parameter", "", "parameter"),
-        Column("value", "-", "worst value", 6),
-        Column("unit", "", "unit"),
-        Column("normalised", "-", "normalised", 5),
-        Column("frequency_rad_s", "rad/s", "frequency", 4),
-        Column("order", "-", "order of Δ(s)"),
-        Column("pole_re", "1/s", "pole there, real part", 2),
-        Column("pole_im", "rad/s", "imaginary part", 5),
-    )
+    # One row for each parameter, and one for an analysis without parameters.
+    rows = [(one, k) for one in product.results for k in range(len(one.names)) or (None,)]
+    shown = [one for one, _ in rows]
+
+    def of_parameter(field: str) -> list[Any]:
+        return [None if k is None else getattr(one, field)[k] for one, k in rows]
+
+    orders = [None if one.delta is None else one.delta.order for one in shown]
+    values = [None if value is None else _finite(value) for value in of_parameter("values")]
+    columns = [
+        *_analysis_columns(product, shown),
+        text_column("parameter", of_parameter("names"), "parameter"),
+        column("value", values, "worst value", 6),
+        text_column("unit", of_parameter("units"), "unit"),
+        column("normalised", of_parameter("normalised"), "normalised", 5),
+        column("frequency_rad_s", [one.frequency_rad_s for one in shown], "frequency", 4),
+        column("order", orders, "order of Δ(s)"),
+        column(
+            "pole_re", [_finite(one.pole_re) for one in shown], "pole there, real part", 2,
+            unit="1/s",
+        ),
+        column(
+            "pole_im", [_finite(one.pole_im) for one in shown], "imaginary part", 5, unit="rad/s"
+        ),
+    ]  # fmt: skip
     notes = (
         "The smallest perturbation found that makes the loop unstable or violates its performance; "
         "for the worst-case gain, the perturbation of the declared size with the largest gain. A "
         "normalised value beyond −1 and 1 is outside the bounds.",
     )
-    return Table("Worst cases", columns, rows, notes)
+    return tabulate("Worst cases", columns, notes)
 
 
 def _shares(product: MuAnalysis) -> Table:
-    rows: list[dict[str, Cell]] = [
-        {
-            "loop": product.label(one.loop),
-            "analysis": _TITLES[one.analysis],
-            "block": name,
-            "share": float(share),
-        }
+    rows = [
+        (one, name, share)
         for one in product.worst
-        for name, share in zip(one.blocks, one.shares, strict=False)
+        for name, share in zip(one.blocks, one.shares, strict=False)  # no shares: not computed
     ]
-    columns = (
-        Column("loop", "", "loop"),
-        Column("analysis", "", "analysis"),
-        Column("block", "", "block"),
-        Column("share", "-", "share", 4),
-    )
-    return Table(
-        "Shares of the blocks",
-        columns,
-        rows,
-        ("The shares sum to one. For purely real blocks they are computed with complex parts.",),
-    )
+    columns = [
+        text_column("loop", [product.label(one.loop) for one, _, _ in rows], "loop"),
+        text_column("analysis", [_TITLES[one.analysis] for one, _, _ in rows], "analysis"),
+        text_column("block", [name for _, name, _ in rows], "block"),
+        column("share", [share for _, _, share in rows], "share", 4),
+    ]
+    note = "The shares sum to one. For purely real blocks they are computed with complex parts."
+    return tabulate("Shares of the blocks", columns, (note,))
 
 
 def _analyses(product: MuAnalysis) -> list[str]:
@@ -303,18 +294,21 @@ def _analyses(product: MuAnalysis) -> list[str]:
 
 def _by_model(product: MuAnalysis, analysis: str) -> Table:
     """Return one row a model and one column a controller."""
-    rows: dict[int, dict[str, Cell]] = {
-        int(m): {"model": product.models[int(m)]} for m in dict.fromkeys(product.model.tolist())
-    }
+    worst = {one.loop: one for one in product.worst if one.analysis == analysis}
+    cells: dict[tuple[int, int], str] = {}
     for loop, nominal in enumerate(product.nominal):
         cell = "not stable"
         if np.isfinite(nominal):
-            one = next(o for o in product.worst if (o.loop, o.analysis) == (loop, analysis))
+            one = worst[loop]
             cell = f"{nominal:.4f}; {one.lower:.4f} to {one.upper:.4f}"
-        rows[int(product.model[loop])][f"controller_{int(product.controller[loop])}"] = cell
+        cells[int(product.model[loop]), int(product.controller[loop])] = cell
+    models = list(dict.fromkeys(product.model.tolist()))
     columns = [
-        Column("model", "", "uncertain model"),
-        *(Column(f"controller_{k}", "", name) for k, name in enumerate(product.controllers)),
+        text_column("model", [product.models[m] for m in models], "uncertain model"),
+        *(
+            text_column(f"controller_{k}", [cells.get((m, k)) for m in models], name)
+            for k, name in enumerate(product.controllers)
+        ),
     ]
     note = (
         "Nominal performance; lower bound, reached by a perturbation, to upper bound, certified "
@@ -322,7 +316,7 @@ def _by_model(product: MuAnalysis, analysis: str) -> Table:
     )
     title = _TITLES[analysis]
     of = f"{title[0].upper()}{title[1:]} by model, {product.uncertain}"
-    return Table(of, columns, list(rows.values()), [note])
+    return tabulate(of, columns, [note])
 
 
 def _verdict(product: MuAnalysis) -> list[str]:
@@ -401,10 +395,6 @@ def _sentence(one: Analysed) -> str:
 
 def _of(channel: str) -> str:
     return f" of {channel}" if channel else ""
-
-
-def _frequency(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)  # a peak may lie at infinite frequency
 
 
 def _finite(value: float) -> float | None:

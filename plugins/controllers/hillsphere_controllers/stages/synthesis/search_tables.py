@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Metric, Table
+from hillsphere.presentation import Metric, Table
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.stages.synthesis.products import RobustResult, SearchResult
+from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
 
 __all__ = ["search_metrics", "search_tables", "start_sentences", "worst_sentence"]
 
@@ -47,28 +50,20 @@ def search_tables(search: SearchResult, names: Sequence[str]) -> dict[str, Table
         tables["synthesis_worst"] = _worst(search.robust)
         tables["synthesis_scenarios"] = _scenarios(search.robust)
     if search.per_plant.size:
-        columns = (
-            Column("model", "", "model"),
-            Column("gamma", "-", "γ of a controller of its own", 6),
-            Column("joint", "-", "γ of the controller of all", 6),
-            Column("above", "%", "above", 3),
-        )
-        rows: list[dict[str, Cell]] = [
-            {
-                "model": name,
-                "gamma": _finite(own),
-                "joint": _finite(joint),
-                "above": _finite(100.0 * (joint / own - 1.0)),
-            }
-            for name, own, joint in zip(names, search.per_plant, search.joint, strict=True)
+        of = FieldColumns(finite_fields(search, "per_plant", "joint"), "plants")
+        above = 100.0 * (search.joint / search.per_plant - 1.0)
+        columns = [
+            text_column("model", names, "model"),
+            of("per_plant", "gamma"),
+            of("joint"),
+            column("above", finite_or_blank(above), "above", 3, unit="%"),
         ]
         note = (
             "Cost of one controller for all plants. Each plant has its nominal parameters, and its "
             "own searches begin at the joint controller."
         )
-        tables["synthesis_own"] = Table(
-            "The same structure for each plant by itself", columns, rows[:_LISTED], (note,)
-        )
+        title = "The same structure for each plant by itself"
+        tables["synthesis_own"] = first_rows(tabulate(title, columns, (note,)), _LISTED)
     return tables
 
 
@@ -117,82 +112,61 @@ def start_sentences(search: SearchResult) -> list[str]:
 
 
 def _searches(search: SearchResult) -> Table:
-    columns = (
-        Column("search", "-", "search"),
-        Column("begun", "", "begun"),
-        Column("gamma", "-", "γ", 6),
-        Column("above", "%", "above the best", 3),
-    )
     found = np.concatenate([search.starts, search.shaken])
     best = found.min(initial=np.inf)
     given = ["at the controller given"] if search.given else []
     about = "about it" if search.scatter else "from a start"
     begun = given + [about] * (search.starts.size - len(given))
     begun += ["near one of the best"] * search.shaken.size
-    rows: list[dict[str, Cell]] = [
-        {
-            "search": k,
-            "begun": begun[k],
-            "gamma": _finite(gamma),
-            "above": _finite(100.0 * (gamma / best - 1.0)) if np.isfinite(best) else None,
-        }
-        for k, gamma in enumerate(found.tolist())
+    above = 100.0 * (found / best - 1.0) if np.isfinite(best) else np.full(found.size, np.nan)
+    columns = [
+        column("search", range(found.size), "search"),
+        text_column("begun", begun, "begun"),
+        column("gamma", finite_or_blank(found), "γ", 6),
+        column("above", finite_or_blank(above), "above the best", 3, unit="%"),
     ]
     note = "A blank cell means that no admissible controller was found."
-    return Table("Searches", columns, rows[:_LISTED], (note,))
+    return first_rows(tabulate("Searches", columns, (note,)), _LISTED)
 
 
 def _equals(search: SearchResult) -> Table:
-    columns = (
-        Column("taken", "", "taken"),
-        Column("gamma", "-", "γ", 6),
-        Column("wider", "-", "γ of its worst case of the wider uncertainty", 6),
-    )
-    rows: list[dict[str, Cell]] = [
-        {"taken": k == 0, "gamma": _finite(gamma), "wider": _finite(worst)}
-        for k, (gamma, worst) in enumerate(search.equals.tolist())
+    gamma, wider = finite_or_blank(search.equals).T
+    columns = [
+        text_column("taken", np.arange(gamma.size) == 0, "taken"),
+        column("gamma", gamma, "γ", 6),
+        column("wider", wider, "γ of its worst case of the wider uncertainty", 6),
     ]
     note = (
         "Designs whose γ differs by at most the tie are equal. The one with the smallest worst "
         "case found for the wider uncertainty is taken."
     )
-    return Table("Equal designs", columns, rows[:_LISTED], (note,))
+    return first_rows(tabulate("Equal designs", columns, (note,)), _LISTED)
 
 
 def _worst(robust: RobustResult) -> Table:
-    columns = (Column("model", "", "model"), Column("gamma", "-", "γ of the worst case found", 6))
-    rows: list[dict[str, Cell]] = [
-        {"model": label, "gamma": _finite(gamma)}
-        for label, gamma in zip(robust.labels, robust.worst, strict=True)
-    ]
+    of = FieldColumns(finite_fields(robust, "worst"), "models")
+    columns = [of("labels", "model"), of("worst", "gamma")]
     note = "Each γ is reached by a perturbation and is a lower bound; µ gives an upper bound."
-    return Table("Worst cases", columns, rows[:_LISTED], (note,))
+    return first_rows(tabulate("Worst cases", columns, (note,)), _LISTED)
 
 
 def _scenarios(robust: RobustResult) -> Table:
-    columns = (
-        Column("model", "", "model"),
-        Column("gamma", "-", "γ", 6),
-        Column("values", "", "parameters"),
-    )
-    rows: list[dict[str, Cell]] = [
-        {
-            "model": robust.labels[int(robust.plants[k])],
-            "gamma": _finite(robust.gammas[k]),
-            "values": _said(robust.names[k], robust.values[k].tolist()),
-        }
-        for k in range(robust.gammas.size)
+    of = FieldColumns(finite_fields(robust, "gammas"), "scenarios")
+    pairs = zip(robust.names, robust.values, strict=True)
+    columns = [
+        text_column("model", [robust.labels[k] for k in robust.plants.tolist()], "model"),
+        of("gammas", "gamma"),
+        text_column(
+            "values", [_said(names, found.tolist()) for names, found in pairs], "parameters"
+        ),
     ]
     note = (
         f"The last row is the worst case of all. {_SHOWN} values are shown, all are in the product."
     )
-    return Table("Scenarios that the controller was made for", columns, rows[-_LISTED:], (note,))
+    table = tabulate("Scenarios that the controller was made for", columns, (note,))
+    return replace(table, rows=table.rows[-_LISTED:])
 
 
 def _said(names: Sequence[str], values: Sequence[float]) -> str:
     pairs = [f"{name} {value:.3g}" for name, value in zip(names, values, strict=True)]
     return ", ".join(pairs[:_SHOWN]) + (", …" if len(pairs) > _SHOWN else "")
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

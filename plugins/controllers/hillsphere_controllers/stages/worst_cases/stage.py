@@ -7,11 +7,13 @@ import numpy as np
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Context
-from hillsphere.presentation import Cell, Column, Metric, Presentation, Table
+from hillsphere.presentation import Metric, Presentation
 from hillsphere.products.products import Ladder
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_controllers.linear_products import UncertainModel, UncertainModels
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
+from hillsphere_controllers.stages.table_cells import first_rows
 from hillsphere_controllers.stages.uncertain import lft_of
 from hillsphere_controllers.stages.worst_cases.products import WorstCases
 from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
@@ -171,32 +173,20 @@ class WorstCasesStage:
         flight: LinearisedFlight,
     ) -> Presentation:
         """Show them, in standard deviations."""
-        count = len(flight.dispersed)
+        count, cases = len(flight.dispersed), len(product.labels)
         sigma = np.where(flight.sigma > 0.0, flight.sigma, np.inf)
         size = (product.values[:count] - flight.nominal[1:, None]) / sigma[:, None]
-        rows: list[dict[str, Cell]] = []
-        for k in range(min(len(product.labels), _SHOWN)):
-            far = int(np.argmax(np.abs(size[:, k]))) if count else -1
-            rows.append(
-                {
-                    "case": product.labels[k],
-                    "mu": float(product.mu[k]),
-                    "frequency_rad_s": float(product.frequency_rad_s[k]),
-                    "moved": int(product.moved[k]),
-                    "farthest": flight.dispersed[far] if count else "",
-                    "sigmas": float(size[far, k]) if count else None,
-                    "norm_sigmas": float(np.sqrt(np.sum(size[:, k] ** 2))),
-                }
-            )
-        columns = (
-            Column("case", "", "case"),
-            Column("mu", "-", "lower bound of µ or gain", 4),
-            Column("frequency_rad_s", "rad/s", "at", 4),
-            Column("moved", "-", "parameters that it moves"),
-            Column("farthest", "", "parameter farthest from nominal"),
-            Column("sigmas", "-", "its standard deviations", 4),
-            Column("norm_sigmas", "-", "all together", 4),
-        )
+        far = np.abs(size).argmax(axis=0) if count else np.zeros(cases, dtype=int)
+        farthest = [flight.dispersed[k] for k in far] if count else [""] * cases
+        largest = size[far, np.arange(cases)] if count else np.full(cases, np.nan)
+        of = FieldColumns(product, "cases")
+        columns = [
+            text_column("case", product.labels, "case"),
+            *map(of, ("mu", "frequency_rad_s", "moved")),
+            text_column("farthest", farthest, "parameter farthest from nominal"),
+            column("sigmas", largest, "its standard deviations", 4),
+            column("norm_sigmas", np.sqrt([np.sum(one**2) for one in size.T]), "all together", 4),
+        ]
         notes = [
             "Worst perturbations, scaled to the declared bounds: for µ with the largest entry at "
             "its bound, for the worst-case gain as they are"
@@ -204,8 +194,8 @@ class WorstCasesStage:
             + ". Together they are far less probable than each alone: the last column is the root "
             "sum of squares, in standard deviations."
         ]
-        if len(product.labels) > _SHOWN:
-            notes.append(f"The first {_SHOWN} of {len(product.labels)} cases.")
+        if cases > _SHOWN:
+            notes.append(f"The first {_SHOWN} of {cases} cases.")
         if product.unmoved:
             notes.append(
                 f"Without a case ({len(product.unmoved)}): the worst perturbation changes no "
@@ -213,8 +203,8 @@ class WorstCasesStage:
                 f"{'; '.join(product.unmoved)}."
             )
         return Presentation(
-            metrics={"worst_cases": Metric(len(product.labels))},
-            tables={"worst_cases": Table("Worst cases", columns, rows, notes)},
+            metrics={"worst_cases": Metric(cases)},
+            tables={"worst_cases": first_rows(tabulate("Worst cases", columns, notes), _SHOWN)},
             figures={},
         )
 
