@@ -16,8 +16,8 @@ from hillsphere.interfaces import Array, Variable
 from hillsphere.lti import LtiSystem
 from hillsphere.symbolic import Expr
 from hillsphere_controllers.law_specs import LtiSpec
-from hillsphere_controllers.stages.signals import places
-from hillsphere_controllers.state_space import of_error
+from hillsphere_controllers.stages.signals import find_signals
+from hillsphere_controllers.state_space import error_feedback
 from hillsphere_controllers.systems.algebra import series
 from hillsphere_controllers.systems.exchange import load_mat
 from hillsphere_controllers.systems.sampling import sampled_controller
@@ -70,7 +70,7 @@ def build_flight_controller(spec: LtiSpec, controller: LtiSystem) -> LtiSystem:
     """
     made = controller
     if spec.measurements:
-        seen = places(made.inputs, spec.measurements, "measurements")
+        seen = find_signals(made.inputs, spec.measurements, "measurements")
         made = LtiSystem(made.a, made.b[:, seen], made.c, made.d[:, seen], made.dt_s)
     if made.dt_s is not None and (spec.states == "continuous" or spec.low_pass_hz is not None):
         what = "states = 'continuous'" if spec.states == "continuous" else "low_pass_hz"
@@ -217,14 +217,14 @@ class ContinuousLti(_Law):
     ) -> tuple[Expr, ...]:
         """Return A x + B e."""
         made = self.controller
-        return of_error(made.a, self._sign * made.b, xc, y, ref)
+        return error_feedback(made.a, self._sign * made.b, xc, y, ref)
 
     def control(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return C x + D e."""
         made = self.controller
-        return of_error(made.c, self._sign * made.d, xc, y, ref)
+        return error_feedback(made.c, self._sign * made.d, xc, y, ref)
 
 
 def _load_controller(spec: LtiSpec) -> LtiSystem | None:

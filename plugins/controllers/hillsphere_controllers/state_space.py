@@ -15,7 +15,7 @@ from hillsphere_controllers.systems.holding import zero_order_hold_matrices
 __all__ = [
     "ContinuousStateSpace",
     "SampledStateSpace",
-    "of_error",
+    "error_feedback",
     "state_space",
     "zero_order_hold_matrices",
 ]  # fmt: skip
@@ -90,13 +90,13 @@ class ContinuousStateSpace:
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return A x + B e."""
-        return of_error(self._a, self._b, xc, y, ref)
+        return error_feedback(self._a, self._b, xc, y, ref)
 
     def control(
         self, xc: tuple[Expr, ...], y: tuple[Expr, ...], ref: tuple[Expr, ...], t: Expr
     ) -> tuple[Expr, ...]:
         """Return C x + D e."""
-        return of_error(self._c, self._d, xc, y, ref)
+        return error_feedback(self._c, self._d, xc, y, ref)
 
 
 def _matrices(spec: StateSpaceSpec) -> tuple[Array, Array, Array, Array]:
@@ -109,7 +109,7 @@ def _matrices(spec: StateSpaceSpec) -> tuple[Array, Array, Array, Array]:
     return made(spec.a, m, m), made(spec.b, m, q), made(spec.c, p, m), made(spec.d, p, q)
 
 
-def of_error(
+def error_feedback(
     left: Array,
     right: Array,
     xc: tuple[Expr, ...],

@@ -13,15 +13,15 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.dk.absorption import absorb_scalings, factors
 from hillsphere_controllers.dk.fitting import (
     Goal,
-    dips,
     fit_multipliers,
-    levels_of,
     lift_multiplier,
+    negative_frequencies,
+    relative_levels,
 )
-from hillsphere_controllers.dk.goals import bounds_of, core_size, reference_block
+from hillsphere_controllers.dk.goals import core_size, mu_upper_bounds, reference_block
+from hillsphere_controllers.dk.initial_scalings import constant_multipliers
 from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
-from hillsphere_controllers.dk.starting import constants_like
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.mu.blocks import (
     Block,
@@ -137,10 +137,10 @@ def test_where_a_scaling_dips_below_zero_is_found_and_mended() -> None:
                      None)  # fmt: skip
     coarse = np.array([0.0, 0.1, 1.0, 10.0, np.inf])
     assert one.values(coarse)[0].real.min() > 0.0
-    (dip,) = dips([one], coarse)
+    (dip,) = negative_frequencies([one], coarse)
     assert 3.0 < dip < 4.0
     mended = lift_multiplier(one, coarse)
-    assert not dips([mended], coarse).size
+    assert not negative_frequencies([mended], coarse).size
     assert factors(mended, 1.0).right.is_stable
     assert lift_multiplier(mended, coarse) is mended
 
@@ -159,7 +159,9 @@ def test_the_norm_of_the_scaled_loop_is_the_level_that_is_proved(structure: Bloc
     chosen = [multiplier(b, seed=k) for k, b in enumerate(structure.blocks)]
     m = structure.squared(loop.response(OMEGA))
     goal = Goal(OMEGA, m, np.ones(OMEGA.size), np.zeros_like(m))
-    for omega, beta in zip(OMEGA, np.sqrt(np.maximum(levels_of(goal, chosen), 1e-6)), strict=True):
+    for omega, beta in zip(
+        OMEGA, np.sqrt(np.maximum(relative_levels(goal, chosen), 1e-6)), strict=True
+    ):
         scaled = absorb_scalings(loop, [factors(one, beta) for one in chosen], float(beta))
         assert scaled.is_stable
         gain = np.linalg.norm(scaled.response(np.array([omega]))[0], 2)
@@ -193,8 +195,8 @@ def orders_until_met(goal: Goal, start: tuple[Multiplier, ...], highest: int) ->
 @pytest.mark.parametrize("structure", STRUCTURES)
 def test_fits_of_rising_order_come_near_the_pointwise_bounds(structure: BlockStructure) -> None:
     loop = stable_system(5, 4, *structure.shape)
-    goal = bounds_of(loop, structure, np.zeros(0)).goal(0.8)
-    ratios = orders_until_met(goal, constants_like(structure, goal.sizes), 2)
+    goal = mu_upper_bounds(loop, structure, np.zeros(0)).goal(0.8)
+    ratios = orders_until_met(goal, constant_multipliers(structure, goal.sizes), 2)
     assert all(after <= before * (1.0 + 1e-9) for before, after in pairwise(ratios))
     assert ratios[-1] <= 1.1
 
@@ -203,10 +205,11 @@ def test_a_goal_is_met_between_its_frequencies_too() -> None:
     """The norm over all frequencies of the loop with its scalings is about the peak of µ."""
     structure = STRUCTURES[0]
     loop = stable_system(5, 4, *structure.shape)
-    bounds = bounds_of(loop, structure, np.zeros(0))
+    bounds = mu_upper_bounds(loop, structure, np.zeros(0))
     goal = bounds.goal(0.5)
     start = [
-        o if o.fixed else o.raised(1.0).raised(3.0) for o in constants_like(structure, goal.sizes)
+        o if o.fixed else o.raised(1.0).raised(3.0)
+        for o in constant_multipliers(structure, goal.sizes)
     ]
     found = fit_multipliers(goal, start)
     norm = hinf_norm(absorb_scalings(loop, [factors(o, 1.0) for o in found.multipliers], 1.0)).value

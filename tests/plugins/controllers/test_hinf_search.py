@@ -54,7 +54,7 @@ def test_beside_a_guess(
 ) -> None:
     """0.4 tolerances above and below it."""
     toy: Any = Toy(solvable)
-    found = hinf._beside(toy, guess, 0.1, 9.0, 0.1)
+    found = hinf._bracket_guess(toy, guess, 0.1, 9.0, 0.1)
     assert_allclose(found, expected, rtol=1e-12)
     assert len(toy.asked) == asked
 
@@ -127,15 +127,15 @@ def test_what_the_bisection_refused_may_do_better(
 ) -> None:
     toy: Any = Toy(1.0, by_pencil=True)
     asked = made_by(monkeypatch, norms)
-    assert hinf._goes_lower(PLANT, toy, design(1.0), 0.2) is lower
+    assert hinf._improves_below(PLANT, toy, design(1.0), 0.2) is lower
     expected = [(g, False, pencil) for pencil in (False, True) for g in (0.98, 0.9, 0.5)]
     assert asked == expected
     assert toy.by_pencil is True  # as it was
     asked.clear()
-    assert hinf._goes_lower(PLANT, toy, design(1.0), 0.6) is (lower and norms(0.9) is not None)
+    assert hinf._improves_below(PLANT, toy, design(1.0), 0.6) is (lower and norms(0.9) is not None)
     assert [gamma for gamma, *_ in asked] == [0.98, 0.9] * 2
     toy.by_pencil = False
-    hinf._goes_lower(PLANT, toy, design(1.0), 0.6)
+    hinf._improves_below(PLANT, toy, design(1.0), 0.6)
     assert toy.by_pencil is False
 
 

@@ -26,7 +26,7 @@ from hillsphere_controllers.stages.mu_analysis.presentation import present_analy
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
 from hillsphere_controllers.stages.mu_analysis.stage import MuAnalysisStage
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import gain
 
 # Skogestad and Postlethwaite, Multivariable Feedback Control, Table 8.1; time in minutes
@@ -115,7 +115,7 @@ def test_skogestad_postlethwaite_table_8_1(column: UncertainModels) -> None:
     """Peaks 5.7726, 0.5242 and 0.500 on the grid of the book's program; true ones are above."""
     grid = np.logspace(-3, 3, 61)
     model = column.models[0]
-    whole = BlockStructure([*lft_of(model).blocks, full(2)])
+    whole = BlockStructure([*to_lft(model).blocks, full(2)])
     lower, upper = mu_bounds_on_grid(model.system, whole, grid)
     assert upper.max() == pytest.approx(5.7726, abs=1.5e-4)
     assert lower.max() == pytest.approx(5.7726, abs=1.5e-4)

@@ -15,13 +15,13 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.structured.closed_loop import Closed, OpenLoop
 from hillsphere_controllers.structured.gradients import gain_slopes, h2, h2_slope, pole_slopes
 from hillsphere_controllers.structured.objective import Objective
-from hillsphere_controllers.structured.plant_norms import PlantNorms, part_of
+from hillsphere_controllers.structured.plant_norms import PlantNorms, closed_loop_part
 from hillsphere_controllers.structured.requirements import Channel, DesignPlant, PoleRegion
-from hillsphere_controllers.structured.structure import controller_of, of_order
+from hillsphere_controllers.structured.structure import controller_of, free_state_space
 from hillsphere_controllers.systems.algebra import lower_lft
 
 ORDER, CONTROLS, MEASUREMENTS = 2, 2, 1
-STRUCTURE = of_order(ORDER, CONTROLS, MEASUREMENTS)
+STRUCTURE = free_state_space(ORDER, CONTROLS, MEASUREMENTS)
 ROWS, COLUMNS = np.array([0, 2]), np.array([0, 1])
 
 
@@ -156,7 +156,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="discrete"):
         OpenLoop(DesignPlant(LtiSystem(one.a, one.b, one.c, one.d, 0.1)), STRUCTURE)
     with pytest.raises(InputError, match="no w or no z"):
-        OpenLoop(DesignPlant(one), of_order(0, 4, 1))
+        OpenLoop(DesignPlant(one), free_state_space(0, 4, 1))
     with pytest.raises(InputError, match="3 outputs z"):
         OpenLoop(DesignPlant(one, (Channel(outputs=(3,)),), name="a"), STRUCTURE)
     with pytest.raises(InputError, match="H2"):
@@ -187,7 +187,7 @@ def test_peak_that_was_missed_is_found(seed: int) -> None:
     norms.refine(loops, -np.inf)
     level = norms.highest(loops)
     p, m = loop.closed.d.shape
-    exact = hinf_norm(part_of(loop.closed, np.arange(p), np.arange(m)))
+    exact = hinf_norm(closed_loop_part(loop.closed, np.arange(p), np.arange(m)))
     assert rough <= level + 1e-14  # but for rounding
     assert_allclose(np.exp(level), exact.value, rtol=1e-7)
     assert not norms.missed(loops, level + 1e-6)

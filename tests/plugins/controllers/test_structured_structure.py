@@ -13,16 +13,16 @@ from hillsphere_controllers.structured.structure import (
     Sizes,
     Structure,
     controller_of,
+    free_state_space,
     mask_gains,
-    of_order,
     static,
 )
 
 NAN = np.nan
 STRUCTURES: dict[str, Structure] = {
     "static": static(2, 3),
-    "second order": of_order(2, 1, 2),
-    "strictly proper": of_order(2, 2, 1, strictly_proper=True),
+    "second order": free_state_space(2, 1, 2),
+    "strictly proper": free_state_space(2, 2, 1, strictly_proper=True),
     "masked": mask_gains(np.array([[NAN, 1.0, 0.0], [0.0, NAN, NAN], [NAN, 2.0, NAN]]), 1),
     "pid": Pid(),
     "pi": Pid(derivative=False),
@@ -30,7 +30,7 @@ STRUCTURES: dict[str, Structure] = {
     "p": Pid(integral=False, derivative=False),
     "transfer function": TransferFunction(3),
     "strictly proper one": TransferFunction(3, 2),
-    "diagonal": Diagonal([Pid(), of_order(1, 2, 1), static(1, 2)]),
+    "diagonal": Diagonal([Pid(), free_state_space(1, 2, 1), static(1, 2)]),
     "bounded": Bounded(static(1, 3), np.array([-1.0, -np.inf, 2.0]), np.array([3.0, np.inf, 5.0])),
 }
 

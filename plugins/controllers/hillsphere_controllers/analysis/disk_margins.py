@@ -97,7 +97,7 @@ def disk_margin(loop: LtiSystem, skew: float = 0.0, *, factors: Factors = "diago
     if not np.isfinite(skew):
         raise InputError(f"a skew must be finite, got {skew}")
     s = feedback(gain(np.eye(p)), loop)
-    return _of_sensitivity(s, skew, factors)
+    return _disk_of_sensitivity(s, skew, factors)
 
 
 def disk_margin_of_both_ends(
@@ -143,10 +143,10 @@ def disk_margin_of_both_ends(
     closed = close_with_gain(loop, turn)
     # the sensitivity at the two ends: from what is added to (u, −y) to the sum
     s = LtiSystem(closed.a, closed.b, turn @ closed.c, np.eye(m + p) + turn @ closed.d, closed.dt_s)
-    return _of_sensitivity(s, skew, factors)
+    return _disk_of_sensitivity(s, skew, factors)
 
 
-def _of_sensitivity(s: LtiSystem, skew: float, factors: Factors) -> DiskMargin:
+def _disk_of_sensitivity(s: LtiSystem, skew: float, factors: Factors) -> DiskMargin:
     # S + (σ − 1)/2 I, whose µ over δ gives 1/α
     shifted = LtiSystem(s.a, s.b, s.c, s.d + 0.5 * (skew - 1.0) * np.eye(len(s.d)), s.dt_s)
     norm = hinf_norm(shifted)

@@ -134,7 +134,7 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         if system.order == 0 or 0 in system.shape:
             return HinfNorm(found.value, frequency, found.upper)
         # the image was rounded as well
-        high, error = _with_rounding(made, frequency)
+        high, error = _gain_with_rounding(made, frequency)
         return HinfNorm(found.value, frequency, max(found.upper, high), max(found.error, error))
     direct = float(largest_gains(system.d[None].astype(complex))[0])
     if system.order == 0 or 0 in system.shape:
@@ -163,7 +163,7 @@ class _Search:
         """Largest relative difference of gains by the Schur form and by the system as given."""
         size = np.abs(self.response.poles)
         # rounding may have moved slow poles of badly scaled systems
-        given = _unlike(poles, self.response.poles)
+        given = _new_poles(poles, self.response.poles)
         low, high = np.log10(size.min()) - 1.0, np.log10(size.max()) + 1.0
         first = np.concatenate(
             [
@@ -253,18 +253,18 @@ class _Search:
         return self._widened(np.inf)
 
     def _widened(self, level: float) -> HinfNorm:
-        high, error = _with_rounding(self.given, self.frequency)
+        high, error = _gain_with_rounding(self.given, self.frequency)
         upper = max(level * (1.0 + max(error, self.noise)), high)
         # another frequency may have a lower gain that is less sure
         others = np.unique(np.append(np.abs(self.response.poles), 0.0))
         others = others[others != self.frequency]
         gains = largest_gains(self.response(1j * others))
         for k in np.argsort(-gains)[:_ROUNDED]:
-            upper = max(upper, _with_rounding(self.given, float(others[k]))[0])
+            upper = max(upper, _gain_with_rounding(self.given, float(others[k]))[0])
         return HinfNorm(self.value, self.frequency, upper, error)
 
 
-def _unlike(
+def _new_poles(
     poles: NDArray[np.complex128], others: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
     """Return the poles that differ from every one of the others by more than their accuracy."""
@@ -272,7 +272,7 @@ def _unlike(
     return np.asarray(poles[apart > _SAME * np.abs(poles)])
 
 
-def _with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
+def _gain_with_rounding(system: LtiSystem, omega: float) -> tuple[float, float]:
     """Return the most that the gain at a frequency can be, and the relative part of rounding."""
     s = 1j * omega if system.dt_s is None else np.exp(1j * omega * system.dt_s)
     n = system.order

@@ -115,10 +115,10 @@ def loop_margins(loop: LtiSystem) -> tuple[LoopMargins, ...]:
         raise InputError(f"a loop has as many outputs as inputs, got {p} and {m}")
     if not feedback(gain(np.eye(p)), loop).is_stable:
         return (_NONE,) * p
-    return tuple(_of_channel(_alone(loop, i)) for i in range(p))
+    return tuple(_channel_margins(_single_loop(loop, i)) for i in range(p))
 
 
-def _alone(loop: LtiSystem, channel: int) -> LtiSystem:
+def _single_loop(loop: LtiSystem, channel: int) -> LtiSystem:
     """Return the loop of one channel, the others closed."""
     others = -np.eye(loop.shape[0])
     others[channel, channel] = 0.0
@@ -127,7 +127,7 @@ def _alone(loop: LtiSystem, channel: int) -> LtiSystem:
     return LtiSystem(closed.a, closed.b[:, at], closed.c[at], closed.d[at, at], loop.dt_s)
 
 
-def _of_channel(loop: LtiSystem) -> LoopMargins:
+def _channel_margins(loop: LtiSystem) -> LoopMargins:
     image, _ = balance_states(loop if loop.dt_s is None else continuous(loop))
     curve = _Curve(image)
     gains, phases = curve.real_crossings(), curve.unit_crossings()

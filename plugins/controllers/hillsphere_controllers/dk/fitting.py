@@ -33,7 +33,14 @@ from scipy.linalg import block_diag, solve_triangular
 from hillsphere.interfaces import Array
 from hillsphere_controllers.dk.multipliers import Multiplier
 
-__all__ = ["FittedMultipliers", "Goal", "dips", "fit_multipliers", "levels_of", "lift_multiplier"]
+__all__ = [
+    "FittedMultipliers",
+    "Goal",
+    "fit_multipliers",
+    "lift_multiplier",
+    "negative_frequencies",
+    "relative_levels",
+]
 
 Complex = NDArray[np.complex128]
 
@@ -124,21 +131,21 @@ def fit_multipliers(goal: Goal, start: Sequence[Multiplier]) -> FittedMultiplier
         One per block.
     """
     x = tuple(start)
-    ratios = levels_of(goal, x)
+    ratios = relative_levels(goal, x)
     best, least = x, float(ratios.max())
     t = 1.3 * least
     for _ in range(_MOST_LEVELS):
         x = _centre(goal, x, max(t, 1.0))
-        reached = float(levels_of(goal, x).max())
+        reached = float(relative_levels(goal, x).max())
         if reached < least:
             best, least = x, reached
         if reached <= 1.0 or t - reached <= _STALLED * t:
             break
         t = reached + _LOWERED * (t - reached)
-    return FittedMultipliers(best, levels_of(goal, best))
+    return FittedMultipliers(best, relative_levels(goal, best))
 
 
-def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
+def relative_levels(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
     """Return the squares (K,) of the bounds that scalings prove, relative to those asked for.
 
     Infinite where D is not positive.
@@ -153,14 +160,14 @@ def levels_of(goal: Goal, multipliers: Sequence[Multiplier]) -> Array:
     return made
 
 
-def dips(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
+def negative_frequencies(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
     """Return frequencies at which D is not positive, one per block, where it is least.
 
     Looked at are many more than those of a set (K,) at which it is positive.
     """
     found = []
     for one in multipliers:
-        omega, least = _least(one, omega_rad_s)
+        omega, least = _sample_least_eigenvalues(one, omega_rad_s)
         if least.min() <= 0.0:
             found.append(float(omega[np.argmin(least)]))
     return np.array(found)
@@ -168,7 +175,7 @@ def dips(multipliers: Sequence[Multiplier], omega_rad_s: Array) -> Array:
 
 def lift_multiplier(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
     """Return scalings whose D is positive on a fine grid, by adding a constant if necessary."""
-    _, least = _least(multiplier, omega_rad_s)
+    _, least = _sample_least_eigenvalues(multiplier, omega_rad_s)
     if least.min() > 0.0:
         return multiplier
     x = multiplier.x.copy()
@@ -176,7 +183,7 @@ def lift_multiplier(multiplier: Multiplier, omega_rad_s: Array) -> Multiplier:
     return replace(multiplier, x=x)
 
 
-def _least(one: Multiplier, omega_rad_s: Array) -> tuple[Array, Array]:
+def _sample_least_eigenvalues(one: Multiplier, omega_rad_s: Array) -> tuple[Array, Array]:
     inner = omega_rad_s[(omega_rad_s > 0.0) & np.isfinite(omega_rad_s)]
     own = np.exp(one.pairs[:, 0])
     near = np.outer(own, np.linspace(0.8, 1.25, 19)).ravel()

@@ -13,7 +13,7 @@ from hillsphere_controllers.dk.fitting import Goal
 from hillsphere_controllers.mu.blocks import Block, BlockStructure
 from hillsphere_controllers.mu.upper_bound import UpperBound, upper_bound
 
-__all__ = ["Bounds", "bounds_of", "core_size", "reference_block"]
+__all__ = ["Bounds", "core_size", "mu_upper_bounds", "reference_block"]
 
 Complex = NDArray[np.complex128]
 
@@ -84,7 +84,7 @@ class Bounds:
         return Goal(self.omega_rad_s, self.matrices, asked**2, np.array(weights))
 
 
-def bounds_of(loop: LtiSystem, structure: BlockStructure, more_rad_s: Array) -> Bounds:
+def mu_upper_bounds(loop: LtiSystem, structure: BlockStructure, more_rad_s: Array) -> Bounds:
     """Return upper bounds of µ of a stable loop on a grid of frequencies.
 
     Parameters

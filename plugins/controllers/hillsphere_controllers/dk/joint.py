@@ -84,7 +84,7 @@ def descend_jointly(
         if not gradient @ direction < 0.0:
             direction = -gradient
         direction *= min(1.0, 4.0 * _LONGEST / float(np.linalg.norm(direction)))
-        found = _along(cost, v, value, direction, float(gradient @ direction))
+        found = _search_line(cost, v, value, direction, float(gradient @ direction))
         if found is None:
             break
         there, new = found
@@ -131,7 +131,7 @@ def _gradient(cost: Callable[[Array], float], v: Array, value: float) -> Array:
     return made
 
 
-def _along(
+def _search_line(
     cost: Callable[[Array], float], v: Array, value: float, direction: Array, slope: float
 ) -> tuple[Array, float] | None:
     """Return the best of some points along a direction, None if none is better."""

@@ -146,7 +146,9 @@ class Multiplier:
     def values(self, omega: Array) -> tuple[Complex, Complex]:
         """Return D and jG of the squared block (K, n, n) at frequencies (K,)."""
         phi, _ = self._basis(omega)
-        return self._spread(_even(phi, self.x)), self._spread(_odd(phi, self.y, self.x.shape))
+        return self._spread(_hermitian_sum(phi, self.x)), self._spread(
+            _hermitian_difference(phi, self.y, self.x.shape)
+        )
 
     def tangents(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the derivatives (K, size, n, n) of D and jG in the parameters."""
@@ -164,8 +166,8 @@ class Multiplier:
                 d[:, p, i, j] += one
                 d[:, p, j, i] += one.conj()
         for q in range(self.order):
-            d[:, len(free) + q] = _even(more[:, :, q], self.x)
-            g[:, len(free) + q] = _odd(more[:, :, q], self.y, self.x.shape)
+            d[:, len(free) + q] = _hermitian_sum(more[:, :, q], self.x)
+            g[:, len(free) + q] = _hermitian_difference(more[:, :, q], self.y, self.x.shape)
         return self._spread(d), self._spread(g)
 
     def system(self) -> tuple[Array, Array, Array, Array, Array, Array]:
@@ -223,12 +225,12 @@ _DAMPING = (float(np.log(0.05)), float(np.log(20.0)))
 """Logarithms of the least and largest: what is too narrow would dip between the frequencies."""
 
 
-def _even(phi: Complex, x: Array) -> Complex:
+def _hermitian_sum(phi: Complex, x: Array) -> Complex:
     half = np.einsum("ok,kij->oij", phi, x)
     return np.asarray(half + half.conj().swapaxes(1, 2))
 
 
-def _odd(phi: Complex, y: Array | None, shape: tuple[int, ...]) -> Complex:
+def _hermitian_difference(phi: Complex, y: Array | None, shape: tuple[int, ...]) -> Complex:
     if y is None:
         return np.zeros((len(phi), *shape[1:]), dtype=complex)
     half = np.einsum("ok,kij->oij", phi, y)

@@ -18,16 +18,16 @@ from hillsphere_controllers.dk.absorption import absorb_scalings, factors
 from hillsphere_controllers.dk.fitting import (
     FittedMultipliers,
     Goal,
-    dips,
     fit_multipliers,
-    levels_of,
     lift_multiplier,
+    negative_frequencies,
+    relative_levels,
 )
-from hillsphere_controllers.dk.goals import bounds_of
+from hillsphere_controllers.dk.goals import mu_upper_bounds
+from hillsphere_controllers.dk.initial_scalings import constant_multipliers, constant_scalings
 from hillsphere_controllers.dk.joint import descend_jointly
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.dk.results import DkIteration, Kind
-from hillsphere_controllers.dk.starting import constant_scalings, constants_like
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
 from hillsphere_controllers.mu.blocks import BlockStructure
@@ -160,8 +160,10 @@ class Search:
                     "sign (u = K y, without a change of sign)"
                 )
             peak = certified_peak(loop, self.structure, gap=self._gap)
-            goal = bounds_of(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
-            self._judge("start", controller, constants_like(self.structure, goal.sizes), np.nan)
+            goal = mu_upper_bounds(loop, self.structure, peak.looked_at_rad_s).goal(_FLOORS[0])
+            self._judge(
+                "start", controller, constant_multipliers(self.structure, goal.sizes), np.nan
+            )
             self._settled()
             return
         scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
@@ -243,21 +245,21 @@ class Search:
         more = point.peak.looked_at_rad_s
         start, beta = point.multipliers, np.inf
         for _ in range(_REFITTED):
-            bounds = bounds_of(point.loop, self.structure, more)
+            bounds = mu_upper_bounds(point.loop, self.structure, more)
             self._omega = bounds.omega_rad_s
             # fit the whole curve first; if it misses, only the frequencies near the peak
             for floor in _FLOORS:
                 goal = bounds.goal(floor)
-                if not np.isfinite(levels_of(goal, start)).all():
-                    start = constants_like(self.structure, goal.sizes)
-                found = _of_rising_order(goal, start, highest)
+                if not np.isfinite(relative_levels(goal, start)).all():
+                    start = constant_multipliers(self.structure, goal.sizes)
+                found = _fit_by_rising_order(goal, start, highest)
                 beta = float(np.sqrt((found.ratios * goal.levels).max()))
                 if beta <= _MISSED * bounds.values.max():
                     break
             start = found.multipliers
             # between the frequencies D may be negative, or the scaled norm exceed the level: such a
             # frequency joins the set
-            missed = dips(start, bounds.omega_rad_s)
+            missed = negative_frequencies(start, bounds.omega_rad_s)
             if not missed.size:
                 try:
                     scaled = self._scaled(start, beta)
@@ -355,7 +357,9 @@ def _orders(multipliers: Sequence[Multiplier]) -> tuple[int, ...]:
     return tuple(one.order for one in multipliers)
 
 
-def _of_rising_order(goal: Goal, start: Sequence[Multiplier], highest: int) -> FittedMultipliers:
+def _fit_by_rising_order(
+    goal: Goal, start: Sequence[Multiplier], highest: int
+) -> FittedMultipliers:
     """Return the fit of the least order that meets the goal nearly, or of the highest one."""
     best = fit_multipliers(goal, start)
     while best.ratios.max() > _FITTED**2:

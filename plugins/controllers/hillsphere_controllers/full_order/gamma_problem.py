@@ -11,12 +11,12 @@ from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import SingularProblemError
 from hillsphere_controllers.full_order.modes import check_modes
+from hillsphere_controllers.full_order.response_bounds import response_bound, solution_error
 from hillsphere_controllers.full_order.riccati import (
     axis_frequencies,
     solution_by_pencil,
     stabilising_solution,
 )
-from hillsphere_controllers.full_order.unreachable import response_bound, solution_error
 from hillsphere_controllers.systems.algebra import close_with_gain
 
 __all__ = ["GammaProblem"]
@@ -107,7 +107,7 @@ class GammaProblem:
         for what, b, c, d in (
             ("u to z", self._b2, self._c1, self._d12), ("w to y", self._b1, self._c2, self._d21),
         ):  # fmt: skip
-            at = _zero_on_axis(self._a, b, c, d)
+            at = _find_axis_zero(self._a, b, c, d)
             if at is not None:
                 return SingularProblemError(
                     f"the transfer from {what} has a zero on the imaginary axis at {at:.6g} rad/s "
@@ -219,10 +219,10 @@ class GammaProblem:
         if not all(np.isfinite(matrix).all() for matrix in found):
             return None
         # y − D22 u is what the controller was made for
-        return _behind(LtiSystem(*found), self._d22)
+        return _shift_direct_term(LtiSystem(*found), self._d22)
 
 
-def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
+def _shift_direct_term(controller: LtiSystem, d22: Array) -> LtiSystem:
     """Return the controller for measurements y = y₀ + D22 u, given the one for y₀."""
     if not d22.any():
         return controller
@@ -232,7 +232,7 @@ def _behind(controller: LtiSystem, d22: Array) -> LtiSystem:
     return turned
 
 
-def _zero_on_axis(a: Array, b: Array, c: Array, d: Array) -> float | None:
+def _find_axis_zero(a: Array, b: Array, c: Array, d: Array) -> float | None:
     """Return the frequency at which a system with a zero on the axis loses rank, None without."""
     n, back = len(a), np.linalg.pinv(d)
     # zeros of the part that d inverts are among these, all if d is square

@@ -202,7 +202,7 @@ def _continuous(
             guess = hinf_guess(
                 posed, units.controls.size, units.measurements.size, high, 0.1 * tolerance
             )
-            low, high = _beside(problem, guess, low, high, tolerance)
+            low, high = _bracket_guess(problem, guess, low, high, tolerance)
         while high > low * (1.0 + tolerance):
             # bisection in ln γ
             middle = np.sqrt(low * high) if low > 0.0 else 0.1 * high
@@ -219,7 +219,7 @@ def _continuous(
         best = _back_off(plant, problem, high, back_off)
         below = max(problem.proved, high / 10.0**_DECADES)
         if best is None or (
-            problem.proved < _NEARLY * low and _goes_lower(plant, problem, best, below)
+            problem.proved < _NEARLY * low and _improves_below(plant, problem, best, below)
         ):
             best = _better(best, _scan_gamma(plant, problem, (below, 10.0 * high)))
         if best is None:
@@ -244,7 +244,7 @@ def _better(one: HinfDesign | None, other: HinfDesign | None) -> HinfDesign | No
     return other if other.norm.upper < one.norm.upper else one
 
 
-def _beside(
+def _bracket_guess(
     problem: GammaProblem, guess: float, low: float, high: float, tolerance: float
 ) -> tuple[float, float]:
     """Return a bracket of γ around a guess, as far as the guess is right."""
@@ -257,7 +257,9 @@ def _beside(
     return low, high
 
 
-def _goes_lower(plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below: float) -> bool:
+def _improves_below(
+    plant: LtiSystem, problem: GammaProblem, best: HinfDesign, below: float
+) -> bool:
     """Return whether a γ that the bisection has refused gives a better controller."""
     bisected = problem.by_pencil
     tried = [share * best.gamma for share in _SHARES if share * best.gamma > below]

@@ -53,7 +53,7 @@ def check_modes(a: Array, b: Array, c: Array, *, discrete: bool = False) -> None
             if matrix.shape[1] == len(a):
                 continue
             # both tests: units alone can make the first fail, and rounding alone the second
-            if _lacks_rank(matrix) and _lacks_rank(_even(matrix)):
+            if _lacks_rank(matrix) and _lacks_rank(_equilibrate(matrix)):
                 raise NotStabilisableError(
                     f"{what} the mode at {'z' if discrete else 's'} = {value:.6g}, which is not "
                     f"stable; add {remedy}, or take weights with poles on the "
@@ -82,7 +82,7 @@ def axis_mode(a: Array, c: Array, *, discrete: bool = False) -> complex | None:
             continue
         else:
             at = 1j * float(value.imag)
-        matrix = _even(np.vstack([a - at * np.eye(len(a)), c]).T)
+        matrix = _equilibrate(np.vstack([a - at * np.eye(len(a)), c]).T)
         if np.linalg.svd(matrix, compute_uv=False)[-1] <= _UNSEEN:
             return at
     return None
@@ -93,7 +93,7 @@ def _lacks_rank(matrix: Array) -> bool:
     return bool(values[-1] <= _MODE * max(values[0], 1e-300))
 
 
-def _even(matrix: Array) -> Array:
+def _equilibrate(matrix: Array) -> Array:
     """Return [A − λ I, B] with rows and columns of norm one: of a slow mode the row is small."""
     n = len(matrix)
     even = matrix.copy()

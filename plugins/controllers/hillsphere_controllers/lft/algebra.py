@@ -103,16 +103,18 @@ def _block(uncertainty: Uncertainty) -> Lft:
 def join_inputs(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return [G₁ G₂ …]: the inputs side by side, the outputs added."""
     found = [constant(part) for part in parts]
-    _same({part.shape[0] for part in found}, "outputs")
+    _require_equal({part.shape[0] for part in found}, "outputs")
     count = len(found)
-    return connect_lfts(found, *_apart(found), np.hstack(count * [np.eye(found[0].shape[0])]))
+    return connect_lfts(
+        found, *_unconnected_matrices(found), np.hstack(count * [np.eye(found[0].shape[0])])
+    )
 
 
 def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return [G₁; G₂; …]: one common input, the outputs stacked."""
     found = [constant(part) for part in parts]
-    _same({part.shape[1] for part in found}, "inputs")
-    feed, _ = _apart(found)
+    _require_equal({part.shape[1] for part in found}, "inputs")
+    feed, _ = _unconnected_matrices(found)
     into = np.vstack(len(found) * [np.eye(found[0].shape[1])])
     return connect_lfts(found, feed, into, np.eye(feed.shape[1]))
 
@@ -120,8 +122,8 @@ def stack_outputs(*parts: Lft | LtiSystem | Array) -> Lft:
 def diagonal(*parts: Lft | LtiSystem | Array) -> Lft:
     """Return diag(G₁, G₂, …)."""
     found = [constant(part) for part in parts]
-    _same({1 for _ in found}, "systems")
-    feed, into = _apart(found)
+    _require_equal({1 for _ in found}, "systems")
+    feed, into = _unconnected_matrices(found)
     return connect_lfts(found, feed, into, np.eye(feed.shape[1]))
 
 
@@ -235,12 +237,12 @@ def state_space(matrix: Lft, order: int, dt_s: float | None = None) -> Lft:
     return Lft(system, matrix.uncertainties, matrix.times)
 
 
-def _apart(parts: Sequence[Lft]) -> tuple[Array, Array]:
+def _unconnected_matrices(parts: Sequence[Lft]) -> tuple[Array, Array]:
     """Return F of parts that are not connected, and N of one input each."""
     p, m = sum(part.shape[0] for part in parts), sum(part.shape[1] for part in parts)
     return np.zeros((m, p)), np.asarray(block_diag(*(np.eye(part.shape[1]) for part in parts)))
 
 
-def _same(counts: set[int], what: str) -> None:
+def _require_equal(counts: set[int], what: str) -> None:
     if len(counts) != 1:
         raise InputError(f"systems of one number of {what} are needed, got {sorted(counts)}")

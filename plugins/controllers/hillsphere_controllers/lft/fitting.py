@@ -150,7 +150,7 @@ def fit_polynomial(
         )
     coefficients = np.linalg.lstsq(monomials[:, chosen], y.reshape(len(y), -1), rcond=None)[0]
     # rounding in entries that never change would look like copies
-    same = ~_changing(y).ravel()
+    same = ~_varying_entries(y).ravel()
     coefficients[:, same] = 0.0
     coefficients[chosen.index(0), same] = y[0].ravel()[same]
     terms = {
@@ -213,10 +213,10 @@ def _normalise_points(points: Array, uncertainties: Sequence[Uncertainty]) -> Ar
 
 
 def _weights(samples: Array) -> Array:
-    spread, there = np.ptp(samples, axis=0), _changing(samples)
+    spread, there = np.ptp(samples, axis=0), _varying_entries(samples)
     return np.asarray(np.where(there, 1.0 / np.where(there, spread, 1.0), 0.0))
 
 
-def _changing(samples: Array) -> NDArray[np.bool_]:
+def _varying_entries(samples: Array) -> NDArray[np.bool_]:
     """Return which entries (p, m) differ between samples by more than rounding."""
     return np.asarray(np.ptp(samples, axis=0) > 1e-14 * np.abs(samples).max(axis=0))

@@ -9,7 +9,7 @@ coefficients have independent columns (or rows), by singular values. The quotien
 without the parameter are stacked and factored likewise, so that common factors need copies once.
 Then unreachable and unobservable copies are removed [1]_. The smallest result over different orders
 of the parameters is returned. For affine matrices that is the least possible size (rank of each
-coefficient [2]_), as it is for one parameter; in general `least_copies` bounds it from below.
+coefficient [2]_), as it is for one parameter; in general `copies_lower_bound` bounds it from below.
 
 References
 ----------
@@ -39,8 +39,8 @@ from hillsphere_controllers.systems.algebra import gain
 __all__ = [
     "Terms",
     "affine",
+    "copies_lower_bound",
     "evaluate_polynomial",
-    "least_copies",
     "polynomial",
     "scaled_polynomial",
 ]
@@ -150,7 +150,7 @@ def scaled_polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft
     kept = {e: m for e, m in even.items() if np.abs(m).max(initial=0.0) > _RANK * _NEGLIGIBLE}
     zero = (0,) * len(uncertainties)
     kept.setdefault(zero, np.zeros_like(next(iter(checked.values()))))
-    best = _smallest(kept, uncertainties)
+    best = _smallest_lft(kept, uncertainties)
     m11, m12, m21, m22 = best.parts()
     # q = δ/(1 + c δ): what goes into δ is less by c times what comes out
     curvature = [
@@ -162,9 +162,9 @@ def scaled_polynomial(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft
     return Lft(gain(matrix), best.uncertainties, best.times)
 
 
-def _smallest(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
+def _smallest_lft(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     """Return the smallest LFT in q that some orders of the parameters give."""
-    least = sum(least_copies(terms))
+    least = sum(copies_lower_bound(terms))
     best: Lft | None = None
     for order in _orders(terms, len(uncertainties)):
         for side in ("fewer", "left", "right"):
@@ -177,7 +177,7 @@ def _smallest(terms: Terms, uncertainties: Sequence[Uncertainty]) -> Lft:
     return best
 
 
-def least_copies(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
+def copies_lower_bound(terms: Terms, *, seed: int = 0) -> tuple[int, ...]:
     """Return numbers of copies that no LFT of a polynomial can go below, one for each parameter.
 
     With the others fixed, here at random, it is a polynomial of one parameter, whose least size is

@@ -171,7 +171,7 @@ def gain_bound(of: Lft, *, enough: float | None = None) -> float:
         exists for all Δ.
     """
     least = minimal(of)
-    found = _gain_bound(_contracting(least), enough)
+    found = _gain_bound(_contract(least), enough)
     return found if np.isfinite(found) else _gain_bound(least, enough)
 
 
@@ -264,8 +264,8 @@ def _equilibrate(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
     scales = np.ones(len(counts))
     sizes = np.zeros(len(counts))
     for _ in range(_EVEN):
-        matrix[outer_rows] /= _largest(matrix[outer_rows], 1)[:, None]
-        matrix[:, outer_columns] /= _largest(matrix[:, outer_columns], 0)
+        matrix[outer_rows] /= _largest_norms(matrix[outer_rows], 1)[:, None]
+        matrix[:, outer_columns] /= _largest_norms(matrix[:, outer_columns], 0)
         for i, span in enumerate(spans):
             into = float(
                 np.abs(np.delete(matrix[rows[span]], columns[span], axis=1)).max(initial=0)
@@ -287,7 +287,7 @@ def _equilibrate(of: Lft) -> tuple[list[float], Array, Array, Array, list[int]]:
     return [float(scale) for scale in scales], *_split(of, matrix), counts
 
 
-def _largest(matrix: Array, axis: int) -> Array:
+def _largest_norms(matrix: Array, axis: int) -> Array:
     size = np.abs(matrix).max(axis=axis, initial=0.0)
     return np.asarray(np.where(size > 0.0, size, 1.0))
 
@@ -357,7 +357,7 @@ def _gramian(a: Array, b: Array, spans: list[slice]) -> Array:
     return total
 
 
-def _contracting(of: Lft) -> Lft:
+def _contract(of: Lft) -> Lft:
     """Return the LFT in coordinates that make M₁₁ contract, where words of blocks fade away.
 
     With k blocks, D of the Gramians of √k M has M₁₁ᵀ D M₁₁ < D: a first scaling that proves that

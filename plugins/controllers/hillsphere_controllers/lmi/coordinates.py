@@ -18,7 +18,7 @@ from hillsphere_controllers.analysis.hinf_norm import hinf_norm
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.riccati import stabilising_solution
 
-__all__ = ["Coordinates", "of_output_feedback", "of_state_feedback"]
+__all__ = ["Coordinates", "output_feedback_coordinates", "state_feedback_coordinates"]
 
 _SMALL = 1e-3
 """Weight and noise that are added, relative to those there are."""
@@ -48,7 +48,7 @@ class Coordinates:
         return LtiSystem(a, b, plant.c @ self.t / units, plant.d / units)
 
 
-def of_state_feedback(plant: LtiSystem, controls: int) -> Coordinates:
+def state_feedback_coordinates(plant: LtiSystem, controls: int) -> Coordinates:
     """Return coordinates in which the covariance of a linear-quadratic design is the identity.
 
     Raises
@@ -60,7 +60,7 @@ def of_state_feedback(plant: LtiSystem, controls: int) -> Coordinates:
     return Coordinates(_root(covariance), hinf_norm(loop, 1e-3).value or 1.0)
 
 
-def of_output_feedback(plant: LtiSystem, controls: int, measurements: int) -> Coordinates:
+def output_feedback_coordinates(plant: LtiSystem, controls: int, measurements: int) -> Coordinates:
     """Return coordinates in which X and Y of a linear-quadratic design are equal and diagonal.
 
     Raises

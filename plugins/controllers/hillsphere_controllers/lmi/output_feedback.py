@@ -25,14 +25,14 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import InfeasibleError, SynthesisFailedError
 from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.lmi.coordinates import of_output_feedback
+from hillsphere_controllers.lmi.coordinates import output_feedback_coordinates
 from hillsphere_controllers.lmi.requirements import (
     VerifiedNorm,
     check_direct,
-    in_units,
     indices,
     norm_inequalities,
     region_inequalities,
+    scale_limit,
     verify_norms,
 )
 from hillsphere_controllers.lmi.solving import check_order, cp, minimise
@@ -142,9 +142,9 @@ def output_feedback(
     units = Units.of(plant, k, q)
     even, _ = balance_states(units.scaled(plant))
     check_modes(even.a, even.b[:, m - k :], even.c[p - q :])
-    coordinates = of_output_feedback(even, k, q)
-    asked = tuple(in_units(channel, coordinates.unit) for channel in channels)
-    problem, least = _with_least(coordinates.of(even, q), k, q, asked, wanted)
+    coordinates = output_feedback_coordinates(even, k, q)
+    asked = tuple(scale_limit(channel, coordinates.unit) for channel in channels)
+    problem, least = _build_problem(coordinates.of(even, q), k, q, asked, wanted)
     least *= coordinates.unit
     reason: SynthesisFailedError | None = None
     for factor in _BACK_OFFS:
@@ -163,7 +163,7 @@ def output_feedback(
     raise reason
 
 
-def _with_least(
+def _build_problem(
     plant: LtiSystem,
     controls: int,
     measurements: int,

@@ -147,7 +147,7 @@ def hull_gain(systems: Sequence[LtiSystem], *, common: bool = False) -> HullGain
         raise SynthesisFailedError(f"corner {int(np.argmax(norms))} of the hull is not stable")
     unit = unit or 1.0
     t = _coordinates(given)
-    hull = _Hull([_even(system, t, unit) for system in given], common)
+    hull = _Hull([_scale_system(system, t, unit) for system in given], common)
     reason = SynthesisFailedError(
         "the gain of the hull is not proved: the matrices found do not pass their check; scale "
         "states, inputs and outputs to order one"
@@ -161,7 +161,7 @@ def hull_gain(systems: Sequence[LtiSystem], *, common: bool = False) -> HullGain
             reason = error
             continue
         if found > 0.0:
-            made = tuple(_back(p.value, t) * unit**2 for p in hull.lyapunov)
+            made = tuple(_restore_lyapunov(p.value, t) * unit**2 for p in hull.lyapunov)
             return HullGain(bound * unit, max(norms), made, found)
     raise reason
 
@@ -199,10 +199,10 @@ def hull_stability(
     bare = [
         LtiSystem(s.a, np.zeros((n, 0)), np.zeros((0, n)), np.zeros((0, 0)), s.dt_s) for s in given
     ]
-    hull = _Hull([_even(system, t, 1.0) for system in bare], common)
+    hull = _Hull([_scale_system(system, t, 1.0) for system in bare], common)
     if hull.widest() <= 0.0:
         return None
-    return tuple(_back(p.value, t) for p in hull.lyapunov)
+    return tuple(_restore_lyapunov(p.value, t) for p in hull.lyapunov)
 
 
 class _Hull:
@@ -310,7 +310,7 @@ def _coordinates(systems: Sequence[LtiSystem]) -> Array:
     return np.asarray(scale[:, None] * vectors / np.sqrt(values) / np.sqrt(np.trace(total)))
 
 
-def _even(system: LtiSystem, t: Array, unit: float) -> LtiSystem:
+def _scale_system(system: LtiSystem, t: Array, unit: float) -> LtiSystem:
     inside: Array = np.linalg.solve(t, np.hstack([system.a @ t, system.b])).astype(float)
     n = system.order
     return LtiSystem(
@@ -318,7 +318,7 @@ def _even(system: LtiSystem, t: Array, unit: float) -> LtiSystem:
     )
 
 
-def _back(lyapunov: Array, t: Array) -> Array:
+def _restore_lyapunov(lyapunov: Array, t: Array) -> Array:
     """Return P for x of P̃ for x̃."""
     half = np.linalg.solve(t.T, lyapunov)
     return np.asarray(np.linalg.solve(t.T, half.T))

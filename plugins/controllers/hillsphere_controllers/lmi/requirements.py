@@ -21,10 +21,10 @@ from hillsphere_controllers.structured.requirements import Channel, PoleRegion
 __all__ = [
     "VerifiedNorm",
     "check_direct",
-    "in_units",
     "indices",
     "norm_inequalities",
     "region_inequalities",
+    "scale_limit",
     "verify_norms",
 ]  # fmt: skip
 
@@ -90,7 +90,7 @@ def check_direct(d11: Array, channel: Channel) -> None:
         )
 
 
-def in_units(channel: Channel, unit: float) -> Channel:
+def scale_limit(channel: Channel, unit: float) -> Channel:
     """Return a channel whose limit is in units of a gain."""
     return channel if channel.limit is None else replace(channel, limit=channel.limit / unit)
 

@@ -26,14 +26,14 @@ from hillsphere.lti import LtiSystem
 from hillsphere_controllers.errors import SynthesisFailedError
 from hillsphere_controllers.full_order.modes import check_modes
 from hillsphere_controllers.full_order.scaling import Units
-from hillsphere_controllers.lmi.coordinates import of_state_feedback
+from hillsphere_controllers.lmi.coordinates import state_feedback_coordinates
 from hillsphere_controllers.lmi.requirements import (
     VerifiedNorm,
     check_direct,
-    in_units,
     indices,
     norm_inequalities,
     region_inequalities,
+    scale_limit,
     verify_norms,
 )
 from hillsphere_controllers.lmi.solving import check_order, cp, minimise
@@ -121,9 +121,9 @@ def state_feedback(
     _check(given, controls)
     units = Units.of(given[0], controls, 0)
     balanced_one, scale = balance_states(units.scaled(given[0]))
-    even = of_state_feedback(balanced_one, controls)
+    even = state_feedback_coordinates(balanced_one, controls)
     even = replace(even, t=scale[:, None] * even.t)
-    asked = tuple(in_units(channel, even.unit) for channel in channels)
+    asked = tuple(scale_limit(channel, even.unit) for channel in channels)
     problem = _Problem([even.of(units.scaled(plant)) for plant in given], controls, asked, wanted)
     least = problem.least() * even.unit
     reason: SynthesisFailedError | None = None

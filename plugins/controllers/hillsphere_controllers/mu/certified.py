@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.bilinear_images import continuous_image, discrete_frequency
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.images import from_image, in_continuous_time
 from hillsphere_controllers.mu.intervals import Loop
 from hillsphere_controllers.mu.scalings import Scalings
 from hillsphere_controllers.mu.upper_bound import UpperBound, upper_bound
@@ -147,7 +147,7 @@ def certified_peak(
     """
     if not 1e-6 <= gap < 1.0:
         raise InputError(f"gap must be from 1e-6 to 1, got {gap}")
-    image = in_continuous_time(system, structure)
+    image = continuous_image(system, structure)
     free = structure.indices(range(len(structure.blocks)) if skewed is None else skewed)
     search = _Cover(Loop(balance_states(image)[0], structure, free), skewed, gap)
     return search.result(system.dt_s)
@@ -179,12 +179,12 @@ def find_unproved(
     InputError
         If the system is not stable or does not fit.
     """
-    image = in_continuous_time(system, structure)
+    image = continuous_image(system, structure)
     free = structure.indices(range(len(structure.blocks)))
     search = _Cover(Loop(balance_states(image)[0], structure, free), None, 0.0, limit)
     if not search.bounds:
         return None
-    return from_image(search.where, system.dt_s), search.peak
+    return discrete_frequency(search.where, system.dt_s), search.peak
 
 
 class _Cover:
@@ -369,7 +369,7 @@ class _Cover:
         """Return what was found; frequencies of an image in continuous time are mapped back."""
 
         def back(omega: float) -> float:
-            return from_image(omega, dt_s)
+            return discrete_frequency(omega, dt_s)
 
         intervals = tuple(
             Interval(back(i.low_rad_s), back(i.high_rad_s), back(i.frequency_rad_s), i.bound,

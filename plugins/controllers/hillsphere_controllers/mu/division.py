@@ -21,9 +21,9 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.bilinear_images import check_loop
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import find_unproved
-from hillsphere_controllers.mu.images import check_loop
 from hillsphere_controllers.mu.sensitivities import sensitivities
 from hillsphere_controllers.systems.algebra import gain, star
 
@@ -82,7 +82,7 @@ def prove_by_branch_and_bound(
             break
         # the part with the largest bound comes first, the older one of equals
         _, _, low, high = heappop(waiting)
-        part = _on_part(system, structure, limit, np.where(real, low, -1.0), high)
+        part = _restrict_to_part(system, structure, limit, np.where(real, low, -1.0), high)
         if not part.is_stable:  # the middle of the part is a counterexample
             return Division(proved, len(waiting) + 1)
         found = find_unproved(part, structure, 1.0)
@@ -102,7 +102,7 @@ def prove_by_branch_and_bound(
     return Division(proved, len(waiting))
 
 
-def _on_part(
+def _restrict_to_part(
     system: LtiSystem, structure: BlockStructure, limit: float, low: Array, high: Array
 ) -> LtiSystem:
     """Return the system whose Δ of size one spans the part of the ranges, divided by the limit."""

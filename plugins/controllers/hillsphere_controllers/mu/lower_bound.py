@@ -105,7 +105,7 @@ def lower_bound(
     def constant(_: float) -> tuple[Complex, Complex]:
         return squared, np.zeros_like(squared)
 
-    return _best(constant, structure, scalings, starts, seed, None)
+    return _best_start(constant, structure, scalings, starts, seed, None)
 
 
 def lower_bound_near(
@@ -141,7 +141,7 @@ def lower_bound_near(
     """
     at = moving_response(system, structure, omega_rad_s)
     fixed = omega_rad_s == 0.0 or not np.isfinite(omega_rad_s)
-    return _best(at, structure, scalings, starts, seed, None if fixed else omega_rad_s)
+    return _best_start(at, structure, scalings, starts, seed, None if fixed else omega_rad_s)
 
 
 def lower_bound_of_block(
@@ -190,7 +190,7 @@ def moving_response(
     return at
 
 
-def _best(
+def _best_start(
     at: Callable[[float], tuple[Complex, Complex]],
     structure: BlockStructure,
     scalings: Scalings | None,

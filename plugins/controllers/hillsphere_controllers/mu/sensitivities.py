@@ -9,7 +9,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.scalings import dg_form
-from hillsphere_controllers.mu.upper_bound import centre, upper_bound
+from hillsphere_controllers.mu.upper_bound import analytic_centre, upper_bound
 
 __all__ = ["sensitivities"]
 
@@ -57,7 +57,7 @@ def sensitivities(matrix: Complex | Array, structure: BlockStructure) -> Array:
     if here.value <= 1e-12 * float(np.linalg.norm(squared)):
         raise InputError("µ is zero: no block has a share of it")
     bound = here.value * (1.0 + _ROOM)
-    scalings = centre(squared, square, here.scalings, bound)
+    scalings = analytic_centre(squared, square, here.scalings, bound)
     form = bound**2 * scalings.d - dg_form(squared, scalings.d, scalings.g)
     # Z of the barrier, and both factors scaled alike: D may span many decades
     root = np.linalg.cholesky(scalings.d)

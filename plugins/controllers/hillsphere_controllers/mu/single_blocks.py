@@ -65,7 +65,7 @@ def single_block(m: Complex, structure: BlockStructure, block: int) -> Complex |
     span = structure.spans()[block]
     part = m[span, span]
     least = len(m) * np.finfo(float).eps * float(np.linalg.norm(m, 2))
-    value = _smallest(part, structure.blocks[block], least)
+    value = _smallest_perturbation(part, structure.blocks[block], least)
     if value is None:
         return None
     delta = np.zeros_like(m)
@@ -73,7 +73,7 @@ def single_block(m: Complex, structure: BlockStructure, block: int) -> Complex |
     return delta
 
 
-def _smallest(part: Complex, block: Block, least: float) -> Complex | None:
+def _smallest_perturbation(part: Complex, block: Block, least: float) -> Complex | None:
     if block.kind == "full":
         u, s, vh = np.linalg.svd(part)
         if not s[0] > least:
@@ -84,14 +84,14 @@ def _smallest(part: Complex, block: Block, least: float) -> Complex | None:
     # smallest δ of a repeated scalar: 1/λ of the largest (real) eigenvalue
     values: Complex = np.linalg.eigvals(part).astype(complex)
     if block.kind == "real":
-        values = _real_ones(part, values)
+        values = _real_eigenvalues(part, values)
     if not np.abs(values).max(initial=0.0) > least:
         return None
     scalar: Complex = np.eye(len(part)) / values[int(np.argmax(np.abs(values)))] + 0j
     return scalar
 
 
-def _real_ones(part: Complex, values: Complex) -> Complex:
+def _real_eigenvalues(part: Complex, values: Complex) -> Complex:
     """Return the real eigenvalues (k,), and the means of clusters that rounding has split.
 
     A multiple eigenvalue without as many eigenvectors is found as several, most of them complex,

@@ -37,7 +37,7 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.scalings import Basis, Scalings, dg_form, level
 
-__all__ = ["UpperBound", "centre", "upper_bound", "upper_bounds"]
+__all__ = ["UpperBound", "analytic_centre", "upper_bound", "upper_bounds"]
 
 Complex = NDArray[np.complex128]
 
@@ -48,7 +48,7 @@ _DECREMENT = 0.7
 """Newton decrement at which a centre on the way is near enough: below one, full steps converge
 quadratically, and the next level needs no more."""
 _CENTRED = 1e-3
-"""Newton decrement of a centre that is itself the result, see `centre`."""
+"""Newton decrement of a centre that is itself the result, see `analytic_centre`."""
 _MOST_STEPS = 200
 """Levels at most. Each takes off nine tenths of the gap, so that a bound of nine digits needs about
 ten; the limit ends stagnation."""
@@ -140,7 +140,7 @@ def upper_bound(
         return UpperBound(size, unscaled)
     m = squared / size
     basis = Basis(structure, free, 1.0 / size**2)
-    begun = _begin(m, structure, basis, start, size)
+    begun = _initial_level(m, structure, basis, start, size)
     if begun is None:
         return UpperBound(np.inf, unscaled)
     # coordinates in which the optimisation is well scaled, and a start in them
@@ -184,7 +184,7 @@ def upper_bound(
     return UpperBound(value, Scalings(d, size * g))
 
 
-def centre(
+def analytic_centre(
     matrix: Complex | Array, structure: BlockStructure, scalings: Scalings, bound: float
 ) -> Scalings:
     """Return the centre of the scalings that prove a bound of µ.
@@ -230,7 +230,7 @@ def upper_bounds(
     return made
 
 
-def _begin(
+def _initial_level(
     m: Complex, structure: BlockStructure, basis: Basis, start: Scalings | None, size: float
 ) -> tuple[float, Complex, Complex] | None:
     """Return a level with its scalings; None without one."""
@@ -361,7 +361,7 @@ def _centre(
         # damped Newton step 1/(1 + λ), which stays inside for a self-concordant barrier
         length = 1.0 if decrement < 0.25 else 1.0 / (1.0 + np.sqrt(decrement))
         # the damped step is always inside; a longer one is tried as long as it pays
-        made = _along(m, basis, x, step, b, value, length)
+        made = _search_line(m, basis, x, step, b, value, length)
         if made is None:
             return x
         x, value = made
@@ -385,7 +385,7 @@ def _newton(basis: Basis, x: Array, gradient: Array, hessian: Array) -> Array:
     return np.asarray(units * np.linalg.solve(whole, np.append(-gradient * units, 0.0))[:k])
 
 
-def _along(
+def _search_line(
     m: Complex, basis: Basis, x: Array, step: Array, b: float, value: float, length: float
 ) -> tuple[Array, float] | None:
     """Return the best of some points along a step that is better than x, None without one."""

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.lti import LtiSystem
+from hillsphere_controllers.mu.bilinear_images import image_frequency
 from hillsphere_controllers.mu.blocks import BlockStructure
-from hillsphere_controllers.mu.images import to_image
 from hillsphere_controllers.systems.algebra import append, gain, series, upper_lft
 from hillsphere_controllers.systems.bilinear import continuous, discrete
 
@@ -180,7 +180,7 @@ def worst_case(
     # in discrete time the system of the image is interpolated at the image of the frequency
     image = omega_rad_s
     if dt_s is not None:
-        own, image = continuous(own), to_image(omega_rad_s, dt_s)
+        own, image = continuous(own), image_frequency(omega_rad_s, dt_s)
     block = interpolate_perturbation(delta, structure, image)
     at = np.array([image])
     product = own.response(at)[0] @ block.response(at)[0]

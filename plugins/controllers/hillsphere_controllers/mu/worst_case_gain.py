@@ -20,10 +20,15 @@ from numpy.typing import NDArray
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.lti import LtiSystem
 from hillsphere_controllers.analysis.hinf_norm import hinf_norm
+from hillsphere_controllers.mu.bilinear_images import (
+    continuous_image,
+    discrete_frequency,
+    finite_frequency,
+    image_frequency,
+)
 from hillsphere_controllers.mu.blocks import BlockStructure
 from hillsphere_controllers.mu.certified import CertifiedPeak, certified_peak
 from hillsphere_controllers.mu.gain_ascent import GainAscent
-from hillsphere_controllers.mu.images import beside_poles, from_image, in_continuous_time, to_image
 from hillsphere_controllers.mu.lower_bound import lower_bound, moving_response
 from hillsphere_controllers.mu.robustness import performance_structure, robust_stability
 from hillsphere_controllers.mu.scalings import Scalings
@@ -120,19 +125,19 @@ def worst_case_gain(
     scaled = LtiSystem(
         system.a, system.b, grown[:, None] * system.c, grown[:, None] * system.d, system.dt_s
     )
-    units = _units(scaled, uncertainty)
+    units = _performance_units(scaled, uncertainty)
     # the levels of performance and of Δ then have the same size, which the skewed problem needs
     measured = _rescale_performance(scaled, uncertainty, *units)
     skewed = [len(uncertainty.blocks)]
     proof = certified_peak(measured, structure, skewed=skewed, gap=gap)
-    image = in_continuous_time(measured, structure)
-    omega = to_image(proof.frequency_rad_s, system.dt_s)
+    image = continuous_image(measured, structure)
+    omega = image_frequency(proof.frequency_rad_s, system.dt_s)
     if not 0.0 < omega < np.inf:
         # at zero and infinity a system has real values only: complex blocks are interpolated nearby
-        omega = beside_poles(image, omega)
+        omega = finite_frequency(image, omega)
     certified = _restore_units(proof, structure, *units)
     if np.isinf(proof.upper):
-        broken = _unstable(system, scaled, uncertainty, size, certified, gap, seed)
+        broken = _infinite_gain(system, scaled, uncertainty, size, certified, gap, seed)
         if broken is not None:
             return broken
     delta, omega = _ascend(image, structure, uncertainty, omega, proof, seed)
@@ -153,12 +158,12 @@ def worst_case_gain(
         best = max(best, closed(factor), key=lambda made: made[0])
     reached, delta, block = best
     return WorstCaseGain(
-        certified.upper, reached, from_image(omega, system.dt_s), block,
+        certified.upper, reached, discrete_frequency(omega, system.dt_s), block,
         uncertainty.real_values(delta), certified,
     )  # fmt: skip
 
 
-def _units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float]:
+def _performance_units(system: LtiSystem, uncertainty: BlockStructure) -> tuple[float, float]:
     """Return units of the performance inputs and outputs in which their gains are one at most.
 
     Powers of two; the gains are those without Δ and from and to it.
@@ -214,7 +219,7 @@ def _restore_units(
     )  # fmt: skip
 
 
-def _unstable(
+def _infinite_gain(
     system: LtiSystem,
     scaled: LtiSystem,
     uncertainty: BlockStructure,

@@ -11,7 +11,7 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.linear_products import UncertainModel
 
-__all__ = ["lft_of", "uncertain_model"]
+__all__ = ["to_lft", "uncertain_model"]
 
 
 def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
@@ -32,7 +32,7 @@ def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
     )
 
 
-def lft_of(model: UncertainModel) -> Lft:
+def to_lft(model: UncertainModel) -> Lft:
     """Return an uncertain model as an LFT.
 
     Raises

@@ -253,7 +253,7 @@ class Objective:
                 share = high / max(float(high.max()), 1e-300)
                 peaks += [
                     (float(np.exp(level - point.objective) * share[i]), j, c, float(omega[i]))
-                    for i in _distinct(omega, high)
+                    for i in _distinct_peaks(omega, high)
                 ]
         highest: list[_Wanted] = []
         heights: set[tuple[int, float, float]] = set()
@@ -264,7 +264,7 @@ class Objective:
             highest.append((j, c, at, None))
         for made in self._at(point, highest):
             soft += [p for p in made if p.level >= least]
-        soft = _unlike(sorted(soft, key=lambda p: -p.level))[: self._most]
+        soft = _without_duplicates(sorted(soft, key=lambda p: -p.level))[: self._most]
         hard = [p for p in self._hard(point) if p.level > _NEAR_HARD]
         return self.with_extra(point, soft + hard, extra)
 
@@ -297,7 +297,7 @@ class Objective:
                 found[k] = self._h2_piece(point, j, c)
             else:
                 places.append(k)
-                omega = _nearest(point.loops[j].peaks[c][0], piece.omega_rad_s)
+                omega = _nearest_frequency(point.loops[j].peaks[c][0], piece.omega_rad_s)
                 wanted.append((j, c, omega, piece.number))
         for k, at in zip(places, self._at(point, wanted), strict=True):
             found[k] = at[0] if at else pieces[k]
@@ -319,7 +319,7 @@ class Objective:
                 if channel.norm == "h2":
                     found.append(self._h2_piece(point, j, c))
                     continue
-                at = loop.peaks[c][0][_distinct(*loop.peaks[c])].tolist()
+                at = loop.peaks[c][0][_distinct_peaks(*loop.peaks[c])].tolist()
                 for made in self._at(point, [(j, c, omega, None) for omega in at]):
                     found += [p for p in made if p.level > _NEAR_HARD]
             if self.region is not None:
@@ -401,7 +401,7 @@ class Objective:
         return sorted(found, key=lambda piece: -piece.level)[:_MOST]
 
 
-def _unlike(pieces: Sequence[Piece]) -> list[Piece]:
+def _without_duplicates(pieces: Sequence[Piece]) -> list[Piece]:
     """Return the pieces without duplicates, which several plants have in a common direct term."""
     found: list[Piece] = []
     known: dict[tuple[int, int, float, float], list[Piece]] = {}
@@ -418,7 +418,7 @@ def _key(piece: Piece) -> tuple[int, int, int, float]:
     return piece.plant, piece.channel, piece.number, round(at, 12) if np.isfinite(at) else at
 
 
-def _distinct(omega: Array, high: Array) -> list[int]:
+def _distinct_peaks(omega: Array, high: Array) -> list[int]:
     """Return the indices of peaks near the largest, each once."""
     found: list[int] = []
     for i in np.argsort(-high, kind="stable"):
@@ -430,7 +430,7 @@ def _distinct(omega: Array, high: Array) -> list[int]:
     return found
 
 
-def _nearest(omega: Array, wanted: float) -> float:
+def _nearest_frequency(omega: Array, wanted: float) -> float:
     if np.isinf(wanted) or wanted == 0.0:
         return wanted
     there = omega[np.isfinite(omega) & (omega > 0.0)]

@@ -89,7 +89,7 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
     count, p, m = matrices.shape
     rank = min(p, m)
     if rank == 1 or count == 0:
-        return np.asarray(np.sqrt(_squares_of(matrices)))
+        return np.asarray(np.sqrt(_squares(matrices)))
     turned = matrices.conj().swapaxes(1, 2)
     gram = matrices @ turned if p <= m else turned @ matrices
     if rank == 2:
@@ -98,26 +98,26 @@ def gains(matrices: Complex, owner: Integers | None = None) -> Array:
         top = 0.5 * (gram[:, 0, 0] + gram[:, 1, 1]).real + np.hypot(half, off)
         return np.asarray(np.sqrt(np.maximum(top, 0.0)))
     # with H = GGᴴ: (‖H²‖_F/‖H‖_F)^½ ≤ σ ≤ ‖H²‖_F^¼
-    first, second = np.sqrt(_squares_of(gram)), np.sqrt(_squares_of(gram @ gram))
+    first, second = np.sqrt(_squares(gram)), np.sqrt(_squares(gram @ gram))
     low, high = np.sqrt(second / np.maximum(first, 1e-300)), np.sqrt(np.sqrt(second))
     if owner is None:
         found, wanted = low, high >= low.max()
     else:
-        found, wanted = high, high >= _KEEP * _largest(low, owner)
+        found, wanted = high, high >= _KEEP * _largest_by_owner(low, owner)
         wanted &= high >= np.maximum(*_neighbours(low, owner))
     top = np.asarray(np.linalg.eigvalsh(gram[wanted])[:, -1], dtype=float)
     found[wanted] = np.sqrt(np.maximum(top, 0.0))
     return np.asarray(found)
 
 
-def _squares_of(matrices: Complex) -> Array:
+def _squares(matrices: Complex) -> Array:
     flat = matrices.reshape(len(matrices), -1)
     return np.asarray(
         np.einsum("kx,kx->k", flat.real, flat.real) + np.einsum("kx,kx->k", flat.imag, flat.imag)
     )
 
 
-def _largest(values: Array, owner: Integers) -> Array:
+def _largest_by_owner(values: Array, owner: Integers) -> Array:
     """Return the largest value of each one's owner (N,)."""
     first = np.flatnonzero(np.diff(owner, prepend=-1))
     return np.asarray(
@@ -137,7 +137,9 @@ def local_peaks(values: Array, owner: Integers) -> Integers:
     """Return the indices of the largest local maxima of gains (N,), those worth to be refined."""
     before, after = _neighbours(values, owner)
     inner = np.flatnonzero(
-        (values >= after) & (values >= before) & (values >= _SHARE * _largest(values, owner))
+        (values >= after)
+        & (values >= before)
+        & (values >= _SHARE * _largest_by_owner(values, owner))
     )
     whose = owner[inner]
     order = np.lexsort((-values[inner], whose))
@@ -173,7 +175,7 @@ def refine_peaks(
     at, left, right = points[inner], before[inner], after[inner]
     left, right = np.where(left < 0.0, at, left), np.where(right < 0.0, at, right)
     whose = owner[inner]
-    high, slope, bend = _bent(systems, part, at, whose)
+    high, slope, bend = _square_and_derivatives(systems, part, at, whose)
     going = np.ones(at.size, dtype=bool)
     for _ in range(_STEPS):
         up = slope > 0.0
@@ -195,7 +197,7 @@ def refine_peaks(
             break
         one = np.flatnonzero(going)
         tried = at[one] + move[one]
-        level, steep, turned = _bent(systems, part, tried, whose[one])
+        level, steep, turned = _square_and_derivatives(systems, part, tried, whose[one])
         better = level > high[one]
         worse = one[~better]  # what lies beyond it is not looked at again
         left[worse] = np.where(move[worse] < 0.0, tried[~better], left[worse])
@@ -206,7 +208,7 @@ def refine_peaks(
     return at, np.sqrt(high), whose
 
 
-def _bent(
+def _square_and_derivatives(
     systems: Sequence[Response],
     part: Callable[[Complex], Complex],
     omega: Array,
@@ -230,7 +232,7 @@ def _bent(
     # others' coupling over their distance
     along = vectors.conj().swapaxes(1, 2) @ (first @ right + g @ moved)  # u_kᴴ (GGᴴ)' u
     slope = along[:, -1, 0].real
-    bend = 2.0 * _squares_of(moved)
+    bend = 2.0 * _squares(moved)
     bend += 2.0 * (u.conj().swapaxes(1, 2) @ (second @ right))[:, 0, 0].real
     apart = np.maximum(values[:, -1:] - values[:, :-1], 1e-14 * values[:, -1:] + 1e-300)
     bend += 2.0 * np.sum(np.abs(along[:, :-1, 0]) ** 2 / apart, axis=1)

@@ -22,7 +22,7 @@ from hillsphere_controllers.structured.peaks import (
     responses,
 )
 
-__all__ = ["Loop", "PlantNorms", "part_of"]
+__all__ = ["Loop", "PlantNorms", "closed_loop_part"]
 
 Complex = NDArray[np.complex128]
 
@@ -101,7 +101,7 @@ class PlantNorms:
         self.forget()
         alike: dict[tuple[object, ...], list[int]] = {}
         for j, plant in enumerate(self.plants):
-            alike.setdefault(_kind(plant), []).append(j)
+            alike.setdefault(_group_key(plant), []).append(j)
         self._groups = [
             _Group(members, Open.stacked([self.plants[j].open for j in members]))
             for members in alike.values()
@@ -278,7 +278,9 @@ class PlantNorms:
             if loop.direct[c] <= (1.0 - 1e-6) * level:
                 crossed[j] = level
                 continue
-            norm = hinf_norm(part_of(loop.closed, rows, columns))  # H is singular at that level
+            norm = hinf_norm(
+                closed_loop_part(loop.closed, rows, columns)
+            )  # H is singular at that level
             if norm.value > level and np.isfinite(norm.frequency_rad_s):
                 found[j] = norm.frequency_rad_s
         if not crossed:
@@ -303,7 +305,7 @@ class PlantNorms:
         return found
 
 
-def _kind(plant: OpenLoop) -> tuple[object, ...]:
+def _group_key(plant: OpenLoop) -> tuple[object, ...]:
     """Return the key by which plants of one shape and set of channels are grouped."""
     channels = [
         (tuple(rows.tolist()), tuple(columns.tolist()), channel.norm, channel.limit is None)
@@ -313,7 +315,7 @@ def _kind(plant: OpenLoop) -> tuple[object, ...]:
     return plant.open.b1.shape, plant.open.c1.shape, direct, tuple(channels)
 
 
-def part_of(closed: Closed, rows: Integers, columns: Integers) -> LtiSystem:
+def closed_loop_part(closed: Closed, rows: Integers, columns: Integers) -> LtiSystem:
     """Return the closed loop from some w to some z."""
     return LtiSystem(
         closed.a, closed.b[:, columns], closed.c[rows], closed.d[np.ix_(rows, columns)]

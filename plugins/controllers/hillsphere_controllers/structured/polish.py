@@ -17,7 +17,7 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.minimax import MinimaxStep, minimax_step
 from hillsphere_controllers.structured.objective import Objective, Piece, Point
 
-__all__ = ["Active", "PolishedPoint", "certificate", "polish_point"]
+__all__ = ["Active", "PolishedPoint", "polish_point", "stationarity"]
 
 _ARMIJO = 0.05
 """Share of the predicted decrease that a step must reach."""
@@ -98,7 +98,7 @@ def polish_point(
     tolerance : float
         It ends when the predicted decrease of the logarithm is below this.
     """
-    hessian, damping, fresh = _first(objective, point), 0.0, True
+    hessian, damping, fresh = _initial_hessian(objective, point), 0.0, True
     extra: list[Piece] = []
     for count in range(iterations):
         pieces = objective.pieces(point, extra)
@@ -107,7 +107,7 @@ def polish_point(
         if tried.point is None:
             if fresh:
                 return PolishedPoint(point, tried.converged, count)
-            hessian, damping, fresh = _first(objective, point), 0.0, True
+            hessian, damping, fresh = _initial_hessian(objective, point), 0.0, True
             continue
         new = accepted(tried.point)
         if new.value > point.value:  # the peak that was missed is remembered now
@@ -118,7 +118,7 @@ def polish_point(
     return PolishedPoint(point, False, iterations)
 
 
-def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
+def stationarity(objective: Objective, point: Point) -> tuple[float, tuple[Active, ...]]:
     """Return the residual of stationarity, the least |Σ λ g| max(1, |x|), and the active pieces.
 
     At the top is what is within 1e-5 of the largest, or of a constraint's limit. Among these, what
@@ -154,7 +154,7 @@ def certificate(objective: Objective, point: Point) -> tuple[float, tuple[Active
     return rest, active
 
 
-def _first(objective: Objective, point: Point) -> Array:
+def _initial_hessian(objective: Objective, point: Point) -> Array:
     """Return the initial Hessian, whose first step is about a tenth of x."""
     size = _scale(point.x)
     steep = float(np.linalg.norm(size * objective.slope(point)))

@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array
 from hillsphere_controllers.structured.closed_loop import OpenLoop
 from hillsphere_controllers.structured.descent import descend, gradient_sampling
 from hillsphere_controllers.structured.objective import Objective, Point
-from hillsphere_controllers.structured.polish import Active, certificate, polish_point
+from hillsphere_controllers.structured.polish import Active, polish_point, stationarity
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.stabilise import stabilise
 from hillsphere_controllers.structured.structure import Alike, Diagonal, Sizes, Structure
@@ -171,7 +171,7 @@ class Search:
         self.problem, self._tell = problem, tell
         self.loops = [OpenLoop(plant, problem.structure) for plant in problem.plants]
         omega = problem.bandwidth_rad_s
-        self._common = _common(
+        self._common = _mean_sizes(
             [loop.sizes if omega is None else loop.sizes_at(omega) for loop in self.loops]
         )
         self._sizes = _SIZES if omega is None else _NEAR_SIZES
@@ -186,7 +186,7 @@ class Search:
         near = self.problem.near and start.theta is not None
         spent = 0
         try:
-            if _alike(structure) and not near and start.perturbation == 0.0:
+            if _has_equal_parts(structure) and not near and start.perturbation == 0.0:
                 if start.theta is not None:
                     self._taken(start, objective, best)
                 # equal parts are varied together first, then apart
@@ -202,7 +202,7 @@ class Search:
                     start, theta, np.inf, abscissa, evaluations=objective.evaluations + spent
                 )
             steps = _POLISHED if near else _LEFT if spent else 0
-            converged = _lower(objective, point, random, best, polish=steps)
+            converged = _minimise_from(objective, point, random, best, polish=steps)
         except Reached:
             converged = False
         except (KeyboardInterrupt, Interrupted):
@@ -251,7 +251,7 @@ class Search:
             converged = False
             if np.isfinite(point.value):
                 try:
-                    converged = _lower(objective, point, random, lowest)
+                    converged = _minimise_from(objective, point, random, lowest)
                 except (KeyboardInterrupt, Interrupted, Reached):
                     if lowest.point is not None:
                         best.accepted(best.objective.evaluate(apart(lowest.point.x)))
@@ -297,7 +297,7 @@ class Search:
         converged: bool = False,
         interrupted: bool = False,
     ) -> Found:
-        residual, active = certificate(objective, point)
+        residual, active = stationarity(objective, point)
         abscissa = max(
             float(loop.response.poles.real.max(initial=-np.inf)) / open_loop.rate
             for loop, open_loop in zip(point.loops, self.loops, strict=True)
@@ -368,11 +368,11 @@ class Best:
         return point
 
 
-def _alike(structure: Structure) -> TypeGuard[Diagonal]:
+def _has_equal_parts(structure: Structure) -> TypeGuard[Diagonal]:
     return isinstance(structure, Diagonal) and structure.alike
 
 
-def _lower(
+def _minimise_from(
     objective: Objective,
     point: Point,
     random: np.random.Generator,
@@ -404,7 +404,7 @@ def _lower(
     return converged
 
 
-def _common(sizes: Sequence[Sizes]) -> Sizes:
+def _mean_sizes(sizes: Sequence[Sizes]) -> Sizes:
     """Return the geometric mean of the sizes of all plants."""
 
     def mean(values: Sequence[Array]) -> Array:

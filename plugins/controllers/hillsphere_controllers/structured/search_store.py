@@ -30,7 +30,7 @@ class SearchStore:
         try:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise _unusable(directory, error) from error
+            raise _write_error(directory, error) from error
 
     def found(self, start: Start) -> Found | None:
         """Return the result of the search from a start, None if it is not stored.
@@ -48,7 +48,7 @@ class SearchStore:
         except InputError as error:
             self._note(f"{error}; this search is repeated")
             return None
-        if isinstance(found, Found) and _same(found.start, start):
+        if isinstance(found, Found) and _is_same_start(found.start, start):
             return found
         self._note(f"{path.name} belongs to another search; this one is repeated")
         return None
@@ -73,14 +73,14 @@ class SearchStore:
         try:
             save_product(path, found)
         except OSError as error:
-            raise _unusable(path, error) from error
+            raise _write_error(path, error) from error
         return found
 
     def _path(self, start: Start) -> Path:
         return self._directory / f"search-{start.number:05d}.npz"
 
 
-def _same(one: Start, other: Start) -> bool:
+def _is_same_start(one: Start, other: Start) -> bool:
     if one.theta is None or other.theta is None:
         if one.theta is not other.theta:
             return False
@@ -91,7 +91,7 @@ def _same(one: Start, other: Start) -> bool:
     )  # fmt: skip
 
 
-def _unusable(path: Path, error: OSError) -> StageError:
+def _write_error(path: Path, error: OSError) -> StageError:
     return StageError(
         f"{path} cannot be written: {error.strerror or error}; the results of earlier "
         "searches are stored: free the path and resume the run"

@@ -24,8 +24,15 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.lti import LtiSystem
 
 __all__ = [
-    "Alike", "Diagonal", "FreeEntries", "Sizes", "Structure", "controller_of", "mask_gains",
-    "of_order", "static",
+    "Alike",
+    "Diagonal",
+    "FreeEntries",
+    "Sizes",
+    "Structure",
+    "controller_of",
+    "free_state_space",
+    "mask_gains",
+    "static",
 ]  # fmt: skip
 
 
@@ -144,10 +151,10 @@ class FreeEntries:
 
 def static(controls: int, measurements: int) -> FreeEntries:
     """Return u = D y with any D."""
-    return of_order(0, controls, measurements)
+    return free_state_space(0, controls, measurements)
 
 
-def of_order(
+def free_state_space(
     order: int, controls: int, measurements: int, *, strictly_proper: bool = False
 ) -> FreeEntries:
     """Return any controller of an order; with D = 0 if strictly proper."""

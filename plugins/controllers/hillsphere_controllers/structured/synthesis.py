@@ -34,7 +34,7 @@ from hillsphere.lti import LtiSystem
 from hillsphere.runs.workers import Workers
 from hillsphere_controllers.errors import NotStabilisableError, SynthesisFailedError
 from hillsphere_controllers.structured.polish import Active
-from hillsphere_controllers.structured.reduced import reduced_start
+from hillsphere_controllers.structured.reduced_start import reduced_start
 from hillsphere_controllers.structured.requirements import DesignPlant, PoleRegion
 from hillsphere_controllers.structured.search import Found, Problem, Search, Start
 from hillsphere_controllers.structured.search_store import SearchStore
@@ -272,11 +272,11 @@ def synthesise(
     good = sorted((f for f in first if f.allowed), key=lambda f: f.gamma)
     second: list[Found] = []
     if shaken and good and not run.interrupted and good[0].gamma > least * (1.0 + _SAME):
-        second = run.all(_shaken(good, seed, count))
+        second = run.all(_perturbed_starts(good, seed, count))
     candidates = sorted(good + [f for f in second if f.allowed], key=lambda f: f.gamma)
     if not candidates:
         raise _failure(first)
-    best, check, equals = _best(problem, candidates, prefer, tie)
+    best, check, equals = _best_verified(problem, candidates, prefer, tie)
     return StructuredDesign(
         controller_of(structure, best.theta),
         best.theta,
@@ -380,7 +380,7 @@ def _seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)[0])
 
 
-def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
+def _perturbed_starts(good: Sequence[Found], seed: int, number: int) -> list[Start]:
     """Return starts near the best different minima, at most as many as there were."""
     different: list[Found] = []
     for found in good:
@@ -395,7 +395,7 @@ def _shaken(good: Sequence[Found], seed: int, number: int) -> list[Start]:
     return starts[:number]
 
 
-def _best(
+def _best_verified(
     problem: Problem,
     candidates: Sequence[Found],
     prefer: Callable[[LtiSystem], float] | None,

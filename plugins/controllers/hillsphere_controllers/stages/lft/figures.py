@@ -12,7 +12,7 @@ from hillsphere_controllers.analysis.frequency import largest_gains
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.lft.products import FittedModels
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,7 +69,7 @@ def draw_responses(figure: Figure, product: FittedModels, models: LinearModels) 
     colours = list(PALETTE.values())
     for place, k in enumerate(chosen):
         model = product.models[int(product.group[k])]
-        lft = lft_of(model)
+        lft = to_lft(model)
         values = {
             name: float(models.values[models.parameters.index(name), k])
             for name in model.names

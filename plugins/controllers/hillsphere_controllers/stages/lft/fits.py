@@ -17,7 +17,7 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
-__all__ = ["Fit", "by_affine", "by_polynomial", "certain"]
+__all__ = ["Fit", "certain_lft", "fit_by_affine", "fit_by_polynomials"]
 
 _AFFINE = 1e-9
 """Error of an entry, relative to its range, up to which models are affine in their parameters."""
@@ -57,13 +57,13 @@ class Fit:
     sizes: Integers
 
 
-def certain(system: LtiSystem) -> Fit:
+def certain_lft(system: LtiSystem) -> Fit:
     """Return a model without uncertain parameters."""
     none = np.zeros(0, dtype=np.int64)
     return Fit(Lft(system), None, none, none, 0.0, 0.0, 0.0, 0, none)
 
 
-def by_polynomial(
+def fit_by_polynomials(
     points: Array, systems: Sequence[LtiSystem], parameters: Sequence[Uncertainty], spec: LftSpec
 ) -> Fit:
     """Fit polynomials to the models' matrices, and reduce the LFT.
@@ -100,7 +100,7 @@ def by_polynomial(
     )  # fmt: skip
 
 
-def by_affine(
+def fit_by_affine(
     points: Array,
     systems: Sequence[LtiSystem],
     parameters: Sequence[Uncertainty],
@@ -112,7 +112,7 @@ def by_affine(
     Parameters
     ----------
     points, systems, parameters, spec
-        As for `by_polynomial`.
+        As for `fit_by_polynomials`.
     others : sequence of sequence of Uncertainty
         The same parameters with other bounds, for which sizes are wanted.
 

@@ -15,7 +15,7 @@ from hillsphere_controllers.lft.uncertainties import Uncertainty, bound_dispersi
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.lft.specs import LftSpec
 
-__all__ = ["Groups", "group_models", "reaching_beyond", "uncertain_parameters"]
+__all__ = ["Groups", "excess_of_bounds", "group_models", "uncertain_parameters"]
 
 _BEYOND = 1e-9
 """Relative excess of a bound over the models' range that is rounding of the bound's own
@@ -129,7 +129,7 @@ def uncertain_parameters(
     return tuple(found)
 
 
-def reaching_beyond(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
+def excess_of_bounds(models: LinearModels, parameters: Sequence[Uncertainty]) -> float:
     """Return the largest excess of bounds over the models' range, relative to that range."""
     most = 0.0
     for one in parameters:

@@ -15,16 +15,21 @@ from hillsphere_controllers.lft.transformation import Lft
 from hillsphere_controllers.lft.uncertainties import Uncertainty, real_parameter
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.frequencies import frequencies
-from hillsphere_controllers.stages.lft.fits import Fit, by_affine, by_polynomial, certain
+from hillsphere_controllers.stages.lft.fits import (
+    Fit,
+    certain_lft,
+    fit_by_affine,
+    fit_by_polynomials,
+)
 from hillsphere_controllers.stages.lft.parameters import (
+    excess_of_bounds,
     group_models,
-    reaching_beyond,
     uncertain_parameters,
 )
 from hillsphere_controllers.stages.lft.presentation import present_uncertain_models
 from hillsphere_controllers.stages.lft.products import FittedModels
 from hillsphere_controllers.stages.lft.specs import LftSpec, UncertainBlockSpec
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.signals import find_signals
 from hillsphere_controllers.stages.uncertain import uncertain_model
 
 __all__ = ["LftStage"]
@@ -112,7 +117,7 @@ class LftStage:
             checks=np.array([one.checks for one in found], dtype=np.int64),
             group=groups.group,
             response_error=response_error,
-            beyond=reaching_beyond(models, parameters) if spec.fit == "polynomial" else 0.0,
+            beyond=excess_of_bounds(models, parameters) if spec.fit == "polynomial" else 0.0,
             tolerance=spec.tolerance,
             known=spec.known,
             known_values=groups.values,
@@ -135,12 +140,12 @@ class LftStage:
     ) -> Fit:
         systems = [models.systems[int(k)] for k in members]
         if not parameters:
-            return certain(systems[0])
+            return certain_lft(systems[0])
         rows = [models.parameters.index(u.name) for u in parameters]
         points = models.values[rows][:, members]
         if self.spec.fit == "affine":
-            return by_affine(points, systems, parameters, others, self.spec)
-        return by_polynomial(points, systems, parameters, self.spec)
+            return fit_by_affine(points, systems, parameters, others, self.spec)
+        return fit_by_polynomials(points, systems, parameters, self.spec)
 
 
 def _response_errors(
@@ -182,8 +187,8 @@ def _with_blocks(
     more: list[Uncertainty] = []
     times: list[int] = []
     for k, block in enumerate(blocks):
-        of = places(signals.outputs[: p - models.measurements], block.outputs, f"blocks[{k}]")
-        to = places(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
+        of = find_signals(signals.outputs[: p - models.measurements], block.outputs, f"blocks[{k}]")
+        to = find_signals(signals.inputs[: m - models.controls], block.inputs, f"blocks[{k}]")
         one, copies = _uncertainty(block, len(to), len(of), f"blocks[{k}]")
         size = 0.5 * (block.upper - block.lower) if block.normalise else 1.0
         if block.nominal is not None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from hillsphere.base.problems import did_you_mean
 from hillsphere.errors import InputError
 
-__all__ = ["FUNCTIONS", "names_in", "value_of"]
+__all__ = ["FUNCTIONS", "evaluate_entry", "parameter_names"]
 
 FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin, "cos": math.cos,
@@ -33,7 +33,7 @@ _PLAIN = (ast.BinOp, ast.UnaryOp, ast.Name, ast.Load)
 _SIGNS: Mapping[type[ast.AST], float] = {ast.UAdd: 1.0, ast.USub: -1.0}
 
 
-def names_in(text: str) -> set[str]:
+def parameter_names(text: str) -> set[str]:
     """Return the names of the parameters in a formula.
 
     Raises
@@ -44,7 +44,7 @@ def names_in(text: str) -> set[str]:
     return set(_names(_parse(text), text))
 
 
-def value_of(entry: float | str, values: Mapping[str, float]) -> float:
+def evaluate_entry(entry: float | str, values: Mapping[str, float]) -> float:
     """Return the value of an entry for values of the parameters.
 
     Parameters

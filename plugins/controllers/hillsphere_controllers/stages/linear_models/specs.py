@@ -9,8 +9,8 @@ from pydantic import model_validator
 
 from hillsphere.errors import InputError
 from hillsphere.spec import DataPath, Ref, Spec, StageSpec, data_path, need, option, quantity, rule
-from hillsphere_controllers.stages.faults import only_one
-from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, names_in
+from hillsphere_controllers.stages.faults import require_one
+from hillsphere_controllers.stages.linear_models.expressions import FUNCTIONS, parameter_names
 
 __all__ = [
     "DelaySpec", "GaussMarkovSpec", "InterconnectionSpec", "LinearModelsNeeds", "LinearModelsSpec",
@@ -161,7 +161,7 @@ class SystemSpec(Spec):
             "file": self.file is not None,
             "model": self.model,
         }
-        only_one([key for key, given in ways.items() if given], ways, "d")
+        require_one([key for key, given in ways.items() if given], ways, "d")
         if ways["numerator"] and not (self.numerator and self.denominator):
             raise rule("denominator", "a transfer function needs numerator and denominator")
         if self.model and self.channels > 1:
@@ -171,7 +171,7 @@ class SystemSpec(Spec):
         for key, entry in self.entries():
             if isinstance(entry, str):
                 try:
-                    names_in(entry)
+                    parameter_names(entry)
                 except InputError as error:
                     raise rule(key, str(error)) from None
         return self
@@ -341,7 +341,7 @@ class LinearModelsSpec(InterconnectionSpec, StageSpec):
             raise rule("parameters", f"the name {twice[0]!r} stands twice")
         for system in self.systems:
             for _, entry in system.entries():
-                unknown = names_in(entry) - set(names) if isinstance(entry, str) else set()
+                unknown = parameter_names(entry) - set(names) if isinstance(entry, str) else set()
                 if unknown:
                     raise rule(
                         "systems",

@@ -15,7 +15,7 @@ from hillsphere.presentation import Presentation
 from hillsphere_controllers.linear_products import LinearModels
 from hillsphere_controllers.stages.linear_models.presentation import present_linear_models
 from hillsphere_controllers.stages.linear_models.specs import LinearModelsSpec
-from hillsphere_controllers.stages.linear_models.systems import connect_systems, parts_of
+from hillsphere_controllers.stages.linear_models.systems import build_parts, connect_systems
 
 __all__ = ["LinearModelsStage"]
 
@@ -44,7 +44,7 @@ class LinearModelsStage:
             names = [parameter.name for parameter in spec.parameters]
             for point in _points(spec)[:_FORESEEN]:
                 values = dict(zip(names, point, strict=True))
-                connect_systems(spec, parts_of(spec, values, spec.period_s))
+                connect_systems(spec, build_parts(spec, values, spec.period_s))
 
     def run(self, ctx: Context, models: LinearModels | None = None) -> LinearModels:
         """Make the models.
@@ -80,7 +80,7 @@ class LinearModelsStage:
             values = dict(zip(names, point, strict=True))
             own: tuple[LtiSystem, ...] | None = None
             for one in given:
-                made = parts_of(spec, values, spec.period_s, one.system, own)
+                made = build_parts(spec, values, spec.period_s, one.system, own)
                 own = own or made
                 parts.append(made)
                 systems.append(connect_systems(spec, made))

@@ -13,7 +13,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_controllers.stages.linearise.parameters import Dispersed
 
-__all__ = ["Slopes", "affine_in"]
+__all__ = ["Slopes", "find_affine"]
 
 _AFFINE = 1e-9
 """Curvature over the range of a parameter, relative to the change over it, below which the matrix
@@ -103,7 +103,7 @@ class Derived:
     acceleration: Array
 
 
-def affine_in(middle: Array, up: Array, down: Array) -> NDArray[np.bool_]:
+def find_affine(middle: Array, up: Array, down: Array) -> NDArray[np.bool_]:
     """Return which of q parameters enter a matrix affinely, each by itself.
 
     Parameters

@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Parameter, Plant
 from hillsphere.spec import Ref
 from hillsphere_controllers.uncertain import uncertain
 
-__all__ = ["Dispersed", "dispersed_parameters", "samples_at"]
+__all__ = ["Dispersed", "dispersed_parameters", "parameter_samples"]
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def dispersed_parameters(
     )  # fmt: skip
 
 
-def samples_at(dispersed: Dispersed, pairs: int, random: np.random.Generator) -> Array:
+def parameter_samples(dispersed: Dispersed, pairs: int, random: np.random.Generator) -> Array:
     """Return values of the parameters at which models are made, beside the nominal ones.
 
     Parameters

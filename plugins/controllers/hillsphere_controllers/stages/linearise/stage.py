@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet
-from hillsphere_controllers.stages.linearise.derivatives import Derived, Slopes, affine_in
+from hillsphere_controllers.stages.linearise.derivatives import Derived, Slopes, find_affine
 from hillsphere_controllers.stages.linearise.influence import (
     end_deviations,
     fit_weights,
@@ -22,7 +22,7 @@ from hillsphere_controllers.stages.linearise.influence import (
 )
 from hillsphere_controllers.stages.linearise.parameters import (
     dispersed_parameters,
-    samples_at,
+    parameter_samples,
 )
 from hillsphere_controllers.stages.linearise.presentation import present_linearisation
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
@@ -176,7 +176,7 @@ class LineariseStage:
         parts = [np.moveaxis(one.reshape(*one.shape[:2], count, t.size), 2, 0) for one in versions]
         middle, up, down = parts
         per_sigma = d.sigma / (d.upper - d.lower)
-        return affine_in(middle, up, down), (up - down) * per_sigma[:, None, None, None]
+        return find_affine(middle, up, down), (up - down) * per_sigma[:, None, None, None]
 
     def _covariance(self, acceleration: Array, u: Array) -> Array:
         """Return the covariance (r, r, N) of the unknown acceleration."""
@@ -190,7 +190,7 @@ class LineariseStage:
         d, pairs = self.dispersed, self.spec.corners
         if not d.names:
             return _Sampled(np.zeros((0, 1)), ("nominal",))
-        values = samples_at(d, pairs, ctx.rng("corners"))
+        values = parameter_samples(d, pairs, ctx.rng("corners"))
         count = len(d.names)
         kept = np.concatenate([np.ones(count, dtype=bool), ~affine, np.ones(2 * pairs, dtype=bool)])
         names = [

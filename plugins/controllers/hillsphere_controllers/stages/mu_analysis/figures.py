@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "with_share_curves"]
+__all__ = ["draw_bounds", "draw_share_curves", "draw_shares", "select_share_curves"]
 
 _DRAWN = 6
 """Analyses drawn at most; more curves could not be told apart."""
@@ -85,7 +85,7 @@ def draw_shares(figure: Figure, product: MuAnalysis) -> None:
     axes.legend(fontsize=8)
 
 
-def with_share_curves(
+def select_share_curves(
     columns: Sequence[tuple[MuAnalysis, Analysed]],
 ) -> list[tuple[MuAnalysis, Analysed]]:
     """Return the analyses whose shares are known over frequency and are drawn."""

@@ -31,7 +31,7 @@ from hillsphere_controllers.mu.upper_bound import upper_bounds
 from hillsphere_controllers.mu.worst_case_gain import worst_case_gain
 from hillsphere_controllers.stages.frequencies import frequencies
 from hillsphere_controllers.stages.mu_analysis.products import Analysed
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 
 __all__ = ["Analyses", "Piece"]
 
@@ -104,7 +104,7 @@ class Analyses:
             A stable loop.
         """
         seed = self.seed
-        lft = lft_of(piece.model)
+        lft = to_lft(piece.model)
         structure, loop = lft.structure, lft.system
         if piece.analysis == "worst_case_gain":
             gain = worst_case_gain(loop, structure, size=self.size, gap=self.gap, seed=seed)

@@ -17,7 +17,7 @@ from hillsphere_controllers.stages.mu_analysis.figures import (
     draw_bounds,
     draw_share_curves,
     draw_shares,
-    with_share_curves,
+    select_share_curves,
 )
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.table_cells import finite_or_blank
@@ -65,7 +65,7 @@ def present_analyses(
         "mu_worst_cases": _worst_cases(product),
     }
     if len(set(product.model.tolist())) > 1:
-        tables |= {f"mu_models_{name}": _by_model(product, name) for name in _analyses(product)}
+        tables |= {f"mu_models_{name}": _model_table(product, name) for name in _analyses(product)}
     figures = {}
     if any(one.omega_rad_s.size for one in product.worst):
         shown = {one.analysis for one in product.worst if one.omega_rad_s.size}
@@ -78,7 +78,7 @@ def present_analyses(
             size_in=(7.4, 0.8 + 3.2 * len(shown)),
         )
     shown_columns = columns or [(product, one) for one in product.worst]
-    if drawn := with_share_curves(shown_columns):
+    if drawn := select_share_curves(shown_columns):
         figures["mu_sensitivity_curves"] = Figure(
             "µ and shares of the blocks over frequency",
             partial(draw_share_curves, columns=drawn),
@@ -174,7 +174,7 @@ def _summary(product: MuAnalysis, path: str | None) -> Table:
 
 def _division(product: MuAnalysis, one: Analysed) -> str:
     """Return a sentence on the bound that branch and bound was to prove."""
-    what = f"{product.label(one.loop)}: the bound asked for{_of(one.channel)}"
+    what = f"{product.label(one.loop)}: the bound asked for{_of_channel(one.channel)}"
     total = one.parts + one.parts_left
     if one.parts_left:
         return f"{what} is not proved on {one.parts_left} of {total} parts of the ranges."
@@ -292,7 +292,7 @@ def _analyses(product: MuAnalysis) -> list[str]:
     return [name for name in _TITLES if any(one.analysis == name for one in product.worst)]
 
 
-def _by_model(product: MuAnalysis, analysis: str) -> Table:
+def _model_table(product: MuAnalysis, analysis: str) -> Table:
     """Return one row a model and one column a controller."""
     worst = {one.loop: one for one in product.worst if one.analysis == analysis}
     cells: dict[tuple[int, int], str] = {}
@@ -326,7 +326,7 @@ def _verdict(product: MuAnalysis) -> list[str]:
         if len(loops) > 1:
             said += _summarise_models(product, controller, loops.tolist())
         else:
-            said += [_said(product, int(loop)) for loop in loops]
+            said += [_describe_loop(product, int(loop)) for loop in loops]
     wrong = [one for one in product.results if one.singular > _SINGULAR]
     if wrong:
         said.append(
@@ -335,11 +335,11 @@ def _verdict(product: MuAnalysis) -> list[str]:
     return said
 
 
-def _said(product: MuAnalysis, loop: int) -> str:
+def _describe_loop(product: MuAnalysis, loop: int) -> str:
     name = product.label(loop)
     if not np.isfinite(product.nominal[loop]):
         return f"{name}: the nominal loop is unstable and was not analysed."
-    parts = [_sentence(one) for one in product.worst if one.loop == loop]
+    parts = [_describe_result(one) for one in product.worst if one.loop == loop]
     return f"{name}: {'; '.join(parts)}."
 
 
@@ -349,7 +349,7 @@ def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) ->
     name = f"{controller}, {product.uncertain}"
     unstable = [loop for loop in loops if not np.isfinite(product.nominal[loop])]
     if unstable:
-        said.append(f"{name}: the nominal loop is unstable for {_names(product, unstable)}.")
+        said.append(f"{name}: the nominal loop is unstable for {_model_names(product, unstable)}.")
     for analysis in _analyses(product):
         found = [o for o in product.worst if o.loop in loops and o.analysis == analysis]
         if not found:
@@ -368,32 +368,32 @@ def _summarise_models(product: MuAnalysis, controller: str, loops: list[int]) ->
         if sure:
             parts[0] += f" (µ ≤ {max(one.upper for one in sure):.4g}, certified)"
         if broken:
-            parts.append(f"disproved for {_names(product, broken)}")
+            parts.append(f"disproved for {_model_names(product, broken)}")
         if open_:
-            parts.append(f"undecided for {_names(product, open_)}")
+            parts.append(f"undecided for {_model_names(product, open_)}")
         said.append(f"{name}: {'; '.join(parts)}.")
     return said
 
 
-def _names(product: MuAnalysis, loops: list[int]) -> str:
+def _model_names(product: MuAnalysis, loops: list[int]) -> str:
     return ", ".join(product.models[int(product.model[loop])] for loop in loops)
 
 
-def _sentence(one: Analysed) -> str:
+def _describe_result(one: Analysed) -> str:
     if one.analysis == "worst_case_gain":
         return f"worst-case gain from {one.lower:.4g} to {one.upper:.4g}"
     title = _TITLES[one.analysis]
     if one.upper < 1.0:
-        return f"{title} proved (µ ≤ {one.upper:.4g}{_of(one.channel)}, certified)"
+        return f"{title} proved (µ ≤ {one.upper:.4g}{_of_channel(one.channel)}, certified)"
     if one.lower > 1.0:
-        return f"{title} disproved (µ ≥ {one.lower:.4g}{_of(one.lower_channel)})"
+        return f"{title} disproved (µ ≥ {one.lower:.4g}{_of_channel(one.lower_channel)})"
     return (
-        f"{title} undecided (µ from {one.lower:.4g}{_of(one.lower_channel)} to "
-        f"{one.upper:.4g}{_of(one.channel)})"
+        f"{title} undecided (µ from {one.lower:.4g}{_of_channel(one.lower_channel)} to "
+        f"{one.upper:.4g}{_of_channel(one.channel)})"
     )
 
 
-def _of(channel: str) -> str:
+def _of_channel(channel: str) -> str:
     return f" of {channel}" if channel else ""
 
 

@@ -21,8 +21,8 @@ from hillsphere_controllers.stages.mu_analysis.loops import Analyses, Piece
 from hillsphere_controllers.stages.mu_analysis.presentation import present_analyses
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.mu_analysis.specs import MuAnalysisSpec
-from hillsphere_controllers.stages.signals import places
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.signals import find_signals
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
 __all__ = ["MuAnalysisStage"]
@@ -99,7 +99,7 @@ class MuAnalysisStage:
         for number, (_, m) in enumerate(of_loop):
             model = _with_system(uncertain.models[m], loops[number])
             channels = _channels(model, spec.outputs)
-            inner = [lft_of(one).nominal for one in channels.values()]
+            inner = [to_lft(one).nominal for one in channels.values()]
             # the norm is infinite if any state is not stable, performance or not
             nominal.append(max(hinf_norm(one).upper for one in inner))
             gains = [largest_gains(one.response(grid)).max() for one in inner if grid.size]
@@ -221,10 +221,10 @@ def _channels(model: UncertainModel, outputs: tuple[str, ...]) -> dict[str, Unce
     """Return the model with each of its channels of performance by itself, by their names."""
     if not outputs:
         return {"": model}
-    system, p = model.system, lft_of(model).structure.shape[0]
+    system, p = model.system, to_lft(model).structure.shape[0]
     made = {}
     for name in outputs:
-        rows = [*range(p), *(p + k for k in places(system.outputs[p:], [name], "outputs"))]
+        rows = [*range(p), *(p + k for k in find_signals(system.outputs[p:], [name], "outputs"))]
         own = LtiSystem(system.a, system.b, system.c[rows], system.d[rows], system.dt_s)
         made[name] = _with_system(model, own)
     return made

@@ -23,7 +23,7 @@ from hillsphere_controllers.lti import LinearLaw
 from hillsphere_controllers.stages.sampled_loops.presentation import present_sampled_loops
 from hillsphere_controllers.stages.sampled_loops.products import SampledLoops
 from hillsphere_controllers.stages.sampled_loops.specs import SampledLoopsSpec
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.signals import find_signals
 
 __all__ = ["SampledLoopsStage"]
 
@@ -112,7 +112,7 @@ class SampledLoopsStage:
                     advance(1)
         radius, lost = [], []
         for at in flown.values():
-            if _of_one_period(
+            if _is_fixed_to_period(
                 at, max(periods)
             ):  # a controller in discrete time says nothing at another period
                 radius.append([np.nan] * len(looked))
@@ -176,9 +176,9 @@ class SampledLoopsStage:
             rows = list(range(p - models.measurements if models.measurements else 0, p))
             columns = list(range(m - models.controls if models.controls else 0, m))
             if spec.sees:
-                rows = places(whole.outputs, spec.sees, "sees")
+                rows = find_signals(whole.outputs, spec.sees, "sees")
             if spec.controls:
-                columns = places(whole.inputs, spec.controls, "controls")
+                columns = find_signals(whole.inputs, spec.controls, "controls")
             plants.append(
                 LtiSystem(
                     whole.a, whole.b[:, columns], whole.c[rows], whole.d[np.ix_(rows, columns)],
@@ -197,12 +197,12 @@ class SampledLoopsStage:
         if len(set(names)) < len(names):
             names = [f"{name} {k}" for k, name in enumerate(names, 1)]
         return {
-            name: _at(law, design.controller)
+            name: _controller_at_period(law, design.controller)
             for name, design in zip(names, controllers, strict=True)
         }
 
 
-def _at(law: LinearLaw | None, controller: LtiSystem) -> At:
+def _controller_at_period(law: LinearLaw | None, controller: LtiSystem) -> At:
     if law is None:
         return lambda period: controller
     return lambda period: law.at_period(period, controller)
@@ -222,7 +222,7 @@ def _check_periods(name: str, at: At, periods: Sequence[float]) -> None:
             )
 
 
-def _of_one_period(at: At, period: float) -> bool:
+def _is_fixed_to_period(at: At, period: float) -> bool:
     """Return whether a controller is in discrete time, made for one period."""
     try:
         made = at(2.0 * period)

@@ -25,7 +25,7 @@ from hillsphere_controllers.stages.synthesis.products import (
 )
 from hillsphere_controllers.stages.synthesis.specs import PartSpec, StructuredSpec, SynthesisSpec
 from hillsphere_controllers.structured.requirements import DesignPlant
-from hillsphere_controllers.structured.sampled import synthesise_sampled
+from hillsphere_controllers.structured.sampled_plants import synthesise_sampled
 from hillsphere_controllers.structured.scenarios import (
     RobustDesign,
     UncertainPlant,
@@ -37,14 +37,14 @@ from hillsphere_controllers.structured.structure import (
     Diagonal,
     Structure,
     controller_of,
+    free_state_space,
     mask_gains,
-    of_order,
 )
 from hillsphere_controllers.structured.synthesis import Progress, StructuredDesign, synthesise
 from hillsphere_controllers.structured.verification import verify_controller
 from hillsphere_controllers.systems.bilinear import discrete
 
-__all__ = ["by_search"]
+__all__ = ["synthesise_fixed_structure"]
 
 _OWN_STARTS, _OWN_SCATTER = 2, 0.1
 """Searches for one plant by itself, and their relative scatter around the joint controller. They
@@ -55,7 +55,7 @@ _SAME = 1e-9
 give, after saving and loading."""
 
 
-def by_search(
+def synthesise_fixed_structure(
     spec: SynthesisSpec,
     plants: Sequence[LtiSystem],
     labels: Sequence[str],
@@ -88,7 +88,9 @@ def by_search(
     seed = int(ctx.rng("starts").integers(1 << 31))
     prefer = None
     if wider is not None:
-        prefer = _worst_of([_uncertain_plant(spec, wider, j) for j in range(len(wider.models))])
+        prefer = _make_worst_gamma(
+            [_uncertain_plant(spec, wider, j) for j in range(len(wider.models))]
+        )
     names = labels if uncertain is None else uncertain.labels
     weights = options.plant_weights or (1.0,) * len(names)
     if len(weights) != len(names):
@@ -97,7 +99,7 @@ def by_search(
         )
     said = [""]
     advance = ctx.track("searches", None, lambda: said[0])
-    telling = _telling(said, advance, ctx.info)
+    telling = _make_callback(said, advance, ctx.info)
     region = region_of(options.region)
     begun = _start_parameters(start, structure, plants[0].dt_s)
     scatter = options.scatter if begun else 0.0
@@ -152,7 +154,7 @@ def by_search(
     if options.per_plant:
         joint = np.array([verify_controller([plant], found.controller).gamma for plant in alone])
         own = np.array(
-            [_own(plant, j, structure, options, found, seed, telling, ctx)
+            [_gamma_for_one_plant(plant, j, structure, options, found, seed, telling, ctx)
              for j, plant in enumerate(alone)]
         )  # fmt: skip
     search = SearchResult(
@@ -209,7 +211,7 @@ def _check_sampled(spec: SynthesisSpec) -> None:
             raise InputError(f"{key}: it is for models in continuous time; leave it out")
 
 
-def _own(
+def _gamma_for_one_plant(
     plant: DesignPlant,
     number: int,
     structure: Structure,
@@ -228,7 +230,7 @@ def _own(
     ).gamma  # fmt: skip
 
 
-def _worst_of(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
+def _make_worst_gamma(plants: Sequence[UncertainPlant]) -> Callable[[LtiSystem], float]:
     def worst(controller: LtiSystem) -> float:
         return max(worst_case(plant, controller)[0].gamma for plant in plants)
 
@@ -279,7 +281,7 @@ def _physical(model: UncertainModel, delta: Array) -> Array:
     return np.asarray(model.nominal + np.where(delta > 0.0, up, down) * delta)
 
 
-def _telling(
+def _make_callback(
     said: list[str], advance: Callable[[int], None], log: Callable[[str], None]
 ) -> Callable[[Progress], None]:
     """Return the callback that updates the progress bar and the log."""
@@ -315,7 +317,7 @@ def _part(part: PartSpec, controls: int, measurements: int) -> Structure:
     if part.kind == "entries":
         rows = [[np.nan if entry == "free" else entry for entry in row] for row in part.entries]
         return mask_gains(np.array(rows, dtype=float), part.order)
-    return of_order(
+    return free_state_space(
         part.order, part.controls or controls, part.measurements or measurements,
         strictly_proper=part.strictly_proper,
     )  # fmt: skip

@@ -15,13 +15,13 @@ from hillsphere_controllers.mu.robustness import Robustness, robust_stability
 from hillsphere_controllers.stages.synthesis.methods import Design, interrupt_synthesis
 from hillsphere_controllers.stages.synthesis.products import Iterations
 from hillsphere_controllers.stages.synthesis.specs import DkSpec
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import lower_lft
 
-__all__ = ["by_iteration"]
+__all__ = ["synthesise_by_dk"]
 
 
-def by_iteration(
+def synthesise_by_dk(
     spec: DkSpec,
     model: UncertainModel,
     controls: int,
@@ -42,7 +42,7 @@ def by_iteration(
     Interrupted
         If the run was stopped; the workspace has the best controller until then.
     """
-    lft = lft_of(model)
+    lft = to_lft(model)
     uncertainty = lft.structure
     (p, m), system = uncertainty.shape, model.system
     outputs = system.shape[0] - p - measurements

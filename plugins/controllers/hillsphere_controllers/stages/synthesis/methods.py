@@ -13,8 +13,8 @@ from hillsphere.lti import LtiSystem
 from hillsphere.products.product_codec import save_product
 from hillsphere_controllers.full_order.h2 import h2_synthesis
 from hillsphere_controllers.full_order.hinf import hinf_synthesis
-from hillsphere_controllers.stages.linear_models.systems import connect_systems, parts_of
-from hillsphere_controllers.stages.signals import places
+from hillsphere_controllers.stages.linear_models.systems import build_parts, connect_systems
+from hillsphere_controllers.stages.signals import find_signals
 from hillsphere_controllers.stages.synthesis.products import Iterations, SearchResult
 from hillsphere_controllers.stages.synthesis.specs import (
     ChannelSpec,
@@ -56,7 +56,7 @@ def design_controller(
     """
     if spec.method == "given":
         assert spec.given is not None
-        controller = connect_systems(spec.given, parts_of(spec.given, {}, plants[0].dt_s))
+        controller = connect_systems(spec.given, build_parts(spec.given, {}, plants[0].dt_s))
         if controller.shape != (controls, measurements):
             raise InputError(
                 f"given: the controller takes {controller.shape[1]} measurements and gives "
@@ -64,7 +64,7 @@ def design_controller(
             )
         return Design(controller, None, 0.0)
     if spec.method == "lmi":
-        return _by_inequalities(spec.lmi or LmiSpec(), plants[0], controls, measurements)
+        return _synthesise_by_lmi(spec.lmi or LmiSpec(), plants[0], controls, measurements)
     if spec.method == "h2":
         square = h2_synthesis(plants[0], controls, measurements)
         return Design(square.controller, square.norm, square.norm)
@@ -77,7 +77,7 @@ def design_controller(
     return Design(full.controller, full.gamma, 0.0 if options.regularisation else full.least)
 
 
-def _by_inequalities(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Design:
+def _synthesise_by_lmi(spec: LmiSpec, plant: LtiSystem, controls: int, measurements: int) -> Design:
     # cvxpy, which it needs, takes seconds to import
     from hillsphere_controllers.lmi.output_feedback import output_feedback
 
@@ -111,8 +111,8 @@ def channels_of(
         key = f"{table}.channels[{k}]"
         made.append(
             Channel(
-                tuple(places(outputs, one.outputs, key)) if one.outputs else None,
-                tuple(places(inputs, one.inputs, key)) if one.inputs else None,
+                tuple(find_signals(outputs, one.outputs, key)) if one.outputs else None,
+                tuple(find_signals(inputs, one.inputs, key)) if one.inputs else None,
                 one.norm, one.weight, one.limit,
             )
         )  # fmt: skip

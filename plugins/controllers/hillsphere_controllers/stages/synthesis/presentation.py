@@ -22,7 +22,7 @@ from hillsphere_controllers.stages.synthesis.search_tables import (
     start_sentences,
     worst_sentence,
 )
-from hillsphere_controllers.stages.synthesis.step_panels import size_of_steps_in
+from hillsphere_controllers.stages.synthesis.step_panels import step_figure_size
 from hillsphere_controllers.stages.table_cells import finite_fields, finite_or_blank, first_rows
 
 __all__ = ["present_synthesis"]
@@ -76,7 +76,7 @@ def present_synthesis(product: Synthesis, duration_s: float | None) -> Presentat
             partial(draw_steps, product=product, duration_s=duration_s),
             "Responses of the plant's outputs to a step of each command in turn, in the units of "
             "the measurements; where these are many, the outputs not commanded are grey.",
-            size_in=size_of_steps_in(product.measurements),
+            size_in=step_figure_size(product.measurements),
         )
     if product.search is not None:
         figures["synthesis_starts"] = Figure(

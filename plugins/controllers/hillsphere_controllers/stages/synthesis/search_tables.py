@@ -157,7 +157,9 @@ def _scenarios(robust: RobustResult) -> Table:
         text_column("model", [robust.labels[k] for k in robust.plants.tolist()], "model"),
         of("gammas", "gamma"),
         text_column(
-            "values", [_said(names, found.tolist()) for names, found in pairs], "parameters"
+            "values",
+            [_format_values(names, found.tolist()) for names, found in pairs],
+            "parameters",
         ),
     ]
     note = (
@@ -167,6 +169,6 @@ def _scenarios(robust: RobustResult) -> Table:
     return replace(table, rows=table.rows[-_LISTED:])
 
 
-def _said(names: Sequence[str], values: Sequence[float]) -> str:
+def _format_values(names: Sequence[str], values: Sequence[float]) -> str:
     pairs = [f"{name} {value:.3g}" for name, value in zip(names, values, strict=True)]
     return ", ".join(pairs[:_SHOWN]) + (", …" if len(pairs) > _SHOWN else "")

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
-from hillsphere_controllers.stages.faults import only_one
+from hillsphere_controllers.stages.faults import require_one
 from hillsphere_controllers.stages.linear_models.specs import (
     InterconnectionSpec,
     PerformanceSpec,
@@ -52,7 +52,7 @@ class WeightSpec(Spec):
     @model_validator(mode="after")
     def _one(self) -> Self:
         keys = ("shelving", "performance", "gain")
-        only_one([key for key in keys if getattr(self, key) is not None], keys, "gain")
+        require_one([key for key in keys if getattr(self, key) is not None], keys, "gain")
         return self
 
 

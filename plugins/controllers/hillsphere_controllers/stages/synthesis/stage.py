@@ -14,10 +14,13 @@ from hillsphere.lti import LtiSystem
 from hillsphere.presentation import Presentation
 from hillsphere_controllers.full_order.mixed_sensitivity import mixed_sensitivity_plant
 from hillsphere_controllers.linear_products import LinearModels, UncertainModel, UncertainModels
-from hillsphere_controllers.stages.linear_models.systems import performance_of, shelving_of
-from hillsphere_controllers.stages.synthesis.fixed_structure import by_search
-from hillsphere_controllers.stages.synthesis.iteration import by_iteration
-from hillsphere_controllers.stages.synthesis.judging import evaluate_controller
+from hillsphere_controllers.stages.linear_models.systems import (
+    build_performance_weight,
+    build_shelving_weight,
+)
+from hillsphere_controllers.stages.synthesis.evaluation import evaluate_controller
+from hillsphere_controllers.stages.synthesis.fixed_structure import synthesise_fixed_structure
+from hillsphere_controllers.stages.synthesis.iteration import synthesise_by_dk
 from hillsphere_controllers.stages.synthesis.methods import design_controller
 from hillsphere_controllers.stages.synthesis.plants import restrict_channels
 from hillsphere_controllers.stages.synthesis.presentation import present_synthesis
@@ -28,7 +31,7 @@ from hillsphere_controllers.stages.synthesis.specs import (
     SynthesisSpec,
     WeightSpec,
 )
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.systems.algebra import gain
 from hillsphere_controllers.systems.interconnection import with_names
 from hillsphere_controllers.systems.weights import on_every_channel
@@ -108,11 +111,15 @@ class SynthesisStage:
         if spec.method == "dk":
             options = spec.dk or DkSpec()
             first = None if start is None else start.controller
-            made = by_iteration(options, _one(uncertain), controls, measurements, ctx, first)
+            made = synthesise_by_dk(
+                options, _single_model(uncertain), controls, measurements, ctx, first
+            )
         else:
             given = [plants[k] for k in own], [models.labels[k] for k in own]
             if spec.method == "structured":
-                made = by_search(spec, *given, controls, measurements, ctx, uncertain, wider, start)
+                made = synthesise_fixed_structure(
+                    spec, *given, controls, measurements, ctx, uncertain, wider, start
+                )
             else:
                 made = design_controller(spec, *given, controls, measurements)
         advance = ctx.track("closed loops", len(plants))
@@ -179,7 +186,7 @@ def _name_signals(controller: LtiSystem, plant: LtiSystem) -> LtiSystem:
     )
 
 
-def _one(uncertain: UncertainModels | None) -> UncertainModel:
+def _single_model(uncertain: UncertainModels | None) -> UncertainModel:
     if uncertain is None or len(uncertain.models) != 1:
         count = 0 if uncertain is None else len(uncertain.models)
         raise InputError(
@@ -201,7 +208,7 @@ def _performance(
             f"measurements, the models have {controls} and {measurements}"
         )
     model = uncertain.models[0]
-    out, into = lft_of(model).closed_channels
+    out, into = to_lft(model).closed_channels
     outputs, inputs = model.system.outputs, model.system.inputs
     return outputs[out : len(outputs) - measurements], inputs[into : len(inputs) - controls]
 
@@ -227,7 +234,7 @@ def _weight(spec: WeightSpec | None, period_s: float | None) -> LtiSystem | None
     if spec is None:
         return None
     if spec.shelving is not None:
-        return shelving_of(spec.shelving, period_s)
+        return build_shelving_weight(spec.shelving, period_s)
     if spec.performance is not None:
-        return performance_of(spec.performance, period_s)
+        return build_performance_weight(spec.performance, period_s)
     return gain(np.array([[spec.gain or 0.0]]), period_s)

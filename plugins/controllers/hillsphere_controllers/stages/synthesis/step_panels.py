@@ -12,7 +12,7 @@ from hillsphere.interfaces import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["LARGEST_GRID", "draw_each_response", "draw_each_step", "size_of_steps_in"]
+__all__ = ["LARGEST_GRID", "draw_each_response", "draw_each_step", "step_figure_size"]
 
 LARGEST_GRID = 4
 """Up to so many measurements, each response has a panel of its own."""
@@ -28,7 +28,7 @@ Lines = Sequence[tuple[Array, str, str]]
 """Responses (K, q, q) of a loop, of all outputs to a step of each command, colour and label."""
 
 
-def size_of_steps_in(measurements: int) -> tuple[float, float]:
+def step_figure_size(measurements: int) -> tuple[float, float]:
     """Return the size of the figure of so many measurements, in inches."""
     if measurements <= LARGEST_GRID:
         return (7.0, 4.5 if measurements <= 2 else 1.6 * measurements + 0.6)

@@ -14,7 +14,7 @@ from hillsphere_controllers.linear_products import UncertainModel, UncertainMode
 from hillsphere_controllers.stages.linearise.products import LinearisedFlight
 from hillsphere_controllers.stages.mu_analysis.products import Analysed, MuAnalysis
 from hillsphere_controllers.stages.table_cells import first_rows
-from hillsphere_controllers.stages.uncertain import lft_of
+from hillsphere_controllers.stages.uncertain import to_lft
 from hillsphere_controllers.stages.worst_cases.products import WorstCases
 from hillsphere_controllers.stages.worst_cases.specs import WorstCasesSpec
 
@@ -101,10 +101,10 @@ class WorstCasesStage:
                 continue
             if spec.controllers and controller not in spec.controllers:
                 continue
-            worst = _at_the_bounds(uncertain.models[place], one, analysis.size)
+            worst = _scale_to_bounds(uncertain.models[place], one, analysis.size)
             settable = {*flight.dispersed, *spec.inputs} & set(worst)
             moves = sum(worst[name] != nominal[name] for name in settable)
-            who = _said(controller, analysis.models[place], one)
+            who = _describe_case(controller, analysis.models[place], one)
             if not moves:
                 # the peak is that of the nominal loop, or of blocks that no flight has
                 unmoved.append(who)
@@ -141,7 +141,7 @@ class WorstCasesStage:
         if not found:
             raise StageError("needs.analysis: it has no worst case of what is asked for")
         groups = tuple(
-            f"{_said(controller, model, one)}, others {away:+g} σ"
+            f"{_describe_case(controller, model, one)}, others {away:+g} σ"
             for controller, model, one, away in found
         )
         steps = np.array(sizes)
@@ -209,13 +209,13 @@ class WorstCasesStage:
         )
 
 
-def _said(controller: str, model: str, one: Analysed) -> str:
+def _describe_case(controller: str, model: str, one: Analysed) -> str:
     """Return whose worst case it is."""
     channel = f" of {one.channel}" if one.channel else ""
     return f"{controller}, {model}, {one.analysis.replace('_', ' ')}{channel}"
 
 
-def _at_the_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[str, float]:
+def _scale_to_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[str, float]:
     """Return the worst values by name, of the size of the declared bounds.
 
     Those of the worst-case gain are divided by the size it was asked for; others are scaled so that
@@ -228,7 +228,7 @@ def _at_the_bounds(model: UncertainModel, one: Analysed, size: float) -> dict[st
     small = np.zeros_like(one.normalised)
     if largest > _ROUNDING * whole:
         small = np.where(np.abs(one.normalised) > _ROUNDING * largest, one.normalised / size, 0.0)
-    by_name = {u.name: u for u in lft_of(model).uncertainties}
+    by_name = {u.name: u for u in to_lft(model).uncertainties}
     return {
         name: float(by_name[name].physical(np.array(value)))
         for name, value in zip(one.names, np.clip(small, -1.0, 1.0), strict=True)

@@ -48,7 +48,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
     for omega in omega_rad_s:
         try:
             one, other = (
-                _unreachable_gain(system.response(np.array([omega]))[0], controls, measurements)
+                _residual_gain(system.response(np.array([omega]))[0], controls, measurements)
                 for system in (plant, turned)
             )
         except InputError:  # a pole on the axis
@@ -58,7 +58,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
     return found
 
 
-def _unreachable_gain(response: Array, k: int, q: int) -> float:
+def _residual_gain(response: Array, k: int, q: int) -> float:
     """Return the gain of what lies beside the range of P12 and beside the rows of P21."""
     p1, m1 = response.shape[0] - q, response.shape[1] - k
     direct, gains = response[:p1, :m1], [0.0]

@@ -13,7 +13,7 @@ from hillsphere_controllers.dk.goals import core_size, reference_block
 from hillsphere_controllers.dk.multipliers import Multiplier
 from hillsphere_controllers.mu.blocks import BlockStructure
 
-__all__ = ["constant_scalings", "constants_like"]
+__all__ = ["constant_multipliers", "constant_scalings"]
 
 _SWEPT = 2.0 * np.log(10.0) * np.arange(-4.0, 4.1, 0.5)
 """Logarithms of the D that all blocks but one begin with: gains from 1e-4 to 1e4."""
@@ -66,7 +66,7 @@ def constant_scalings(
     return made(found.x)
 
 
-def constants_like(structure: BlockStructure, sizes: Array) -> tuple[Multiplier, ...]:
+def constant_multipliers(structure: BlockStructure, sizes: Array) -> tuple[Multiplier, ...]:
     """Return constant scalings of the sizes (n,) of the diagonal of D of the squared matrix."""
     fixed = reference_block(structure)
     return tuple(
