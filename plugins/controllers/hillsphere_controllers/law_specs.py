@@ -1,4 +1,4 @@
-"""Specs of laws that follow from a design: what a mission may write in ``[compensator.NAME]``."""
+"""Specs of laws that follow from a design: keys of their tables ``[compensator.NAME]``."""
 
 from __future__ import annotations
 

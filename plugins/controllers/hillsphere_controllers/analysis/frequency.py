@@ -42,7 +42,7 @@ class Response:
 
     @classmethod
     def of_many(cls, a: Array, b: Array, c: Array, d: Array) -> list[Response]:
-        """Return, by modes, those of systems of one size, matrices (J, n, n) to (J, p, m)."""
+        """Return the responses, by modes, of J systems of one size, (J, n, n) to (J, p, m)."""
         made = []
         for j, modes in enumerate(_modes(a)):
             response = cls.__new__(cls)
@@ -118,7 +118,7 @@ class Response:
         return np.asarray((rows @ self._b).reshape(count, p, self._b.shape[1]))
 
     def _solved(self, s: Complex, right: Complex) -> Complex:
-        """Return (s I − T)⁻¹ times what stands on the right, (n, K or 1, m), as (n, K, m)."""
+        """Return the solution (n, K, m) of (s I − T) x = right side, (n, K or 1, m)."""
         assert self._t is not None
         n, m = self._b.shape
         count = s.size

@@ -152,7 +152,7 @@ class SampledLoop:
         return np.asarray(after @ swap @ widened)
 
     def _flow(self, factors: Array, time_s: float) -> Array:
-        """Return the flow between changes of what is held."""
+        """Return the transition matrix of the loop between changes of the held signals."""
         plant, k, p = self.plant, self.controller, self.controls
         n, m, held = plant.order, k.order, self._held
         x, xk, y = slice(0, n), slice(n, n + m), slice(n + m, n + m + held)
@@ -173,7 +173,7 @@ class SampledLoop:
         return np.asarray(expm(rate * time_s))
 
     def _sampled(self) -> Array:
-        """Return what a sample does: new values are held, a controller in discrete time steps."""
+        """Return the jump at a sample: new values are held, a controller in discrete time steps."""
         plant, k, n, m = self.plant, self.controller, self.plant.order, self.controller.order
         made = self._only_controller()
         y = slice(n + m, n + m + self._held)
@@ -185,7 +185,7 @@ class SampledLoop:
         return made
 
     def _only_controller(self) -> Array:
-        """Return what a sample does but for the values that are held."""
+        """Return the jump at a sample of the controller alone; the held values stay."""
         plant, k, n, m = self.plant, self.controller, self.plant.order, self.controller.order
         made = np.eye(self._size + 2 * self.controls)
         if k.dt_s is not None:

@@ -106,7 +106,7 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class FittedMultipliers:
-    """Rational scalings and what they prove.
+    """Rational scalings and the bound of µ that they prove.
 
     Parameters
     ----------

@@ -171,7 +171,7 @@ class Multiplier:
         return self._spread(d), self._spread(g)
 
     def system(self) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Return A, B of the basis, and C and D of S and of T; those of T are zero without G."""
+        """Return A, B of the basis, and C and D of S and of T; C and D of T are zero without G."""
         r = self.x.shape[1]
         parts: list[Array] = [np.zeros((0, 0))]
         into: list[Array] = [np.zeros((0, 1))]

@@ -40,7 +40,7 @@ digits."""
 
 @dataclass(frozen=True)
 class H2Design:
-    """A controller and what it does.
+    """An H2 controller, its closed loop and its norm.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ below it X or Y is nearly infinite, and its rounding error exceeds what the proo
 
 @dataclass(frozen=True)
 class HinfDesign:
-    """A controller and what it does.
+    """An H∞ controller, its closed loop and bounds of γ.
 
     Parameters
     ----------

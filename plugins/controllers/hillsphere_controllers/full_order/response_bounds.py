@@ -59,7 +59,7 @@ def response_bound(plant: LtiSystem, controls: int, measurements: int, omega_rad
 
 
 def _residual_gain(response: Array, k: int, q: int) -> float:
-    """Return the gain of what lies beside the range of P12 and beside the rows of P21."""
+    """Return the gain of P11 orthogonal to the range of P12 and to the rows of P21."""
     p1, m1 = response.shape[0] - q, response.shape[1] - k
     direct, gains = response[:p1, :m1], [0.0]
     if p1 > k:

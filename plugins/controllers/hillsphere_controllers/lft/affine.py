@@ -74,7 +74,7 @@ class AffineFit:
 
 @dataclass(frozen=True, eq=False)
 class AffineLft:
-    """An affine matrix as an LFT, and what was left out of it.
+    """An affine matrix as an LFT, and the error of its truncation.
 
     Parameters
     ----------

@@ -283,7 +283,7 @@ def _lft(form: _Form, uncertainties: Sequence[Uncertainty]) -> Lft:
 
 
 def _orders(terms: Terms, count: int) -> Iterator[tuple[int, ...]]:
-    """Yield orders of the parameters: all of few, else some, those of high degree first."""
+    """Yield orders of the parameters: all of few parameters, else some, high degrees first."""
     degree = [max(e[v] for e in terms) for v in range(count)]
     there = sorted((v for v in range(count) if degree[v]), key=lambda v: -degree[v])
     rest = tuple(v for v in range(count) if not degree[v])

@@ -61,7 +61,7 @@ _FLOOR = 1e-6
 
 @dataclass(frozen=True)
 class ReducedLft:
-    """An LFT with fewer copies and what that costs.
+    """An LFT with fewer copies, and the error of the reduction.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _places(of: Lft) -> tuple[Integers, Integers]:
 
 
 def _reachable_bases(a: Array, b: Array, counts: list[int]) -> list[Array]:
-    """Return orthonormal bases (nᵢ, kᵢ) of what any word of blocks reaches."""
+    """Return orthonormal bases (nᵢ, kᵢ) of the subspaces that words of blocks reach."""
     spans = _spans(counts)
     bases = [np.zeros((count, 0)) for count in counts]
     fresh, scale = b, float(np.abs(b).max(initial=0.0))

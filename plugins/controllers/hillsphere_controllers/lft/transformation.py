@@ -98,7 +98,7 @@ class Lft:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """Normalised blocks of Δ; several copies of a full one stand as so many blocks."""
+        """Normalised blocks of Δ; every copy of a full block is a block of its own."""
         made: list[Block] = []
         for one, times in zip(self.uncertainties, self.times, strict=True):
             if one.kind == "full":
@@ -247,7 +247,7 @@ class Lft:
         )
 
     def with_parts(self, m11: Array, m12: Array, m21: Array, times: Mapping[str, int]) -> Lft:
-        """Return the same nominal system with other M₁₁, M₁₂, M₂₁ and so many copies.
+        """Return the same nominal system with other M₁₁, M₁₂, M₂₁ and numbers of copies.
 
         An uncertainty without copies is left out.
         """
@@ -309,7 +309,7 @@ class Lft:
     __rmul__ = __mul__
 
     def __matmul__(self, other: Lft | LtiSystem | Array) -> Lft:
-        """Return the product: what the right one gives goes into the left one."""
+        """Return the product: the outputs of the right LFT are the inputs of the left one."""
         right = constant(other)
         (p, m), (q, k) = self.shape, right.shape
         if m != q:

@@ -105,7 +105,7 @@ class Uncertainty:
 def real_parameter(
     name: str, lower: float, upper: float, nominal: float | None = None
 ) -> Uncertainty:
-    """Return an uncertain real parameter, nominally in the middle unless told.
+    """Return an uncertain real parameter; its nominal value is the middle by default.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def real_parameter(
 def bound_dispersion(
     model: Parametric, dispersion: Dispersion, *, sigmas: float = 3.0
 ) -> tuple[Uncertainty, ...]:
-    """Return uncertain parameters whose bounds are those of a dispersion.
+    """Return uncertain parameters with bounds from a dispersion.
 
     Correlations are ignored: the box of the bounds contains every correlated sample within them.
 
@@ -161,7 +161,7 @@ def bound_dispersion(
 def physical_values(
     uncertainties: Sequence[Uncertainty], normalised: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return normalised values of real parameters, such as those of a worst case, in their units.
+    """Return normalised values of real parameters, such as a worst case, in their units.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ _SLOWEST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class OutputFeedback:
-    """A controller and what it does.
+    """An output feedback controller and the verified norms of its channels.
 
     Parameters
     ----------

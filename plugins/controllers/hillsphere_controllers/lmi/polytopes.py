@@ -58,7 +58,7 @@ rounding, taken off before an inequality counts as proved."""
 
 @dataclass(frozen=True, eq=False)
 class HullGain:
-    """A gain that no plant of a hull exceeds, and what proves it.
+    """A gain that no plant of a hull exceeds, and the Lyapunov matrix that proves it.
 
     Parameters
     ----------

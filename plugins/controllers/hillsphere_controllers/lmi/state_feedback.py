@@ -57,7 +57,7 @@ _SLOWEST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class StateFeedback:
-    """A gain and what it does.
+    """A state feedback gain and the verified norms of its channels.
 
     Parameters
     ----------

@@ -298,7 +298,7 @@ class _Cover:
         return np.asarray(np.sqrt(np.maximum(made, 0.0)))
 
     def _bound(self, omega: float, target: float | None = None) -> UpperBound:
-        """Return the bound at a frequency, begun at the nearest one known."""
+        """Return the bound at a frequency; its search starts from the nearest known scalings."""
         start = None
         if self.proved:
             # distances are in ln ω; zero and infinity stand at the ends of the range of double
@@ -366,7 +366,7 @@ class _Cover:
         return found
 
     def result(self, dt_s: float | None) -> CertifiedPeak:
-        """Return what was found; frequencies of an image in continuous time are mapped back."""
+        """Return the certified peak; frequencies of a bilinear image are mapped back."""
 
         def back(omega: float) -> float:
             return discrete_frequency(omega, dt_s)

@@ -1,4 +1,4 @@
-r"""Scalings D and G of a block structure, and the barrier of those that prove a bound of µ.
+r"""Scalings D and G of a block structure, and the barrier of the scalings that prove a bound of µ.
 
 For matrices M₁ … M_K the scalings prove β where, for every one of them,
 

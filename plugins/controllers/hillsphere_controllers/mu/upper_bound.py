@@ -222,7 +222,7 @@ def upper_bounds(
     skewed: Sequence[int] | None = None,
     tolerance: float = 1e-6,
 ) -> list[UpperBound]:
-    """Return the bounds of several matrices (K, p, m), each begun at the scalings of the last."""
+    """Return bounds of several matrices (K, p, m); each search starts from the last scalings."""
     made: list[UpperBound] = []
     for matrix in matrices:
         start = made[-1].scalings if made else None
@@ -321,7 +321,7 @@ def _reweight_skewed(
 def _scale_fixed_blocks(
     m: Complex, structure: BlockStructure, basis: Basis
 ) -> tuple[Complex, Complex] | None:
-    """Return scalings of finite level: those of the blocks that are not skewed, proved alone."""
+    """Return scalings of finite level, from a bound of the blocks that are not skewed alone."""
     kept = ~basis.free
     inner = BlockStructure(
         [b.squared() for k, b in enumerate(structure.blocks) if kept[structure.starts[k]]]

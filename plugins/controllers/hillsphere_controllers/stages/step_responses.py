@@ -52,7 +52,7 @@ def step_responses(
 
 
 def _settling(system: LtiSystem) -> float:
-    """Return after what time a step response stays near its end."""
+    """Return the settling time of a step response."""
     poles = system.poles
     if system.dt_s is not None:
         poles = np.asarray(np.log(poles[np.abs(poles) > 1e-12]) / system.dt_s)

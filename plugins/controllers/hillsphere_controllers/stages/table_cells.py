@@ -1,4 +1,4 @@
-"""Cells and rows of the stages' tables: what is infinite is blank, long tables are cut."""
+"""Cells and rows of the stages' tables: infinite values are blank, long tables are cut."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Product = TypeVar("Product")
 
 
 def finite_or_blank(values: Array | Sequence[float]) -> NDArray[np.float64]:
-    """Return values with NaN, which tables show as blank, in place of all that is not finite."""
+    """Return values with NaN, which tables show as blank, in place of infinite ones."""
     given = np.asarray(values, dtype=float)
     return np.where(np.isfinite(given), given, np.nan)
 
 
 def finite_fields(product: Product, *names: str) -> Product:
-    """Return a product whose named fields have NaN in place of all that is not finite."""
+    """Return a product whose named fields have NaN in place of infinite values."""
     fields = {name: finite_or_blank(getattr(product, name)) for name in names}
     return cast(Product, replace(cast(Any, product), **fields))
 
 
 def first_rows(table: Table, count: int, what: str = "") -> Table:
-    """Return a table of at most so many rows.
+    """Return a table cut to a number of rows.
 
     Parameters
     ----------

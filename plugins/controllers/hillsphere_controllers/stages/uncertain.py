@@ -15,7 +15,7 @@ __all__ = ["to_lft", "uncertain_model"]
 
 
 def uncertain_model(lft: Lft, units: Mapping[str, str]) -> UncertainModel:
-    """Return an LFT as what passes between stages; units by name of a parameter."""
+    """Return an LFT as the product that passes between stages; units by name of a parameter."""
     found = lft.uncertainties
     return UncertainModel(
         system=lft.system,

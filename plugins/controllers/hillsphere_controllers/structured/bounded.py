@@ -69,6 +69,6 @@ class Bounded:
         return inner * np.where(self._inside, self._half * np.cos(theta), 1.0)
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
-        """Return the middle of the box, and half of it; without bounds those of the structure."""
+        """Return middle and half width of the box; without bounds the structure's values."""
         middle, spread = self.structure.typical(sizes)
         return np.where(self._inside, 0.0, middle), np.where(self._inside, 0.7, spread)

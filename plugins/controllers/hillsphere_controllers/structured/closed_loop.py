@@ -203,10 +203,10 @@ class OpenLoop:
         return Sizes(u, y, self.rate)
 
     def sizes_at(self, omega: float) -> Sizes:
-        """Return what is large for a loop with a bandwidth, rad/s.
+        """Return typical sizes of u and y for a loop with a bandwidth, rad/s.
 
-        Each u is the one that makes some z of order one at that frequency; each y what w of order
-        one, or such u, make of it.
+        Each u makes some z of order one at that frequency; each y is the response to w of order one
+        or to such u.
         """
         p1, m1 = self._size
         gains = np.abs(self._scaled.response(np.array([omega]))[0])

@@ -168,7 +168,7 @@ def _scale(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Linear:
-    """What pieces are near a point, to first order: norms relative to a reference, less one.
+    """Linear models of the pieces at a point: norms relative to a reference, less one.
 
     Not their logarithms: a gain far below the largest, as one that a parameter alone makes, rises
     in proportion to it.
@@ -191,7 +191,7 @@ class _Linear:
         return _Linear(values, slopes, hard, ~hard & real & (share < _SMALL))
 
     def moved_to(self, values: Array, step: Array) -> _Linear:
-        """Return those that are right at the end of a step."""
+        """Return the linear models with the values at the end of a step."""
         return replace(self, values=values - self.slopes @ step)
 
     def step(self, hessian: Array, penalty: float, near: float = np.inf) -> MinimaxStep | None:

@@ -178,7 +178,7 @@ class Search:
         self.middle, self.spread = problem.structure.typical(self._common)
 
     def __call__(self, start: Start) -> Found:
-        """Return what is found from a start."""
+        """Search from one start and return its result."""
         random = np.random.default_rng(start.seed)
         structure = self.problem.structure
         objective = self._objective(structure, self.middle, self.spread)
@@ -380,7 +380,7 @@ def _minimise_from(
     *,
     polish: int = 0,
 ) -> bool:
-    """Minimise from a point; one near a minimum is only polished, in so many steps at most.
+    """Minimise from a point; near a minimum only polish it, in at most `polish` steps.
 
     Returns whether polishing ended by itself.
     """

@@ -165,7 +165,7 @@ def free_state_space(
 
 
 def mask_gains(gains: Array, order: int = 0) -> FreeEntries:
-    """Return a controller some entries of which are fixed: NaN marks those that are free."""
+    """Return a controller with fixed entries; NaN marks the free ones."""
     return FreeEntries(gains, order)
 
 
@@ -232,7 +232,7 @@ class Diagonal:
         )
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:
-        """Return those of the parts."""
+        """Return the typical values of the parts."""
         found, row, column = [], 0, 0
         for part in self.parts:
             u, y = sizes.controls[row:], sizes.measurements[column:]

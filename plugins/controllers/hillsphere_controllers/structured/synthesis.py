@@ -82,7 +82,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class StructuredDesign:
-    """A controller and what it does.
+    """A controller of a fixed structure, its γ and the searches for it.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ class _Run:
             self._kept = SearchStore(directory, ctx.info)
 
     def all(self, starts: Sequence[Start]) -> list[Found]:
-        """Return what the searches find; of those that were done, if they are stopped."""
+        """Return the results of all searches, or of the finished ones after an interruption."""
         self._total += len(starts)
         found: dict[int, Found] = {}
         try:
@@ -332,7 +332,7 @@ class _Run:
         return [found[number] for number in sorted(found)]
 
     def _searched(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
-        """Yield what searches find, as they end; at first that of those which were kept."""
+        """Yield the results of searches as they end, stored ones first."""
         if self._ctx is None or self._kept is None:
             yield from map(Search(self._problem, self._going_on), starts)
             return
@@ -363,7 +363,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class _Searches:
-    """Searches for `hillsphere.runs.workers.Workers`; what is told stays in this process."""
+    """Searches for `hillsphere.runs.workers.Workers`; progress is reported in this process."""
 
     problem: Problem
     tell: Callable[[float], None] | None

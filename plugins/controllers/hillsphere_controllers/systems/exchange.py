@@ -72,7 +72,7 @@ def save_mat(path: Path, contents: Mapping[str, Content], *, follow_links: bool 
 
 
 def load_mat(path: Path) -> dict[str, Content]:
-    """Read what `save_mat` writes, or MATLAB in the same form.
+    """Read systems and matrices from a .mat file of `save_mat`, or of MATLAB in the same form.
 
     Returns
     -------
@@ -247,7 +247,7 @@ def _explicit(a: Numbers, b: Numbers, e: Numbers, where: str) -> tuple[Numbers, 
 
 
 def _unique(names: tuple[str, ...], otherwise: str) -> tuple[str, ...]:
-    """Return names of which each stands once: those that stand twice get numbers, from one on."""
+    """Return unique names: repeated ones get numbers, from one on."""
     filled = [name or otherwise for name in names]
     count: dict[str, int] = {}
     made = []

@@ -126,7 +126,7 @@ def connect(
 
 @dataclass(frozen=True)
 class _Sum:
-    """A summing junction: its output, and signs and names of what it adds."""
+    """A summing junction: its output, and the signs and names of its terms."""
 
     output: str
     terms: tuple[tuple[float, str], ...]
@@ -148,7 +148,7 @@ class _Sum:
 
 
 class _Names:
-    """What a name stands for: a signal, or all that have it with a number."""
+    """Signals by name: a name means one signal, or all signals with this name and a number."""
 
     def __init__(self, signals: Iterable[str]) -> None:
         numbered: dict[str, dict[int, str]] = {}
@@ -186,7 +186,7 @@ class _Names:
         return self._known.get(name, [name])
 
     def spread(self, sums: Sequence[_Sum]) -> None:
-        """Give the names that only sums have the width of what they are added to."""
+        """Give names that occur only in sums the width of the signals that they are added to."""
         settled = False
         while not settled:
             settled = True

@@ -56,7 +56,7 @@ of Python's thousand."""
 
 
 class MatFileError(ValueError):
-    """The file is damaged, or holds what is not read; the message says what."""
+    """The file is damaged, or holds an unsupported element; the message names it."""
 
 
 def parse_mat(data: bytes) -> dict[str, Value]:
@@ -127,7 +127,7 @@ class _Reader:
             raise MatFileError(f"it unpacks to more than {MAX_UNPACKED_BYTES} bytes")
 
     def unpacked(self, data: memoryview) -> bytes:
-        """Return what a compressed element holds; a thousand zeros are one byte of zlib's."""
+        """Return the content of a compressed element; zlib packs 1000 zeros in a byte."""
         unpacking = zlib.decompressobj()
         parts: list[bytes] = []
         rest: bytes | memoryview = data
@@ -222,7 +222,7 @@ class _Reader:
         return _word(bytes(content))
 
     def _values(self, parts: Iterator[tuple[int, memoryview]], form: str, count: int) -> Value:
-        """Return so many numbers in the form of their array, whatever form they are kept in."""
+        """Return a number of values in the type of their array, whatever type the file stores."""
         kind, content = self._next(parts)
         held = _NUMBERS.get(kind)
         if held is None:

@@ -128,7 +128,7 @@ class LftStage:
         )
 
     def present(self, product: FittedModels, models: LinearModels) -> Presentation:
-        """Show blocks, terms, errors, sizes, and responses beside those of the models."""
+        """Show blocks, terms, errors, sizes, and frequency responses with the models' responses."""
         return present_uncertain_models(product, models)
 
     def _fitted(
@@ -151,7 +151,7 @@ class LftStage:
 def _response_errors(
     lft: Lft, models: LinearModels, members: Integers, parameters: tuple[Uncertainty, ...]
 ) -> Array:
-    """Return how far the responses are from those of the models, relative, (members,)."""
+    """Return the relative errors of the frequency responses, (members,)."""
     omega = frequencies([models.systems[int(k)] for k in members])
     made = np.full(members.size, np.nan)
     kept = {u.name for u in lft.uncertainties}

@@ -57,7 +57,7 @@ def draw_poles(figure: Figure, product: LinearisedFlight, nominal: Integers) -> 
 
 
 def draw_influence(figure: Figure, product: LinearisedFlight, order: Integers) -> None:
-    """Draw what one standard deviation of each parameter does, one bar each, by four measures."""
+    """Draw the effects of one standard deviation of each parameter, as bars of four measures."""
     # what all names begin with tells nothing
     tables = {name.rpartition(".")[0] for name in product.dispersed}
     short = [name.rpartition(".")[2] if len(tables) == 1 else name for name in product.dispersed]

@@ -17,7 +17,7 @@ __all__ = ["LinearisedFlight"]
 
 @dataclass(frozen=True)
 class LinearisedFlight(LinearModels):
-    """Linear models at N points of a trajectory, and what q dispersed parameters do there.
+    """Linear models at N points of a trajectory, and the effects of q dispersed parameters there.
 
     The models' first parameter is ``"point"``, from 1 to N; then come the dispersed ones under the
     names that the mission has for them (``"gravity.phobos.C2,1"``). Every point has a model with

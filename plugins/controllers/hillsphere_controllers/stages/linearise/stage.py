@@ -142,7 +142,7 @@ class LineariseStage:
         )
 
     def present(self, product: LinearisedFlight, reference: FlightSet) -> Presentation:
-        """Show poles and unknown accelerations along the trajectory, and what parameters do."""
+        """Show poles and unknown accelerations along the trajectory, and effects of parameters."""
         return present_linearisation(product)
 
     def _times(self, course: Course) -> Array:

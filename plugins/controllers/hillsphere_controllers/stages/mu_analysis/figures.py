@@ -55,7 +55,7 @@ def _draw_loop(axes: Axes, one: Analysed, colour: str, label: str) -> None:
 
 
 def _draw_intervals(axes: Axes, one: Analysed, colour: str) -> None:
-    """Draw what is proved on whole intervals as bars at its height."""
+    """Draw the bounds that hold on whole intervals as bars."""
     low, high = float(one.omega_rad_s[0]), float(one.omega_rad_s[-1])
     for k, bound in enumerate(one.interval_bound):
         begin = max(float(one.interval_low_rad_s[k]), low)

@@ -170,7 +170,7 @@ class Analyses:
         structure: BlockStructure,
         wanted: Sequence[float],
     ) -> _Curves:
-        """Return bounds, and what else is wanted, over frequency."""
+        """Return bounds of µ, and optional nominal gains and shares, over frequency."""
         if not piece.drawn:
             return _Curves()
         omega = _curve_frequencies(loop, wanted, self.points, self.ends)
@@ -266,7 +266,7 @@ def _result(
 def _curve_frequencies(
     loop: LtiSystem, more: Sequence[float], points: int, ends: tuple[float, float]
 ) -> Array:
-    """Return about so many of the frequencies of a loop, the ends of all, and those wanted."""
+    """Return frequencies for the curves: about `points` of a loop's, both ends, and `more`."""
     low, high = ends[0], min(ends[1], np.pi / loop.dt_s if loop.dt_s is not None else np.inf)
     omega = frequencies([loop], more)
     outside = np.geomspace(low, high, points)

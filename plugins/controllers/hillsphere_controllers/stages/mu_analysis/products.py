@@ -138,7 +138,7 @@ class MuAnalysis:
         return tuple(made)
 
     def label(self, loop: int) -> str:
-        """Return a name of a loop: its controller, and what is uncertain."""
+        """Return a name of a loop: its controller and its uncertain model."""
         controller = self.controllers[int(self.controller[loop])]
         model = self.models[int(self.model[loop])]
         several = "" if len(self.models) == 1 else f", {model}"

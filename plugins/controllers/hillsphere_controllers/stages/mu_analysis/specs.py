@@ -1,4 +1,4 @@
-"""Spec of the stage ``mu_analysis``: what a mission may write in its table."""
+"""Spec of the stage ``mu_analysis``: keys of its table in a mission."""
 
 from __future__ import annotations
 

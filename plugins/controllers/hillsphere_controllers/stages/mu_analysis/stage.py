@@ -178,7 +178,7 @@ class MuAnalysisStage:
                 )
 
     def _grid(self) -> Array:
-        """Return the frequencies of what is published (K,)."""
+        """Return the frequencies (K,) of the published values."""
         grid = self.spec.reference_grid
         if grid is None:
             return np.zeros(0)

@@ -164,7 +164,7 @@ class SampledLoopsStage:
         return max(float(loop.spectral_radius()) for loop in loops)
 
     def _plants(self, models: LinearModels) -> tuple[tuple[str, ...], list[LtiSystem]]:
-        """Return names and plants, from the commands to what is seen."""
+        """Return names and plants, from the commands to the measurements."""
         spec = self.spec
         labels = models.labels
         if spec.models:

@@ -37,7 +37,7 @@ _ALLOWED = "#555555"
 
 
 def draw_gains(figure: Figure, product: Synthesis) -> None:
-    """Draw what each weighted signal sees of all disturbances, and what its weight allows."""
+    """Draw the gain from all disturbances to each weighted signal, and its inverse weight."""
     chosen = _select_plants(product)
     loops = [lower_lft(product.plants[k], product.controller) for k in chosen]
     omega = frequencies([*loops, *product.weights])

@@ -145,7 +145,7 @@ class Iterations:
 
 @dataclass(frozen=True)
 class Synthesis(ControlDesign):
-    """A controller u = K(s) y, without a change of sign, and what it does.
+    """A controller u = K(s) y, without a change of sign, and its closed loops.
 
     Parameters
     ----------

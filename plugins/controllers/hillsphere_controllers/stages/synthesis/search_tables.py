@@ -82,7 +82,7 @@ def worst_sentence(search: SearchResult) -> list[str]:
 
 
 def start_sentences(search: SearchResult) -> list[str]:
-    """Return sentences on the spread of γ over the starts, and on what decided between equals."""
+    """Return sentences on the spread of γ over the starts, and on the choice between equals."""
     said = []
     good = search.starts[np.isfinite(search.starts)]
     if good.size > 1:

@@ -1,4 +1,4 @@
-"""Spec of the stage ``synthesis``: what a mission may write in its table."""
+"""Spec of the stage ``synthesis``: keys of its table in a mission."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class PartSpec(Spec):
 
 
 class ChannelSpec(Spec):
-    """Part of the transfer from what disturbs to what is to be small."""
+    """Part of the transfer matrix from disturbances to weighted signals."""
 
     examples = ({"outputs": ["z_error"], "inputs": ["r"], "weight": 2},)
 

@@ -29,7 +29,7 @@ Lines = Sequence[tuple[Array, str, str]]
 
 
 def step_figure_size(measurements: int) -> tuple[float, float]:
-    """Return the size of the figure of so many measurements, in inches."""
+    """Return the size in inches of the figure for a number of measurements."""
     if measurements <= LARGEST_GRID:
         return (7.0, 4.5 if measurements <= 2 else 1.6 * measurements + 0.6)
     rows = -(-min(measurements, _PANELS) // _COLUMNS)
@@ -57,7 +57,7 @@ def draw_each_response(figure: Figure, times_s: Array, lines: Lines, names: Sequ
 
 
 def draw_each_step(figure: Figure, times_s: Array, lines: Lines, names: Sequence[str]) -> None:
-    """Draw a panel for each step: what was commanded in colour, all other measurements in grey.
+    """Draw a panel for each step: the commanded output in colour, all other outputs in grey.
 
     The other measurement that moves most is named. Of more than fifteen steps the panels show
     those with the largest responses.
