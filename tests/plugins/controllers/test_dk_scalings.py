@@ -45,8 +45,8 @@ def multiplier(block: Block, seed: int = 0) -> Multiplier:
     random = np.random.default_rng(seed)
     made = Multiplier.constant(block, 2.0 * np.eye(core_size(block)))
     for omega in (1.0, 10.0, 0.3):
-        made = made.raised(omega)
-    return made.moved(0.15 * random.normal(size=made.size), -6.0, 6.0)
+        made = made.add_pole(omega)
+    return made.step(0.15 * random.normal(size=made.size), -6.0, 6.0)
 
 
 def conjugate(x: Complex) -> Complex:
@@ -82,7 +82,7 @@ def test_derivatives_are_those_of_differences(block: Block) -> None:
     d, g = one.tangents(OMEGA)
     for k, unit in enumerate(np.eye(one.size)):
         (d1, g1), (d0, g0) = (
-            one.moved(step * unit, -20.0, 20.0).values(OMEGA) for step in (1e-6, -1e-6)
+            one.step(step * unit, -20.0, 20.0).values(OMEGA) for step in (1e-6, -1e-6)
         )
         assert_allclose((d1 - d0) / 2e-6, d[:, k], rtol=0.0, atol=3e-9)
         assert_allclose((g1 - g0) / 2e-6, g[:, k], rtol=0.0, atol=3e-9)
@@ -91,7 +91,7 @@ def test_derivatives_are_those_of_differences(block: Block) -> None:
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_new_pole_changes_nothing(block: Block) -> None:
     one = multiplier(block)
-    more = one.raised(0.7).raised(3.0)
+    more = one.add_pole(0.7).add_pole(3.0)
     assert more.order == one.order + 2
     for before, after in zip(one.values(OMEGA), more.values(OMEGA), strict=True):
         assert_allclose(after, before, rtol=0.0, atol=1e-14)
@@ -124,11 +124,11 @@ def test_factors_are_stable_and_have_their_product(block: Block) -> None:
 
 
 def test_a_scaling_that_is_not_positive_has_no_factors() -> None:
-    one = Multiplier.constant(full(1), np.eye(1)).raised(1.0)
+    one = Multiplier.constant(full(1), np.eye(1)).add_pole(1.0)
     with pytest.raises(SynthesisFailedError, match="not positive at all"):
-        factors(one.moved(np.array([0.0, -2.0, 0.0]), -3.0, 3.0), 1.0)
+        factors(one.step(np.array([0.0, -2.0, 0.0]), -3.0, 3.0), 1.0)
     with pytest.raises(SynthesisFailedError, match="not positive at infinity"):
-        factors(one.moved(np.array([-2.0, 3.0, 0.0]), -3.0, 3.0), 1.0)
+        factors(one.step(np.array([-2.0, 3.0, 0.0]), -3.0, 3.0), 1.0)
 
 
 def test_where_a_scaling_dips_below_zero_is_found_and_mended() -> None:
@@ -157,7 +157,7 @@ def test_the_norm_of_the_scaled_loop_is_the_level_that_is_proved(structure: Bloc
     """‖L M L⁻¹V − βN‖ is β just where F is singular, at one frequency, for a β."""
     loop = stable_system(3, 4, *structure.shape)
     chosen = [multiplier(b, seed=k) for k, b in enumerate(structure.blocks)]
-    m = structure.squared(loop.response(OMEGA))
+    m = structure.pad_to_square(loop.response(OMEGA))
     goal = Goal(OMEGA, m, np.ones(OMEGA.size), np.zeros_like(m))
     for omega, beta in zip(
         OMEGA, np.sqrt(np.maximum(relative_levels(goal, chosen), 1e-6)), strict=True
@@ -188,7 +188,7 @@ def orders_until_met(goal: Goal, start: tuple[Multiplier, ...], highest: int) ->
             return ratios
         place = float(np.clip(goal.omega_rad_s[np.argmax(found.ratios)], *np.exp(goal.range)))
         found = fit_multipliers(
-            goal, [o if o.fixed else o.raised(place) for o in found.multipliers]
+            goal, [o if o.fixed else o.add_pole(place) for o in found.multipliers]
         )
 
 
@@ -208,7 +208,7 @@ def test_a_goal_is_met_between_its_frequencies_too() -> None:
     bounds = mu_upper_bounds(loop, structure, np.zeros(0))
     goal = bounds.goal(0.5)
     start = [
-        o if o.fixed else o.raised(1.0).raised(3.0)
+        o if o.fixed else o.add_pole(1.0).add_pole(3.0)
         for o in constant_multipliers(structure, goal.sizes)
     ]
     found = fit_multipliers(goal, start)
@@ -224,7 +224,7 @@ def test_the_block_divided_out_is_the_largest_with_a_number_for_d() -> None:
 
 def test_joint_steps_go_down_to_a_known_minimum() -> None:
     """A cost that is least where D is 3 at infinity and 5 at zero frequency."""
-    start = [Multiplier.constant(full(1), np.eye(1)).raised(1.0)]
+    start = [Multiplier.constant(full(1), np.eye(1)).add_pole(1.0)]
 
     def cost(x: object) -> float:
         assert isinstance(x, list)

@@ -38,10 +38,10 @@ def made(type_: str, parameters: tuple[str, ...], **keys: Any) -> Dispersion:
 
 def test_normalised_at_bounds_and_nominal() -> None:
     one = real_parameter("mass", 80.0, 150.0, 90.0)
-    assert_allclose(one.normalised(np.array([80.0, 90.0, 150.0])), [-1, 0, 1], rtol=0, atol=1e-14)
+    assert_allclose(one.normalise(np.array([80.0, 90.0, 150.0])), [-1, 0, 1], rtol=0, atol=1e-14)
     assert_allclose(one.physical(np.array([-1.0, 0.0, 1.0])), [80.0, 90.0, 150.0], rtol=1e-14)
     between = np.linspace(80.0, 150.0, 50)
-    delta = one.normalised(between)
+    delta = one.normalise(between)
     assert (np.diff(delta) > 0.0).all()
     assert_allclose(one.physical(delta), between, rtol=1e-14)
     assert real_parameter("mass", 80.0, 150.0).curvature == 0.0

@@ -67,8 +67,8 @@ def largest_over(system: LtiSystem, structure: BlockStructure, omega: Array) -> 
     Scalings of one frequency bound µ at the others: where they do so below the largest known, that
     frequency is passed over.
     """
-    m = structure.squared(system.response(omega))
-    square = BlockStructure([b.squared() for b in structure.blocks])
+    m = structure.pad_to_square(system.response(omega))
+    square = BlockStructure([b.enclosing_square() for b in structure.blocks])
     best, left = 0.0, np.ones(omega.size, dtype=bool)
     gains = np.linalg.norm(m, 2, axis=(1, 2))
     left = gains > 0.0
@@ -91,7 +91,7 @@ def assert_certified(
         end = max(end, one.high_rad_s)
         assert one.bound <= found.upper
     assert end == np.inf
-    m = structure.squared(system.response(omega))
+    m = structure.pad_to_square(system.response(omega))
     seen = np.zeros(omega.size, dtype=bool)
     for one in found.intervals:
         inside = (omega >= one.low_rad_s) & (omega <= one.high_rad_s)

@@ -179,7 +179,7 @@ def test_peak_that_was_missed_is_found(seed: int) -> None:
     # without direct terms the norm is at a finite frequency, with some seeds at zero
     open_loop, gains = loop_of(seed, direct=0.0)
     norms = PlantNorms([open_loop])
-    loops = norms.closed(gains)
+    loops = norms.close_loop(gains)
     assert loops is not None
     [loop] = loops
     norms.measure(loops)
@@ -190,11 +190,11 @@ def test_peak_that_was_missed_is_found(seed: int) -> None:
     exact = hinf_norm(closed_loop_part(loop.closed, np.arange(p), np.arange(m)))
     assert rough <= level + 1e-14  # but for rounding
     assert_allclose(np.exp(level), exact.value, rtol=1e-7)
-    assert not norms.missed(loops, level + 1e-6)
+    assert not norms.finds_higher_gain(loops, level + 1e-6)
     # as if a peak had been overlooked
     loop.levels[0] -= 0.05
-    assert not norms.missed(loops, level + 1e-6)
-    assert norms.missed(loops, level - 0.05)
+    assert not norms.finds_higher_gain(loops, level + 1e-6)
+    assert norms.finds_higher_gain(loops, level - 0.05)
     assert norms.seen_above(loops, level - 0.05)
 
 
@@ -217,9 +217,9 @@ def test_plants_together_are_as_each_by_itself() -> None:
     ]
     gains = 1e-3 * loop_of(1)[1]
     together = PlantNorms(loops)
-    found = together.closed(gains)
+    found = together.close_loop(gains)
     alone = [PlantNorms([loop]) for loop in loops]
-    each = [one.closed(gains) for one in alone]
+    each = [one.close_loop(gains) for one in alone]
     assert found is not None
     for norms, one in zip([together, *alone], [found, *each], strict=True):
         assert one is not None

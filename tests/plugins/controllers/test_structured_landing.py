@@ -74,7 +74,7 @@ def test_parts_that_are_alike_have_one_set_of_parameters() -> None:
     for k, step in enumerate(1e-6 * np.eye(6)):
         change = structure.gains(theta + step) - structure.gains(theta - step)
         expected = float(np.sum(slope * change)) / 2e-6
-        assert_allclose(structure.pulled_back(theta, slope)[k], expected, rtol=1e-8, atol=1e-9)
+        assert_allclose(structure.pull_back(theta, slope)[k], expected, rtol=1e-8, atol=1e-9)
 
 
 def test_typical_parameters_of_alike_parts_are_means() -> None:

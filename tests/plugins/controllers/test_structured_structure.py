@@ -48,7 +48,7 @@ def test_slopes_by_differences(name: str) -> None:
         move = step * np.eye(structure.size)[i]
         change = structure.gains(theta + move) - structure.gains(theta - move)
         wanted = np.sum(slope * change, axis=(1, 2)) / (2.0 * step)
-        found = structure.pulled_back(theta, slope)[:, i]
+        found = structure.pull_back(theta, slope)[:, i]
         assert_allclose(found, wanted, rtol=0, atol=3e-9 * (1.0 + np.abs(wanted).max()))
     sizes = Sizes(np.ones(structure.controls), np.ones(structure.measurements), 2.0)
     middle, spread = structure.typical(sizes)

@@ -141,11 +141,11 @@ def hinf_norm(system: LtiSystem, tolerance: float = 1e-9) -> HinfNorm:
         return HinfNorm(direct, 0.0, direct)
     search = _Search(system, poles)
     if search.value > direct:
-        return search.climbed(tolerance)
+        return search.climb(tolerance)
     # The peak is at infinity, where R is singular: s → ω²/s puts it at zero.
     scale = float(np.exp(np.mean(np.log(np.abs(search.response.poles)))))
     inverse = _invert_frequency(system, scale)
-    found = _Search(inverse, inverse.poles).climbed(tolerance)
+    found = _Search(inverse, inverse.poles).climb(tolerance)
     frequency = np.inf if found.frequency_rad_s == 0.0 else scale**2 / found.frequency_rad_s
     return HinfNorm(found.value, float(frequency), found.upper, found.error)
 
@@ -228,7 +228,7 @@ class _Search:
                 self.value, self.frequency = float(gains[best]), float(points[best])
             width *= 0.3
 
-    def climbed(self, tolerance: float) -> HinfNorm:
+    def climb(self, tolerance: float) -> HinfNorm:
         """Raise the level until the gain reaches it at no nearly imaginary eigenvalue."""
         if self.value == 0.0:  # at so many frequencies: everywhere
             return HinfNorm(0.0, self.frequency, 0.0)
@@ -243,16 +243,16 @@ class _Search:
                 self.look(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
             if self.value > level:
                 continue
-            found = self._widened(level)
+            found = self._bound_with_rounding(level)
             noise = max(self.noise, found.error)
             if noise <= _NOISE or self.frequency == 0.0 or not np.isfinite(noise):
                 return found
             self.look_beside(noise)
             if self.value <= level:
-                return self._widened(level)
-        return self._widened(np.inf)
+                return self._bound_with_rounding(level)
+        return self._bound_with_rounding(np.inf)
 
-    def _widened(self, level: float) -> HinfNorm:
+    def _bound_with_rounding(self, level: float) -> HinfNorm:
         high, error = _gain_with_rounding(self.given, self.frequency)
         upper = max(level * (1.0 + max(error, self.noise)), high)
         # another frequency may have a lower gain that is less sure

@@ -124,23 +124,23 @@ class SampledLoop:
         return LtiSystem(whole[:n, :n], whole[:n, d], whole[total, :n] / h, whole[total, d] / h, h)
 
     @property
-    def _held(self) -> int:
+    def _held_size(self) -> int:
         return self.controller.shape[1 if self.controller.dt_s is None else 0]
 
     @property
     def _size(self) -> int:
-        return self.plant.order + self.controller.order + self._held
+        return self.plant.order + self.controller.order + self._held_size
 
     def _over_a_period(self, factors: Array) -> Array:
         """Return the map (..., s + 2p, s + 2p) of states, disturbance and ∫ of the total."""
         before = self._flow(factors, self.delay_s)
         after = self._flow(factors, self.period_s - self.delay_s)
-        sampled = self._sampled()
+        sampled = self._sample_map()
         if self.delay_s == 0.0:
             return np.asarray(after @ sampled)
         # The old values act first; the new ones are those of the sample all the same, and travel
         # as further rows until the delay is over.
-        s, held = len(sampled), self._held
+        s, held = len(sampled), self._held_size
         rows = slice(self._size - held, self._size)
         # flow until the delay is over with the old values, the new ones stored as extra rows
         widened = np.zeros((*factors.shape[:-1], s + held, s))
@@ -154,7 +154,7 @@ class SampledLoop:
     def _flow(self, factors: Array, time_s: float) -> Array:
         """Return the transition matrix of the loop between changes of the held signals."""
         plant, k, p = self.plant, self.controller, self.controls
-        n, m, held = plant.order, k.order, self._held
+        n, m, held = plant.order, k.order, self._held_size
         x, xk, y = slice(0, n), slice(n, n + m), slice(n + m, n + m + held)
         d, total = slice(y.stop, y.stop + p), slice(y.stop + p, y.stop + 2 * p)
         rate = np.zeros((*factors.shape[:-1], total.stop, total.stop))
@@ -172,11 +172,11 @@ class SampledLoop:
             rate[..., x, y], rate[..., total, y] = into, np.eye(p)
         return np.asarray(expm(rate * time_s))
 
-    def _sampled(self) -> Array:
+    def _sample_map(self) -> Array:
         """Return the jump at a sample: new values are held, a controller in discrete time steps."""
         plant, k, n, m = self.plant, self.controller, self.plant.order, self.controller.order
         made = self._only_controller()
-        y = slice(n + m, n + m + self._held)
+        y = slice(n + m, n + m + self._held_size)
         made[y] = 0.0
         if k.dt_s is None:
             made[y, :n] = plant.c

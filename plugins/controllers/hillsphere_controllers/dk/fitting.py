@@ -245,7 +245,7 @@ def _centre(goal: Goal, x: tuple[Multiplier, ...], t: float) -> tuple[Multiplier
             step = solve_triangular(damped, step, check_finite=False) / scale
             decrement = float(-gradient @ step)
             parts = np.split(step, ends)
-            there = tuple(one.moved(part, low, high) for one, part in zip(x, parts, strict=True))
+            there = tuple(one.step(part, low, high) for one, part in zip(x, parts, strict=True))
             new = _potential(goal, there, t)
             if new < value - _ENOUGH * decrement:
                 break

@@ -70,7 +70,7 @@ class Bounds:
         """
         values = self.values
         asked = np.maximum(values, floor * values.max()) * (1.0 + _ROOM)
-        square = BlockStructure([b.squared() for b in self.structure.blocks])
+        square = BlockStructure([b.enclosing_square() for b in self.structure.blocks])
         reference = reference_block(self.structure)
         weights = []
         for one, bound, target in zip(self.matrices, self.found, asked, strict=True):
@@ -101,8 +101,8 @@ def mu_upper_bounds(loop: LtiSystem, structure: BlockStructure, more_rad_s: Arra
     low, high = np.log10(size.min()) - 0.5, np.log10(size.max()) + 0.5
     count = min(int(_PER_DECADE * (high - low)) + 2, _MOST)
     omega = np.unique(np.concatenate([[0.0, np.inf], np.logspace(low, high, count), more_rad_s]))
-    matrices = structure.squared(loop.response(omega))
-    square = BlockStructure([b.squared() for b in structure.blocks])
+    matrices = structure.pad_to_square(loop.response(omega))
+    square = BlockStructure([b.enclosing_square() for b in structure.blocks])
     found: list[UpperBound] = []
     for one in matrices:
         start = found[-1].scalings if found else None

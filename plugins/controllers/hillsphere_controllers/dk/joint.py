@@ -63,7 +63,7 @@ def descend_jointly(
 
     def at(v: Array) -> Sequence[Multiplier]:
         parts = np.split(basis @ v, ends)
-        return [one.moved(part, low, high) for one, part in zip(start, parts, strict=True)]
+        return [one.step(part, low, high) for one, part in zip(start, parts, strict=True)]
 
     def cost(v: Array) -> float:
         try:

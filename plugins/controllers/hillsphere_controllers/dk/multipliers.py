@@ -90,7 +90,7 @@ class Multiplier:
         single = [] if self.single is None else [self.single]
         return np.concatenate([self.pairs.ravel(), single])
 
-    def moved(self, step: Array, low: float, high: float) -> Multiplier:
+    def step(self, step: Array, low: float, high: float) -> Multiplier:
         """Return the multiplier after a step of its parameters, natural frequencies kept inside.
 
         Parameters
@@ -122,11 +122,11 @@ class Multiplier:
             single = float(np.clip(single + last[-1], low, high))
         return replace(self, pairs=pairs, single=single, x=x, y=y)
 
-    def scaled(self, factor: float) -> Multiplier:
+    def scale(self, factor: float) -> Multiplier:
         """Return D and G times a number."""
         return replace(self, x=factor * self.x, y=None if self.y is None else factor * self.y)
 
-    def raised(self, omega_rad_s: float) -> Multiplier:
+    def add_pole(self, omega_rad_s: float) -> Multiplier:
         """Return the same D and G with a pole more, of that size, that has no effect as yet."""
         new = float(np.log(omega_rad_s))
         none = np.zeros((1, *self.x.shape[1:]))

@@ -164,12 +164,12 @@ class Search:
             self._judge(
                 "start", controller, constant_multipliers(self.structure, goal.sizes), np.nan
             )
-            self._settled()
+            self._store_step()
             return
         scalings = constant_scalings(self.structure, lambda x: self._gamma(x, 1.0, _ROUGH))
-        found, gamma = self._made(scalings, 1.0)
+        found, gamma = self._synthesise(scalings, 1.0)
         self._judge("start", found, scalings, gamma)
-        self._settled()
+        self._store_step()
 
     def run(self, iterations: int, highest: int, joint_steps: int, target: float) -> str:
         """Go on until nothing is gained; return why it ended."""
@@ -183,10 +183,10 @@ class Search:
             if before.peak.upper <= target:
                 return f"the target {target:.6g} is met"
             if joint:
-                start = self._raised(before, highest) if raised else before.multipliers
+                start = self._add_poles(before, highest) if raised else before.multipliers
                 self._joint(start, before.peak.upper, joint_steps)
             else:
-                self._step("alternate", *self._fitted(before, highest))
+                self._step("alternate", *self._fit_scalings(before, highest))
             # an alternation that gains little is followed by a joint step, that by one of higher
             # order
             gained = 1.0 - self.best.peak.upper / before.peak.upper
@@ -201,7 +201,7 @@ class Search:
                     self._reason = f"alternation gains less than {_ENDED:.0e}"
                 joint = joint_steps > 0
             self._done, self._is_joint, self._is_raised = self._done + 1, joint, raised
-            self._settled()
+            self._store_step()
         assert self.best is not None
         if self._reason:
             return self._reason
@@ -209,7 +209,7 @@ class Search:
             return f"the target {target:.6g} is met"
         return f"{iterations} iterations are done"
 
-    def _settled(self) -> None:
+    def _store_step(self) -> None:
         """Store the state after a step, and report the step."""
         best = self.best
         if self._keep is not None and best is not None:
@@ -232,15 +232,15 @@ class Search:
 
         self._step("joint", tuple(descend_jointly(gamma, start, self._omega, steps)), beta)
 
-    def _raised(self, point: Point, highest: int) -> tuple[Multiplier, ...]:
+    def _add_poles(self, point: Point, highest: int) -> tuple[Multiplier, ...]:
         omega = self._omega[(self._omega > 0.0) & np.isfinite(self._omega)]
         place = float(np.clip(point.peak.frequency_rad_s, omega.min(), omega.max()))
         return tuple(
-            one if one.fixed or one.order >= highest else one.raised(place)
+            one if one.fixed or one.order >= highest else one.add_pole(place)
             for one in point.multipliers
         )
 
-    def _fitted(self, point: Point, highest: int) -> tuple[tuple[Multiplier, ...], float]:
+    def _fit_scalings(self, point: Point, highest: int) -> tuple[tuple[Multiplier, ...], float]:
         """Return scalings that prove nearly µ's bound of a loop, and a level above it."""
         more = point.peak.looked_at_rad_s
         start, beta = point.multipliers, np.inf
@@ -262,7 +262,7 @@ class Search:
             missed = negative_frequencies(start, bounds.omega_rad_s)
             if not missed.size:
                 try:
-                    scaled = self._scaled(start, beta)
+                    scaled = self._absorb(start, beta)
                 except SynthesisFailedError:
                     break
                 norm = hinf_norm(lower_lft(scaled, point.controller), 1e-6)
@@ -272,12 +272,12 @@ class Search:
             more = np.append(more, missed)
         return tuple(lift_multiplier(one, self._omega) for one in start), _ABOVE * beta
 
-    def _scaled(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
+    def _absorb(self, multipliers: Sequence[Multiplier], beta: float) -> LtiSystem:
         return absorb_scalings(self.plant, [factors(one, beta) for one in multipliers], beta)
 
     def _gamma(self, multipliers: Sequence[Multiplier], beta: float, tolerance: float) -> float:
         """Return the γ that the K-step reaches with scalings."""
-        scaled = self._scaled(multipliers, beta)
+        scaled = self._absorb(multipliers, beta)
         if self._given is not None:
             return hinf_norm(lower_lft(scaled, self._given(scaled)), 1e-6).value
         return hinf_synthesis(
@@ -285,8 +285,10 @@ class Search:
             regularisation=self._regularisation,
         ).solvable  # fmt: skip
 
-    def _made(self, multipliers: Sequence[Multiplier], beta: float) -> tuple[LtiSystem, float]:
-        scaled = self._scaled(multipliers, beta)
+    def _synthesise(
+        self, multipliers: Sequence[Multiplier], beta: float
+    ) -> tuple[LtiSystem, float]:
+        scaled = self._absorb(multipliers, beta)
         if self._given is not None:
             controller = self._given(scaled)
             return controller, hinf_norm(lower_lft(scaled, controller), 1e-6).value
@@ -297,7 +299,7 @@ class Search:
 
     def _step(self, kind: Kind, multipliers: tuple[Multiplier, ...], beta: float) -> None:
         try:
-            controller, gamma = self._made(multipliers, beta)
+            controller, gamma = self._synthesise(multipliers, beta)
         except Interrupted:
             raise
         except HillsphereError as error:
@@ -366,7 +368,7 @@ def _fit_by_rising_order(
         worst = goal.omega_rad_s[int(np.argmax(best.ratios))]
         place = float(np.clip(worst, *np.exp(goal.range)))
         raised = [
-            one if one.fixed or one.order >= highest else one.raised(place)
+            one if one.fixed or one.order >= highest else one.add_pole(place)
             for one in best.multipliers
         ]
         if all(a is b for a, b in zip(raised, best.multipliers, strict=True)):

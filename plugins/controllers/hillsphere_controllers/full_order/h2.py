@@ -90,8 +90,8 @@ def h2_synthesis(plant: LtiSystem, controls: int, measurements: int) -> H2Design
     if not (0 < k <= m and 0 < q <= p):
         raise InputError(f"{k} controls and {q} measurements do not fit a plant of {p} × {m}")
     units = Units.of(plant, k, q)
-    design = _solve_scaled(units.scaled(plant), k, q)
-    return replace(design, controller=units.restored(design.controller))
+    design = _solve_scaled(units.scale(plant), k, q)
+    return replace(design, controller=units.restore(design.controller))
 
 
 def _solve_scaled(plant: LtiSystem, k: int, q: int) -> H2Design:

@@ -157,7 +157,7 @@ def hinf_synthesis(
         if not 0.0 <= value < np.inf:
             raise InputError(f"a {what} must be ≥ 0 and finite, got {value}")
     units = Units.of(plant, k, q)
-    scaled = units.scaled(plant)
+    scaled = units.scale(plant)
     if plant.dt_s is None:
         made = _continuous(scaled, units, tolerance, back_off, regularisation, slicot)
     else:
@@ -166,7 +166,7 @@ def hinf_synthesis(
         made = _attach_lower_bound(
             _verify_design(scaled, discrete(made.controller, plant.dt_s), made.solvable), made.least
         )
-    return replace(made, controller=units.restored(made.controller))
+    return replace(made, controller=units.restore(made.controller))
 
 
 def _continuous(

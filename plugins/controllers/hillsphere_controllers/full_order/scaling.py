@@ -43,18 +43,18 @@ class Units:
             columns = np.vstack([made.b[:, m - k :], made.d[: p - q, m - k :]])
             rows = np.hstack([made.c[p - q :], made.d[p - q :, : m - k]])
             one = cls(_power(columns), _power(rows.T))
-            made = one.scaled(made)
+            made = one.scale(made)
             units = cls(units.controls * one.controls, units.measurements * one.measurements)
         return units
 
-    def scaled(self, plant: LtiSystem) -> LtiSystem:
+    def scale(self, plant: LtiSystem) -> LtiSystem:
         """Return a plant in these units; the closed loop from w to z does not change."""
         (p, m), k, q = plant.shape, self.controls.size, self.measurements.size
         columns = np.concatenate([np.ones(m - k), self.controls])
         rows = np.concatenate([np.ones(p - q), self.measurements])[:, None]
         return replace(plant, b=plant.b / columns, c=plant.c / rows, d=plant.d / columns / rows)
 
-    def restored(self, controller: LtiSystem) -> LtiSystem:
+    def restore(self, controller: LtiSystem) -> LtiSystem:
         """Return the controller for the plant in its original units."""
         rows = self.controls[:, None]
         return replace(

@@ -131,7 +131,7 @@ class Lft:
 
     def deltas(self, values: Values) -> Complex:
         """Return Δ (N, rows, columns) for N values each, see `matrices`; complex."""
-        given = self._checked(values)
+        given = self._check_values(values)
         stacks = []
         for one, value in given:
             if isinstance(value, LtiSystem):
@@ -151,7 +151,7 @@ class Lft:
             if one.kind == "full":
                 block = stack
             else:
-                scalar = one.normalised(stack) if one.kind == "real" else stack
+                scalar = one.normalise(stack) if one.kind == "real" else stack
                 block = scalar[:, None, None]
             if block.shape[1:] != (one.rows, one.columns) or len(block) not in (1, count):
                 raise InputError(
@@ -208,7 +208,7 @@ class Lft:
                 a[0], b[0], c[0], d[0], self.system.dt_s, plain.inputs, plain.outputs, plain.states
             )
         blocks: list[LtiSystem] = []
-        for (one, value), times in zip(self._checked(values), self.times, strict=True):
+        for (one, value), times in zip(self._check_values(values), self.times, strict=True):
             if isinstance(value, LtiSystem):
                 if value.shape != (one.rows, one.columns) or not one.dynamic:
                     raise InputError(
@@ -259,7 +259,7 @@ class Lft:
         kept = tuple(u for u in self.uncertainties if times[u.name])
         return Lft(system, kept, tuple(times[u.name] for u in kept))
 
-    def _checked(self, values: Values) -> list[tuple[Uncertainty, ArrayLike | LtiSystem]]:
+    def _check_values(self, values: Values) -> list[tuple[Uncertainty, ArrayLike | LtiSystem]]:
         names = [u.name for u in self.uncertainties]
         for name in values:
             if name not in names:

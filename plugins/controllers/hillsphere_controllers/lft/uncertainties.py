@@ -91,7 +91,7 @@ class Uncertainty:
         """Return g, in the unit of the parameter."""
         return (self.upper - self.nominal) * (1.0 + self.curvature)
 
-    def normalised(self, values: Array) -> Array:
+    def normalise(self, values: Array) -> Array:
         """Return δ for values of a real parameter."""
         away = np.asarray(values, dtype=float) - self.nominal
         return np.asarray(away / (self.slope - self.curvature * away))

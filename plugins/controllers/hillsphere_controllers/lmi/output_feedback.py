@@ -140,7 +140,7 @@ def output_feedback(
             controller, loop, verify_norms([loop], channels, bounds, wanted), made.least
         )
     units = Units.of(plant, k, q)
-    even, _ = balance_states(units.scaled(plant))
+    even, _ = balance_states(units.scale(plant))
     check_modes(even.a, even.b[:, m - k :], even.c[p - q :])
     coordinates = output_feedback_coordinates(even, k, q)
     asked = tuple(scale_limit(channel, coordinates.unit) for channel in channels)
@@ -149,7 +149,7 @@ def output_feedback(
     reason: SynthesisFailedError | None = None
     for factor in _BACK_OFFS:
         try:
-            controller = units.restored(problem.controller(factor))
+            controller = units.restore(problem.controller(factor))
             # the design is for D22 = 0: y − D22 u
             controller = close_with_gain(controller, -plant.d[p - q :, m - k :])
             loop = lower_lft(plant, controller)

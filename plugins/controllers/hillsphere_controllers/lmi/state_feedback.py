@@ -120,11 +120,11 @@ def state_feedback(
     wanted = PoleRegion() if region is None else region
     _check(given, controls)
     units = Units.of(given[0], controls, 0)
-    balanced_one, scale = balance_states(units.scaled(given[0]))
+    balanced_one, scale = balance_states(units.scale(given[0]))
     even = state_feedback_coordinates(balanced_one, controls)
     even = replace(even, t=scale[:, None] * even.t)
     asked = tuple(scale_limit(channel, even.unit) for channel in channels)
-    problem = _Problem([even.of(units.scaled(plant)) for plant in given], controls, asked, wanted)
+    problem = _Problem([even.of(units.scale(plant)) for plant in given], controls, asked, wanted)
     least = problem.least() * even.unit
     reason: SynthesisFailedError | None = None
     for factor, small in product(_BACK_OFFS, (True, False)):
@@ -230,7 +230,7 @@ def _check(plants: Sequence[LtiSystem], controls: int) -> None:
                 "least one must be a disturbance"
             )
         check_order(plant.order)
-        even, _ = balance_states(Units.of(plant, controls, 0).scaled(plant))
+        even, _ = balance_states(Units.of(plant, controls, 0).scale(plant))
         b2 = even.b[:, plant.shape[1] - controls :]
         check_modes(even.a, b2, np.zeros((0, plant.order)))
 

@@ -85,10 +85,10 @@ class Ascent:
             made = np.append(made, left @ (q @ (slope @ right)))
         return complex(values[best] / self.size), made
 
-    def raised(self, q: Complex) -> tuple[Complex, float] | None:
+    def climb(self, q: Complex) -> tuple[Complex, float] | None:
         """Return the Δ of a local maximum reached from Q, and its z; None without a real one."""
         # Q and −Q are both admissible: the one with the larger eigenvalue is taken
-        begun, other = self._begun(q), self._begun(-q)
+        begun, other = self._initial_parameters(q), self._initial_parameters(-q)
         if self.eigenvalue(other)[0].real > self.eigenvalue(begun)[0].real:
             begun = other
         last: tuple[bytes, tuple[complex, Complex]] = (b"", (0j, np.zeros(0, dtype=complex)))
@@ -119,9 +119,9 @@ class Ascent:
                 options={"maxiter": _MOST, "ftol": 1e-11},
             )
             # SQP keeps the constraint Im λ = 0 only to its tolerance
-            x = self._made_real(np.asarray(found.x))
+            x = self._shift_to_real(np.asarray(found.x))
         if x is None:
-            x = self._made_real(begun)
+            x = self._shift_to_real(begun)
         if x is None:
             return None
         value, _ = self.eigenvalue(x)
@@ -129,11 +129,11 @@ class Ascent:
             return None
         return self.unit.q(x) / (value.real * self.size), float(x[-1]) if self.moving else 0.0
 
-    def _begun(self, q: Complex) -> Array:
+    def _initial_parameters(self, q: Complex) -> Array:
         x = self.unit.parameters(q)
         return np.append(x, 0.0) if self.moving else x
 
-    def _made_real(self, x: Array) -> Array | None:
+    def _shift_to_real(self, x: Array) -> Array | None:
         """Return parameters nearby whose eigenvalue is real to rounding, None if there are none."""
         low = np.array([-np.inf if b[0] is None else b[0] for b in self.bounds])
         high = np.array([np.inf if b[1] is None else b[1] for b in self.bounds])

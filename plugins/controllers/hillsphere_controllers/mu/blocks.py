@@ -55,7 +55,7 @@ class Block:
         if self.kind != "full" and self.rows != self.columns:
             raise InputError(f"a repeated scalar is square, got {self.rows} × {self.columns}")
 
-    def squared(self) -> Block:
+    def enclosing_square(self) -> Block:
         """Return the smallest square block that contains this one."""
         size = max(self.rows, self.columns)
         return Block(self.kind, size, size, self.name)
@@ -79,9 +79,8 @@ def full(rows: int, columns: int | None = None, name: str = "") -> Block:
 class BlockStructure:
     """Blocks one after the other along the diagonal of Δ.
 
-    Bounds of µ work on a matrix whose blocks are all square: rows and columns of zeros, which
-    change no µ, fill up those that are not (`squared`). A full block of one by one is a complex
-    scalar.
+    Bounds of µ work on a matrix whose blocks are all square: `pad_to_square` adds rows and columns
+    of zeros, which change no µ. A full block of one by one is a complex scalar.
 
     Parameters
     ----------
@@ -128,7 +127,7 @@ class BlockStructure:
         """Return the place of each squared block."""
         return [slice(int(a), int(a + b)) for a, b in zip(self.starts, self.sizes, strict=True)]
 
-    def squared(self, matrix: NDArray[np.inexact[Any]]) -> Complex:
+    def pad_to_square(self, matrix: NDArray[np.inexact[Any]]) -> Complex:
         """Return a matrix (..., p, m) with zeros where a block lacks rows or columns.
 
         Raises
@@ -173,7 +172,7 @@ class BlockStructure:
             if block.kind == "real"
         }
 
-    def unsquared(self, delta: Complex) -> Complex:
+    def remove_padding(self, delta: Complex) -> Complex:
         """Return Δ (m, p) without the rows and columns that squaring added."""
         return np.asarray(delta[self._columns[:, None], self._rows])
 

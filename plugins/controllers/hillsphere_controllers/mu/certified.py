@@ -206,14 +206,14 @@ class _Cover:
         self.proved: dict[float, Scalings] = {}  # of any bound, to begin others with
         self.intervals: list[Interval] = []
         self._first_look()
-        if self._ended() or not (loop.poles.size and 0.0 < self.beta < np.inf):
+        if self._is_decided() or not (loop.poles.size and 0.0 < self.beta < np.inf):
             return
         size = np.abs(loop.poles)
         self.slowest, self.fastest = 1e-6 * float(size.min()), 1e6 * float(size.max())
         self._add(0.0)
         self._add(np.inf)
         # cover the axis: bound µ in the middle of the widest gap, then take the interval it proves
-        while not self._ended() and (between := self._widest_gap()) is not None:
+        while not self._is_decided() and (between := self._widest_gap()) is not None:
             low, high = between
             near, far = max(low, self.slowest), min(high, self.fastest)
             if len(self.intervals) > (_MOST_INTERVALS if limit is None else _MOST_OF_A_LIMIT):
@@ -253,7 +253,7 @@ class _Cover:
             omega = np.unique(
                 np.concatenate([omega, size, np.abs(poles.imag), np.logspace(low, high, _GRID)])
             )
-        matrices = self.loop.structure.squared(self.loop.response(omega))
+        matrices = self.loop.structure.pad_to_square(self.loop.response(omega))
         gains = np.linalg.norm(matrices, 2, axis=(1, 2))
         self.largest = float(gains.max())
         self.floor = _FLOOR * self.largest
@@ -323,11 +323,11 @@ class _Cover:
         # the bound fails here: raise it by the gap, so that it cannot fail by rounding again
         while (found := self._bound(omega, self.beta)).value >= self.beta:
             self.beta = (1.0 + self.gap) * found.value
-            if self._ended():
+            if self._is_decided():
                 return
         self._enter(omega, found.scalings)
 
-    def _ended(self) -> bool:
+    def _is_decided(self) -> bool:
         """Return whether a limit is exceeded, or a skewed bound out of reach: none is proved."""
         if self.limit is not None:
             return bool(self.bounds)
@@ -346,7 +346,7 @@ class _Cover:
             if found.value < self.beta:
                 break
             self.beta, self.bounds[middle] = (1.0 + self.gap) * found.value, found
-            if self._ended():
+            if self._is_decided():
                 return
         self._enter(middle, found.scalings)
 

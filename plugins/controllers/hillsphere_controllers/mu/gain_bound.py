@@ -64,7 +64,7 @@ def bound_by_gain(
     seed : int
         Of random starts.
     """
-    uncertainty = BlockStructure([b.squared() for b in structure.blocks[:-1]])
+    uncertainty = BlockStructure([b.enclosing_square() for b in structure.blocks[:-1]])
     best, known = None, 0.0 if low is None else low.value
     if not 0.0 < high < np.inf:
         return None

@@ -75,7 +75,7 @@ class Loop:
         self._response = Response(system.a, system.b, system.c, system.d)
         self.poles = self._response.poles
         n = system.order
-        self._d = structure.squared(system.d + 0j)
+        self._d = structure.pad_to_square(system.d + 0j)
         rows, columns = structure.places()
         self._b = np.zeros((n, structure.size))
         self._c = np.zeros((structure.size, n))
@@ -126,7 +126,7 @@ class Loop:
     def _positive(
         self, omega: Array, root: Complex, into: Complex, g: Complex
     ) -> NDArray[np.bool_]:
-        x = root.conj().T @ self.structure.squared(self.response(omega)) @ into
+        x = root.conj().T @ self.structure.pad_to_square(self.response(omega)) @ into
         gx = g @ x
         xh = x.conj().swapaxes(1, 2)
         # F in normalised coordinates: I − Xᴴ X − j(G X − Xᴴ G)

@@ -100,7 +100,7 @@ def lower_bound(
     InputError
         If the matrix does not fit the structure.
     """
-    squared = structure.squared(matrix)
+    squared = structure.pad_to_square(matrix)
 
     def constant(_: float) -> tuple[Complex, Complex]:
         return squared, np.zeros_like(squared)
@@ -179,13 +179,13 @@ def moving_response(
     def at(z: float) -> tuple[Complex, Complex]:
         omega = omega_rad_s * np.exp(z)
         if not np.isfinite(omega):
-            m = structure.squared(system.d + 0j)
+            m = structure.pad_to_square(system.d + 0j)
             return m, np.zeros_like(m)
         # M = C (jω − A)⁻¹ B + D, dM/dz = −jω C (jω − A)⁻² B with ω = ω₀ exp z
         x = np.linalg.solve(1j * omega * one - system.a, system.b + 0j)
         more = np.linalg.solve(1j * omega * one - system.a, x)
-        m = structure.squared(system.c @ x + system.d)
-        return m, structure.squared(-1j * omega * (system.c @ more))
+        m = structure.pad_to_square(system.c @ x + system.d)
+        return m, structure.pad_to_square(-1j * omega * (system.c @ more))
 
     return at
 
@@ -199,7 +199,7 @@ def _best_start(
     omega: float | None,
 ) -> LowerBound:
     m, _ = at(0.0)
-    none = LowerBound(0.0, structure.unsquared(np.zeros_like(m)), 1.0)
+    none = LowerBound(0.0, structure.remove_padding(np.zeros_like(m)), 1.0)
     size = float(np.linalg.norm(m, 2))
     if size == 0.0:
         return none
@@ -220,7 +220,7 @@ def _best_start(
 
     def raise_from(q: Complex) -> None:
         nonlocal best
-        raised = ascent.raised(q)
+        raised = ascent.climb(q)
         if raised is None:
             return
         delta, z = raised
@@ -262,6 +262,6 @@ def verify_perturbation(
     singular = float(np.linalg.svd(np.eye(len(m)) - product, compute_uv=False)[-1])
     if not singular <= _SINGULAR * max(1.0, float(np.linalg.norm(product, 2))):
         return None
-    made = structure.unsquared(delta)
+    made = structure.remove_padding(delta)
     size = max(float(np.linalg.norm(made[rows, columns], 2)) for rows, columns in structure.parts())
     return LowerBound(1.0 / size, made, singular, frequency_rad_s)

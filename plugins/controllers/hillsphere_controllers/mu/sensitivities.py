@@ -51,8 +51,8 @@ def sensitivities(matrix: Complex | Array, structure: BlockStructure) -> Array:
     InputError
         If the matrix does not fit the structure, or µ is zero, which has no shares.
     """
-    squared = structure.squared(matrix)
-    square = BlockStructure([b.squared() for b in structure.blocks])
+    squared = structure.pad_to_square(matrix)
+    square = BlockStructure([b.enclosing_square() for b in structure.blocks])
     here = upper_bound(squared, square, tolerance=_ROOM)
     if here.value <= 1e-12 * float(np.linalg.norm(squared)):
         raise InputError("µ is zero: no block has a share of it")

@@ -130,7 +130,7 @@ def upper_bound(
         raise InputError(f"a tolerance must be from 0 to 1, got {tolerance}")
     if skewed is not None and not len(skewed):
         raise InputError("a skewed problem needs a block whose size the bound is about")
-    squared = structure.squared(matrix)
+    squared = structure.pad_to_square(matrix)
     squared = squared[None] if squared.ndim == 2 else squared
     size = float(np.linalg.norm(squared, 2, axis=(1, 2)).max())
     n = structure.size
@@ -205,7 +205,7 @@ def analytic_centre(
     InputError
         If the matrix does not fit the structure.
     """
-    squared = structure.squared(matrix)[None]
+    squared = structure.pad_to_square(matrix)[None]
     size, n = float(np.linalg.norm(squared[0], 2)), structure.size
     basis = Basis(structure, np.ones(n, dtype=bool), 1.0)
     white = _Whitened(squared / size, basis)
@@ -324,7 +324,7 @@ def _scale_fixed_blocks(
     """Return scalings of finite level, from a bound of the blocks that are not skewed alone."""
     kept = ~basis.free
     inner = BlockStructure(
-        [b.squared() for k, b in enumerate(structure.blocks) if kept[structure.starts[k]]]
+        [b.enclosing_square() for k, b in enumerate(structure.blocks) if kept[structure.starts[k]]]
     )
     part = m[:, kept][:, :, kept]
     # feasible only if the fixed blocks alone have µ below their level

@@ -275,15 +275,15 @@ def _ascend(
         weight = np.ones(structure.size)
         # starts from a lower bound of µ whose performance block has the level found
         weight[n:] = 1.0 / proof.upper
-        whole = BlockStructure([b.squared() for b in structure.blocks])
+        whole = BlockStructure([b.enclosing_square() for b in structure.blocks])
         found = lower_bound(weight[:, None] * at(0.0)[0], whole, seed=seed)
         if found.value > 0.0:
             starts.append(unit.parameters(found.delta[:n, :n] * found.value))
     elif proof.upper > 0.0:
-        inner = BlockStructure([b.squared() for b in uncertainty.blocks])
+        inner = BlockStructure([b.enclosing_square() for b in uncertainty.blocks])
         found = lower_bound(at(0.0)[0][:n, :n], inner, seed=seed)
         if found.value > 0.0:
             starts.append(unit.parameters(found.delta * found.value))
     starts += [ascent.random(random) for _ in range(_STARTS)]
     best = ascent.best(starts)
-    return uncertainty.unsquared(best.q), float(omega * np.exp(best.z))
+    return uncertainty.remove_padding(best.q), float(omega * np.exp(best.z))

@@ -62,9 +62,9 @@ class Bounded:
         """Return K of φ."""
         return self.structure.gains(self.parameters(theta))
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of φ."""
-        inner = self.structure.pulled_back(self.parameters(theta), slope)
+        inner = self.structure.pull_back(self.parameters(theta), slope)
         # chain rule: dθ/dφ = h cos φ
         return inner * np.where(self._inside, self._half * np.cos(theta), 1.0)
 

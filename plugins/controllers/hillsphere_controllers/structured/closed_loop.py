@@ -69,11 +69,11 @@ class Open:
     d22: Array
 
     @staticmethod
-    def stacked(many: Sequence[Open]) -> Open:
+    def stack(many: Sequence[Open]) -> Open:
         """Return several plants as one, with a first axis."""
         return Open(*(np.stack([getattr(m, one.name) for m in many]) for one in fields(Open)))
 
-    def closed(self, gains: Array) -> Closed | None:
+    def close_loop(self, gains: Array) -> Closed | None:
         """Return the closed loop with K; None if it is not well posed."""
         b2, c2, d12, d21, moved = self.b2, self.c2, self.d12, self.d21, gains
         if self.d22.any():
@@ -219,4 +219,4 @@ class OpenLoop:
 
     def close(self, gains: Array) -> Closed | None:
         """Return the closed loop with K; None if it is not well posed."""
-        return self.open.closed(gains)
+        return self.open.close_loop(gains)

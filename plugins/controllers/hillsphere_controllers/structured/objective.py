@@ -161,7 +161,7 @@ class Objective:
         no = Point(x, np.inf)
         if not np.isfinite(matrix).all() or float(np.abs(x).max()) > FURTHEST:
             return no
-        loops = self.norms.closed(matrix)
+        loops = self.norms.close_loop(matrix)
         # the cheapest test first: a remembered peak may already exceed the level
         if loops is None or self.norms.seen_above(loops, above):
             return no
@@ -204,9 +204,9 @@ class Objective:
         """Drop all remembered peaks, so that a start does not depend on those before it."""
         self.norms.forget()
 
-    def certified(self, point: Point) -> Point:
+    def certify(self, point: Point) -> Point:
         """Return the point, with peaks added that only the level-set method found."""
-        missed = self.norms.missed(point.loops, point.objective)
+        missed = self.norms.finds_higher_gain(point.loops, point.objective)
         return self.evaluate(point.x) if missed else point
 
     def slope(self, point: Point) -> Array:
@@ -281,7 +281,7 @@ class Objective:
                 wanted.append((p.plant, p.channel, p.omega_rad_s, p.number))
         return made + [p for found in self._at(point, wanted) for p in found]
 
-    def followed(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
+    def follow(self, point: Point, pieces: Sequence[Piece]) -> list[Piece]:
         """Return the same pieces at another point; a piece that is gone there stays as it was."""
         found, hard = list(pieces), None
         self._refine(point)
@@ -327,7 +327,7 @@ class Objective:
         level = self._gain_excess(point.gains)
         if level > _NEAR_HARD:
             slope = point.gains / np.sum(point.gains**2)
-            slope = self._chained(point, slope)
+            slope = self._chain_rule(point, slope)
             found.append(Piece(level + _MARGIN, slope, -1, -1, np.nan, 0, True))
         if self._controller_stable:
             found += self._controller_pieces(point)
@@ -345,11 +345,11 @@ class Objective:
                 continue
             slope = np.zeros_like(point.gains)
             slope[:k, :k] = np.real(np.outer(left[:, i].conj(), right[:, i]) / along) / self._rate
-            found.append(Piece(level, self._chained(point, slope), -2, -1, np.nan, number, True))
+            found.append(Piece(level, self._chain_rule(point, slope), -2, -1, np.nan, number, True))
         return found
 
-    def _chained(self, point: Point, slope: Array) -> Array:
-        return self.structure.pulled_back(self.theta(point.x), slope) * self.spread
+    def _chain_rule(self, point: Point, slope: Array) -> Array:
+        return self.structure.pull_back(self.theta(point.x), slope) * self.spread
 
     def _at(self, point: Point, wanted: Sequence[_Wanted]) -> list[list[Piece]]:
         """Return, for each that is wanted, the pieces of all singular values or of one of them."""
@@ -373,7 +373,7 @@ class Objective:
                     looked[i] = (np.arange(sigma.shape[1]) == number) & (sigma[i] > 0.0)
             high = sigma[looked]
             levels = np.log((weight[:, None] * sigma)[looked]) + (_MARGIN if hard else 0.0)
-            chained = self._chained(point, slopes[looked] / high[:, None, None])
+            chained = self._chain_rule(point, slopes[looked] / high[:, None, None])
             places = zip(*np.nonzero(looked), strict=True)
             for (i, number), level, slope in zip(places, levels.tolist(), chained, strict=True):
                 j, _, at, _ = wanted[members[int(i)]]
@@ -382,7 +382,7 @@ class Objective:
 
     def _h2_piece(self, point: Point, j: int, c: int) -> Piece:
         rows, columns, channel = self.loops[j].channels[c]
-        slope = self._chained(point, h2_slope(point.loops[j].closed, rows, columns))
+        slope = self._chain_rule(point, h2_slope(point.loops[j].closed, rows, columns))
         hard = channel.limit is not None
         level = point.loops[j].levels[c] + (_MARGIN if hard else 0.0)
         return Piece(level, slope, j, c, np.nan, 0, hard)
@@ -392,7 +392,7 @@ class Objective:
         excess, by_pole = region.excess(poles)
         found = []
         for kind, i in zip(*np.nonzero(excess > _NEAR_HARD), strict=True):
-            slope = self._chained(point, np.real(by_pole[kind, i] * slopes[i]))
+            slope = self._chain_rule(point, np.real(by_pole[kind, i] * slopes[i]))
             if poles[i].imag < 0.0 or not np.isfinite(slope).all():
                 continue
             # poles keep their places only roughly: the worst of a condition is followed

@@ -103,16 +103,16 @@ class PlantNorms:
         for j, plant in enumerate(self.plants):
             alike.setdefault(_group_key(plant), []).append(j)
         self._groups = [
-            _Group(members, Open.stacked([self.plants[j].open for j in members]))
+            _Group(members, Open.stack([self.plants[j].open for j in members]))
             for members in alike.values()
         ]
         self.group = {j: k for k, group in enumerate(self._groups) for j in group.members}
 
-    def closed(self, gains_: Array) -> list[Loop] | None:
+    def close_loop(self, gains_: Array) -> list[Loop] | None:
         """Return the loops with K; None if one of them is not stable."""
         found: dict[int, Loop] = {}
         for group in self._groups:
-            closed = group.open.closed(gains_)
+            closed = group.open.close_loop(gains_)
             if closed is None or not np.isfinite(closed.a).all():
                 return None
             made = Response.of_many(closed.a, closed.b, closed.c, closed.d)
@@ -241,7 +241,7 @@ class PlantNorms:
         """Forget all peaks, so that a search does not depend on those before it."""
         self._remembered = [np.zeros(0) for _ in self.plants]
 
-    def missed(self, loops: Sequence[Loop], above: float) -> bool:
+    def finds_higher_gain(self, loops: Sequence[Loop], above: float) -> bool:
         """Return whether the level-set method finds a higher gain, and remember its frequency.
 
         Parameters

@@ -257,7 +257,7 @@ def _find_step(
             return _TrialStep(trial, held, eased, rejected)
         if np.isfinite(trial.value):
             # second-order correction: the levels at the trial point replace the linear prediction
-            moved = objective.followed(trial, pieces)
+            moved = objective.follow(trial, pieces)
             near = [p for p in objective.pieces(trial) if not p.hard]
             violators = [p for p in near if p.level > trial.objective - 1e-3][:_VIOLATORS]
             there = _Linear.of(moved, point.objective).values
@@ -286,7 +286,7 @@ def _update_hessian(
     if not held:
         return hessian
     before = _Linear.of([p for p, _ in held], old.objective)
-    after = _Linear.of(objective.followed(new, [p for p, _ in held]), old.objective)
+    after = _Linear.of(objective.follow(new, [p for p, _ in held]), old.objective)
     change = np.array([w for _, w in held]) @ (after.slopes - before.slopes)
     step = new.x - old.x
     turned = hessian @ step

@@ -62,7 +62,7 @@ def reduced_start(
     start = structure.gains(middle)
     units = np.eye(wanted.size).reshape(wanted.size, *wanted.shape)
     # K is linear in θ: the slopes of all its entries give θ by least squares
-    slopes = structure.pulled_back(middle, units)
+    slopes = structure.pull_back(middle, units)
     step = np.linalg.lstsq(slopes, (wanted - start).ravel(), rcond=None)[0]
     if not np.isfinite(step).all():
         return None

@@ -367,7 +367,7 @@ def _climb(objective: Objective, start: Array) -> Point:
 
     if np.isfinite(best.value):
         minimize(value, start, jac=True, method="L-BFGS-B", bounds=[(-1.0, 1.0)] * start.size)
-    return objective.certified(best) if np.isfinite(best.value) else best
+    return objective.certify(best) if np.isfinite(best.value) else best
 
 
 def _gamma(plant: UncertainPlant, norms: Sequence[float]) -> float:
@@ -391,7 +391,7 @@ class _Repeated:
     def gains(self, theta: Array) -> Array:
         return np.diag(theta[self._owner])
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         diagonal = np.diagonal(slope, axis1=-2, axis2=-1)
         return np.stack(
             [diagonal[..., self._owner == i].sum(axis=-1) for i in range(self.size)], axis=-1

@@ -223,7 +223,7 @@ class Search:
         """Take given parameters into account without a search."""
         point = objective.evaluate((np.asarray(start.theta) - self.middle) / self.spread)
         if np.isfinite(point.value):
-            best.accepted(point)
+            best.accept(point)
 
     def _together(
         self, alike: Alike, start: Start, random: np.random.Generator, best: Best
@@ -254,7 +254,7 @@ class Search:
                     converged = _minimise_from(objective, point, random, lowest)
                 except (KeyboardInterrupt, Interrupted, Reached):
                     if lowest.point is not None:
-                        best.accepted(best.objective.evaluate(apart(lowest.point.x)))
+                        best.accept(best.objective.evaluate(apart(lowest.point.x)))
                     raise
             found = apart(lowest.known.x if lowest.point is not None else x)
             if converged:
@@ -338,20 +338,20 @@ class Best:
         assert self.point is not None
         return self.point
 
-    def passed(self, point: Point) -> Point:
+    def remember(self, point: Point) -> Point:
         """Remember the peaks of a point that a method goes on from; now and then certify it.
 
         One that is not certified may be higher than it seems, and is not the best one.
         """
         self._count += 1
         if self._count % _OFTEN == 0:
-            return self.accepted(point)
+            return self.accept(point)
         self.objective.remember(point)
         return point
 
-    def accepted(self, point: Point) -> Point:
+    def accept(self, point: Point) -> Point:
         """Certify a point that a method goes on from, and take it into account."""
-        return self._taken(self.objective.certified(point))
+        return self._taken(self.objective.certify(point))
 
     def _taken(self, point: Point) -> Point:
         self.objective.remember(point)
@@ -384,17 +384,17 @@ def _minimise_from(
 
     Returns whether polishing ended by itself.
     """
-    point = best.accepted(point)
+    point = best.accept(point)
     converged = False
     for _ in range(_PENALTIES):
         if not polish:
-            point = descend(objective, point, iterations=150, accepted=best.passed)
-            point = best.accepted(point)
+            point = descend(objective, point, iterations=150, accepted=best.remember)
+            point = best.accept(point)
         iterations = polish or _POLISHED
-        found = polish_point(objective, point, accepted=best.accepted, iterations=iterations)
+        found = polish_point(objective, point, accepted=best.accept, iterations=iterations)
         if not (found.converged or polish):
             point = gradient_sampling(objective, found.point, random, rounds=1)
-            found = polish_point(objective, best.accepted(point), accepted=best.accepted)
+            found = polish_point(objective, best.accept(point), accepted=best.accept)
         point, converged = found.point, found.converged
         if point.excess <= _KEPT:
             break

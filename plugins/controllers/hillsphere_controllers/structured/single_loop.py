@@ -44,7 +44,7 @@ class Pid:
             made[-1, -1] += gain * omega
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the parameters."""
         found = [slope[..., -1, -1]]
         if self.integral:
@@ -112,7 +112,7 @@ class TransferFunction:
         made[n, :n], made[n, n] = b[:n] - b[n] * a, b[n]
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the coefficients."""
         n = self.order
         a = theta[:n]

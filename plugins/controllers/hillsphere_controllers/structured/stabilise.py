@@ -69,7 +69,7 @@ class _Landscape:
             slope = np.zeros_like(slope)
         # such a pole nearly: it moves with the root of K, for which no slope is too steep
         slope *= min(1.0, _STEEPEST / max(float(np.abs(slope).max()), 1e-300))
-        back = self.structure.pulled_back(self.middle + self.spread * point.x, slope)
+        back = self.structure.pull_back(self.middle + self.spread * point.x, slope)
         return np.asarray(back * self.spread)
 
 

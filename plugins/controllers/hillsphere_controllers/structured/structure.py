@@ -82,7 +82,7 @@ class Structure(Protocol):
         """Return K (order + controls, order + measurements)."""
         ...
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return Jᵀ vec(dK) (..., size) of slopes (..., order + controls, order + measurements)."""
         ...
 
@@ -133,7 +133,7 @@ class FreeEntries:
         made[self.free] = theta
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of the free entries."""
         return np.asarray(slope[..., self.free])
 
@@ -221,11 +221,11 @@ class Diagonal:
             made[rows, columns] = part.gains(theta[span])
         return made
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes of each part's parameters."""
         return np.concatenate(
             [
-                part.pulled_back(theta[span], slope[..., rows, columns])
+                part.pull_back(theta[span], slope[..., rows, columns])
                 for part, (rows, columns, span) in zip(self.parts, self._places, strict=True)
             ],
             axis=-1,
@@ -265,9 +265,9 @@ class Alike:
         """Return K."""
         return self.diagonal.gains(self.apart(theta))
 
-    def pulled_back(self, theta: Array, slope: Array) -> Array:
+    def pull_back(self, theta: Array, slope: Array) -> Array:
         """Return the slopes, summed over the parts."""
-        found = self.diagonal.pulled_back(self.apart(theta), slope)
+        found = self.diagonal.pull_back(self.apart(theta), slope)
         return np.asarray(found.reshape(*found.shape[:-1], self._count, self.size).sum(axis=-2))
 
     def typical(self, sizes: Sizes) -> tuple[Array, Array]:

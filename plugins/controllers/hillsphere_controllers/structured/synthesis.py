@@ -319,10 +319,10 @@ class _Run:
         self._total += len(starts)
         found: dict[int, Found] = {}
         try:
-            with closing(self._searched(starts)) as results:
+            with closing(self._iterate_results(starts)) as results:
                 for one in results:
                     found[one.start.number] = one
-                    self._ended(one)
+                    self._report_result(one)
                     if self.interrupted:
                         break
         except (KeyboardInterrupt, Interrupted):
@@ -331,10 +331,10 @@ class _Run:
                 raise
         return [found[number] for number in sorted(found)]
 
-    def _searched(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
+    def _iterate_results(self, starts: Sequence[Start]) -> Generator[Found, None, None]:
         """Yield the results of searches as they end, stored ones first."""
         if self._ctx is None or self._kept is None:
-            yield from map(Search(self._problem, self._going_on), starts)
+            yield from map(Search(self._problem, self._report_progress), starts)
             return
         left = []
         for start in starts:
@@ -343,11 +343,11 @@ class _Run:
                 left.append(start)
             else:
                 yield known
-        with Workers(self._ctx, _Searches(self._problem, self._going_on)) as workers:
+        with Workers(self._ctx, _Searches(self._problem, self._report_progress)) as workers:
             for one in workers.ended(left):
                 yield self._kept.keep(one)
 
-    def _ended(self, found: Found) -> None:
+    def _report_result(self, found: Found) -> None:
         self._done += 1
         self.interrupted = found.interrupted
         if found.allowed:
@@ -355,7 +355,7 @@ class _Run:
         if self._progress is not None:
             self._progress(Progress(self._done, self._total, found, self._gamma, found.gamma))
 
-    def _going_on(self, gamma: float) -> None:
+    def _report_progress(self, gamma: float) -> None:
         if self._progress is not None:
             least = min(self._gamma, gamma)
             self._progress(Progress(self._done, self._total, None, least, gamma))

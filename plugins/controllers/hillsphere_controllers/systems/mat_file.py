@@ -92,7 +92,7 @@ def parse_mat(data: bytes) -> dict[str, Value]:
     for kind, content in reader.elements(memoryview(data)[_HEAD:]):
         body = content
         if kind == _COMPRESSED:
-            kind, body = reader.one(memoryview(reader.unpacked(content)))
+            kind, body = reader.one(memoryview(reader.decompress(content)))
         if kind != _MATRIX:
             raise MatFileError(f"a variable is of kind {kind}, which is no array")
         name, value = reader.array(body, 0)
@@ -126,7 +126,7 @@ class _Reader:
         if self._bytes > MAX_UNPACKED_BYTES:
             raise MatFileError(f"it unpacks to more than {MAX_UNPACKED_BYTES} bytes")
 
-    def unpacked(self, data: memoryview) -> bytes:
+    def decompress(self, data: memoryview) -> bytes:
         """Return the content of a compressed element; zlib packs 1000 zeros in a byte."""
         unpacking = zlib.decompressobj()
         parts: list[bytes] = []

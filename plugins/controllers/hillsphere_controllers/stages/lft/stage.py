@@ -83,7 +83,7 @@ class LftStage:
         found: list[Fit] = []
         response_error = np.full(len(models.systems), np.nan)
         for members in groups.members:
-            found.append(self._fitted(models, members, parameters, others))
+            found.append(self._fit_members(models, members, parameters, others))
             if spec.fit == "polynomial":
                 # an affine fit was compared with all matrices already
                 response_error[members] = _response_errors(
@@ -131,7 +131,7 @@ class LftStage:
         """Show blocks, terms, errors, sizes, and frequency responses with the models' responses."""
         return present_uncertain_models(product, models)
 
-    def _fitted(
+    def _fit_members(
         self,
         models: LinearModels,
         members: Integers,

@@ -37,7 +37,7 @@ class ShelvingSpec(Spec):
     order: int = option("so many equal poles", default=1, ge=1, le=10)
 
     @model_validator(mode="after")
-    def _between(self) -> Self:
+    def _check_between(self) -> Self:
         if not min(self.low, self.high) < self.gain < max(self.low, self.high):
             raise rule("gain", f"must lie between low ({self.low:g}) and high ({self.high:g})")
         return self

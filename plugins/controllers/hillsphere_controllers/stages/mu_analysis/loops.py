@@ -93,9 +93,9 @@ class Analyses:
 
     def prepare(self) -> Callable[[Piece], Analysed]:
         """Return the function that analyses a loop."""
-        return self.analysed
+        return self.analyse
 
-    def analysed(self, piece: Piece) -> Analysed:
+    def analyse(self, piece: Piece) -> Analysed:
         """Return the bounds of one loop with their certificates.
 
         Parameters

@@ -95,7 +95,7 @@ class SampledLoopsStage:
         """
         spec = self.spec
         labels, plants = self._plants(models)
-        flown = self._flown(controllers)
+        flown = self._controllers_in_flight(controllers)
         periods = spec.periods_s or (() if self._law is None else (self._law.period_s,))
         longest = spec.longest_s or _BEYOND * max(periods)
         looked = np.geomspace(longest / _RANGE, longest, _LOOKED)
@@ -187,7 +187,7 @@ class SampledLoopsStage:
             )  # fmt: skip
         return labels, plants
 
-    def _flown(self, controllers: tuple[ControlDesign, ...]) -> dict[str, At]:
+    def _controllers_in_flight(self, controllers: tuple[ControlDesign, ...]) -> dict[str, At]:
         """Return the controllers in flight as functions of the period, by name."""
         law = self._law
         if not controllers:
