@@ -226,13 +226,15 @@ def _certificates(product: MuAnalysis) -> Table:
         numbers("frequency_rad_s", "frequency_rad_s", "reached at", 4),
         numbers("singular", "singular", "least singular value of I − MΔ", 2),
         text_column(
-            "complexified", [_complexified(one) for one in shown], "with complex parts: from, to"
+            "complexified",
+            [_describe_complex_parts(one) for one in shown],
+            "with complex parts: from, to",
         ),
     ]
     return tabulate("Certificates", columns)
 
 
-def _complexified(one: Analysed) -> str | None:
+def _describe_complex_parts(one: Analysed) -> str | None:
     bounds = zip(one.complex_parts, one.complex_upper, one.complex_lower, strict=True)
     said = [f"{100.0 * part:.3g} %: {lower:.4g} to {upper:.4g}" for part, upper, lower in bounds]
     return "; ".join(said) or None
