@@ -20,11 +20,15 @@ from numpy.typing import NDArray
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Integers
-from hillsphere_estimators.gauss_newton import HALVINGS, SHORT, expected_by_slopes
+from hillsphere_estimators.convergence import freeze_converged, step_in_sigmas
+from hillsphere_estimators.gauss_newton import (
+    MOST_HALVINGS,
+    NEVER_HALVED_SIGMAS,
+    linearise_measurements,
+)
 from hillsphere_estimators.information import information_root
-from hillsphere_estimators.innovations import usable, whitened
-from hillsphere_estimators.linearisation import shown, transition
-from hillsphere_estimators.resting import distance, rested
+from hillsphere_estimators.innovations import usable, whiten
+from hillsphere_estimators.linearisation import predict_measurement, transition
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
 __all__ = ["Fit", "batch_least_squares"]
@@ -106,16 +110,16 @@ def batch_least_squares(
     squares = _squares(model, prior, known, now.x, measurements, controls)
     for _ in range(iterations):
         there = _step(model, prior, known, now, measurements, controls)
-        far = distance(there, now)
+        far = step_in_sigmas(there, now)
         share, x = np.ones(cases), there.x
-        for _ in range(HALVINGS):
+        for _ in range(MOST_HALVINGS):
             reached = _squares(model, prior, known, x, measurements, controls)
-            bad = moving & (far > SHORT) & ~(reached <= squares)
+            bad = moving & (far > NEVER_HALVED_SIGMAS) & ~(reached <= squares)
             if not bad.any():
                 break
             share = np.where(bad, 0.5 * share, share)
             x = np.where(share < 1.0, now.x + share * (there.x - now.x), there.x)
-        now = rested(moving, Belief(x, there.root, prior.t_s), now)
+        now = freeze_converged(moving, Belief(x, there.root, prior.t_s), now)
         squares, count = np.where(moving, reached, squares), count + moving
         moving &= far > tolerance_sigmas
         if not moving.any():
@@ -142,7 +146,7 @@ def _step(
         x, step = transition(model, now, measured.t_s, control)
         phi, now = step @ phi, Belief(x, prior.root, measured.t_s)
         layout, used = usable(measured)
-        expected = expected_by_slopes(model, now, layout, measured, used)
+        expected = linearise_measurements(model, now, layout, measured, used)
         rows = np.swapaxes(expected.linear, 1, 2) @ phi
         more = np.concatenate([rows, expected.residual[:, :, None]], axis=2)
         upper = upper_triangle(np.concatenate([upper, more], axis=1))
@@ -168,7 +172,7 @@ def _squares(
         t_s = measured.t_s
         layout, used = usable(measured)
         none = np.zeros((len(t_s), 0, layout.rows))
-        z = shown(model, Belief(x, prior.root, t_s), layout)
-        residual = whitened(layout, measured, used, z, 0.0, none, none).residual
+        z = predict_measurement(model, Belief(x, prior.root, t_s), layout)
+        residual = whiten(layout, measured, used, z, 0.0, none, none).residual
         total = total + np.sum(residual**2, axis=1)
     return np.asarray(total)

@@ -27,7 +27,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, ConsiderModel, EstimationModel, Integers
 
-__all__ = ["BiasStates", "Biased"]
+__all__ = ["BiasAugmentedModel", "BiasStates"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class BiasStates:
             raise InputError("standard deviations and correlation times of biases must be positive")
 
 
-class Biased:
+class BiasAugmentedModel:
     """An `EstimationModel` of a model's n states and k biases behind them (see the module).
 
     Parameters
@@ -90,7 +90,7 @@ class Biased:
         own = model.considered if isinstance(model, ConsiderModel) else np.zeros(states, bool)
         self._considered = np.concatenate([own, biases.considered])
 
-    def started(self, belief: Belief) -> Belief:
+    def append_biases(self, belief: Belief) -> Belief:
         """Return a belief of the n states with the biases appended, zero and uncertain by σ."""
         n, k, cases = len(belief.x), len(self.biases.sigma), len(belief.t_s)
         root = np.zeros((cases, n + k, n + k))

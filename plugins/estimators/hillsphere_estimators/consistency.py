@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation
 from hillsphere.interfaces import Array
-from hillsphere_estimators.resting import regular_root
+from hillsphere_estimators.convergence import regular_root
 
 __all__ = ["MeanNis", "chi_square_band", "mean_nis", "nees"]
 

@@ -23,7 +23,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
-from hillsphere_estimators.resting import regular_root, regular_scales
+from hillsphere_estimators.convergence import regular_root, regular_scales
 from hillsphere_estimators.roots import lower_root
 
 __all__ = ["covariance_intersection"]

@@ -27,7 +27,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes
+from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.linearisation import transition
 from hillsphere_estimators.roots import lower_root, upper_triangle
@@ -88,7 +88,7 @@ def cramer_rao(
             noise = model.process_noise(now.x, now.t_s, measured.t_s, control)
             rows = np.concatenate([phi @ now.root, noise], axis=2)
             now = Belief(x, lower_root(np.swapaxes(rows, 1, 2)), measured.t_s)
-        now = Belief(x, _informed(model, now, measured, pooled), measured.t_s)
+        now = Belief(x, _add_information(model, now, measured, pooled), measured.t_s)
         found.append(now)
     return found
 
@@ -111,10 +111,12 @@ def rms(bounds: Belief, states: slice | Sequence[int]) -> float:
     return float(np.sqrt(np.mean(np.sum(bounds.sigma[states] ** 2, axis=0))))
 
 
-def _informed(model: EstimationModel, now: Belief, measured: MeasurementSet, pooled: bool) -> Array:
+def _add_information(
+    model: EstimationModel, now: Belief, measured: MeasurementSet, pooled: bool
+) -> Array:
     """Return the root of (P⁻¹ + HᵀH)⁻¹ = S (1 + SᵀHᵀHS)⁻¹ Sᵀ, which needs no inverse of S."""
     layout, used = usable(measured)
-    slopes = expected_by_slopes(model, now, layout, measured, used).linear
+    slopes = linearise_measurements(model, now, layout, measured, used).linear
     if pooled:
         cases, n, m = slopes.shape
         every: Array = slopes.transpose(0, 2, 1).reshape(1, cases * m, n)

@@ -15,37 +15,44 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
 from hillsphere_estimators.differences import Layout
-from hillsphere_estimators.innovations import Expected, whitened
-from hillsphere_estimators.linearisation import sensitivity, shown
-from hillsphere_estimators.resting import distance, regular_root, rested
+from hillsphere_estimators.innovations import WhitenedInnovation, whiten
+from hillsphere_estimators.linearisation import predict_measurement, sensitivity
 
-__all__ = ["HALVINGS", "SHORT", "Solver", "expected_by_slopes", "settled", "shortened"]
+__all__ = [
+    "MOST_HALVINGS",
+    "NEVER_HALVED_SIGMAS",
+    "Solver",
+    "halve_rising_steps",
+    "iterate_update",
+    "linearise_measurements",
+]
 
-Solver: TypeAlias = Callable[[Belief, Array, Expected], Belief]
+Solver: TypeAlias = Callable[[Belief, Array, WhitenedInnovation], Belief]
 """Prior, the states (n, N) about which is linearised, and the measurements beside what these
 would show, with the rows of `linear` the transposed derivatives; to the belief that solves it."""
 
-HALVINGS = 30
-SHORT = 0.1
+MOST_HALVINGS = 30
+NEVER_HALVED_SIGMAS = 0.1
 """Steps shorter than this, in standard deviations, are never halved: what they make of the sum of
 squares may drown in its rounding."""
 
 
-def expected_by_slopes(
+def linearise_measurements(
     model: EstimationModel,
     at: Belief,
     layout: Layout,
     measurements: MeasurementSet,
     used: NDArray[np.bool_],
-) -> Expected:
+) -> WhitenedInnovation:
     """Compare measurements with what means would show; linear rows are derivatives by states."""
     z, slopes = sensitivity(model, at, layout)
     none = np.zeros((len(slopes), 0, layout.rows))
-    return whitened(layout, measurements, used, z, 0.0, np.swapaxes(slopes, 1, 2), none)
+    return whiten(layout, measurements, used, z, 0.0, np.swapaxes(slopes, 1, 2), none)
 
 
-def settled(
+def iterate_update(
     model: EstimationModel,
     prior: Belief,
     layout: Layout,
@@ -88,28 +95,28 @@ def settled(
     now = prior
     moving = np.ones(len(prior.t_s), dtype=bool)
     for _ in range(iterations):
-        expected = expected_by_slopes(model, now, layout, measurements, used)
+        expected = linearise_measurements(model, now, layout, measurements, used)
         there = solve(prior, now.x, expected)
-        far = distance(there, now)
-        long = moving & (far > SHORT)
+        far = step_in_sigmas(there, now)
+        long = moving & (far > NEVER_HALVED_SIGMAS)
         if damped and iterations > 1 and long.any():
             before = _squares(prior, now.x, expected.residual)
 
             def rises(x: Array, limit: Array = before) -> NDArray[np.bool_]:
-                z = shown(model, Belief(x, prior.root, prior.t_s), layout)
+                z = predict_measurement(model, Belief(x, prior.root, prior.t_s), layout)
                 none = np.zeros((len(prior.t_s), 0, layout.rows))
-                off = whitened(layout, measurements, used, z, 0.0, none, none).residual
+                off = whiten(layout, measurements, used, z, 0.0, none, none).residual
                 return ~(_squares(prior, x, off) <= limit)
 
-            there = shortened(now, there, long, rises)
-        now = rested(moving, there, now)
+            there = halve_rising_steps(now, there, long, rises)
+        now = freeze_converged(moving, there, now)
         moving &= far > tolerance
         if not moving.any():
             break
     return now
 
 
-def shortened(
+def halve_rising_steps(
     now: Belief,
     there: Belief,
     moving: NDArray[np.bool_],
@@ -133,7 +140,7 @@ def shortened(
     """
     share = np.ones(len(now.t_s))
     x = there.x
-    for _ in range(HALVINGS):
+    for _ in range(MOST_HALVINGS):
         bad = moving & rises(x)
         if not bad.any():
             break

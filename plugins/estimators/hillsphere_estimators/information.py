@@ -17,12 +17,12 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes, settled
-from hillsphere_estimators.innovations import Expected, about_prior, usable_at
+from hillsphere_estimators.convergence import regular_root
+from hillsphere_estimators.gauss_newton import iterate_update, linearise_measurements
+from hillsphere_estimators.innovations import WhitenedInnovation, refer_to_prior, usable_at
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import upper_triangle
-from hillsphere_estimators.sigma_points import considered
+from hillsphere_estimators.sigma_points import update_mask
 from hillsphere_estimators.specs import InformationSpec
 
 __all__ = ["Information", "information_root"]
@@ -68,17 +68,17 @@ class Information:
         """
         spec = self.spec
         layout, used = usable_at(belief, measurements)
-        if considered(model, len(belief.x)) is not None:
+        if update_mask(model, len(belief.x)) is not None:
             raise InputError(
                 "the information filter estimates all states, but the model has considered ones; "
                 "take an estimator of type unscented or iterated_extended"
             )
-        first = expected_by_slopes(model, belief, layout, measurements, used)
-        after = settled(
-            model, belief, layout, measurements, used, _solved,
+        first = linearise_measurements(model, belief, layout, measurements, used)
+        after = iterate_update(
+            model, belief, layout, measurements, used, _solve_linearised,
             spec.iterations, spec.tolerance_sigmas,
         )  # fmt: skip
-        innovation = about_prior(belief, belief.x, first).innovation(measurements.sigma)
+        innovation = refer_to_prior(belief, belief.x, first).innovation(measurements.sigma)
         return after, innovation
 
 
@@ -93,7 +93,7 @@ def information_root(belief: Belief) -> Array:
     return np.asarray(np.linalg.inv(regular_root(belief)))
 
 
-def _solved(prior: Belief, x: Array, expected: Expected) -> Belief:
+def _solve_linearised(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
     """Return the belief of the rows of prior and measurements, linearised at x."""
     m = expected.linear.shape[2]
     n = len(x)

@@ -15,21 +15,21 @@ from hillsphere.interfaces import Array
 from hillsphere_estimators.differences import Layout, layout_of
 
 __all__ = [
-    "Expected",
-    "about_prior",
+    "WhitenedInnovation",
+    "apply_gate",
     "gate_threshold",
-    "gated",
+    "refer_to_prior",
     "usable",
     "usable_at",
-    "whitened",
+    "whiten",
 ]
 
-_LATE = 1e-9
+_SAME_TIME = 1e-9
 """Of two times, s and as a part of them, that count as the same."""
 
 
 @dataclass(frozen=True)
-class Expected:
+class WhitenedInnovation:
     """Measurements beside what was expected, all in units of the noise's standard deviations.
 
     Rows that are not used hold zeros.
@@ -84,10 +84,10 @@ class Expected:
         covariance *= unit[:, None]
         return Innovation((self.residual * unit).T, covariance, self.used, nis)
 
-    def without(self, used: NDArray[np.bool_]) -> Expected:
+    def without(self, used: NDArray[np.bool_]) -> WhitenedInnovation:
         """Return it with fewer rows used."""
         keep = used.T.astype(float)
-        return Expected(
+        return WhitenedInnovation(
             self.residual * keep, self.linear * keep[:, None], self.bent * keep[:, None], used
         )
 
@@ -109,7 +109,7 @@ def usable_at(belief: Belief, measurements: MeasurementSet) -> tuple[Layout, NDA
     at, then = belief.t_s, measurements.t_s
     if at.shape != then.shape:
         raise InputError(f"the belief has {len(at)} cases, the measurements have {len(then)}")
-    late = np.abs(then - at) > _LATE * (1.0 + np.abs(at))
+    late = np.abs(then - at) > _SAME_TIME * (1.0 + np.abs(at))
     if late.any():
         case = int(np.argmax(late))
         raise InputError(
@@ -119,7 +119,7 @@ def usable_at(belief: Belief, measurements: MeasurementSet) -> tuple[Layout, NDA
     return usable(measurements)
 
 
-def whitened(
+def whiten(
     layout: Layout,
     measurements: MeasurementSet,
     used: NDArray[np.bool_],
@@ -127,7 +127,7 @@ def whitened(
     shift: Array | float,
     linear: Array,
     bent: Array,
-) -> Expected:
+) -> WhitenedInnovation:
     """Compare measurements with what was expected.
 
     Parameters
@@ -154,12 +154,12 @@ def whitened(
         residual = layout.difference(measurements.values, middle) - shift
         scale = 1.0 / measurements.sigma
         row = scale.T[:, None]
-        return Expected((residual * scale).T, linear * row, bent * row, used)
+        return WhitenedInnovation((residual * scale).T, linear * row, bent * row, used)
     values = np.where(measurements.present, measurements.values, middle)
     residual = layout.difference(values, middle) - shift
     scale = 1.0 / np.where(used, measurements.sigma, 1.0)
     row, keep = scale.T[:, None], used.T[:, None]
-    return Expected(
+    return WhitenedInnovation(
         np.where(used, residual * scale, 0.0).T,
         np.where(keep, linear * row, 0.0),
         np.where(keep, bent * row, 0.0),
@@ -167,7 +167,7 @@ def whitened(
     )
 
 
-def gated(layout: Layout, expected: Expected, sigmas: float) -> Expected:
+def apply_gate(layout: Layout, expected: WhitenedInnovation, sigmas: float) -> WhitenedInnovation:
     """Leave out blocks that lie too far from what was expected.
 
     Where the curvature of the expectation exceeds the noise the expectation is no measure, and the
@@ -201,10 +201,10 @@ def gated(layout: Layout, expected: Expected, sigmas: float) -> Expected:
     return expected if np.array_equal(used, expected.used) else expected.without(used)
 
 
-def about_prior(prior: Belief, x: Array, expected: Expected) -> Expected:
+def refer_to_prior(prior: Belief, x: Array, expected: WhitenedInnovation) -> WhitenedInnovation:
     """Return what slopes at x (n, N) say of the prior: its linear rows go with those of Sᵀ."""
     off = (x - prior.x).T[:, None]
-    return Expected(
+    return WhitenedInnovation(
         expected.residual + (off @ expected.linear)[:, 0],
         np.swapaxes(prior.root, 1, 2) @ expected.linear,
         expected.bent,

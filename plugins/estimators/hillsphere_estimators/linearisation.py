@@ -8,7 +8,7 @@ from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, LinearisedModel
 from hillsphere_estimators.differences import Layout
 
-__all__ = ["sensitivity", "shown", "transition"]
+__all__ = ["predict_measurement", "sensitivity", "transition"]
 
 _STEP = 0.03
 """Of a difference, in standard deviations of the belief: there the fifth derivative of a model says
@@ -54,7 +54,7 @@ def transition(
     return moved[:, 0], _slopes(moved[:, 1:] - moved[:, :1], steps)
 
 
-def shown(model: EstimationModel, belief: Belief, layout: Layout) -> Array:
+def predict_measurement(model: EstimationModel, belief: Belief, layout: Layout) -> Array:
     """Return what sensors would show of the means (m, N), SI; refused if it has other rows."""
     return layout.fitting(model.observe(belief.x, belief.t_s, np.arange(len(belief.t_s))))
 
@@ -79,7 +79,7 @@ def sensitivity(model: EstimationModel, belief: Belief, layout: Layout) -> tuple
         Derivatives of differences from it (`Layout.difference`) by the states.
     """
     if isinstance(model, LinearisedModel):
-        z = shown(model, belief, layout)
+        z = predict_measurement(model, belief, layout)
         return z, layout.tangent(model.sensitivity(belief.x, belief.t_s), z)
     n, cases = belief.x.shape
     points, steps = _points(belief)

@@ -15,10 +15,10 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import expected_by_slopes
+from hillsphere_estimators.convergence import regular_scales
+from hillsphere_estimators.gauss_newton import linearise_measurements
 from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.resting import regular_scales
 from hillsphere_estimators.roots import upper_triangle
 
 __all__ = ["Observability", "observability"]
@@ -94,7 +94,7 @@ def observability(
         # the steps of differences stay those of the start
         now = Belief(x, start.root, measured.t_s)
         layout, used = usable(measured)
-        slopes = expected_by_slopes(model, now, layout, measured, used).linear
+        slopes = linearise_measurements(model, now, layout, measured, used).linear
         root = upper_triangle(np.concatenate([root, np.swapaxes(slopes, 1, 2) @ phi], axis=1))
     _, singular, directions = np.linalg.svd(root)
     return Observability(root, singular, directions)

@@ -25,9 +25,9 @@ from hillsphere.interfaces.plant import Plant
 
 __all__ = ["PlantFlow"]
 
-_MOST = 128
+_MOST_COMPILED = 128
 _T = TypeVar("_T")
-_MADE: dict[str, Any] = {}
+_COMPILED: dict[str, Any] = {}
 """What was compiled, by the digest of its equations; the oldest go first."""
 
 
@@ -67,7 +67,7 @@ class PlantFlow:
         else:
             equations, _ = closed_system(self._plant, self._law, (), apart=True)
         method = self._method
-        return _shared(method, equations, lambda: StepMap(equations, method))
+        return _reuse_compiled(method, equations, lambda: StepMap(equations, method))
 
     def end(self, x: Array, duration: Array, steps: int, p: Array, t0_s: Array) -> Array:
         """Return the states (n, K) after so many steps; see `StepMap.propagate`.
@@ -111,10 +111,10 @@ class PlantFlow:
     def slopes(self) -> Derivatives:
         """Right-hand side and derivatives of the free motion, without controls."""
         equations = system(self._plant)
-        return _shared("slopes", equations, lambda: Derivatives(equations))
+        return _reuse_compiled("slopes", equations, lambda: Derivatives(equations))
 
 
-def _shared(what: str, equations: System, make: Callable[[], _T]) -> _T:
+def _reuse_compiled(what: str, equations: System, make: Callable[[], _T]) -> _T:
     """Return what was made of equal equations before, or make it."""
     if equations.external is not None:  # its arrays are those of one plant
         return make()
@@ -123,10 +123,10 @@ def _shared(what: str, equations: System, make: Callable[[], _T]) -> _T:
     for equation in (*equations.x, *equations.rhs, *terms.values()):
         digest.update(sha256(pickle.dumps(equation, 5)).digest())
     key = digest.hexdigest()
-    if key not in _MADE:
+    if key not in _COMPILED:
         made = make()
-        while len(_MADE) >= _MOST:
-            del _MADE[next(iter(_MADE))]
-        _MADE[key] = made
-    found: _T = _MADE[key]
+        while len(_COMPILED) >= _MOST_COMPILED:
+            del _COMPILED[next(iter(_COMPILED))]
+        _COMPILED[key] = made
+    found: _T = _COMPILED[key]
     return found

@@ -98,7 +98,7 @@ class PlantModel:
         """Return the states (n, K) later; see `hillsphere.interfaces.EstimationModel`."""
         duration = t1_s - t0_s
         steps = max(1, ceil(float(np.max(np.abs(duration), initial=0.0)) / self.step_s - 1e-9))
-        y, p = self._entering(x, control)
+        y, p = self._system_inputs(x, control)
         return self._flow.end(y, duration, steps, p, t0_s)[: self._n]
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
@@ -112,17 +112,17 @@ class PlantModel:
         steps = np.maximum(1, np.rint(np.abs(duration) / self.noise_step_s)).astype(int)
         first = int(steps[0])
         if (steps == first).all():
-            return self._pushed(noise, x, t0_s, duration / first, first, control)
+            return self._noise_roots(noise, x, t0_s, duration / first, first, control)
         roots = np.zeros((cases, n, n))
         for count in np.unique(steps).tolist():
             own = np.flatnonzero(steps == count)
-            found = self._pushed(
+            found = self._noise_roots(
                 noise, x[:, own], t0_s[own], duration[own] / count, count, control[:, own]
             )
             roots[own, :, : found.shape[2]] = found
         return roots
 
-    def _pushed(
+    def _noise_roots(
         self,
         noise: Callable[[Array], Array],
         x: Array,
@@ -164,7 +164,7 @@ class PlantModel:
             # half a step of free motion: what it leaves out of the slopes is of second order
             return np.asarray(x + 0.5 * dt * self._flow.slopes.rate(x, None, t0_s))
         inner = max(1, ceil(float(np.max(np.abs(dt))) / self.step_s - 1e-9))
-        y, p = self._entering(x, control)
+        y, p = self._system_inputs(x, control)
         path = self._flow.steps.trajectory(y, dt * steps, steps * inner, p, t0_s)
         path = path[: self._n, ::inner]
         return np.asarray(0.5 * (path[:, :-1] + path[:, 1:])).reshape(self._n, -1)
@@ -178,7 +178,7 @@ class PlantModel:
         }
         return self.suite.observe(x, t_s, own)
 
-    def _entering(self, x: Array, control: Array) -> tuple[Array, Array]:
+    def _system_inputs(self, x: Array, control: Array) -> tuple[Array, Array]:
         """Return states and run-time parameters of the compiled system."""
         cases = x.shape[1]
         law = self.law

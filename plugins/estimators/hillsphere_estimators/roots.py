@@ -8,7 +8,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 
-__all__ = ["cleaned", "lower_root", "triangularised", "unit", "upper_triangle"]
+__all__ = ["fix_signs", "lower_root", "triangularise", "unit", "upper_triangle"]
 
 
 def upper_triangle(rows: Array) -> Array:
@@ -43,10 +43,10 @@ def lower_root(rows: Array) -> Array:
     missing = rows.shape[2] - rows.shape[1]
     if missing > 0:
         rows = np.concatenate([rows, np.zeros((len(rows), missing, rows.shape[2]))], axis=1)
-    return cleaned(triangularised(rows)[:, :, : rows.shape[2]])
+    return fix_signs(triangularise(rows)[:, :, : rows.shape[2]])
 
 
-def triangularised(rows: Array) -> Array:
+def triangularise(rows: Array) -> Array:
     """Return the lower triangular S with S Sᵀ = Aᵀ A as LAPACK leaves it.
 
     Parameters
@@ -63,8 +63,8 @@ def triangularised(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(rows, mode="raw")[0])
 
 
-def cleaned(raw: Array) -> Array:
-    """Return the triangle in a square block (N, n, n) of `triangularised` with its signs.
+def fix_signs(raw: Array) -> Array:
+    """Return the triangle in a square block (N, n, n) of `triangularise` with its signs.
 
     Parameters
     ----------

@@ -31,7 +31,14 @@ from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel, Integers
 from hillsphere_estimators.differences import Layout
 
-__all__ = ["Images", "SigmaRule", "considered", "moved", "seen", "sigma_points"]
+__all__ = [
+    "Images",
+    "SigmaRule",
+    "sigma_points",
+    "transform_measurement",
+    "transform_motion",
+    "update_mask",
+]
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,7 @@ def sigma_points(belief: Belief, reach: float) -> Array:
     return points
 
 
-def moved(
+def transform_motion(
     rule: SigmaRule, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
 ) -> Images:
     """Return the images of sigma points under the motion to other times.
@@ -134,13 +141,15 @@ def moved(
     points = sigma_points(belief, reach)
     each = 2 * n + 1
     there = model.advance(
-        points.reshape(n, -1), _repeated(belief.t_s, each), _repeated(t_to_s, each),
-        _repeated(control, each), _cases(each, cases),
+        points.reshape(n, -1), _repeat_cases(belief.t_s, each), _repeat_cases(t_to_s, each),
+        _repeat_cases(control, each), _case_of_points(each, cases),
     ).reshape(n, each, cases)  # fmt: skip
-    return _images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
+    return _form_images(rule, there[:, 0], there[:, 1:] - there[:, :1], reach)
 
 
-def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout) -> Images:
+def transform_measurement(
+    rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
+) -> Images:
     """Return the images of sigma points under the measurements.
 
     Parameters
@@ -164,12 +173,14 @@ def seen(rule: SigmaRule, model: EstimationModel, belief: Belief, layout: Layout
     points = sigma_points(belief, reach)
     each = 2 * n + 1
     shown = layout.fitting(
-        model.observe(points.reshape(n, -1), _repeated(belief.t_s, each), _cases(each, cases))
+        model.observe(
+            points.reshape(n, -1), _repeat_cases(belief.t_s, each), _case_of_points(each, cases)
+        )
     ).reshape(-1, each, cases)
-    return _images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
+    return _form_images(rule, shown[:, 0], layout.difference(shown[:, 1:], shown[:, :1]), reach)
 
 
-def considered(model: EstimationModel, n: int) -> Array | None:
+def update_mask(model: EstimationModel, n: int) -> Array | None:
     """Return 1 for states that measurements change and 0 for others (n,), or None if all are."""
     # not by the protocol: isinstance looks at every method, at each update anew
     held = getattr(model, "considered", None)
@@ -181,7 +192,7 @@ def considered(model: EstimationModel, n: int) -> Array | None:
     return np.where(held, 0.0, 1.0) if held.any() else None
 
 
-def _repeated(values: Array, each: int) -> Array:
+def _repeat_cases(values: Array, each: int) -> Array:
     """Return what the cases (…, N) have for `each` points of them, (…, each N)."""
     *rows, cases = values.shape
     many = np.empty((*rows, each, cases))
@@ -190,13 +201,13 @@ def _repeated(values: Array, each: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _cases(each: int, cases: int) -> Integers:
+def _case_of_points(each: int, cases: int) -> Integers:
     found = np.tile(np.arange(cases), each)
     found.flags.writeable = False
     return found
 
 
-def _images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
+def _form_images(rule: SigmaRule, middle: Array, off: Array, reach: float) -> Images:
     m, many, cases = off.shape
     half = many // 2
     ahead, behind = off[:, :half], off[:, half:]

@@ -26,12 +26,12 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array, EstimationModel
+from hillsphere_estimators.convergence import regular_root
 from hillsphere_estimators.linearisation import transition
-from hillsphere_estimators.resting import regular_root
 from hillsphere_estimators.roots import lower_root, upper_triangle
-from hillsphere_estimators.sigma_points import SigmaRule, moved
+from hillsphere_estimators.sigma_points import SigmaRule, transform_motion
 
-__all__ = ["Link", "link", "smoothed"]
+__all__ = ["Link", "link", "smooth"]
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def link(
         x, phi = transition(model, belief, t_to_s, control)
         odd, even = before @ np.swapaxes(phi, 1, 2), np.zeros((len(phi), 0, len(x)))
     else:
-        images = moved(rule, model, belief, t_to_s, control)
+        images = transform_motion(rule, model, belief, t_to_s, control)
         x, odd, even = images.middle + images.shift, images.odd, images.even
     cases, n = len(before), len(x)
     k = n + even.shape[1]
@@ -106,7 +106,7 @@ def link(
     return Link(predicted, gain, np.swapaxes(upper[:, n:, n:], 1, 2))
 
 
-def smoothed(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
+def smooth(filtered: Sequence[Belief], links: Sequence[Link]) -> list[Belief]:
     """Return the beliefs at all times after all measurements.
 
     Parameters

@@ -42,20 +42,32 @@ from numpy.typing import NDArray
 
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel
-from hillsphere_estimators.gauss_newton import SHORT, shortened
-from hillsphere_estimators.innovations import Expected, about_prior, gated, usable_at, whitened
-from hillsphere_estimators.resting import distance, regular_root, rested
-from hillsphere_estimators.roots import cleaned, lower_root, triangularised, unit
-from hillsphere_estimators.sigma_points import Images, SigmaRule, considered, moved, seen
+from hillsphere_estimators.convergence import freeze_converged, regular_root, step_in_sigmas
+from hillsphere_estimators.gauss_newton import NEVER_HALVED_SIGMAS, halve_rising_steps
+from hillsphere_estimators.innovations import (
+    WhitenedInnovation,
+    apply_gate,
+    refer_to_prior,
+    usable_at,
+    whiten,
+)
+from hillsphere_estimators.roots import fix_signs, lower_root, triangularise, unit
+from hillsphere_estimators.sigma_points import (
+    Images,
+    SigmaRule,
+    transform_measurement,
+    transform_motion,
+    update_mask,
+)
 from hillsphere_estimators.specs import BatchedUnscentedSpec
 
-__all__ = ["BatchedUnscented", "absorbed", "predicted"]
+__all__ = ["BatchedUnscented", "belief_of_images", "linear_update"]
 
-Expectation: TypeAlias = Callable[[Belief, NDArray[np.bool_]], Expected]
+InnovationAt: TypeAlias = Callable[[Belief, NDArray[np.bool_]], WhitenedInnovation]
 
-_GROWTH = 10.0
+_POWER_GROWTH = 10.0
 """Of one power of the likelihood to the next, at most."""
-_LEAP = 1.0
+_DIVERGING_SIGMAS = 1.0
 """Last step, in standard deviations, beyond which an iteration leads nowhere."""
 
 
@@ -76,9 +88,9 @@ class BatchedUnscented:
         self, model: EstimationModel, belief: Belief, t_to_s: Array, control: Array
     ) -> Belief:
         """Return the belief at later times; see `hillsphere.interfaces.Estimator`."""
-        images = moved(self.rule, model, belief, t_to_s, control)
+        images = transform_motion(self.rule, model, belief, t_to_s, control)
         noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
-        return predicted(images, noise, t_to_s)
+        return belief_of_images(images, noise, t_to_s)
 
     def update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
@@ -86,27 +98,27 @@ class BatchedUnscented:
         """Return the belief after measurements; see `hillsphere.interfaces.Estimator`."""
         spec = self.spec
         layout, used = usable_at(belief, measurements)
-        free = considered(model, len(belief.x))
+        free = update_mask(model, len(belief.x))
 
-        def expect(at: Belief, rows: NDArray[np.bool_]) -> Expected:
-            images = seen(self.rule, model, at, layout)
-            return whitened(
+        def expect(at: Belief, rows: NDArray[np.bool_]) -> WhitenedInnovation:
+            images = transform_measurement(self.rule, model, at, layout)
+            return whiten(
                 layout, measurements, rows, images.middle, images.shift, images.odd, images.even
             )
 
         first = expect(belief, used)
         if spec.gate_sigmas is not None:
-            first = gated(layout, first, spec.gate_sigmas)
+            first = apply_gate(layout, first, spec.gate_sigmas)
         if spec.update == "tempered":
-            after, nis = self._tempered(belief, first, expect, free), None
+            after, nis = self._update_tempered(belief, first, expect, free), None
         else:
-            after, nis = _weighed(belief, first, 1.0, free)
+            after, nis = _linear_update_with_nis(belief, first, 1.0, free)
         if spec.update == "iterated":
-            after = self._iterated(belief, after, first, expect, free)
+            after = self._update_iterated(belief, after, first, expect, free)
         return after, first.innovation(measurements.sigma, nis)
 
-    def _tempered(
-        self, belief: Belief, first: Expected, expect: Expectation, free: Array | None
+    def _update_tempered(
+        self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt, free: Array | None
     ) -> Belief:
         """Take the likelihood power by power, each such that curvature stays below the noise.
 
@@ -118,21 +130,21 @@ class BatchedUnscented:
         for k in range(self.spec.powers):
             expected = expect(after, first.used) if k else first
             bend = np.sum(expected.bent**2, axis=1).max(axis=1, initial=0.0)
-            power = np.minimum(np.minimum(1.0 / np.maximum(bend, 1.0), _GROWTH * last), left)
+            power = np.minimum(np.minimum(1.0 / np.maximum(bend, 1.0), _POWER_GROWTH * last), left)
             if k == self.spec.powers - 1:
                 power = left
-            after = rested(left > 0.0, absorbed(after, expected, power, free), after)
+            after = freeze_converged(left > 0.0, linear_update(after, expected, power, free), after)
             left, last = left - power, power
             if not left.any():
                 break
         return after
 
-    def _iterated(
+    def _update_iterated(
         self,
         belief: Belief,
         after: Belief,
-        first: Expected,
-        expect: Expectation,
+        first: WhitenedInnovation,
+        expect: InnovationAt,
         free: Array | None,
     ) -> Belief:
         """Linearise about the posterior until it rests; see the module."""
@@ -140,24 +152,26 @@ class BatchedUnscented:
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
             expected = expect(after, first.used)
-            there = absorbed(belief, _about(after, belief, expected), 1.0, free)
-            far = distance(there, after)
+            there = linear_update(belief, _relinearise(after, belief, expected), 1.0, free)
+            far = step_in_sigmas(there, after)
             # far may be NaN; a step that leaves states out does not lessen the sum that is watched
-            long = moving & ~(far <= SHORT)
+            long = moving & ~(far <= NEVER_HALVED_SIGMAS)
             if free is None and long.any():
-                rises = _rising(belief, after, expected, expect)
-                there = shortened(after, there, long, rises)
-            after = rested(moving, there, after)
+                rises = _rise_test(belief, after, expected, expect)
+                there = halve_rising_steps(after, there, long, rises)
+            after = freeze_converged(moving, there, after)
             moving &= ~(far <= self.spec.tolerance_sigmas)
             if not moving.any():
                 return after
-        leaping = moving & ~(far <= _LEAP)
+        leaping = moving & ~(far <= _DIVERGING_SIGMAS)
         if leaping.any():
-            after = rested(leaping, self._tempered(belief, first, expect, free), after)
+            after = freeze_converged(
+                leaping, self._update_tempered(belief, first, expect, free), after
+            )
         return after
 
 
-def predicted(images: Images, noise: Array, t_s: Array) -> Belief:
+def belief_of_images(images: Images, noise: Array, t_s: Array) -> Belief:
     """Return the belief that images of sigma points and process noise make.
 
     Parameters
@@ -178,8 +192,8 @@ def predicted(images: Images, noise: Array, t_s: Array) -> Belief:
     return Belief(images.middle + images.shift, lower_root(rows), t_s)
 
 
-def absorbed(
-    belief: Belief, expected: Expected, power: Array | float, free: Array | None
+def linear_update(
+    belief: Belief, expected: WhitenedInnovation, power: Array | float, free: Array | None
 ) -> Belief:
     """Return the belief after measurements.
 
@@ -200,11 +214,11 @@ def absorbed(
     Belief
         After.
     """
-    return _weighed(belief, expected, power, free)[0]
+    return _linear_update_with_nis(belief, expected, power, free)[0]
 
 
-def _weighed(
-    belief: Belief, expected: Expected, power: Array | float, free: Array | None
+def _linear_update_with_nis(
+    belief: Belief, expected: WhitenedInnovation, power: Array | float, free: Array | None
 ) -> tuple[Belief, Array]:
     """Return the belief after measurements, and the normalised innovation squared (N,).
 
@@ -222,11 +236,11 @@ def _weighed(
     np.multiply(each, expected.bent, out=rows[:, k : k + bent, :m])
     rows[:, k + bent :, :m] = unit(m)
     rows[:, k + bent :, m + n] = residual
-    raw = triangularised(rows)
+    raw = triangularise(rows)
     white = raw[:, m + n, :m]
     if free is None:
         step = raw[:, m : m + n, :m] @ white[:, :, None]
-        root = cleaned(raw[:, m : m + n, m : m + n])
+        root = fix_signs(raw[:, m : m + n, m : m + n])
     else:
         upper = np.triu(np.swapaxes(raw[:, :m, :m], 1, 2))
         gain = np.swapaxes(np.linalg.solve(upper, np.swapaxes(raw[:, m : m + n, :m], 1, 2)), 1, 2)
@@ -238,14 +252,16 @@ def _weighed(
     return after, np.einsum("Nm,Nm->N", white, white)
 
 
-def _about(at: Belief, prior: Belief, expected: Expected) -> Expected:
+def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> WhitenedInnovation:
     """Return what a linearisation about one belief says of measurements expected by another."""
     slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
-    return about_prior(prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64)))
+    return refer_to_prior(
+        prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64))
+    )
 
 
-def _rising(
-    prior: Belief, at: Belief, expected: Expected, expect: Expectation
+def _rise_test(
+    prior: Belief, at: Belief, expected: WhitenedInnovation, expect: InnovationAt
 ) -> Callable[[Array], NDArray[np.bool_]]:
     """Return where states (n, N) have a greater sum of squares than a belief (see the module)."""
     cases, _, m = expected.bent.shape

@@ -87,7 +87,7 @@ class Ellipsoid:
 
     def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
         """Return x²/a² + y²/b² + z²/c² − 1 with the axes of `p`: inside, Λ is zero."""
-        position, squares = self._scaled(r, p)
+        position, squares = self._scale_position(r, p)
         return (_level(position, squares) - 1.0,)
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -102,14 +102,14 @@ class Ellipsoid:
 
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""
-        position, squares = self._scaled(r, p)
+        position, squares = self._scale_position(r, p)
         rf, rd = carlson_rf_rd(_confocal(position, squares))
         moment = dot([q * q for q in position], rd)
         return self._gm(p) / self._unit * (1.5 * rf - 0.5 * moment)
 
     def acceleration(self, r: Vec3, p: Params) -> Vec3:
         """Return ∇U, m/s², at the body-fixed position r, m."""
-        position, squares = self._scaled(r, p)
+        position, squares = self._scale_position(r, p)
         _, rd = carlson_rf_rd(_confocal(position, squares))
         factor = -self._gm(p) / self._unit**2
         return (
@@ -130,7 +130,7 @@ class Ellipsoid:
         a, b, c = (p[name] for name in _AXIS_NAMES)
         return (4.0 / 3.0 * pi * self._gravitational_constant) * p["density"] * a * b * c
 
-    def _scaled(self, r: Vec3, p: Params) -> tuple[Vec3, Vec3]:
+    def _scale_position(self, r: Vec3, p: Params) -> tuple[Vec3, Vec3]:
         """Position and squared axes in units of the greatest nominal axis."""
         a, b, c = (p[name] / self._unit for name in _AXIS_NAMES)
         return (r[0] / self._unit, r[1] / self._unit, r[2] / self._unit), (a * a, b * b, c * c)
@@ -188,7 +188,7 @@ def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     p0 = a2 * b2 * c2 - x2 * b2 * c2 - y2 * c2 * a2 - z2 * a2 * b2
     q = p2 * p2 / 9.0 - p1 / 3.0
     cosine = ((p1 * p2 - 3.0 * p0) / 6.0 - p2 * p2 * p2 / 27.0) / (q * sqrt(q))
-    root = 2.0 * sqrt(q) * cos(acos(_clamped(cosine)) / 3.0) - p2 / 3.0
+    root = 2.0 * sqrt(q) * cos(acos(_clamp(cosine)) / 3.0) - p2 / 3.0
     u, v, w = root + a2, root + b2, root + c2
     excess = x2 / u + y2 / v + z2 / w - 1.0
     root = root + excess / (x2 / (u * u) + y2 / (v * v) + z2 / (w * w))
@@ -203,6 +203,6 @@ def _level(position: Vec3, squares: Vec3) -> Expr:
     return x * x / a2 + y * y / b2 + z * z / c2
 
 
-def _clamped(x: Expr) -> Expr:
+def _clamp(x: Expr) -> Expr:
     below = select(greater(x, _ACOS_LIMIT), _ACOS_LIMIT, x)
     return select(greater(below, -_ACOS_LIMIT), below, -_ACOS_LIMIT)

@@ -165,7 +165,7 @@ def normalisation_factor(n: int, m: int) -> float:
 def _table(spec: HarmonicsSpec) -> CoefficientTable:
     """Bring rows of the spec, or a file and what the spec says beside it, to one table."""
     if spec.file is not None:
-        return _merged(spec, _READERS[file_format_of(spec)](spec.file))
+        return _merge_with_file(spec, _READERS[file_format_of(spec)](spec.file))
     gm, radius = spec.gm_m3_s2, spec.reference_radius_m
     if gm is None or radius is None:
         raise InputError("coefficients need gm_m3_s2 and reference_radius_m")
@@ -180,7 +180,7 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
     )
 
 
-def _merged(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
+def _merge_with_file(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
     """Hold a file against the spec: what neither states or both state differently is an error."""
     for key in ("gm_m3_s2", "reference_radius_m", "normalisation", "tide_system"):
         asked, stated = getattr(spec, key), getattr(table, key)

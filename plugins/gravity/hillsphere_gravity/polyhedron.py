@@ -144,7 +144,7 @@ class Polyhedron:
         def far(x: Array) -> Array:
             return 2.0 * self._far.potential(x)[None]
 
-        return np.asarray(0.5 * self._strength(p) * self._summed(r, 1, sums, far)[0])
+        return np.asarray(0.5 * self._strength(p) * self._sum_blocks(r, 1, sums, far)[0])
 
     def acceleration_array(self, r: Array, p: Array) -> Array:
         """Return ∇U, m/s², shape (3, N)."""
@@ -157,7 +157,7 @@ class Polyhedron:
                 total = total - along @ (offset * seen.potentials)
             return total
 
-        return np.asarray(self._strength(p) * self._summed(r, 3, sums, self._far.acceleration))
+        return np.asarray(self._strength(p) * self._sum_blocks(r, 3, sums, self._far.acceleration))
 
     def gradient_array(self, r: Array, p: Array) -> Array:
         """Return ∇∇U, 1/s², shape (3, 3, N)."""
@@ -171,7 +171,7 @@ class Polyhedron:
         def far(x: Array) -> Array:
             return self._far.gradient(x).reshape(9, -1)
 
-        return np.asarray(self._strength(p) * self._summed(r, 9, sums, far)).reshape(3, 3, -1)
+        return np.asarray(self._strength(p) * self._sum_blocks(r, 9, sums, far)).reshape(3, 3, -1)
 
     def laplacian_array(self, r: Array, p: Array) -> Array:
         """Return ∇²U, 1/s², shape (N,): −4πGρ inside, 0 outside; on the surface either."""
@@ -182,13 +182,13 @@ class Polyhedron:
         def far(x: Array) -> Array:
             return np.zeros((1, x.shape[1]))
 
-        return np.asarray(self._strength(p) * self._summed(r, 1, sums, far)[0])
+        return np.asarray(self._strength(p) * self._sum_blocks(r, 1, sums, far)[0])
 
     def _strength(self, p: Array) -> Array:
         """Return Gρ (N,), 1/s²."""
         return np.asarray(self._per_unit * p[0])
 
-    def _summed(
+    def _sum_blocks(
         self,
         r: Array,
         rows: int,

@@ -8,7 +8,7 @@ from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array, Integers
 from hillsphere_guidance.motion import Motion
 
-__all__ = ["held_command"]
+__all__ = ["solve_held_command"]
 
 _TOLERANCE = 1e-11
 _ROUNDS = 30
@@ -16,7 +16,7 @@ _MET = 1e-12
 """Largest miss, in units of the plant's scales."""
 
 
-def held_command(motion: Motion, t: Array, x: Array, mean: Array, time_s: float) -> Array:
+def solve_held_command(motion: Motion, t: Array, x: Array, mean: Array, time_s: float) -> Array:
     r"""Find accelerations, held from each time to the next, whose flight meets a path.
 
     An acceleration that is held changes position and velocity together, so that one step cannot

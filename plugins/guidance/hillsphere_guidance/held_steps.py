@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_guidance.motion import Motion
 
-__all__ = ["HeldSteps", "held_steps", "held_times"]
+__all__ = ["HeldSteps", "command_times", "fly_held_steps"]
 
 _TOLERANCE = 1e-11
 _MOST = 256
@@ -34,7 +34,7 @@ class HeldSteps(NamedTuple):
     by_command: Array
 
 
-def held_times(duration_s: float, hold_s: float) -> Array:
+def command_times(duration_s: float, hold_s: float) -> Array:
     """Return the times (K,) at which a held command changes, and the end.
 
     The last is held between half and one and a half times as long as the others, so that none is
@@ -46,7 +46,7 @@ def held_times(duration_s: float, hold_s: float) -> Array:
     return np.append(np.arange(steps) * hold_s, duration_s)
 
 
-def held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSteps:
+def fly_held_steps(motion: Motion, x: Array, u: Array, h: Array, t: Array) -> HeldSteps:
     r"""Fly N steps under held accelerations.
 
     The states are those of the step map; the derivatives follow the variational equations

@@ -73,7 +73,7 @@ class MinimumEnergy:
         """
         motion = motion_of(plant)
         check_task(motion, task)
-        return _SplinePath(motion, task, self.control_points).solved()
+        return _SplinePath(motion, task, self.control_points).solve()
 
 
 class _SplinePath:
@@ -99,11 +99,11 @@ class _SplinePath:
         self._t = task.time_s + t
         self._weights = np.sqrt(weights / task.duration_s) / self._size
         self._bases = [spline.basis(t, k) for k in range(3)]
-        self._q = motion.prescribed(task.start, task.time_s, t)
+        self._q = motion.prescribe(task.start, task.time_s, t)
         self._ends = self._outer_points()
         self._free = slice(2, count - 2)
 
-    def solved(self) -> GuidedFlight:
+    def solve(self) -> GuidedFlight:
         """Minimise."""
         guess = self._cubic()
         found = least_squares(
@@ -160,13 +160,13 @@ class _SplinePath:
     def _residuals(self, z: Array) -> Array:
         points = self._points(z)
         r, v, a = (basis @ points for basis in self._bases)
-        field, _, _ = self._motion.field(self._motion.assembled(r.T, v.T, self._q), self._t)
+        field, _, _ = self._motion.field(self._motion.assemble(r.T, v.T, self._q), self._t)
         return np.asarray((self._weights[:, None] * (a - field.T)).ravel())
 
     def _jacobian(self, z: Array) -> Array:
         points = self._points(z)
         r, v = (self._bases[k] @ points for k in range(2))
-        _, by_r, by_v = self._motion.field(self._motion.assembled(r.T, v.T, self._q), self._t)
+        _, by_r, by_v = self._motion.field(self._motion.assemble(r.T, v.T, self._q), self._t)
         place, speed, rise = (basis[:, self._free] for basis in self._bases)
         eye = np.eye(self._motion.axes)
         table = np.einsum("kc,ij->kicj", rise, eye)
@@ -176,8 +176,8 @@ class _SplinePath:
 
     def _states(self, points: Array, t: Array) -> Array:
         r, v = ((self._spline.basis(t, k) @ points).T for k in range(2))
-        q = self._motion.prescribed(self._task.start, self._task.time_s, t)
-        return self._motion.assembled(r, v, q)
+        q = self._motion.prescribe(self._task.start, self._task.time_s, t)
+        return self._motion.assemble(r, v, q)
 
     def _command(self, points: Array, t: Array) -> Array:
         field, _, _ = self._motion.field(self._states(points, t), self._task.time_s + t)

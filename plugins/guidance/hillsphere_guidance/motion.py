@@ -119,13 +119,13 @@ class Motion:
         rows = slopes[self.velocities]
         return rate[self.velocities], rows[:, self.positions], rows[:, self.velocities]
 
-    def assembled(self, r: Array, v: Array, q: Array) -> Array:
+    def assemble(self, r: Array, v: Array, q: Array) -> Array:
         """Put positions (d, N), velocities (d, N) and others (m, N) together to states (n, N)."""
         x = np.empty((len(self.states), r.shape[1]))
         x[self.positions], x[self.velocities], x[self.others] = r, v, q
         return x
 
-    def prescribed(self, start: Array, time_s: float, t: Array) -> Array:
+    def prescribe(self, start: Array, time_s: float, t: Array) -> Array:
         """Return the other states (m, K) at times t (K,) after a start.
 
         Parameters
@@ -137,9 +137,9 @@ class Motion:
         t : ndarray, shape (K,)
             In any order, not negative.
         """
-        return np.asarray(self.prescribed_from(start[:, None], time_s, t)[:, :, 0])
+        return np.asarray(self.prescribe_from(start[:, None], time_s, t)[:, :, 0])
 
-    def prescribed_from(self, start: Array, time_s: float, t: Array) -> Array:
+    def prescribe_from(self, start: Array, time_s: float, t: Array) -> Array:
         """Return the other states (m, K, N) at times t (K,) after N starts (n, N)."""
         if not self.others:
             return np.empty((0, len(t), start.shape[1]))

@@ -38,7 +38,7 @@ class Replanner:
         """Numbers that make up a path: control points times axes."""
         return self._count * self._motion.axes
 
-    def planned(
+    def plan(
         self,
         last: Array,
         before_s: float | None,
@@ -71,7 +71,7 @@ class Replanner:
         points = self._outer(spline, x, goal)
         points[self._free] = self._cubic(spline, points)
         if before_s is not None:
-            kept = self._carried(before_s, left_s)[self._free]
+            kept = self._restriction(before_s, left_s)[self._free]
             old = last.reshape(self._count, motion.axes, -1)
             rest = np.einsum("cb,bdN->cdN", kept, old)
             points[self._free] = np.where(last.any(axis=0), rest, points[self._free])
@@ -109,7 +109,7 @@ class Replanner:
         inverse = np.linalg.pinv(second[:, self._free])
         return np.asarray(-np.einsum("ck,kdN->cdN", inverse, known))
 
-    def _carried(self, before_s: float, left_s: float) -> Array:
+    def _restriction(self, before_s: float, left_s: float) -> Array:
         """Return the matrix from a path's control points to those of its rest."""
         old = ClampedSpline(left_s + before_s, self._count)
         new = ClampedSpline(left_s, self._count)
@@ -124,7 +124,7 @@ class Replanner:
         if motion.others:
             for time in np.unique(t):
                 own = t == time
-                found[:, :, own] = motion.prescribed_from(x[:, own], float(time), place)
+                found[:, :, own] = motion.prescribe_from(x[:, own], float(time), place)
         return found
 
     def _field(
@@ -134,7 +134,7 @@ class Replanner:
         shape = r.shape[1:]
         flat = [part.reshape(len(part), shape[0] * shape[1]) for part in (r, v, q)]
         times = (place[:, None] + t).ravel()
-        found = self._motion.field(np.ascontiguousarray(self._motion.assembled(*flat)), times)
+        found = self._motion.field(np.ascontiguousarray(self._motion.assemble(*flat)), times)
         f, by_r, by_v = (part.reshape(*part.shape[:-1], *shape) for part in found)
         return f, by_r, by_v
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from hillsphere.errors import ConvergenceError, PropagationError
 from hillsphere.interfaces import Array, GuidanceTask, GuidedFlight, Plant
 from hillsphere_guidance.errors import InfeasibleGuidanceError
-from hillsphere_guidance.held_steps import HeldSteps, held_steps, held_times
+from hillsphere_guidance.held_steps import HeldSteps, command_times, fly_held_steps
 from hillsphere_guidance.minimum_energy import MinimumEnergy
 from hillsphere_guidance.motion import Motion, motion_of
 from hillsphere_guidance.requirements import Excess, Requirements, Terms
@@ -113,7 +113,7 @@ class _Search:
     def __init__(self, plant: Plant, task: GuidanceTask, requirements: Requirements) -> None:
         self._plant, self._task, self._wanted = plant, task, requirements
         self._motion: Motion = motion_of(plant)
-        self._t = held_times(task.duration_s, requirements.hold_s)
+        self._t = command_times(task.duration_s, requirements.hold_s)
         self._h = np.diff(self._t)
         scales = self._motion.scales
         self._acceleration = scales.length_m / scales.time_s**2
@@ -130,7 +130,7 @@ class _Search:
         best, rounds, growth, before = self._first(), 0, 1.0, np.inf
         slope = self._wanted.slope(best.u / self._acceleration)
         while True:
-            best, excess, more = self._descended(best, _FIRST_PENALTY * slope * growth)
+            best, excess, more = self._descend(best, _FIRST_PENALTY * slope * growth)
             rounds += more
             if excess.largest <= _MET:
                 break
@@ -141,7 +141,7 @@ class _Search:
                     f"{excess.words()}; give more time or thrust, or ask for less"
                 )
             growth, before = growth * _GROWTH, excess.largest
-        flown, shots = self._closed(best)
+        flown, shots = self._close_by_shooting(best)
         left = self._cost(flown)[1]
         if left.largest > 10.0 * _MET:
             raise InfeasibleGuidanceError(
@@ -149,7 +149,7 @@ class _Search:
             )
         return self._flight(flown, f"{rounds} convex problems, {shots} shots")
 
-    def _descended(self, best: _Iterate, penalty: float) -> tuple[_Iterate, Excess, int]:
+    def _descend(self, best: _Iterate, penalty: float) -> tuple[_Iterate, Excess, int]:
         """Lower cost and penalised violations until a round gains nothing."""
         radius, rounds = _FIRST_RADIUS, 0
         cost, excess = self._cost(best)
@@ -163,7 +163,7 @@ class _Search:
                 )
             rounds += 1
             merit = cost + penalty * excess.total
-            predicted, x, u = self._solved(best, radius, penalty)
+            predicted, x, u = self._solve_convex(best, radius, penalty)
             gain = merit - predicted
             if gain <= _GAIN * (1.0 + cost):
                 break
@@ -193,7 +193,7 @@ class _Search:
 
     def _iterate(self, x: Array, u: Array) -> _Iterate:
         times = self._task.time_s + self._t[:-1]
-        return _Iterate(x, u, held_steps(self._motion, x[:, :-1], u, self._h, times))
+        return _Iterate(x, u, fly_held_steps(self._motion, x[:, :-1], u, self._h, times))
 
     def _defects(self, it: _Iterate) -> Array:
         """Return by how far each step misses the start of the next (2d, N), natural units."""
@@ -206,7 +206,9 @@ class _Search:
         excess.add("gaps between its steps", np.abs(self._defects(it)) / self._gap_unit[:, None])
         return self._wanted.cost(u, self._weights), excess
 
-    def _solved(self, it: _Iterate, radius: float, penalty: float) -> tuple[float, Array, Array]:
+    def _solve_convex(
+        self, it: _Iterate, radius: float, penalty: float
+    ) -> tuple[float, Array, Array]:
         """Solve the convex problem about a path; return its cost, states and command."""
         cp: Any = import_module("cvxpy")  # slow to import, and ships no complete types
 
@@ -257,11 +259,11 @@ class _Search:
         try:
             flat = self._iterate(x, u)
             yield flat
-            yield self._bent(flat)
+            yield self._close_gaps(flat)
         except PropagationError:
             return  # through the body's centre: a smaller region keeps away from it
 
-    def _bent(self, it: _Iterate) -> _Iterate:
+    def _close_gaps(self, it: _Iterate) -> _Iterate:
         """Take up the gaps between the steps, to first order, by the least relative change."""
         steps, unit = it.steps, self._unit
         gaps = (steps.end - it.x[:, 1:])[self._rows]
@@ -295,7 +297,7 @@ class _Search:
         bend = np.linalg.lstsq(table, miss / self._unit, rcond=None)[0]
         return np.asarray(bend.reshape(u.shape) * weight)
 
-    def _closed(self, it: _Iterate) -> tuple[_Iterate, int]:
+    def _close_by_shooting(self, it: _Iterate) -> tuple[_Iterate, int]:
         """Fly from the start on, and bend the command until the flight ends where it must.
 
         Of all changes of the command that do, the least relative one: what is off stays off.
@@ -306,7 +308,7 @@ class _Search:
         )
         worst = np.inf
         for shot in range(_SHOTS):
-            x, steps = self._flown(u)
+            x, steps = self._fly(u)
             miss = (goal - x[self._rows, -1]) / self._unit
             if np.abs(miss).max() <= _CLOSED:
                 return _Iterate(x, u, steps), shot + 1
@@ -318,7 +320,7 @@ class _Search:
             f"{worst:.1e} of the plant's scales; take shorter steps (hold_s)"
         )
 
-    def _flown(self, u: Array) -> tuple[Array, HeldSteps]:
+    def _fly(self, u: Array) -> tuple[Array, HeldSteps]:
         """Return the flight under a command, and its steps."""
         motion, times = self._motion, self._task.time_s + self._t[:-1]
         x = np.empty((len(motion.states), len(self._t)))
@@ -327,7 +329,7 @@ class _Search:
             x[:, k + 1] = motion.step_map.propagate(
                 x[:, k], h, self._substeps, np.ascontiguousarray(u[:, k]), times[k]
             )
-        return x, held_steps(motion, x[:, :-1], u, self._h, times)
+        return x, fly_held_steps(motion, x[:, :-1], u, self._h, times)
 
     def _flight(self, it: _Iterate, account: str) -> GuidedFlight:
         """Return the flight as functions of time."""

@@ -58,7 +58,7 @@ class ZemZev:
         self.samples = round(spec.duration_s / spec.period_s)
         plant: Plant = spec.plant.get()
         self._motion = motion_of(plant)
-        self._goal = self._landed(plant, spec)
+        self._goal = self._touchdown_state(plant, spec)
         self._replanner = (
             Replanner(self._motion, _CONTROL_POINTS) if spec.prediction == "field" else None
         )
@@ -79,14 +79,14 @@ class ZemZev:
             if self._replanner is not None and left > 1:
                 time, h = left * self.period_s, self.period_s
                 before = h if k else None
-                xc = self._replanner.planned(xc, before, time, t_s, x, goal)
+                xc = self._replanner.plan(xc, before, time, t_s, x, goal)
                 planned = self._replanner.command(xc, time, h, t_s, x)
                 u = np.where(np.isfinite(planned).all(axis=0), planned, u)
                 # what failed begins from nothing again
                 xc = np.where(np.isfinite(xc).all(axis=0), xc, 0.0)
-            return self._limited(u), xc
+            return self._limit(u), xc
 
-    def _landed(self, plant: Plant, spec: ZemZevSpec) -> Array | None:
+    def _touchdown_state(self, plant: Plant, spec: ZemZevSpec) -> Array | None:
         """Return the state (n, 1) at touchdown, other states zero; None if no site is given."""
         if spec.site is None:
             return None
@@ -131,7 +131,7 @@ class ZemZev:
         beta = (left * zero_r - one * zero_v) / size
         return np.asarray(alpha + beta * ((left - 0.5) * h))
 
-    def _limited(self, u: Array) -> Array:
+    def _limit(self, u: Array) -> Array:
         most = self.spec.maximum_m_s2
         if most is None:
             return u

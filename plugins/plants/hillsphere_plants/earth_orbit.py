@@ -216,7 +216,7 @@ class EarthOrbit:
         and so is no integral in the sense of `hillsphere.interfaces.ConservedQuantity`.
         """
         place, speed = self._to_equator(vector(x[:3])), self._to_equator(vector(x[3:6]))
-        potential = potential_at(self.gravity, self._turned(place, t, p), _of_gravity(p))
+        potential = potential_at(self.gravity, self._rotate(place, t, p), _of_gravity(p))
         spin = p["rotation_rate"] * cross(place, speed)[2]
         return sum_of([0.5 * dot(speed, speed), -potential, -spin])
 
@@ -264,12 +264,12 @@ class EarthOrbit:
     def _from_equator(self, r: Vec3) -> Vec3:
         return r if self.to_equator is None else vector(matvec(self.to_equator.T.tolist(), r))
 
-    def _turned(self, r: Vec3, t: Expr, p: Params) -> Vec3:
+    def _rotate(self, r: Vec3, t: Expr, p: Params) -> Vec3:
         c, s = _turn(t, p)
         return (c * r[0] + s * r[1], c * r[1] - s * r[0], r[2])
 
     def _to_earth(self, r: Vec3, t: Expr, p: Params) -> Vec3:
-        return self._turned(self._to_equator(r), t, p)
+        return self._rotate(self._to_equator(r), t, p)
 
     def _from_earth(self, r: Vec3, t: Expr, p: Params) -> Vec3:
         c, s = _turn(t, p)

@@ -50,12 +50,12 @@ class Heliocentric:
     @property
     def states(self) -> tuple[Variable, ...]:
         """Position and velocity of the first, then of the next; x1 … if several."""
-        return self._numbered(POSITION_AND_VELOCITY)
+        return self._number_variables(POSITION_AND_VELOCITY)
 
     @property
     def controls(self) -> tuple[Variable, ...]:
         """Three accelerations each."""
-        return self._numbered(CONTROLS)
+        return self._number_variables(CONTROLS)
 
     @property
     def scales(self) -> Scales:
@@ -102,7 +102,7 @@ class Heliocentric:
         """Return none."""
         return {}
 
-    def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
+    def _number_variables(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
         count = len(self.bodies)
         if count == 1:
             return tuple(of_one)

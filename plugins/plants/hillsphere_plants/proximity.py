@@ -143,12 +143,12 @@ class Proximity:
     @property
     def states(self) -> tuple[Variable, ...]:
         """Position and velocity of the first spacecraft, then of the next; x1 … if several."""
-        return self._numbered(POSITION_AND_VELOCITY)
+        return self._number_variables(POSITION_AND_VELOCITY)
 
     @property
     def controls(self) -> tuple[Variable, ...]:
         """Three accelerations a spacecraft."""
-        return self._numbered(CONTROLS)
+        return self._number_variables(CONTROLS)
 
     @property
     def scales(self) -> Scales:
@@ -459,7 +459,7 @@ class Proximity:
         places = x.reshape(-1, 6, x.shape[1])[:, :3]
         return np.einsum("ijn,sjn->isn", turn, places), turn
 
-    def _numbered(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
+    def _number_variables(self, of_one: Sequence[Variable]) -> tuple[Variable, ...]:
         count = len(self.spacecraft)
         if count == 1:
             return tuple(of_one)

@@ -57,7 +57,7 @@ __all__ = [
 _ANOMALY = Variable("true_anomaly", unit="rad")
 
 
-def _given_anomaly(others: Mapping[str, float]) -> float:
+def _require_anomaly(others: Mapping[str, float]) -> float:
     """Return the true anomaly among the states at a start; `InputError` if it is left out."""
     if _ANOMALY.name not in others:
         raise InputError(
@@ -231,7 +231,7 @@ class _EllipticMotion(ThreeBody):
             frame.
         """
         angle, rate, anomaly_rate = self._orientation(x[6:])
-        return _turned(x[:6], -angle, rate - anomaly_rate)
+        return _rotate_states(x[:6], -angle, rate - anomaly_rate)
 
     def from_hill_frame(self, x: Array, true_anomaly_rad: Array) -> Array:
         """Return states of this plant (7, N), SI; the inverse of `in_hill_frame`.
@@ -244,16 +244,18 @@ class _EllipticMotion(ThreeBody):
             True anomaly of the moon.
         """
         angle, rate, anomaly_rate = self._orientation(true_anomaly_rad[None])
-        return np.concatenate([_turned(x, angle, anomaly_rate - rate), true_anomaly_rad[None]])
+        return np.concatenate(
+            [_rotate_states(x, angle, anomaly_rate - rate), true_anomaly_rad[None]]
+        )
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:
         """Return the angular velocity (3,) of the body, rad/s, at its true anomaly."""
-        anomaly = np.array([[_given_anomaly(others)]])
+        anomaly = np.array([[_require_anomaly(others)]])
         return np.array([0.0, 0.0, float(self._orientation(anomaly)[1][0])])
 
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
         """Return the moon, and its primary where it is at the true anomaly."""
-        anomaly = _given_anomaly(others)
+        anomaly = _require_anomaly(others)
         e, n = self.eccentricity, self.mean_motion_rad_s
         root = np.sqrt(1.0 - e * e)
         distance = self.primary_distance_m * root**2 / (1.0 + e * np.cos(anomaly))
@@ -374,7 +376,7 @@ class ArrayEllipticThreeBody(ArrayAttraction, _EllipticMotion):
     """
 
 
-def _turned(x: Array, angle: Array, rate: Array) -> Array:
+def _rotate_states(x: Array, angle: Array, rate: Array) -> Array:
     """Turn states (6, N) by an angle about z, after adding the velocity ``rate · z × r``."""
     c, s = np.cos(angle), np.sin(angle)
     px, py, pz, vx, vy, vz = x

@@ -89,7 +89,9 @@ class Antenna:
     def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
         """Return the standard deviations of the noise (2, N), outliers left out."""
         spec = self.spec
-        return _grown(*self._seen(x, t_s, scene), spec.azimuth_noise_rad, spec.elevation_noise_rad)
+        return _angle_errors(
+            *self._seen(x, t_s, scene), spec.azimuth_noise_rad, spec.elevation_noise_rad
+        )
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
         """Return measured azimuth and elevation; NaN below the mask and where one is missing.
@@ -101,7 +103,7 @@ class Antenna:
         """
         spec = self.spec
         true, distance = self._seen(x, t_s, scene)
-        sigma = _grown(true, distance, spec.azimuth_noise_rad, spec.elevation_noise_rad)
+        sigma = _angle_errors(true, distance, spec.azimuth_noise_rad, spec.elevation_noise_rad)
         shown = true + sigma * noise[:2] + self._biases(true, distance, constant)
         shown += np.where(noise[3] < self._outlier, spec.outlier_sigma_rad * noise[4:6], 0.0)
         # what errors do to a direction stays a direction: −π/2 ≤ elevation ≤ π/2
@@ -117,7 +119,7 @@ class Antenna:
 
     def _biases(self, true: Array, distance: Array, constant: Array) -> Array:
         spec = self.spec
-        grown = _grown(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
+        grown = _angle_errors(true, distance, spec.azimuth_bias_rad, spec.elevation_bias_rad)
         grown += np.array(spec.bias_sigma_rad)[:, None] * constant[:2]
         cotangent = np.cos(true[1]) / np.maximum(np.sin(true[1]), _LEAST)
         grown[1] += spec.horizon_bias_sigma_rad * constant[5] * cotangent
@@ -144,7 +146,7 @@ class Antenna:
         return np.array([azimuth, np.arctan2(up, level)]), np.hypot(level, up)
 
 
-def _grown(
+def _angle_errors(
     true: Array,
     distance: Array,
     azimuth: tuple[float, float, float],

@@ -7,7 +7,12 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, line_of_sight_frame, rotated, sighted
+from hillsphere_sensors.spacecraft import (
+    SpacecraftSensor,
+    boresight_components,
+    line_of_sight_frame,
+    rotate,
+)
 from hillsphere_sensors.spacecraft_specs import CameraSpec
 
 __all__ = ["Camera"]
@@ -100,7 +105,7 @@ class Camera(SpacecraftSensor):
         """Return the target in the camera's axes (each (N,)), and whether there is one."""
         spec = self.spec
         r, boresight = self.pose(x, t_s, scene)
-        u, v, ahead = sighted(boresight, -r)
+        u, v, ahead = boresight_components(boresight, -r)
         there = np.ones(t_s.shape, dtype=bool)
         if spec.target == "centre":
             return u, v, ahead, there
@@ -109,8 +114,8 @@ class Camera(SpacecraftSensor):
         frame = line_of_sight_frame(boresight)
         # the camera's axes in those of the body
         inside = np.einsum("ikn,jkn->ijn", *np.broadcast_arrays(frame, turn))
-        place = rotated(turn, r)
-        light = None if sun is None else np.broadcast_to(rotated(turn, sun), place.shape)
+        place = rotate(turn, r)
+        light = None if sun is None else np.broadcast_to(rotate(turn, sun), place.shape)
         inside = np.broadcast_to(inside, (3, 3, t_s.size))
         size = max(1, _AT_ONCE // self._grid[0].shape[1])
         slopes = np.empty((2, t_s.size))

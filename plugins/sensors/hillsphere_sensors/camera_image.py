@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Scene
 from hillsphere_sensors.camera import Camera
-from hillsphere_sensors.spacecraft import line_of_sight_frame, rotated
+from hillsphere_sensors.spacecraft import line_of_sight_frame, rotate
 
 __all__ = ["CameraImage", "camera_image"]
 
@@ -73,18 +73,18 @@ def camera_image(
     slopes = edge * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = (grid.ravel() for grid in np.meshgrid(slopes, slopes))
     rays = np.array([u, v, np.ones_like(u)])
-    rays = rotated(turn, rotated(frame.transpose(1, 0, 2), rays / np.linalg.norm(rays, axis=0)))
-    place = rotated(turn, r)
+    rays = rotate(turn, rotate(frame.transpose(1, 0, 2), rays / np.linalg.norm(rays, axis=0)))
+    place = rotate(turn, r)
     distance, met = camera.surface.ray(place, rays)
     normals = (place + distance * rays) / camera.surface.semi_axes_m[:, None] ** 2
     bright = np.ones_like(u)
     if "sun" in scene:
-        sun = rotated(turn, np.asarray(scene["sun"], dtype=float))
+        sun = rotate(turn, np.asarray(scene["sun"], dtype=float))
         cosine = np.sum(normals * sun, axis=0) / (
             np.linalg.norm(normals, axis=0) * np.linalg.norm(sun)
         )
         bright = ambient + (1.0 - ambient) * np.maximum(cosine, 0.0)
-    centre = rotated(frame, -r)[:, 0]
+    centre = rotate(frame, -r)[:, 0]
     found = camera.observe(state, time, scene)[:, 0]
     if spec.output == "angles":
         found = camera.pixels_per_slope * np.tan(found)

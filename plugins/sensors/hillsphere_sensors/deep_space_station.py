@@ -16,7 +16,7 @@ from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere.model.ephemeris import kepler_step
 from hillsphere_sensors.heliocentric import HeliocentricSensor
-from hillsphere_sensors.spacecraft import rotated
+from hillsphere_sensors.spacecraft import rotate
 from hillsphere_sensors.spacecraft_specs import DeepSpaceStationSpec
 
 __all__ = ["SPEED_OF_LIGHT_M_S", "DeepSpaceStation"]
@@ -134,10 +134,10 @@ class DeepSpaceStation(HeliocentricSensor):
         back = self._from(scene, "earth_axes", (3, 3), t_s).transpose(1, 0, 2)
         place = self.station.ecef_m[:, None]
         moved = _EARTH_RATE_RAD_S * np.array([-place[1], place[0], np.zeros(1)])
-        return np.asarray(earth + np.concatenate([rotated(back, place), rotated(back, moved)]))
+        return np.asarray(earth + np.concatenate([rotate(back, place), rotate(back, moved)]))
 
     def _elevation(self, turn: Array, way: Array) -> Array:
         up = self.station.axes[2][:, None]
-        fixed = rotated(turn, way)
+        fixed = rotate(turn, way)
         sine = np.sum(up * fixed, axis=0) / np.sqrt(np.sum(way * way, axis=0))
         return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)))

@@ -10,7 +10,7 @@ from hillsphere.model.bodies import OrbitingBody
 from hillsphere.model.earth.rotation import earth_fixed
 from hillsphere.model.ephemeris import Ephemeris, KeplerOrbit, from_equator, hill_axes
 from hillsphere.time import Epoch
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotate
 
 __all__ = ["HeliocentricSensor", "heliocentric_scene"]
 
@@ -31,7 +31,7 @@ class HeliocentricSensor(SpacecraftSensor):
         axes = self._from(scene, "axes", (3, 3), t_s)
         rate = np.broadcast_to(self._from(scene, "rate", (3,), t_s), own[:3].shape)
         speed = own[3:] + np.cross(rate, own[:3], axis=0)
-        return np.asarray(origin + np.concatenate([rotated(axes, own[:3]), rotated(axes, speed)]))
+        return np.asarray(origin + np.concatenate([rotate(axes, own[:3]), rotate(axes, speed)]))
 
 
 def heliocentric_scene(

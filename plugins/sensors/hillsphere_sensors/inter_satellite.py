@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere_sensors.body_surface import BodySurface
-from hillsphere_sensors.spacecraft import SpacecraftSensor, rotated
+from hillsphere_sensors.spacecraft import SpacecraftSensor, rotate
 from hillsphere_sensors.spacecraft_specs import InterSatelliteSpec
 
 __all__ = ["InterSatellite"]
@@ -71,7 +71,7 @@ class InterSatellite(SpacecraftSensor):
             there &= aligned < np.cos(spec.sun_cone_rad) * size
         if turn is not None and self.surface is not None:
             axes = self.surface.semi_axes_m[:, None]
-            a, d = rotated(turn, own) / axes, rotated(turn, way) / axes
+            a, d = rotate(turn, own) / axes, rotate(turn, way) / axes
             part = -np.sum(a * d, axis=0) / np.maximum(np.sum(d * d, axis=0), 1e-300)
             nearest = a + np.clip(part, 0.0, 1.0) * d
             there &= np.sum(nearest * nearest, axis=0) > 1.0

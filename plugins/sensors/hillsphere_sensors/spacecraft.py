@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere.sensor_suite import CommonScene
 from hillsphere_sensors.spacecraft_specs import SpacecraftSensorSpec
 
-__all__ = ["SpacecraftSensor", "line_of_sight_frame", "rotated", "sighted"]
+__all__ = ["SpacecraftSensor", "boresight_components", "line_of_sight_frame", "rotate"]
 
 Booleans = NDArray[np.bool_]
 
@@ -135,7 +135,7 @@ class SpacecraftSensor(ABC):
         kept = scene.kept if isinstance(scene, CommonScene) else {}
         key = ("angles of the centre", self.common.spacecraft)
         if key not in kept:
-            u, v, ahead = sighted(self._boresight(scene, t_s), -r)
+            u, v, ahead = boresight_components(self._boresight(scene, t_s), -r)
             kept[key] = np.array([np.arctan2(u, ahead), np.arctan2(v, ahead)])
         return kept[key]
 
@@ -190,7 +190,7 @@ def line_of_sight_frame(boresight: Array) -> Array:
     return np.array([x, y, z])
 
 
-def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
+def boresight_components(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     """Return the components of vectors (3, N) in the axes of `line_of_sight_frame`.
 
     Without making these: a filter asks for it at every sigma point.
@@ -206,7 +206,7 @@ def sighted(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     size = np.sqrt(square + bz * bz)
     level = np.sqrt(square)
     if not (level > 1e-12 * size).all():
-        return sighted(_off_the_pole(boresight), way)
+        return boresight_components(_off_the_pole(boresight), way)
     flat = bx * rx + by * ry
     return (
         (bx * ry - by * rx) / level,
@@ -228,7 +228,7 @@ def _off_the_pole(boresight: Array) -> Array:
     return np.array([np.where(steep, _LEVEL * size, bx), np.where(steep, 0.0, by), bz])
 
 
-def rotated(matrices: Array, vectors: Array) -> Array:
+def rotate(matrices: Array, vectors: Array) -> Array:
     """Return matrices (3, 3, N or 1) times vectors (3, …, N)."""
     between = (slice(None),) * 2 + (None,) * (vectors.ndim - 2)
     a, (x, y, z) = matrices[between], vectors

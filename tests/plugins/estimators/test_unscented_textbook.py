@@ -16,10 +16,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Channel, Integers
-from hillsphere_estimators.sigma_points import SigmaRule, considered, moved, sigma_points
-from hillsphere_estimators.smoother import link, smoothed
+from hillsphere_estimators.sigma_points import (
+    SigmaRule,
+    sigma_points,
+    transform_motion,
+    update_mask,
+)
+from hillsphere_estimators.smoother import link, smooth
 from hillsphere_estimators.specs import BatchedUnscentedSpec
-from hillsphere_estimators.unscented import BatchedUnscented, predicted
+from hillsphere_estimators.unscented import BatchedUnscented, belief_of_images
 
 RULES = [SigmaRule(), SigmaRule(alpha=0.5, beta=2.3, kappa=0.7), SigmaRule(1.2, 1.44, 1.0)]
 SIGMA = np.array([0.3, 0.5, 0.2])
@@ -144,7 +149,7 @@ def test_prediction(rule: SigmaRule) -> None:
 @pytest.mark.parametrize("rule", RULES)
 def test_images_are_halves_of_the_points_differences(rule: SigmaRule) -> None:
     """Odd rows give the cross covariance, Sᵀ's rows with them, and even rows none."""
-    images = moved(rule, Bent(), beliefs(), LATER, CONTROL)
+    images = transform_motion(rule, Bent(), beliefs(), LATER, CONTROL)
     assert images.odd.shape == (2, 2, 2)
     assert images.even.shape == (2, 3, 2)
     for case in range(2):
@@ -286,7 +291,7 @@ def test_smoother(rule: SigmaRule) -> None:
     later = Belief.of(
         tie.predicted.x + np.array([[0.3, -0.2], [0.1, 0.4]]), 0.4 * tie.predicted.covariance, LATER
     )
-    first, last = smoothed([now, later], [tie])
+    first, last = smooth([now, later], [tie])
     assert last is later
     assert_array_equal(first.t_s, START)
     filtered = estimator(rule).predict(Bent(), now, LATER, CONTROL)
@@ -315,7 +320,7 @@ def test_three_beliefs_go_back_in_their_order() -> None:
     middle = Belief.of(one.predicted.x + 0.1, 0.7 * one.predicted.covariance, LATER)
     two = link(Bent(), middle, LATER + 1.5, CONTROL, rule)
     end = Belief.of(two.predicted.x - 0.2, 0.5 * two.predicted.covariance, LATER + 1.5)
-    found = smoothed([now, middle, end], [one, two])
+    found = smooth([now, middle, end], [one, two])
     expected = [end]
     for belief, tie in ((middle, two), (now, one)):
         later, pieces = expected[-1], []
@@ -331,13 +336,13 @@ def test_three_beliefs_go_back_in_their_order() -> None:
         assert_allclose(ours.covariance, theirs.covariance, rtol=1e-8, atol=1e-11)
     for ties in ([one], [one, two, two]):
         with pytest.raises(InputError, match=r"smoothing 3 beliefs needs 2 links, got"):
-            smoothed([now, middle, end], ties)
+            smooth([now, middle, end], ties)
 
 
 def test_images_and_noise_make_a_belief() -> None:
-    images = moved(RULES[1], Bent(), beliefs(), LATER, CONTROL)
-    bare = predicted(images, np.zeros((2, 2, 1)), LATER)
-    wide = predicted(images, np.array([[[0.5], [0.0]], [[0.0], [2.0]]]), LATER)
+    images = transform_motion(RULES[1], Bent(), beliefs(), LATER, CONTROL)
+    bare = belief_of_images(images, np.zeros((2, 2, 1)), LATER)
+    wide = belief_of_images(images, np.array([[[0.5], [0.0]], [[0.0], [2.0]]]), LATER)
     added = wide.covariance - bare.covariance
     assert_allclose(added[0], [[0.25, 0.0], [0.0, 0.0]], rtol=0, atol=1e-12)
     assert_allclose(added[1], [[0.0, 0.0], [0.0, 4.0]], rtol=0, atol=1e-12)
@@ -353,15 +358,15 @@ def test_rules_of_sigma_points() -> None:
 
 
 def test_considered_states() -> None:
-    assert considered(Bent(), 2) is None
-    assert_array_equal(considered(Flown(), 2), [1.0, 0.0])
+    assert update_mask(Bent(), 2) is None
+    assert_array_equal(update_mask(Flown(), 2), [1.0, 0.0])
 
     class NoneHeld(Bent):
         considered = np.array([False, False])
 
-    assert considered(NoneHeld(), 2) is None
+    assert update_mask(NoneHeld(), 2) is None
     with pytest.raises(InputError, match=r"considered must be \(3,\)"):
-        considered(Flown(), 3)
+        update_mask(Flown(), 3)
 
 
 def one_case(belief: Belief, case: int) -> Belief:

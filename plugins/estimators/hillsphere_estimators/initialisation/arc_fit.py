@@ -31,9 +31,9 @@ from hillsphere_estimators.innovations import usable
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
-__all__ = ["ArcFit", "ArcRows", "arc_fit", "arc_rows", "prior_rows", "screened"]
+__all__ = ["ArcFit", "ArcRows", "arc_fit", "arc_rows", "prior_rows", "select_starts"]
 
-_RESTED = 1e-2
+_CONVERGED = 1e-2
 
 
 @dataclass(frozen=True)
@@ -139,13 +139,15 @@ def arc_fit(
     damping = np.full(x.shape[1], 1e-6)
     settled = np.zeros(x.shape[1], dtype=bool)
     for _ in range(rounds):
-        step = _damped(upper, damping)
+        step = _solve_damped(upper, damping)
         length = np.linalg.norm(upper[:, :n, :n] @ step[:, :, None], axis=(1, 2))
-        there = np.where(settled, x, x + _along(prior, _shortened(prior, x, step, farthest)))
+        there = np.where(
+            settled, x, x + _state_change(prior, _limit_step(prior, x, step, farthest))
+        )
         new, reached = _problem(model, prior, there, sets)
         better = (reached <= squares) & ~settled
         # below a hundredth of a standard deviation rounding may decide which sum is less
-        settled |= (length < _RESTED) & (damping < 1.0)
+        settled |= (length < _CONVERGED) & (damping < 1.0)
         x = np.where(better, there, x)
         upper = np.where(better[:, None, None], new, upper)
         squares = np.where(better, reached, squares)
@@ -164,7 +166,7 @@ def arc_fit(
     )
 
 
-def screened(model: BodiesModel, measured: MeasurementSet, starts: Array, keep: int) -> Array:
+def select_starts(model: BodiesModel, measured: MeasurementSet, starts: Array, keep: int) -> Array:
     """Return those of many starts that fit the measurements of the first time best.
 
     Parameters
@@ -250,7 +252,7 @@ def _problem(
     return upper_triangle(every), np.sum(every[:, :, -1] ** 2, axis=1)
 
 
-def _damped(upper: Array, damping: Array) -> Array:
+def _solve_damped(upper: Array, damping: Array) -> Array:
     """Return the damped steps (N, n) of z."""
     n = upper.shape[1] - 1
     size = np.linalg.norm(upper[:, :, :n], axis=1)
@@ -260,12 +262,12 @@ def _damped(upper: Array, damping: Array) -> Array:
     return np.asarray(np.linalg.solve(solved[:, :n, :n], solved[:, :n, n:])[:, :, 0])
 
 
-def _along(prior: Belief, step: Array) -> Array:
+def _state_change(prior: Belief, step: Array) -> Array:
     """Return the change of the states (n, N) of one of z (N, n)."""
     return np.asarray((prior.root @ step[:, :, None])[:, :, 0].T)
 
 
-def _shortened(prior: Belief, x: Array, step: Array, farthest: float) -> Array:
+def _limit_step(prior: Belief, x: Array, step: Array, farthest: float) -> Array:
     """Return steps (N, n) of z that lead no farther from the prior's means than is allowed."""
     if not np.isfinite(farthest):
         return step

@@ -15,7 +15,7 @@ from hillsphere_estimators.initialisation.products import StartingBelief
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
-__all__ = ["judged", "present_beginning"]
+__all__ = ["judge_consistency", "present_beginning"]
 
 _DOUBTFUL = 0.01
 """Probability below which a distribution is not taken for χ²."""
@@ -59,10 +59,11 @@ def present_beginning(product: StartingBelief) -> Presentation:
     nees = product.nees
     low, high = chi_square_band(n, cases)
     mean, fits = float(nees.mean()), float(kstest(nees, chi2(n).cdf).pvalue)
+    answer = judge_consistency(mean, low, high, fits)
     inside = "lies" if low <= mean <= high else "does not lie"
     verdict = (
         f"From sensors alone, over {product.t_s / 3600:.3g} h: first beliefs are "
-        f"{judged(mean, low, high, fits)}. The mean NEES of {n} states, {mean:.4g}, {inside} in "
+        f"{answer}. The mean NEES of {n} states, {mean:.4g}, {inside} in "
         f"the 99.9 % band {low:.4g} … {high:.4g}; probability of the distribution under χ²: "
         f"{fits:.2g} (Kolmogorov and Smirnov; below {_DOUBTFUL:g} it counts as inconsistent)."
     )
@@ -89,7 +90,7 @@ def present_beginning(product: StartingBelief) -> Presentation:
     )
 
 
-def judged(mean: float, low: float, high: float, probability: float) -> str:
+def judge_consistency(mean: float, low: float, high: float, probability: float) -> str:
     """Return what a mean NEES, its band and the probability of its distribution say."""
     if low <= mean <= high:
         return "consistent" if probability >= _DOUBTFUL else "not consistent"

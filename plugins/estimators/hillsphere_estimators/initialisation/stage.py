@@ -12,24 +12,24 @@ from hillsphere.estimation import Belief, MeasurementSet
 from hillsphere.interfaces import Array, Context
 from hillsphere.presentation import Presentation
 from hillsphere.sensor_suite import SensorSuite
+from hillsphere_estimators.convergence import step_in_sigmas
 from hillsphere_estimators.information import Information
-from hillsphere_estimators.initialisation.arc_fit import ArcFit, arc_fit, screened
+from hillsphere_estimators.initialisation.arc_fit import ArcFit, arc_fit, select_starts
 from hillsphere_estimators.initialisation.presentation import present_beginning
 from hillsphere_estimators.initialisation.products import StartingBelief
 from hillsphere_estimators.initialisation.specs import InitialisationSpec
 from hillsphere_estimators.navigation.scene import proximity_scene, sky_of
 from hillsphere_estimators.navigation.world import noise_of
-from hillsphere_estimators.orbit_refinement.flown import flown
 from hillsphere_estimators.orbit_refinement.linearised import LinearPath, path_to
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
-from hillsphere_estimators.resting import distance
+from hillsphere_estimators.orbit_refinement.true_motion import simulate_motion
 from hillsphere_estimators.specs import InformationSpec
 
 __all__ = ["InitialisationStage"]
 
 _PASSES = 3
 """How often the measurements are filtered along the path of the last result."""
-_RESTED = 0.1
+_CONVERGED = 0.1
 """Standard deviations by which the last of them may move what counts as converged."""
 _WIDE = 10.0
 """How wide, in greatest distances and speeds, what is known before is taken: sensors decide."""
@@ -93,20 +93,20 @@ class InitialisationStage:
             plant, suite, scenes, n // 6, reach_m=float(min(spec.depths_m)),
             noise=noise_of(plant), step_s=spec.step_s, noise_step_s=spec.noise_step_s,
         )  # fmt: skip
-        path = np.stack(flown(model, truth, times, ctx.rng("accelerations")), axis=1)
-        sets = self._measured(model, suite, path, times, ctx)
+        path = np.stack(simulate_motion(model, truth, times, ctx.rng("accelerations")), axis=1)
+        sets = self._simulate_measurements(model, suite, path, times, ctx)
         prior, starts = self._starts(looking, rows)
-        starts = screened(model, sets[0], starts, spec.tries)
+        starts = select_starts(model, sets[0], starts, spec.tries)
         ctx.info(f"{len(times)} times of {seeds} cases are fitted from {starts.shape[1]} starts")
         fit = arc_fit(model, prior, sets, starts)
-        belief, settled = self._filtered(model, prior, fit, sets)
+        belief, settled = self._filter_along_fit(model, prior, fit, sets)
         names = tuple(variable.name for variable in plant.states)
         return StartingBelief(
             names, float(times[-1]), belief.x, belief.covariance,
             np.ascontiguousarray(path[:, -1]), fit.squares, fit.rows, settled.astype(float),
         )  # fmt: skip
 
-    def _filtered(
+    def _filter_along_fit(
         self, model: BodiesModel, prior: Belief, fit: ArcFit, sets: list[MeasurementSet]
     ) -> tuple[Belief, NDArray[np.bool_]]:
         """Return the belief at the last time, random accelerations among the unknowns.
@@ -115,7 +115,7 @@ class InitialisationStage:
         (see `LinearPath`); with the belief comes which cases have converged.
         """
         times = np.array(model.times_s)
-        path = np.moveaxis(np.array(flown(model, fit.belief.x, times, None)), 0, 1)
+        path = np.moveaxis(np.array(simulate_motion(model, fit.belief.x, times, None)), 0, 1)
         present = np.stack([one.present for one in sets], axis=1)
         estimator, last = Information(InformationSpec()), None
         none, settled = np.zeros((0, len(prior.t_s))), fit.settled
@@ -127,7 +127,7 @@ class InitialisationStage:
                     belief = estimator.predict(linear, belief, one.t_s, none)
                 belief, _ = estimator.update(linear, belief, linear.beyond(one))
             if last is not None:
-                settled = fit.settled & (distance(belief, last) < _RESTED)
+                settled = fit.settled & (step_in_sigmas(belief, last) < _CONVERGED)
             last, path = belief, path_to(model, belief)
         return belief, settled
 
@@ -159,7 +159,7 @@ class InitialisationStage:
         root = np.repeat(np.diag(sigma)[None], cases, axis=0)
         return Belief(starts.mean(axis=1), root, np.zeros(cases)), starts
 
-    def _measured(
+    def _simulate_measurements(
         self, model: BodiesModel, suite: SensorSuite, path: Array, times: Array, ctx: Context
     ) -> list[MeasurementSet]:
         random, cases = ctx.rng("sensors"), path.shape[2]

@@ -13,11 +13,11 @@ from hillsphere.interfaces import Array, EstimationModel, Integers, Scene
 from hillsphere_estimators.cramer_rao import cramer_rao
 from hillsphere_estimators.plant_model import PlantModel
 
-__all__ = ["planned_bound"]
+__all__ = ["bound_along_plan"]
 
 
 @dataclass(frozen=True)
-class _Timed:
+class _ModelInScenes:
     """A model in whose surroundings each time has its own."""
 
     model: PlantModel
@@ -36,7 +36,7 @@ class _Timed:
         return self.model.within(self.scenes[float(t_s[0])]).observe(x, t_s, case)
 
 
-def planned_bound(
+def bound_along_plan(
     model: PlantModel,
     starts: Array,
     prior: Array,
@@ -95,5 +95,5 @@ def planned_bound(
         )
         path.append(x)
         controls.append(control(x, np.repeat(goal[:, k : k + 1], cases, axis=1)))
-    timed: EstimationModel = _Timed(model, scenes)
+    timed: EstimationModel = _ModelInScenes(model, scenes)
     return cramer_rao(timed, path, prior, sets, controls[:-1])

@@ -17,17 +17,23 @@ from hillsphere.interfaces import Array
 from hillsphere.simulation import Flights
 from hillsphere_estimators.navigation.metrics import Record
 
-__all__ = ["SEEN", "SILENT", "alarmed", "ending", "endings"]
+__all__ = [
+    "DIVERGED_WITHOUT_ALARM",
+    "DIVERGED_WITH_ALARM",
+    "detect_divergence",
+    "endings",
+    "format_ending",
+]
 
-SEEN, SILENT = "diverged (innovations)", "diverged (errors)"
+DIVERGED_WITH_ALARM, DIVERGED_WITHOUT_ALARM = "diverged (innovations)", "diverged (errors)"
 """Endings of flights with an estimate that has diverged."""
-_SETS = 5
+_ALARM_SETS = 5
 """Last sets of measurements, of those that brought anything, that all have to say so."""
-_CHANCE = 1e-6
+_FALSE_ALARM = 1e-6
 """Of a consistent filter to be beyond a limit."""
 
 
-def alarmed(nis: Array, used: Array, sent: Array, beyond: float) -> NDArray[np.bool_]:
+def detect_divergence(nis: Array, used: Array, sent: Array, beyond: float) -> NDArray[np.bool_]:
     """Return which flights' innovations are far outside of what chance explains.
 
     Parameters
@@ -46,10 +52,10 @@ def alarmed(nis: Array, used: Array, sent: Array, beyond: float) -> NDArray[np.b
         less than half of its rows within the gate; of flights with fewer sets all, by NIS alone.
     """
     there = sent[1:] > 0.0
-    last = there & (np.cumsum(there[::-1], axis=0)[::-1] <= _SETS)
+    last = there & (np.cumsum(there[::-1], axis=0)[::-1] <= _ALARM_SETS)
     many = last.sum(axis=0)
-    shut = (used[1:] < 0.5 * sent[1:]) & (many == _SETS)
-    out = _astray(nis[1:], used[1:], beyond) | shut
+    shut = (used[1:] < 0.5 * sent[1:]) & (many == _ALARM_SETS)
+    out = _exceeds_limit(nis[1:], used[1:], beyond) | shut
     return np.asarray((many > 0) & (out | ~last).all(axis=0))
 
 
@@ -65,7 +71,8 @@ def endings(
     flights : Flights
         As the simulation has it.
     beyond : float
-        See `alarmed`; likewise NEES at the end is too large beyond so many times the states.
+        The factor of `detect_divergence`. A NEES at the end beyond this factor times the number of
+        states counts as diverged, likewise.
 
     Returns
     -------
@@ -76,8 +83,8 @@ def endings(
     """
     status, cause = list(flights.status), list(flights.cause)
     lost = np.isnan(record.nees[-1])
-    wrong = _astray(record.nees[-1], np.array(float(len(record.error))), beyond)
-    alarm = alarmed(record.nis, record.used, record.sent, beyond)
+    wrong = _exceeds_limit(record.nees[-1], np.array(float(len(record.error))), beyond)
+    alarm = detect_divergence(record.nis, record.used, record.sent, beyond)
     for lane in range(len(status)):
         if wrong[lane]:
             status[lane], cause[lane] = "diverged", "innovations" if alarm[lane] else "errors"
@@ -88,12 +95,12 @@ def endings(
     return tuple(status), tuple(cause)
 
 
-def ending(status: str, cause: str) -> str:
+def format_ending(status: str, cause: str) -> str:
     """Return both in one."""
     return f"{status} ({cause})" if cause and cause != status else status
 
 
-def _astray(squares: Array, dof: Array, beyond: float) -> NDArray[np.bool_]:
+def _exceeds_limit(squares: Array, dof: Array, beyond: float) -> NDArray[np.bool_]:
     some = np.maximum(dof, 1.0)
-    limit = np.maximum(beyond * some, chi2.isf(_CHANCE, some))
+    limit = np.maximum(beyond * some, chi2.isf(_FALSE_ALARM, some))
     return np.asarray((dof > 0.0) & (squares > limit))

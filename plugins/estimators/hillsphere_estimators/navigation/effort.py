@@ -10,10 +10,10 @@ from hillsphere.interfaces import Array, Plant
 from hillsphere.simulation import ContinuousLaw
 from hillsphere_estimators.plant_flow import PlantFlow
 
-__all__ = ["spent"]
+__all__ = ["law_delta_v"]
 
 
-def spent(
+def law_delta_v(
     plant: Plant,
     law: ContinuousLaw | None,
     method: str,

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from hillsphere.estimation import Belief, Innovation, MeasurementSet
 from hillsphere.interfaces import Array, EstimationModel, Estimator, Scene
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere_estimators.bias_states import Biased
+from hillsphere_estimators.bias_states import BiasAugmentedModel
 from hillsphere_estimators.consistency import nees
 from hillsphere_estimators.covariance_intersection import covariance_intersection
-from hillsphere_estimators.navigation.world import Faults
+from hillsphere_estimators.navigation.world import FaultySensors
 
-__all__ = ["FilterLog", "Filtering", "Views", "updated"]
+__all__ = ["FilterLog", "Filtering", "SensorScenes", "update_members"]
 
 
 @dataclass
@@ -43,7 +43,7 @@ class FilterLog:
 
 
 @dataclass(frozen=True)
-class Views:
+class SensorScenes:
     """Surroundings of the sensors, at times (N,) and for believed states (n, N).
 
     Parameters
@@ -109,9 +109,9 @@ class Filtering:
 
     model: EstimationModel
     within: Callable[[Scene], EstimationModel]
-    faults: Faults
+    faults: FaultySensors
     believed: SensorSuite
-    views: Views
+    views: SensorScenes
     estimators: tuple[Estimator, Estimator]
     gate_after: int
     members: tuple[NDArray[np.bool_], ...]
@@ -129,8 +129,8 @@ class Filtering:
     def initial(self, t_s: Array, x: Array, w: Array) -> _Memory:
         """Return the belief before the first measurement."""
         belief = self.start
-        if isinstance(self.model, Biased):
-            belief = self.model.started(belief)
+        if isinstance(self.model, BiasAugmentedModel):
+            belief = self.model.append_biases(belief)
         constant = w[: self.faults.suite.draws[0]]
         lost = np.zeros(len(t_s), dtype=bool)
         return _Memory(belief, np.zeros((0, len(t_s))), constant, lost)
@@ -144,7 +144,9 @@ class Filtering:
         if k:
             belief = estimator.predict(self.model, belief, t_s, memory.control)
         goal = np.repeat(self.goal[:, k : k + 1], len(t_s), axis=1)
-        belief, lost = _kept(belief, memory.belief, goal, memory.lost | ~np.isfinite(x).all(axis=0))
+        belief, lost = _reset_lost_lanes(
+            belief, memory.belief, goal, memory.lost | ~np.isfinite(x).all(axis=0)
+        )
         truth = np.where(lost, goal, x)
         look = belief.x[:n]
         aim = self.views.aim(look, truth)
@@ -154,8 +156,10 @@ class Filtering:
             truth, t_s, k * self.interval_s, self.views.true(t_s, aim), memory.constant,
             w[: self.faults.noise], sigma,
         )  # fmt: skip
-        after, innovations = updated(estimator, self.within(seen), belief, measured, self.members)
-        after, lost = _kept(after, belief, goal, lost)
+        after, innovations = update_members(
+            estimator, self.within(seen), belief, measured, self.members
+        )
+        after, lost = _reset_lost_lanes(after, belief, goal, lost)
         self._note(x, after, innovations, measured, lost)
         estimate = np.where(lost, np.nan, after.x[:n])
         told = self.control(after.x[:n], goal)
@@ -183,7 +187,7 @@ class Filtering:
         log.seen.append(noted(np.logical_or.reduceat(measured.present, first, axis=0)))
 
 
-def updated(
+def update_members(
     estimator: Estimator,
     model: EstimationModel,
     belief: Belief,
@@ -208,7 +212,7 @@ def updated(
     return found, innovations
 
 
-def _kept(
+def _reset_lost_lanes(
     new: Belief, old: Belief, goal: Array, lost: NDArray[np.bool_]
 ) -> tuple[Belief, NDArray[np.bool_]]:
     """Return a belief whose lost lanes are harmless numbers, and which are lost now."""

@@ -19,14 +19,14 @@ from hillsphere.simulation import ContinuousLaw
 from hillsphere.spec import Ref
 from hillsphere_estimators.bias_states import BiasStates
 from hillsphere_estimators.navigation.specs import OWN, BiasSpec, NavigationSpec
-from hillsphere_estimators.navigation.world import Faults, noise_of
+from hillsphere_estimators.navigation.world import FaultySensors, noise_of
 from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = [
-    "Beginnings",
+    "InitialBeliefs",
     "biases_of",
     "check_scales",
-    "checked_law",
+    "continuous_law",
     "faults_of",
     "intervals_of",
     "members_of",
@@ -38,11 +38,11 @@ __all__ = [
     "usable_beliefs",
 ]
 
-_WHOLE = 1e-6
+_ROUNDING = 1e-6
 _POSITIVE = ("gm", "semi_major_axis", "rotation_rate")
 
 
-class Beginnings(Protocol):
+class InitialBeliefs(Protocol):
     """Beliefs before the first measurement, and the truth behind them, of M cases.
 
     What the stage ``initialisation`` yields: means and truths (n, M), covariances (M, n, n).
@@ -79,7 +79,7 @@ class Beginnings(Protocol):
         ...
 
 
-def usable_beliefs(spec: NavigationSpec, plant: Plant, given: Beginnings) -> Integers:
+def usable_beliefs(spec: NavigationSpec, plant: Plant, given: InitialBeliefs) -> Integers:
     """Return which cases of an earlier stage's beliefs flights may begin with.
 
     Raises
@@ -109,10 +109,10 @@ def usable_beliefs(spec: NavigationSpec, plant: Plant, given: Beginnings) -> Int
 
 def intervals_of(spec: NavigationSpec) -> int:
     """Return how many whole intervals a flight lasts."""
-    return max(1, ceil(spec.duration_s / spec.interval_s * (1.0 - _WHOLE)))
+    return max(1, ceil(spec.duration_s / spec.interval_s * (1.0 - _ROUNDING)))
 
 
-def checked_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
+def continuous_law(spec: NavigationSpec, plant: Plant) -> ContinuousLaw | None:
     """Return the law, if there is one.
 
     Raises
@@ -187,7 +187,7 @@ def true_sensors(spec: NavigationSpec, believed: SensorSuite) -> SensorSuite:
     return suite
 
 
-def faults_of(spec: NavigationSpec, suite: SensorSuite) -> Faults:
+def faults_of(spec: NavigationSpec, suite: SensorSuite) -> FaultySensors:
     """Return the true sensors with what goes wrong."""
     names = [ref.name for ref in spec.sensors]
     silent = [
@@ -197,7 +197,7 @@ def faults_of(spec: NavigationSpec, suite: SensorSuite) -> Faults:
         )
         for out in spec.outages
     ]
-    return Faults(
+    return FaultySensors(
         suite, spec.dropouts, spec.outliers, spec.outlier_sigmas, silent, spec.faults_from_s
     )
 

@@ -10,11 +10,11 @@ from hillsphere.engine.course import Course, Rows, course_along, course_at
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Integers, Plant
 from hillsphere.products import FlightSet
-from hillsphere_estimators.navigation.parts import Beginnings, prior_sigma, usable_beliefs
+from hillsphere_estimators.navigation.parts import InitialBeliefs, prior_sigma, usable_beliefs
 from hillsphere_estimators.navigation.specs import NavigationSpec
 from hillsphere_estimators.plant_model import PlantModel
 
-__all__ = ["Plan", "check_step", "given_start", "plan_of"]
+__all__ = ["Plan", "check_step", "plan_of", "read_start"]
 
 _MOST_SAMPLES = 12
 """Samples from which the step map is tried."""
@@ -54,7 +54,7 @@ def plan_of(
     rows: Rows,
     since_s: Array,
     product: FlightSet | None,
-    belief: Beginnings | None,
+    belief: InitialBeliefs | None,
 ) -> Plan:
     """Return the plan of flights.
 
@@ -83,7 +83,7 @@ def plan_of(
     InputError
         If the start has another number of components than the plant, or a belief does not fit.
     """
-    given = given_start(spec, rows)
+    given = read_start(spec, rows)
     begin_s, cases = spec.start.time_s, np.zeros(0, dtype=np.int64)
     if belief is not None:
         begin_s, cases = belief.t_s, usable_beliefs(spec, plant, belief)
@@ -101,7 +101,7 @@ def plan_of(
     return Plan(start, goal, prior_sigma(spec, rows, start), begin_s, cases)
 
 
-def given_start(spec: NavigationSpec, rows: Rows) -> Array:
+def read_start(spec: NavigationSpec, rows: Rows) -> Array:
     """Return the start as the Spec gives it (n,); NaN where a product of an earlier stage does.
 
     Raises
@@ -111,10 +111,10 @@ def given_start(spec: NavigationSpec, rows: Rows) -> Array:
     """
     given = np.full(len(rows.names), np.nan)
     if spec.start.position_m is not None:
-        given[rows.positions] = _checked(spec.start.position_m, "position_m", rows)
+        given[rows.positions] = _check_length(spec.start.position_m, "position_m", rows)
         given[rows.velocities] = 0.0
     if spec.start.velocity_m_s is not None:
-        given[rows.velocities] = _checked(spec.start.velocity_m_s, "velocity_m_s", rows)
+        given[rows.velocities] = _check_length(spec.start.velocity_m_s, "velocity_m_s", rows)
     return given
 
 
@@ -154,11 +154,11 @@ def check_step(
     off = np.concatenate([off, -off], axis=1)
     goal, t0, t1 = plan.goal[:, samples], since_s[samples], since_s[samples + 1]
     there = (goal, plan.begin_s + t0, plan.begin_s + t1)
-    roots = model.process_noise(*there, _told(model, goal, goal))
+    roots = model.process_noise(*there, _model_control(model, goal, goal))
     added = np.repeat(np.sqrt(np.sum(roots**2, axis=2)).T, 2 * n, axis=1)
     goal, t0, t1 = (np.repeat(one, 2 * n, axis=-1) for one in there)
     x = goal + np.tile(off, len(samples))
-    flown = (x, t0, t1, _told(model, x, goal), np.zeros(x.shape[1], dtype=np.int64))
+    flown = (x, t0, t1, _model_control(model, x, goal), np.zeros(x.shape[1], dtype=np.int64))
     try:
         difference = np.abs(model.advance(*flown) - finer.advance(*flown))
     except PropagationError:  # such a belief reaches what cannot be flown: the flights will tell
@@ -178,12 +178,12 @@ def check_step(
         )
 
 
-def _told(model: PlantModel, estimate: Array, goal: Array) -> Array:
+def _model_control(model: PlantModel, estimate: Array, goal: Array) -> Array:
     """Return what the model's motion is told: the law's estimate and reference, if any."""
     return np.zeros((0, goal.shape[1])) if model.law is None else np.concatenate([estimate, goal])
 
 
-def _checked(given: tuple[float, ...], key: str, rows: Rows) -> Array:
+def _check_length(given: tuple[float, ...], key: str, rows: Rows) -> Array:
     count = len(rows.positions)
     if len(given) != count:
         raise InputError(f"start.{key}: {len(given)} numbers, the plant has {count}")

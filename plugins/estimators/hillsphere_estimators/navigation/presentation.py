@@ -9,13 +9,17 @@ import numpy as np
 
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.navigation.divergence import SEEN, SILENT, alarmed
+from hillsphere_estimators.navigation.divergence import (
+    DIVERGED_WITH_ALARM,
+    DIVERGED_WITHOUT_ALARM,
+    detect_divergence,
+)
 from hillsphere_estimators.navigation.figures import draw_control, draw_errors, draw_nees
 from hillsphere_estimators.navigation.metrics import ratio_to_bound
 from hillsphere_estimators.navigation.products import NavigationFlight
 from hillsphere_estimators.navigation.specs import NavigationSpec
 
-__all__ = ["judged", "present_navigation"]
+__all__ = ["judge_consistency", "present_navigation"]
 
 MOST_OVER_BOUND = 1.2
 """Of an rms error: what is worse is said at the head of the report."""
@@ -39,7 +43,9 @@ _SENSORS = [
 ]
 
 
-def judged(mean: float, states: int, flights: int, lost: int) -> tuple[str, float, float]:
+def judge_consistency(
+    mean: float, states: int, flights: int, lost: int
+) -> tuple[str, float, float]:
     """Return what a mean NEES says of a filter, and its band.
 
     Parameters
@@ -85,10 +91,13 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
         return f"{name}_{spec.label}" if spec.label else name
 
     n, count = len(product.states), product.nees.shape[1]
-    diverged = product.endings.count(SEEN), product.endings.count(SILENT)
-    alarms = alarmed(product.nis, product.used, product.sent, spec.diverged_beyond)
+    diverged = (
+        product.endings.count(DIVERGED_WITH_ALARM),
+        product.endings.count(DIVERGED_WITHOUT_ALARM),
+    )
+    alarms = detect_divergence(product.nis, product.used, product.sent, spec.diverged_beyond)
     mean = float(np.nanmean(product.nees[-1])) if product.lost < count else np.nan
-    answer, low, high = judged(mean, n, count, product.lost)
+    answer, low, high = judge_consistency(mean, n, count, product.lost)
     ratios = [
         ratio_to_bound(product.position_error_m[i, -1], product.bounds_m[i, -1])
         for i in range(len(product.spacecraft))
@@ -149,7 +158,7 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
         },
         verdict=[
             *_verdict(product, called, (answer, mean, low, high), ratios, sensors, unknown),
-            *_diverged(diverged, int(alarms.sum()), count, called),
+            *_describe_divergence(diverged, int(alarms.sum()), count, called),
         ],
     )
 
@@ -239,7 +248,9 @@ def _verdict(
     return said
 
 
-def _diverged(diverged: tuple[int, int], alarms: int, count: int, called: str) -> list[str]:
+def _describe_divergence(
+    diverged: tuple[int, int], alarms: int, count: int, called: str
+) -> list[str]:
     """Return how many filters went on but nowhere, and how many cried for nothing."""
     said = []
     seen, silent = diverged
@@ -258,7 +269,7 @@ def _diverged(diverged: tuple[int, int], alarms: int, count: int, called: str) -
 
 def _causes(product: NavigationFlight) -> str:
     """Return how many flights ended how, those that came to their end left out."""
-    others = ("completed", SEEN, SILENT)
+    others = ("completed", DIVERGED_WITH_ALARM, DIVERGED_WITHOUT_ALARM)
     causes = Counter(ending for ending in product.endings if ending not in others)
     return ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
 

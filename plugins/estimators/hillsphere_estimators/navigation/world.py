@@ -17,10 +17,10 @@ from hillsphere.sensor_suite import SensorSuite
 from hillsphere.simulation import CommandSteps, ContinuousLaw
 from hillsphere.symbolic import Expr
 
-__all__ = ["AtInterval", "Drift", "Faults", "ShakenReference"]
+__all__ = ["FaultySensors", "NoControl", "PerturbedReference", "ResampledLaw"]
 
 
-class AtInterval:
+class ResampledLaw:
     """A continuous law whose samples are as far apart as the measurements.
 
     Parameters
@@ -58,7 +58,7 @@ class AtInterval:
 
 
 @dataclass(frozen=True)
-class Drift:
+class NoControl:
     """A law that never acts.
 
     Parameters
@@ -82,7 +82,7 @@ class Drift:
         return np.zeros((len(self.controls), y.shape[1])), xc
 
 
-class ShakenReference:
+class PerturbedReference:
     """A reference, and with it the random accelerations that are held over steps.
 
     They enter as a feedforward command, so that law and filter know nothing of them. What is drawn
@@ -149,7 +149,7 @@ class ShakenReference:
         return CommandSteps(np.full(count, 1.0 / count), found)
 
 
-class Faults:
+class FaultySensors:
     """Blocks of measurements that are missing, silent or far off.
 
     Parameters

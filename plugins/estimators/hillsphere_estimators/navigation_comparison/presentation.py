@@ -11,7 +11,7 @@ import numpy as np
 from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
-from hillsphere_estimators.navigation.presentation import judged
+from hillsphere_estimators.navigation.presentation import judge_consistency
 from hillsphere_estimators.navigation_comparison.products import NavigationComparison
 from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
 
@@ -131,7 +131,7 @@ def present_comparison(
         )
         figures[named("navigation_courses")] = Figure(
             "Errors of the estimated positions",
-            lambda figure: _draw_courses(figure, product),
+            lambda figure: _draw_histories(figure, product),
             "The first flight of each; dashed: three standard deviations as its filter believes.",
             (8.0, 2.6 + 2.2 * len(product.spacecraft)),
         )
@@ -181,7 +181,7 @@ def _flights(product: NavigationComparison) -> list[Mapping[str, Cell]]:
         runs, lost = int(product.flight_runs[c]), int(product.flight_lost[c])
         last = product.mean_nees[c, np.isfinite(product.time_s[c])]
         mean = float(last[-1]) if last.size else float("nan")
-        answer = judged(mean, int(product.flight_states[c]), runs, lost)[0]
+        answer = judge_consistency(mean, int(product.flight_states[c]), runs, lost)[0]
         for s, craft in enumerate(product.spacecraft):
             rows.append(
                 {
@@ -217,9 +217,9 @@ def _rows(product: NavigationComparison, published: bool) -> list[Mapping[str, C
                     "median_m": median,
                     "low_m": low,
                     "high_m": high,
-                    "draw_m": _given(draw),
+                    "draw_m": _none_if_nan(draw),
                     "velocity_mm_s": 1e3 * float(product.velocity_m_s[c, p, s]),
-                    "draw_mm_s": _given(1e3 * speed),
+                    "draw_mm_s": _none_if_nan(1e3 * speed),
                     "rms_m": rms,
                     "bound_m": bound,
                     "ratio": ratio,
@@ -273,7 +273,7 @@ def _draw_sets(
             low, median, high = product.position_m[:, :, p, s]
             colour = PALETTE[COLOURS[p % len(COLOURS)]]
             axes.errorbar(median, place, xerr=[median - low, high - median], fmt="o", color=colour,
-                          capsize=3, label=_spaced(point) or "median")  # fmt: skip
+                          capsize=3, label=_format_point(point) or "median")  # fmt: skip
             axes.plot(product.bound_m[:, p, s], place, "|", color=colour, markersize=14)
             axes.plot(product.rms_m[:, p, s], place, "s", color=colour, markersize=5,
                       fillstyle="none")  # fmt: skip
@@ -292,7 +292,7 @@ def _draw_sets(
     figure.legend(handles, names, loc="outside lower center", ncols=5)
 
 
-def _spaced(point: str) -> str:
+def _format_point(point: str) -> str:
     """Return a point's name for a legend: times as they are written, 10 min instead of 10min."""
     return re.sub(
         r"\b(\d+)(?:p(\d+))?(h|min|s)\b",
@@ -301,13 +301,13 @@ def _spaced(point: str) -> str:
     )
 
 
-def _draw_courses(figure: MatplotlibFigure, product: NavigationComparison) -> None:
+def _draw_histories(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     every = np.atleast_1d(figure.subplots(len(product.spacecraft), 1, sharex=True))
     label = ""
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
         time, label = hours_or_days(product.time_s[c, there])
-        colour, marks = _told_apart(c, time.size)
+        colour, marks = _curve_style(c, time.size)
         for s, axes in enumerate(every):
             axes.plot(time, product.error_m[c, s, there], color=colour, label=name, **marks)
             axes.plot(time, 3.0 * product.sigma_m[c, s, there], "--", color=colour, linewidth=1.0)
@@ -330,7 +330,7 @@ def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     for c, name in enumerate(product.labels):
         there = np.isfinite(product.time_s[c])
         time, label = hours_or_days(product.time_s[c, there])
-        colour, marks = _told_apart(c, time.size)
+        colour, marks = _curve_style(c, time.size)
         axes.plot(time, product.mean_nees[c, there], color=colour, label=name, **marks)
     if np.nanmax(product.mean_nees) > 5.0 * high:
         axes.set_yscale("log")
@@ -339,7 +339,7 @@ def _draw_nees(figure: MatplotlibFigure, product: NavigationComparison) -> None:
     _legend(figure, axes)
 
 
-def _told_apart(number: int, points: int) -> tuple[str, dict[str, Any]]:
+def _curve_style(number: int, points: int) -> tuple[str, dict[str, Any]]:
     """Return the colour of a curve, and marks once all colours are taken."""
     colour, lap = PALETTE[COLOURS[number % len(COLOURS)]], number // len(COLOURS)
     if not lap:
@@ -360,5 +360,5 @@ def _legend(figure: MatplotlibFigure, axes: Axes) -> None:
         figure.legend(handles, names, loc="outside lower center", ncols=3)
 
 
-def _given(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

@@ -19,7 +19,7 @@ from hillsphere_estimators.navigation_comparison.presentation import present_com
 from hillsphere_estimators.navigation_comparison.products import NavigationComparison
 from hillsphere_estimators.navigation_comparison.specs import NavigationComparisonSpec
 
-__all__ = ["NavigationComparisonStage", "paired_rms_ratio", "published_errors"]
+__all__ = ["NavigationComparisonStage", "paired_rms_ratio", "read_published_errors"]
 
 _RESAMPLES = 2000
 _COLUMNS = ("case", "spacecraft", "position_error_m", "velocity_error_mm_s")
@@ -40,7 +40,7 @@ class NavigationComparisonStage:
         self.spec = spec
         if spec.reference is not None:
             # How many spacecraft there are only the flights tell: then it is read again.
-            published_errors(Path(spec.reference), len(spec.labels))
+            read_published_errors(Path(spec.reference), len(spec.labels))
 
     def run(
         self,
@@ -98,7 +98,7 @@ class NavigationComparisonStage:
                     )
         paper = np.full((2, shape[0], len(crafts)), np.nan)
         if spec.reference is not None:
-            paper = published_errors(Path(spec.reference), shape[0], len(crafts))
+            paper = read_published_errors(Path(spec.reference), shape[0], len(crafts))
         return NavigationComparison(
             labels=labels,
             spacecraft=crafts,
@@ -118,7 +118,7 @@ class NavigationComparisonStage:
             ratio=ratio,
             answers=tuple(answers),
             lightest=self._lightest(labels, found.rms, found.lost),
-            **_courses(flights, len(labels), len(crafts)),
+            **_histories(flights, len(labels), len(crafts)),
         )
 
     def present(
@@ -270,7 +270,7 @@ def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None)
     return tuple(f"spacecraft {i + 1}" for i in range(max(count, 1)))
 
 
-def published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
+def read_published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
     """Read published errors of navigation.
 
     Parameters
@@ -321,7 +321,7 @@ def published_errors(path: Path, sets: int, crafts: int | None = None) -> Array:
     return found
 
 
-def _courses(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dict[str, Array]:
+def _histories(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dict[str, Array]:
     """Return the flights over time, padded with NaN to the longest."""
     longest = max((len(flight.time_s) for flight in flights), default=0)
     time, mean = np.full((2, sets, longest), np.nan)

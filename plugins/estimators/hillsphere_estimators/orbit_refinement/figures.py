@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.orbit_refinement.gains import held
+from hillsphere_estimators.orbit_refinement.gains import geometries_with_tracking
 from hillsphere_estimators.orbit_refinement.products import OrbitRefinement
 from hillsphere_estimators.orbit_refinement.verdict import silences
 
@@ -89,7 +89,7 @@ def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None
     low, high = chi_square_band(6, cases)
     worst = 0.0
     for a, (arm, known) in enumerate(zip(product.arms, product.tracked, strict=True)):
-        some = held(product, a)
+        some = geometries_with_tracking(product, a)
         if not some.size:
             continue
         t = (known.t_s - known.t_s[0]) / 3600.0

@@ -8,14 +8,22 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
 
-__all__ = ["gain_ranges", "gains", "held", "median_gain_range", "observed", "reported", "rms"]
+__all__ = [
+    "gain_ranges",
+    "gains",
+    "geometries_with_observations",
+    "geometries_with_tracking",
+    "median_gain_range",
+    "report_times",
+    "rms",
+]
 
 _DAY = 86400.0
 _AGAIN = 400
 """How often cases are drawn anew for the range of a ratio."""
 
 
-def reported(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
+def report_times(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
     """Return when the table shows what is known: s after tracking began, and its index."""
     since = known.t_s - known.t_s[0]
     wanted = list(spec.reported_s) or [_DAY * k for k in range(1, int(since[-1] // _DAY) + 1)]
@@ -23,12 +31,12 @@ def reported(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, i
     return [(float(since[k]), k) for k in indices]
 
 
-def observed(product: OrbitRefinement) -> Integers:
+def geometries_with_observations(product: OrbitRefinement) -> Integers:
     """Return the geometries in which a telescope saw the asteroid: elsewhere nothing is fitted."""
     return np.flatnonzero(product.optical.rows.sum(axis=0) > 0.0)
 
 
-def held(product: OrbitRefinement, arm: int) -> Integers:
+def geometries_with_tracking(product: OrbitRefinement, arm: int) -> Integers:
     """Return the geometries in which tracking did not diverge.
 
     It did where it converged in no case, or where an error is not finite: such numbers are shown in
@@ -57,7 +65,7 @@ def gains(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Arra
 def gain_ranges(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array, Array]:
     """Return 5 % and 95 % (2, G) of the gains of position and velocity over cases drawn anew."""
     position, velocity = (
-        np.percentile(anew, [5.0, 95.0], axis=-1) for anew in _drawn_anew(product, arm, at)
+        np.percentile(anew, [5.0, 95.0], axis=-1) for anew in _bootstrap_gains(product, arm, at)
     )
     return position, velocity
 
@@ -65,17 +73,17 @@ def gain_ranges(product: OrbitRefinement, arm: int, at: int = -1) -> tuple[Array
 def median_gain_range(product: OrbitRefinement, arm: int, at: int) -> tuple[Array, Array]:
     """Return 5 % and 95 % (2,) of the median over geometries of the gains, likewise.
 
-    Over those in which tracking `held`, at least one.
+    Over those of `geometries_with_tracking`, at least one.
     """
-    some = held(product, arm)
+    some = geometries_with_tracking(product, arm)
     position, velocity = (
         np.percentile(np.median(anew[some], axis=0), [5.0, 95.0])
-        for anew in _drawn_anew(product, arm, at)
+        for anew in _bootstrap_gains(product, arm, at)
     )
     return position, velocity
 
 
-def _drawn_anew(product: OrbitRefinement, arm: int, at: int) -> list[Array]:
+def _bootstrap_gains(product: OrbitRefinement, arm: int, at: int) -> list[Array]:
     """Return the gains (G, B) of position and velocity of B samples of the cases."""
     known = product.tracked[arm]
     cases = known.position_m.shape[-1]

@@ -17,8 +17,8 @@ from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["BodiesModel"]
 
-_OF_MOTION = 1e-6
-_OF_SENSORS = 1e-5
+_MOTION_STEP = 1e-6
+_SENSOR_STEP = 1e-5
 """Steps of differences: of motion as parts of the plant's scales, of sensors as parts of what they
 reach, far less than distances and far more than the rounding of states."""
 _AT_ONCE = 200_000
@@ -78,9 +78,9 @@ class BodiesModel(PlantModel):
         self.n = 6 * bodies
         self._copies = len(plant.states) // self.n + 1
         self._seen: dict[int, Integers] = {}
-        self._steps = _OF_MOTION * plant.scales.of(plant.states)[: self.n]
+        self._steps = _MOTION_STEP * plant.scales.of(plant.states)[: self.n]
         near = Scales(reach_m, plant.scales.time_s)
-        self._near = _OF_SENSORS * near.of(plant.states)[: self.n]
+        self._near = _SENSOR_STEP * near.of(plant.states)[: self.n]
 
     @property
     def times_s(self) -> tuple[float, ...]:
@@ -110,7 +110,7 @@ class BodiesModel(PlantModel):
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
         """Return what perfect sensors show, all at one time."""
-        return self.suite.observe(x, t_s, _taken(self.scene(t_s), case))
+        return self.suite.observe(x, t_s, _select_cases(self.scene(t_s), case))
 
     def scene(self, t_s: Array) -> Scene:
         """Return what surrounds the sensors at a time that all cases share."""
@@ -119,7 +119,7 @@ class BodiesModel(PlantModel):
     def scene_of(self, times_s: Array, cases: int) -> dict[str, Array]:
         """Return what surrounds sensors in columns that count times, then cases."""
         scenes = [self._scenes[float(t)] for t in times_s]
-        return _stacked(scenes, np.arange(len(scenes) * cases), cases)
+        return _stack_scenes(scenes, np.arange(len(scenes) * cases), cases)
 
     def transition(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
         """Return the derivatives (N, n, n) of `advance`; of all bodies at once, each of its own."""
@@ -214,7 +214,7 @@ class BodiesModel(PlantModel):
             every = np.flatnonzero(asked[rows].any(axis=0))
             for first in range(0, every.size, _AT_ONCE // (n + 1)):
                 some = every[first : first + _AT_ONCE // (n + 1)]
-                scene = _stacked(scenes, some, cases)
+                scene = _stack_scenes(scenes, some, cases)
                 shown[rows, some], slopes[rows, :, some] = self._slopes_of(
                     i, flat[:, some], times[some], scene
                 )
@@ -237,7 +237,7 @@ class BodiesModel(PlantModel):
         points[seen, 1 + np.arange(k)] += self._near[seen, None]
         width = points[seen, 1 + np.arange(k)] - x[seen]
         lanes = np.tile(np.arange(cases), k + 1)
-        z = sensor.observe(points.reshape(self.n, -1), t_s[lanes], _taken(scene, lanes))
+        z = sensor.observe(points.reshape(self.n, -1), t_s[lanes], _select_cases(scene, lanes))
         z = z.reshape(-1, k + 1, cases)
         off = z[:, 1:] - z[:, :1]
         row = 0
@@ -252,7 +252,7 @@ class BodiesModel(PlantModel):
     def _dependence(self, i: int, x: Array, t_s: Array, scene: Scene) -> Integers:
         """Return which states change what a sensor shows."""
         few = np.arange(min(8, x.shape[1]))
-        x, t_s, scene = x[:, few], t_s[few], _taken(scene, few)
+        x, t_s, scene = x[:, few], t_s[few], _select_cases(scene, few)
         sensor = self.suite.sensors[i]
         before = sensor.observe(x, t_s, scene)
         found = []
@@ -270,14 +270,14 @@ class BodiesModel(PlantModel):
         return np.ascontiguousarray(np.tile(x, (self._copies, 1))[: self._n])
 
 
-def _taken(scene: Scene, case: Integers) -> dict[str, Array]:
+def _select_cases(scene: Scene, case: Integers) -> dict[str, Array]:
     return {
         name: value if value.shape[-1] == 1 else np.take(value, case, axis=-1)
         for name, value in scene.items()
     }
 
 
-def _stacked(scenes: list[Scene], some: Integers, cases: int) -> dict[str, Array]:
+def _stack_scenes(scenes: list[Scene], some: Integers, cases: int) -> dict[str, Array]:
     """Return the scene of columns that count times, then cases."""
     time, case = np.divmod(some, cases)
     found: dict[str, Array] = {}

@@ -21,13 +21,13 @@ from hillsphere_estimators.initialisation.arc_fit import arc_fit, arc_rows, prio
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 from hillsphere_estimators.roots import lower_root, upper_triangle
 
-__all__ = ["fitted"]
+__all__ = ["fit_angles"]
 
 _FARTHEST = 8.0
 """Standard deviations of the prior: there are no ellipses much farther out."""
 
 
-def fitted(
+def fit_angles(
     model: BodiesModel, prior: Belief, sets: Sequence[MeasurementSet], kept: Sequence[int]
 ) -> tuple[list[Belief], NDArray[np.bool_]]:
     """Fit all angles, and tell what was known when.

@@ -18,14 +18,14 @@ from hillsphere_estimators.orbit_refinement.figures import (
 from hillsphere_estimators.orbit_refinement.gains import (
     gain_ranges,
     gains,
-    held,
-    observed,
-    reported,
+    geometries_with_observations,
+    geometries_with_tracking,
+    report_times,
     rms,
 )
 from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
-from hillsphere_estimators.orbit_refinement.verdict import judged, refinement_verdict
+from hillsphere_estimators.orbit_refinement.verdict import judge_consistency, refinement_verdict
 
 __all__ = ["present_refinement"]
 
@@ -60,12 +60,15 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
         "refinement_tracking": _tracking_table(product, spec),
         "refinement_arms": _arms_table(product),
     }
-    first = held(product, 0)
+    first = geometries_with_tracking(product, 0)
     position, velocity = (gain[first] for gain in gains(product, 0))
-    means = [_mean(nees[held(product, a)]) for a, nees in enumerate(product.joint_nees)]
+    means = [
+        _mean(nees[geometries_with_tracking(product, a)])
+        for a, nees in enumerate(product.joint_nees)
+    ]
     metrics = {
-        "refinement_position_gain_median": Metric(_of(np.median, position)),
-        "refinement_velocity_gain_median": Metric(_of(np.median, velocity)),
+        "refinement_position_gain_median": Metric(_measure_or_nan(np.median, position)),
+        "refinement_velocity_gain_median": Metric(_measure_or_nan(np.median, velocity)),
         "refinement_mean_nees": Metric(means[0]),
         "refinement_mean_nees_greatest": Metric(max(means)),
         "refinement_settled": Metric(float(np.mean(product.settled))),
@@ -130,7 +133,9 @@ def _optical_table(product: OrbitRefinement) -> Table:
         rows.append(
             {
                 "geometry": name,
-                "state": _settled(cases) if g in observed(product) else "not observed",
+                "state": _format_convergence(cases)
+                if g in geometries_with_observations(product)
+                else "not observed",
                 "earth_au": float(product.earth_distance_m[g]) / _AU,
                 "observations": float(product.optical.rows[:, g].mean()),
                 **_state(product.optical, -1, g),
@@ -154,8 +159,12 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
         for a, arm in enumerate(product.arms):
             known = product.tracked[a]
             cases = product.tracked_settled[a, g]
-            state = _settled(cases) if g in held(product, a) else "diverged"
-            for since, k in reported(spec, known):
+            state = (
+                _format_convergence(cases)
+                if g in geometries_with_tracking(product, a)
+                else "diverged"
+            )
+            for since, k in report_times(spec, known):
                 position, velocity = gains(product, a, k)
                 ranges = gain_ranges(product, a, k)
                 rows.append(
@@ -192,8 +201,8 @@ def _arms_table(product: OrbitRefinement) -> Table:
     rows: list[Mapping[str, Cell]] = []
     first = product.tracked[0]
     for a, arm in enumerate(product.arms):
-        some = held(product, a)
-        both = np.intersect1d(some, held(product, 0))
+        some = geometries_with_tracking(product, a)
+        both = np.intersect1d(some, geometries_with_tracking(product, 0))
         position, velocity = (gain[some] for gain in gains(product, a))
         ratios = [
             rms(own[-1])[both] / rms(of_first[-1])[both]
@@ -205,16 +214,16 @@ def _arms_table(product: OrbitRefinement) -> Table:
         rows.append(
             {
                 "arm": arm,
-                "position_gain_median": _of(np.median, position),
-                "position_gain_least": _of(np.min, position),
-                "position_gain_greatest": _of(np.max, position),
-                "velocity_gain_median": _of(np.median, velocity),
-                "velocity_gain_least": _of(np.min, velocity),
-                "velocity_gain_greatest": _of(np.max, velocity),
-                "position_of_first": _of(np.median, ratios[0]),
-                "velocity_of_first": _of(np.median, ratios[1]),
+                "position_gain_median": _measure_or_nan(np.median, position),
+                "position_gain_least": _measure_or_nan(np.min, position),
+                "position_gain_greatest": _measure_or_nan(np.max, position),
+                "velocity_gain_median": _measure_or_nan(np.median, velocity),
+                "velocity_gain_least": _measure_or_nan(np.min, velocity),
+                "velocity_gain_greatest": _measure_or_nan(np.max, velocity),
+                "position_of_first": _measure_or_nan(np.median, ratios[0]),
+                "velocity_of_first": _measure_or_nan(np.median, ratios[1]),
                 "joint_nees": _mean(product.joint_nees[a][some]),
-                "judged": judged(product, a),
+                "judged": judge_consistency(product, a),
                 "settled": float(product.tracked_settled[a].mean()),
             }
         )
@@ -241,19 +250,19 @@ def _arms_table(product: OrbitRefinement) -> Table:
     return Table("Sets of sensors compared", columns, rows, [note])
 
 
-def _settled(cases: Array) -> str:
+def _format_convergence(cases: Array) -> str:
     """Return in how many cases of a geometry a fit has converged, in words."""
     count = int((cases > 0.0).sum())
     return "converged" if count == cases.size else f"converged in {count} of {cases.size}"
 
 
-def _of(measure: Callable[[Array], Any], values: Array) -> float:
+def _measure_or_nan(measure: Callable[[Array], Any], values: Array) -> float:
     """Return a measure of some values, NaN of none."""
     return float(measure(values)) if values.size else float("nan")
 
 
 def _mean(values: Array) -> float:
-    return _of(np.mean, values)
+    return _measure_or_nan(np.mean, values)
 
 
 def _band(product: OrbitRefinement, geometries: int) -> str:

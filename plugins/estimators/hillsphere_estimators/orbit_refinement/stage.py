@@ -17,23 +17,23 @@ from hillsphere.presentation import Presentation
 from hillsphere.sensor_suite import SensorSuite
 from hillsphere.spec import Ref
 from hillsphere_estimators.consistency import nees
-from hillsphere_estimators.initialisation.arc_fit import arc_fit, screened
-from hillsphere_estimators.orbit_refinement.flown import flown as flown_along
+from hillsphere_estimators.convergence import step_in_sigmas
+from hillsphere_estimators.initialisation.arc_fit import arc_fit, select_starts
 from hillsphere_estimators.orbit_refinement.linearised import LinearPath, path_to
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
-from hillsphere_estimators.orbit_refinement.optical import fitted
+from hillsphere_estimators.orbit_refinement.optical import fit_angles
 from hillsphere_estimators.orbit_refinement.presentation import present_refinement
 from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.orbit_refinement.scenes import orbit_of, scenes_at, starts
 from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
-from hillsphere_estimators.resting import distance
+from hillsphere_estimators.orbit_refinement.true_motion import simulate_motion
 
 __all__ = ["OrbitRefinementStage"]
 
 _STARTS = np.linspace(-3.0, 3.0, 241)
 """Standard deviations along the direction in which the asteroid's place is least known."""
-_TRIED = 3
-_RESTED = 0.1
+_KEPT_STARTS = 3
+_CONVERGED = 0.1
 """Standard deviations by which a last repetition may move what counts as converged."""
 _FAR_M = 1e8
 """A distance that heliocentric states resolve well, for sensors without anything near."""
@@ -89,18 +89,18 @@ class OrbitRefinementStage:
         scenes = scenes_at(times, self._earth, spec.geometries, seeds)
         suite = SensorSuite([ref.get() for ref in spec.optical])
         model = BodiesModel(spec.plant.get(), suite, scenes, 1, reach_m=_FAR_M, step_s=spec.step_s)
-        flown = flown_along(model, truth, times, None)
-        sets = _measured(suite, "optical", spec.optical, flown, model, ctx)
+        flown = simulate_motion(model, truth, times, None)
+        sets = _simulate_measurements(suite, "optical", spec.optical, flown, model, ctx)
         prior = self._prior(truth, ctx)
         ctx.info(f"{len(times)} optical observations of {truth.shape[1]} cases are fitted")
         kept = np.unique(np.linspace(0, len(times) - 1, _SHOWN_OPTICAL).astype(int))
-        known, settled = fitted(model, prior, sets, kept.tolist())
+        known, settled = fit_angles(model, prior, sets, kept.tolist())
         optical = self._knowledge(known, [flown[k] for k in kept], [sets[k] for k in kept])
         distance = np.min(
             [np.linalg.norm((x - scenes[float(t)]["earth"])[:3], axis=0)
              for x, t in zip(flown, times, strict=True)], axis=0,
         )[::seeds]  # fmt: skip
-        tracked, joint, rested, craft = self._refined(known[-1], flown[-1], float(times[-1]), ctx)
+        tracked, joint, converged, craft = self._refine(known[-1], flown[-1], float(times[-1]), ctx)
         return OrbitRefinement(
             tuple(g.name for g in spec.geometries),
             tuple(arm.name for arm in spec.arms),
@@ -110,7 +110,7 @@ class OrbitRefinementStage:
             tracked,
             joint,
             6 * (1 + len(spec.spacecraft)),
-            rested.astype(float),
+            converged.astype(float),
             craft,
         )
 
@@ -137,7 +137,7 @@ class OrbitRefinementStage:
         root = sigma.T[:, :, None] * np.eye(6)
         return Belief(x, root, np.zeros(truth.shape[1]))
 
-    def _refined(
+    def _refine(
         self, asteroid: Belief, truth: Array, start_s: float, ctx: Context
     ) -> tuple[tuple[Knowledge, ...], Array, NDArray[np.bool_], Array]:
         """Track the spacecraft with each arm.
@@ -162,11 +162,13 @@ class OrbitRefinementStage:
             noise=None if quiet else noise, step_s=spec.step_s, noise_step_s=spec.interval_s,
         )  # fmt: skip
         places = np.concatenate([truth, *(self._craft(i, truth) for i in range(crafts))])
-        flown = flown_along(model, places, times, None if quiet else ctx.rng("accelerations"))
-        sets = _measured(suite, "tracking", refs, flown, model, ctx)
+        flown = simulate_motion(model, places, times, None if quiet else ctx.rng("accelerations"))
+        sets = _simulate_measurements(suite, "tracking", refs, flown, model, ctx)
         prior = self._joint_prior(asteroid, places, ctx)
         found, joint = [], []
-        beliefs, seen, settled = self._tracked(model, prior, sets, self._used(suite), ctx)
+        beliefs, seen, settled = self._filter_arms(
+            model, prior, sets, self._rows_of_arms(suite), ctx
+        )
         for a in range(len(spec.arms)):
             own = slice(a * cases, (a + 1) * cases)
             of_arm = [Belief(b.x[:, own], b.root[own], b.t_s[own]) for b in beliefs]
@@ -188,14 +190,14 @@ class OrbitRefinementStage:
         offsets = np.reshape([craft.offset_m for craft in self.spec.spacecraft], (-1, 3))
         return float(np.min(np.linalg.norm(offsets, axis=1), initial=_FAR_M))
 
-    def _used(self, suite: SensorSuite) -> NDArray[np.bool_]:
+    def _rows_of_arms(self, suite: SensorSuite) -> NDArray[np.bool_]:
         """Return which rows each arm has, (A, m)."""
         own = [{id(ref.get()) for ref in arm.sensors} for arm in self.spec.arms]
         used = [[id(sensor) in ids for sensor in suite.sensors] for ids in own]
         sizes = [sum(channel.rows for channel in block) for block in suite.blocks]
         return np.repeat(np.array(used), sizes, axis=1)
 
-    def _tracked(
+    def _filter_arms(
         self,
         model: BodiesModel,
         prior: Belief,
@@ -230,22 +232,22 @@ class OrbitRefinementStage:
             for m, own in zip(sets, present, strict=True)
         ]
         advance = ctx.track("tracking", len(sets) * (1 + self.spec.passes))
-        begun = screened(model, shown[0], _spread(belief), _TRIED)
+        begun = select_starts(model, shown[0], _spread(belief), _KEPT_STARTS)
         first = arc_fit(model, belief, shown[:1], begun)
         advance(1)
-        beliefs = self._filtered(model, [belief, first.belief], shown[1:], advance)
+        beliefs = self._filter(model, [belief, first.belief], shown[1:], advance)
         settled = first.settled
         every = np.stack(present, axis=1)
         for _ in range(self.spec.passes):
             linear = LinearPath.about(model, path_to(model, beliefs[-1]), every)
             beyond = [linear.beyond(one) for one in shown]
-            found = self._filtered(linear, [belief], beyond, advance)
-            settled = distance(found[-1], beliefs[-1]) < _RESTED
+            found = self._filter(linear, [belief], beyond, advance)
+            settled = step_in_sigmas(found[-1], beliefs[-1]) < _CONVERGED
             beliefs = found
         # of the first two one is before any measurement, the other after those of the same time
         return [beliefs[0], *beliefs[2:]], present, settled
 
-    def _filtered(
+    def _filter(
         self, model: BodiesModel, beliefs: list[Belief], sets: list[MeasurementSet], advance: Any
     ) -> list[Belief]:
         """Return beliefs, and after them those after each further set of measurements."""
@@ -332,7 +334,7 @@ def _times(duration_s: float, interval_s: float) -> Array:
     return np.asarray(interval_s * np.arange(int(np.floor(duration_s / interval_s + 1e-9)) + 1.0))
 
 
-def _measured(
+def _simulate_measurements(
     suite: SensorSuite,
     part: str,
     refs: Sequence[Ref],

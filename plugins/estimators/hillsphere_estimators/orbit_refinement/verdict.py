@@ -9,16 +9,16 @@ from hillsphere.interfaces import Array
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.orbit_refinement.gains import (
     gains,
-    held,
+    geometries_with_observations,
+    geometries_with_tracking,
     median_gain_range,
-    observed,
-    reported,
+    report_times,
     rms,
 )
 from hillsphere_estimators.orbit_refinement.products import OrbitRefinement
 from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
 
-__all__ = ["judged", "refinement_verdict", "silences"]
+__all__ = ["judge_consistency", "refinement_verdict", "silences"]
 
 _DAY = 86400.0
 _CLAIMED = 2.0
@@ -27,13 +27,13 @@ _PEAK = 1.1
 """Growth of a standard deviation that is seen in a figure."""
 
 
-def judged(product: OrbitRefinement, arm: int) -> str:
+def judge_consistency(product: OrbitRefinement, arm: int) -> str:
     """Return how errors of all states at the end compare with what the filter says of them.
 
     Over all geometries in which tracking held: in a single one, of a few cases, no mean is far out
     of its wide band. ``diverged`` if there is none.
     """
-    some = held(product, arm)
+    some = geometries_with_tracking(product, arm)
     if not some.size:
         return "diverged"
     low, high = _joint_band(product, arm)
@@ -58,8 +58,8 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
     list of str
         Errors, gains of each set of sensors, consistency, convergence, silences.
     """
-    optical, seen = product.optical, observed(product)
-    found = _left_out(product)
+    optical, seen = product.optical, geometries_with_observations(product)
+    found = _describe_omissions(product)
     if seen.size:
         position = rms(optical.position_m[-1])[seen] / 1e3
         velocity = rms(optical.velocity_m_s[-1])[seen]
@@ -68,9 +68,13 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             f"and {velocity.min():.2g} to {velocity.max():.2g} m/s, by geometry."
         )
     for a, arm in enumerate(product.arms):
-        for since, k in reported(spec, product.tracked[a]) if held(product, a).size else ():
-            found.append(f"{arm}, after {since / _DAY:.3g} d: {_gained(product, a, k)}.")
-    first = held(product, 0)
+        for since, k in (
+            report_times(spec, product.tracked[a])
+            if geometries_with_tracking(product, a).size
+            else ()
+        ):
+            found.append(f"{arm}, after {since / _DAY:.3g} d: {_describe_gains(product, a, k)}.")
+    first = geometries_with_tracking(product, 0)
     if spec.claims_velocity_kept and first.size:
         v = gains(product, 0)[1][first]
         answer = (
@@ -82,7 +86,9 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             f"{v.min():.3g} to {v.max():.3g} times with {product.arms[0]!r}."
         )
     found.append(_consistency(product))
-    tracked = [one[held(product, a)] for a, one in enumerate(product.tracked_settled)]
+    tracked = [
+        one[geometries_with_tracking(product, a)] for a, one in enumerate(product.tracked_settled)
+    ]
     unsettled = sum(int((one == 0).sum()) for one in tracked)
     if not product.settled.all() or unsettled:
         found.append(
@@ -90,13 +96,13 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             f"{product.settled.size} optical fits, {unsettled} of "
             f"{sum(one.size for one in tracked)} during tracking."
         )
-    return [*found, *_silent(product)]
+    return [*found, *_describe_silences(product)]
 
 
-def _left_out(product: OrbitRefinement) -> list[str]:
+def _describe_omissions(product: OrbitRefinement) -> list[str]:
     """Return which geometries nothing is said of, and why."""
     names, found = np.array(product.geometries), []
-    if unseen := sorted(set(range(len(names))) - set(observed(product))):
+    if unseen := sorted(set(range(len(names))) - set(geometries_with_observations(product))):
         found.append(
             f"No telescope sees the asteroid in {', '.join(map(repr, names[unseen].tolist()))}: "
             "there only what was known before stands in the table."
@@ -104,7 +110,7 @@ def _left_out(product: OrbitRefinement) -> list[str]:
     lost = [
         f"{', '.join(map(repr, names[own].tolist()))} with {arm!r}"
         for a, arm in enumerate(product.arms)
-        if (own := sorted(set(range(len(names))) - set(held(product, a))))
+        if (own := sorted(set(range(len(names))) - set(geometries_with_tracking(product, a))))
     ]
     if lost:
         found.append(
@@ -114,9 +120,9 @@ def _left_out(product: OrbitRefinement) -> list[str]:
     return found
 
 
-def _gained(product: OrbitRefinement, arm: int, at: int) -> str:
+def _describe_gains(product: OrbitRefinement, arm: int, at: int) -> str:
     """Return by what errors fell, in words."""
-    parts, some = [], held(product, arm)
+    parts, some = [], geometries_with_tracking(product, arm)
     ranges = median_gain_range(product, arm, at)
     for name, every, (low, high) in zip(
         ("position", "velocity"), gains(product, arm, at), ranges, strict=True
@@ -134,19 +140,19 @@ def _joint_band(product: OrbitRefinement, arm: int) -> Array:
 
 
 def _cases(product: OrbitRefinement, arm: int) -> int:
-    return int(product.joint_nees[arm][held(product, arm)].size)
+    return int(product.joint_nees[arm][geometries_with_tracking(product, arm)].size)
 
 
 def _consistency(product: OrbitRefinement) -> str:
-    kept = [a for a in range(len(product.arms)) if held(product, a).size]
+    kept = [a for a in range(len(product.arms)) if geometries_with_tracking(product, a).size]
     if not kept:
         return "Of consistency nothing can be said: tracking diverged in all geometries."
+    means = {a: product.joint_nees[a][geometries_with_tracking(product, a)].mean() for a in kept}
     each = ", ".join(
-        f"{product.arms[a]!r} {product.joint_nees[a][held(product, a)].mean():.4g} "
-        f"({judged(product, a)})"
-        for a in kept
+        f"{product.arms[a]!r} {mean:.4g} ({judge_consistency(product, a)})"
+        for a, mean in means.items()
     )
-    bad = [product.arms[a] for a in kept if judged(product, a) != "consistent"]
+    bad = [product.arms[a] for a in kept if judge_consistency(product, a) != "consistent"]
     bands: dict[int, list[str]] = {}
     for a in kept:
         bands.setdefault(_cases(product, a), []).append(product.arms[a])
@@ -185,13 +191,13 @@ def _peaks(grown: Array) -> str:
     return str(count) if count else "no"
 
 
-def _silent(product: OrbitRefinement) -> list[str]:
+def _describe_silences(product: OrbitRefinement) -> list[str]:
     """Return what happens to velocities while the first set's sensors are partly silent."""
     known, craft = product.tracked[0], product.craft_velocity_sigma_m_s[0]
     if not craft.any():
         return []
     grown: list[tuple[float, float]] = []
-    for g in held(product, 0).tolist():
+    for g in geometries_with_tracking(product, 0).tolist():
         own = [rms(sigma[:, g]) for sigma in (craft, known.velocity_sigma_m_s)]
         # what comes before the first measurements are in is no silence
         grown += [

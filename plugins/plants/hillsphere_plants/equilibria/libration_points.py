@@ -12,9 +12,9 @@ from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 
 __all__ = [
+    "check_anomaly",
     "check_orbit",
     "equilibrium_near",
-    "held_anomaly",
     "libration_points",
     "rest_eigenvalues",
 ]
@@ -93,7 +93,7 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
     x = np.zeros((len(equations.x), guess_m.shape[1]))
     x[:3] = guess_m / plant.scales.length_m
     if true_anomaly_rad is not None:
-        x[6:] = held_anomaly(plant, true_anomaly_rad)
+        x[6:] = check_anomaly(plant, true_anomaly_rad)
     elif len(x) > 6:
         _check_steady(slopes, x)
     before = np.full(x.shape[1], np.inf)
@@ -123,7 +123,7 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
 def check_orbit(plant: Plant, true_anomaly_rad: float | None = None) -> None:
     """Raise `InputError` unless a plant has points of rest, for good or at a true anomaly."""
     if true_anomaly_rad is not None:
-        held_anomaly(plant, true_anomaly_rad)
+        check_anomaly(plant, true_anomaly_rad)
     elif len(plant.states) > 6:
         equations = system(plant, normalised=True)
         x = np.zeros((len(equations.x), 1))
@@ -145,7 +145,7 @@ def _check_steady(slopes: Derivatives, x: Array) -> None:
         )
 
 
-def held_anomaly(plant: Plant, true_anomaly_rad: float) -> float:
+def check_anomaly(plant: Plant, true_anomaly_rad: float) -> float:
     """Return the true anomaly at which a plant is looked at.
 
     Raises
@@ -185,7 +185,7 @@ def rest_eigenvalues(
     x = np.zeros((len(equations.x), position_m.shape[1]))
     x[:3] = position_m / plant.scales.length_m
     if true_anomaly_rad is not None:
-        x[6:] = held_anomaly(plant, true_anomaly_rad)
+        x[6:] = check_anomaly(plant, true_anomaly_rad)
     _, jacobian = Derivatives(equations).both(x)
     values = np.linalg.eigvals(np.moveaxis(jacobian[:6, :6], 2, 0)) / plant.scales.time_s
     order = np.lexsort((-values.imag, -values.real), axis=1)

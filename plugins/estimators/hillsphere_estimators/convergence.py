@@ -9,7 +9,7 @@ from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
 from hillsphere.interfaces import Array
 
-__all__ = ["distance", "regular_root", "regular_scales", "rested"]
+__all__ = ["freeze_converged", "regular_root", "regular_scales", "step_in_sigmas"]
 
 
 def regular_root(belief: Belief) -> Array:
@@ -42,7 +42,7 @@ def regular_scales(scales: Array, n: int) -> Array:
     return found
 
 
-def distance(new: Belief, old: Belief) -> Array:
+def step_in_sigmas(new: Belief, old: Belief) -> Array:
     """Return how far means lie apart, in standard deviations of the new belief (N,).
 
     Raises
@@ -54,7 +54,7 @@ def distance(new: Belief, old: Belief) -> Array:
     return np.asarray(np.linalg.norm(step[:, :, 0], axis=1))
 
 
-def rested(moving: NDArray[np.bool_], new: Belief, old: Belief) -> Belief:
+def freeze_converged(moving: NDArray[np.bool_], new: Belief, old: Belief) -> Belief:
     """Return the new belief of cases that move; others rest, whatever their neighbours do."""
     if moving.all():
         return new

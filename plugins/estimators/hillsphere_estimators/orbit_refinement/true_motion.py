@@ -9,10 +9,10 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_estimators.orbit_refinement.motion import BodiesModel
 
-__all__ = ["flown"]
+__all__ = ["simulate_motion"]
 
 
-def flown(
+def simulate_motion(
     model: BodiesModel, x: Array, times_s: Array, random: np.random.Generator | None
 ) -> list[Array]:
     """Return the true states at each time, with random accelerations if numbers are given.
