@@ -34,6 +34,8 @@ Solver: TypeAlias = Callable[[Belief, Array, WhitenedInnovation], Belief]
 would show, with the rows of `linear` the transposed derivatives; to the belief that solves it."""
 
 MOST_HALVINGS = 30
+"""Halvings of one step at most. A step of 2⁻³⁰, about 1e-9, of the Gauss-Newton step changes the
+sum of squares by little more than its rounding; further halvings only cost model evaluations."""
 NEVER_HALVED_SIGMAS = 0.1
 """Steps shorter than this, in standard deviations, are never halved: what they make of the sum of
 squares may drown in its rounding."""

@@ -26,6 +26,9 @@ from hillsphere.interfaces.plant import Plant
 __all__ = ["PlantFlow"]
 
 _MOST_COMPILED = 128
+"""Compiled systems that are kept. One mission needs a few, a sweep that changes the equations at
+every point many: without a bound their code fills the memory, with a small one it is compiled
+again."""
 _T = TypeVar("_T")
 _COMPILED: dict[str, Any] = {}
 """What was compiled, by the digest of its equations; the oldest go first."""

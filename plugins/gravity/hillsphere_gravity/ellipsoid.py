@@ -30,6 +30,8 @@ CODATA_2018_G = 6.67430e-11
 """Constant of gravitation, m³/(kg s²): Tiesinga et al. (2021), Rev. Mod. Phys. 93, 025010."""
 
 _ACOS_LIMIT = 1.0 - 1e-12
+"""Largest argument of the arc cosine in `_confocal`: at 1 its derivative is infinite. The angle
+changes by at most √(2e-12), about 1e-6, which the Newton step after it removes."""
 _ON_SURFACE = 1.0 - 8.0 * float_info.epsilon
 """A point on the surface but for rounding has the gradient outside: what stands on a body leaves
 it upwards."""

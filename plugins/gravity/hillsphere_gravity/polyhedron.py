@@ -26,6 +26,8 @@ _CHUNK = 60_000
 _FAR = 1000.0
 """Radii of the body beyond which its second moments do: the sums have lost six digits there."""
 _PLAUSIBLE_KG_M3 = (50.0, 30_000.0)
+"""Densities that a body may have: comets reach down to a few hundred, iron up to 8000. A length
+unit that is wrong by a factor of 1000 changes the density by 1e9 and is refused."""
 
 
 class Polyhedron:

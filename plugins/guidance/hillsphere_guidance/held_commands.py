@@ -11,7 +11,12 @@ from hillsphere_guidance.motion import Motion
 __all__ = ["solve_held_command"]
 
 _TOLERANCE = 1e-11
+"""Error of a step, natural units, by step doubling, at which substeps are chosen: ten times `_MET`.
+Newton's iterations solve the flight of these substeps to `_MET`; the error of the substeps is what
+the replay by Taylor series shows."""
 _ROUNDS = 30
+"""Newton iterations at most. With the derivatives of free space they converge linearly, by the
+square of the step over the time scale of the field; steps that need more are too long."""
 _MET = 1e-12
 """Largest miss, in units of the plant's scales."""
 

@@ -13,7 +13,11 @@ from hillsphere_guidance.motion import Motion
 __all__ = ["HeldSteps", "command_times", "fly_held_steps"]
 
 _TOLERANCE = 1e-11
+"""Error of half a step, natural units, by step doubling: as small as the miss to which flights are
+closed. A larger one would let the end of a flight depend on the number of substeps."""
 _MOST = 256
+"""Substeps of half a step at most: a step that needs more passes close to a singularity (the centre
+of a point mass), and the search for its number would take longer than the flight."""
 
 
 class HeldSteps(NamedTuple):

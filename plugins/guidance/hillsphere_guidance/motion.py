@@ -17,6 +17,9 @@ __all__ = ["Motion", "motion_of"]
 
 _CONTROL = "u:"
 _EXACT = 1e-12
+"""Largest deviation, relative, of the rates of positions from the velocities, and of the
+derivatives by the controls from the unit matrix: rounding, for a plant to which the formulation
+applies."""
 
 
 class Motion:

@@ -11,8 +11,14 @@ from hillsphere_guidance.splines import ClampedSpline, gauss_nodes
 __all__ = ["Replanner"]
 
 _NODES = 5
+"""Quadrature nodes of each piece of the path. A path of degree 5 has an acceleration of degree 3,
+whose square 5 nodes integrate exactly (degree 9 ≥ 6); the rest is for the field."""
 _FIRST_ROUNDS, _ROUNDS = 25, 2
+"""Gauss-Newton rounds of the first plan, from the cubic of free space, and of later ones, from the
+rest of the last plan, which is nearly optimal. The numbers are fixed so that lanes do not wait for
+each other: fewer first rounds leave a command that later samples correct."""
 _MEAN_NODES = 4
+"""Quadrature nodes of the mean command over one period, exact to degree 7 in time."""
 
 
 class Replanner:

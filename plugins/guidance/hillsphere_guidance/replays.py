@@ -14,9 +14,13 @@ from hillsphere_guidance.motion import Motion
 __all__ = ["replay_continuous", "replay_held"]
 
 _RELATIVE = 1e-12
+"""Relative tolerance of DOP853, near the least that it takes (100 roundings, 2e-14): the error of
+the replay stays below the error of the plan that it measures."""
 _ABSOLUTE = 1e-13
 """In units of the plant's scales."""
 _REFINED = 4
+"""Steps of the replay to one of the grid: the step map of sixth order or more then errs by less
+than 1/1000 of a single step's error."""
 
 
 def replay_continuous(motion: Motion, flight: GuidedFlight, start: Array, time_s: float) -> Array:

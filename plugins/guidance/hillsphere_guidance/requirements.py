@@ -15,6 +15,8 @@ from hillsphere_guidance.sites import Ground
 __all__ = ["Excess", "Requirements", "Terms"]
 
 _ENDS = 1e-9
+"""Time, s, by which a node may lie before the beginning of the glide slope by rounding alone, and
+still belongs to it."""
 _SOLVER = 1e-6
 """By how much, relatively, a bound may be exceeded: what an interior-point solver leaves."""
 

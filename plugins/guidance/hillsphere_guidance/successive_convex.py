@@ -32,11 +32,19 @@ _FIRST_RADIUS, _LEAST_RADIUS, _LARGEST_RADIUS = 0.3, 1e-9, 10.0
 _GAIN = 1e-6
 """Relative gain of cost that is not worth another round."""
 _ROUNDS = 60
+"""Convex problems at one penalty at most. A search that converges needs fewer; one that does not
+would otherwise end only when its trust region has shrunk."""
 _MET = 1e-6
 """What may be left of a violation, natural units, before the flight is closed by shooting."""
 _CLOSED = 1e-11
+"""Largest miss of the end of a closed flight, natural units: what rounding leaves after hundreds of
+steps. A smaller limit is not reached, a larger one would show in the replays of the flight."""
 _SHOTS = 20
+"""Newton iterations of the shooting at most. From a path whose gaps are below `_MET` a few suffice;
+if twenty do not, the steps are too long for their linearisation."""
 _START_POINTS = 16
+"""Control points of the first guess, a path of least energy: enough for its shape. Its command is
+then averaged over the steps, so that a finer one would start no better."""
 
 
 @dataclass(frozen=True)

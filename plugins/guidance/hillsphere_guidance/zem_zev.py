@@ -16,6 +16,9 @@ from hillsphere_guidance.sites import Ground
 __all__ = ["ZemZev"]
 
 _CONTROL_POINTS = 12
+"""Control points of each axis of the path that is planned at every sample: eight of them are free.
+Only the command of the next period is taken from it, and the cost of a round grows with their
+square."""
 
 
 class ZemZev:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.engine.start_states import Centre
 from hillsphere.errors import InputError
 from hillsphere.gravity import (
@@ -55,8 +56,7 @@ from hillsphere_plants.sun_moon import GM_M3_S2, moon_position, sun_position
 __all__ = ["EarthOrbit"]
 
 _GRAVITY = "gravity."
-_DAY = 86400.0
-_CENTURY = 36525.0 * _DAY
+_CENTURY = 36525.0 * DAY_S
 _PLACES = {"sun": sun_position, "moon": moon_position}
 
 
@@ -221,7 +221,7 @@ class EarthOrbit:
         return sum_of([0.5 * dot(speed, speed), -potential, -spin])
 
     def _drag(self, x: tuple[Expr, ...], place: Vec3, t: Expr, p: Params) -> Vec3:
-        day = _days_into_year(self.epoch) + t * (1.0 / _DAY)
+        day = _days_into_year(self.epoch) + t * (1.0 / DAY_S)
         weather = (p["drag.f107"], p["drag.f107_average"], p["drag.ap"])
         rho = density(place, day, self.planet.ellipsoid, *weather)
         px, py, _ = self._to_equator(vector(x[:3]))
@@ -284,7 +284,7 @@ def _turn(t: Expr, p: Params) -> tuple[Expr, Expr]:
 def _days_into_year(epoch: Epoch) -> Expr:
     """Return the days since the first of January of the epoch's year."""
     first = Epoch.parse(epoch.isot(np.zeros(1), 0)[0][:4] + "-01-01", "UTC")
-    return constant(epoch.seconds_since(first) / _DAY)
+    return constant(epoch.seconds_since(first) / DAY_S)
 
 
 def _of_gravity(p: Params) -> Params:

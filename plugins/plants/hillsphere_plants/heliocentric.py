@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M
 from hillsphere.engine.start_states import Centre
 from hillsphere.interfaces import Array, Parameter, Scales, Variable
 from hillsphere.model.ephemeris import from_equator
 from hillsphere.symbolic import Expr, Params, dot, power, sum_of
 from hillsphere.time import Epoch
 from hillsphere_plants.moon_centred import CONTROLS, POSITION_AND_VELOCITY
-from hillsphere_plants.proximity import AU_M
 from hillsphere_plants.proximity_specs import HeliocentricSpec
 
 __all__ = ["Heliocentric"]

@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M
 from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import InputError
 from hillsphere.gravity import AnyGravityModel, acceleration_at, whole_gravity
@@ -62,9 +63,8 @@ from hillsphere_plants.proximity_start import HillFrame
 from hillsphere_plants.tidal import tidal_acceleration
 from hillsphere_plants.turning import turning_motion
 
-__all__ = ["AU_M", "Proximity", "of_gravity"]
+__all__ = ["Proximity", "of_gravity"]
 
-AU_M = 1.495978707e11
 _GRAVITY = "gravity."
 _NOMINAL: Mapping[str, float] = MappingProxyType({})
 

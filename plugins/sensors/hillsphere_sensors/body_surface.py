@@ -17,6 +17,8 @@ __all__ = ["BodySurface"]
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 _STEP = 1e-5
+"""Step of the central differences of the radius by a direction, rad. They err by its square, 1e-10,
+and by rounding over it, 1e-11, both far below what a camera resolves."""
 
 
 @runtime_checkable

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2
+from hillsphere.base.constants import NOMINAL_SOLAR_GM_M3_S2, SPEED_OF_LIGHT_M_S
 from hillsphere.base.geodetic import Station
 from hillsphere.interfaces import Array, Channel, Scene
 from hillsphere.model.ephemeris import kepler_step
@@ -19,10 +19,11 @@ from hillsphere_sensors.heliocentric import HeliocentricSensor
 from hillsphere_sensors.spacecraft import rotate
 from hillsphere_sensors.spacecraft_specs import DeepSpaceStationSpec
 
-__all__ = ["SPEED_OF_LIGHT_M_S", "DeepSpaceStation"]
+__all__ = ["DeepSpaceStation"]
 
-SPEED_OF_LIGHT_M_S = 299792458.0
 _EARTH_RATE_RAD_S = 7.292115146706979e-5
+"""Rate of the Earth rotation angle, 2π × 1.00273781191135448 a day of UT1 (IERS Conventions 2010,
+eq. 5.15); the same as that of `hillsphere.model.earth.rotation` in the frame GCRS."""
 _ROUNDS = 4
 """Of the light time; each takes off four digits (speed over that of light)."""
 

@@ -18,6 +18,8 @@ __all__ = ["SpacecraftSensor", "boresight_components", "line_of_sight_frame", "r
 Booleans = NDArray[np.bool_]
 
 _SAME_TIME_S = 1e-6
+"""Difference from a multiple of the period, s, that is rounding of the time (1e-8 s after a year)
+and not a time without measurement."""
 _LEVEL = 1e-11
 """Part of a boresight along ±z that is made level: less than any camera resolves."""
 

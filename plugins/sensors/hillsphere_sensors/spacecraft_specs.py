@@ -22,7 +22,7 @@ __all__ = [
     "SunSensorSpec",
 ]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = pi / 180.0
 _STAR_TRACKER = 1e-4 * _DEGREE
 _HELIOCENTRIC = ("origin", "axes", "rate")
 

@@ -34,6 +34,9 @@ from hillsphere_estimators.roots import lower_root, upper_triangle
 __all__ = ["ArcFit", "ArcRows", "arc_fit", "arc_rows", "prior_rows", "select_starts"]
 
 _CONVERGED = 1e-2
+"""Length of the last step, in standard deviations, below which a fit has converged. A longer limit
+would leave an error that the covariance does not state; at a shorter one rounding may decide which
+of two sums of squares is less, and a converged fit would be reported as not converged."""
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ __all__ = [
 ]
 
 _ROUNDING = 1e-6
+"""Relative excess of a duration over whole intervals that is rounding of the units in a mission
+(hours to seconds), and must not add an interval."""
 _POSITIVE = ("gm", "semi_major_axis", "rotation_rate")
 
 

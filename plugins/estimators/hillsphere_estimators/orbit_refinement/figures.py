@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M, DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere_estimators.consistency import chi_square_band
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_consistency", "draw_optical", "draw_tracked"]
 
-_AU = 1.495978707e11
-_DAY = 86400.0
 _NAMES = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _COLOURS = (*(PALETTE[name] for name in _NAMES), "#888888")
 _MARKERS = "osD^v<>Pph*"
@@ -29,13 +28,13 @@ def draw_optical(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
     """Draw errors while the asteroid is observed from the Earth, a line a geometry."""
     position, velocity = figure.subplots(2, 1, sharex=True)
     known = product.optical
-    t = known.t_s / _DAY
+    t = known.t_s / DAY_S
     for g in np.argsort(product.earth_distance_m):
         style: dict[str, Any] = {
             "color": _COLOURS[g % len(_COLOURS)], "marker": _MARKERS[g % len(_MARKERS)],
             "markevery": (int(g) % 5, 5), "markersize": 4,
         }  # fmt: skip
-        label = f"{product.geometries[g]} ({product.earth_distance_m[g] / _AU:.2f} au)"
+        label = f"{product.geometries[g]} ({product.earth_distance_m[g] / AU_M:.2f} au)"
         position.plot(t, np.median(known.position_m[:, g], axis=1) / 1e3, label=label, **style)
         velocity.plot(t, np.median(known.velocity_m_s[:, g], axis=1), **style)
         faint = {"color": style["color"], "linestyle": "--", "linewidth": 0.9}
@@ -73,7 +72,7 @@ def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
             craft = product.craft_velocity_sigma_m_s[a][:, g]
             if craft.any():
                 velocity.plot(t, _rms(craft), color=colour, linewidth=1.3, linestyle=":")
-        away = product.earth_distance_m[g] / _AU
+        away = product.earth_distance_m[g] / AU_M
         position.set_title(f"{product.geometries[g]} ({away:.2f} au from the Earth)")
         velocity.set_xlabel("since tracking began [h]")
         position.set_ylabel("position [km]")

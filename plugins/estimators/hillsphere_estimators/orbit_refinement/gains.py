@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere_estimators.orbit_refinement.products import Knowledge, OrbitRefinement
 from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
@@ -18,7 +19,6 @@ __all__ = [
     "rms",
 ]
 
-_DAY = 86400.0
 _AGAIN = 400
 """How often cases are drawn anew for the range of a ratio."""
 
@@ -26,7 +26,7 @@ _AGAIN = 400
 def report_times(spec: OrbitRefinementSpec, known: Knowledge) -> list[tuple[float, int]]:
     """Return when the table shows what is known: s after tracking began, and its index."""
     since = known.t_s - known.t_s[0]
-    wanted = list(spec.reported_s) or [_DAY * k for k in range(1, int(since[-1] // _DAY) + 1)]
+    wanted = list(spec.reported_s) or [DAY_S * k for k in range(1, int(since[-1] // DAY_S) + 1)]
     indices = sorted({int(np.argmin(np.abs(since - t))) for t in wanted} | {len(since) - 1})
     return [(float(since[k]), k) for k in indices]
 

@@ -18,9 +18,13 @@ from hillsphere_estimators.plant_model import PlantModel
 __all__ = ["BodiesModel"]
 
 _MOTION_STEP = 1e-6
+"""Step of the differences that give the derivatives of the motion, in units of the plant's scales.
+Central differences err by its square, 1e-12, and by rounding over it, 1e-16/1e-6 = 1e-10: a step
+ten times larger or smaller moves the balance to either side."""
 _SENSOR_STEP = 1e-5
-"""Steps of differences: of motion as parts of the plant's scales, of sensors as parts of what they
-reach, far less than distances and far more than the rounding of states."""
+"""Step of the differences that give the derivatives of a sensor, as a part of the least distance to
+what it sees. They are one-sided and err by this part of themselves; states about the Sun, 1e11 m,
+are rounded to 1e-5 m, which a much smaller step would not exceed."""
 _AT_ONCE = 200_000
 """Columns that sensors are asked about at once."""
 

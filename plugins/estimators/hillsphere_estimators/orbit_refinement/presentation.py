@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hillsphere.base.constants import AU_M, DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_estimators.consistency import chi_square_band
@@ -29,9 +30,8 @@ from hillsphere_estimators.orbit_refinement.verdict import judge_consistency, re
 
 __all__ = ["present_refinement"]
 
-_AU = 1.495978707e11
-_DAY = 86400.0
 _ASTEROID = 6
+"""States of the asteroid, three positions and three velocities: degrees of freedom of its NEES."""
 _NOTE = (
     "rms: root mean square over the random cases; σ: the same of what the filter says. Gains are "
     "ratios of rms errors before tracking and after; 5 % and 95 %: of the same ratio of cases "
@@ -136,7 +136,7 @@ def _optical_table(product: OrbitRefinement) -> Table:
                 "state": _format_convergence(cases)
                 if g in geometries_with_observations(product)
                 else "not observed",
-                "earth_au": float(product.earth_distance_m[g]) / _AU,
+                "earth_au": float(product.earth_distance_m[g]) / AU_M,
                 "observations": float(product.optical.rows[:, g].mean()),
                 **_state(product.optical, -1, g),
                 "settled": float(product.settled[g].mean()),
@@ -172,7 +172,7 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
                         "geometry": name,
                         "arm": arm,
                         "state": state,
-                        "after_d": since / _DAY,
+                        "after_d": since / DAY_S,
                         **_state(known, k, g),
                         "position_gain": float(position[g]),
                         "position_gain_p5": float(ranges[0][0][g]),

@@ -7,12 +7,11 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, Spec, StageSpec, Vector3, option, quantity, reference, rule
 from hillsphere_estimators.sensor_fit import noiseless
 
 __all__ = ["ApproachSpec", "ArmSpec", "GeometrySpec", "OrbitRefinementSpec"]
-
-_DAY = 86400.0
 
 
 class GeometrySpec(Spec):
@@ -111,7 +110,7 @@ class OrbitRefinementSpec(StageSpec):
         "sensor", "what observes the asteroid at first; to it the asteroid is spacecraft 1"
     )
     optical_duration_s: float = quantity(
-        "time", "how long it is observed", default=30.0 * _DAY, gt=0
+        "time", "how long it is observed", default=30.0 * DAY_S, gt=0
     )
     optical_interval_s: float = quantity("time", "between observations", default=3600.0, gt=0)
     initial_error: float = option(
@@ -138,7 +137,7 @@ class OrbitRefinementSpec(StageSpec):
         "measurements: radiation pressure and thrusters that no model knows",
         default=0.0, ge=0,
     )  # fmt: skip
-    duration_s: float = quantity("time", "length of the second part", default=2.0 * _DAY, gt=0)
+    duration_s: float = quantity("time", "length of the second part", default=2.0 * DAY_S, gt=0)
     interval_s: float = quantity("time", "between its measurements", default=600.0, gt=0)
     reported_s: tuple[float, ...] = quantity(
         "time", "when, after its begin, the table shows what is known; left out: each day",

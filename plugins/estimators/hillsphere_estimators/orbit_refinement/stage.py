@@ -33,6 +33,9 @@ __all__ = ["OrbitRefinementStage"]
 _STARTS = np.linspace(-3.0, 3.0, 241)
 """Standard deviations along the direction in which the asteroid's place is least known."""
 _KEPT_STARTS = 3
+"""Starts, out of those of `_STARTS` that fit the first measurement best, from which a fit is
+solved. The sum of squares may have a minimum on either side of the spacecraft; each further start
+costs a whole fit."""
 _CONVERGED = 0.1
 """Standard deviations by which a last repetition may move what counts as converged."""
 _FAR_M = 1e8

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.orbit_refinement.gains import (
@@ -20,7 +21,6 @@ from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
 
 __all__ = ["judge_consistency", "refinement_verdict", "silences"]
 
-_DAY = 86400.0
 _CLAIMED = 2.0
 """What is called a considerable gain."""
 _PEAK = 1.1
@@ -73,7 +73,7 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             if geometries_with_tracking(product, a).size
             else ()
         ):
-            found.append(f"{arm}, after {since / _DAY:.3g} d: {_describe_gains(product, a, k)}.")
+            found.append(f"{arm}, after {since / DAY_S:.3g} d: {_describe_gains(product, a, k)}.")
     first = geometries_with_tracking(product, 0)
     if spec.claims_velocity_kept and first.size:
         v = gains(product, 0)[1][first]

@@ -35,6 +35,8 @@ _COLUMNS = [
     Column("search", ""),
 ]
 _BELOW_M = 1e-3
+"""Depth below the surface, m, from which a path counts as passing through it: a path
+that begins or ends on the surface may be below it by rounding, far less than a millimetre."""
 _SHARES = (0, 25, 50, 75, 100)
 """Parts of the duration, %, at which other plants are compared in the table."""
 _METHOD = (

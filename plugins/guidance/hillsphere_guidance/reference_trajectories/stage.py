@@ -30,7 +30,10 @@ from hillsphere_guidance.splines import gauss_nodes
 __all__ = ["ReferenceTrajectoriesStage"]
 
 _NODES = 4
+"""Quadrature nodes between two breaks of a command, exact to degree 7 in time: a command of the
+splines has degree 3 but for the field."""
 _MESH = (37, 73)
+"""Circles of latitude and points of each on the drawn surface: every 5° in both."""
 _ON_GROUND = 1e-9
 """By how much a start on the ground may seem below it, relative to its distance."""
 

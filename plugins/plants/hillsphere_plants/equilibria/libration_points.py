@@ -20,8 +20,12 @@ __all__ = [
 ]
 
 _ITERATIONS = 60
+"""Newton iterations at most; a step is at most a fifth of the distance, so that a few tens reach
+any point about the moon before the convergence is quadratic."""
 _EXACT, _CLOSE = 1e-15, 1e-6  # of the distance: a step that is done, one that may be rounding
 _ANOMALIES = (0.0, 1.0, 2.5)
+"""True anomalies, rad, at which accelerations are compared. No two of them are symmetric about the
+apses (ν and −ν), where an elliptic orbit would give equal ones."""
 
 
 def libration_points(plant: Plant, true_anomaly_rad: float | None = None) -> Mapping[str, Array]:

@@ -14,10 +14,20 @@ from hillsphere.model.shapes.levels import level_of
 __all__ = ["SpinEquilibria", "spin_equilibria"]
 
 _ITERATIONS = 100
+"""Newton iterations at most. A step is at most a tenth of the distance, so that tens of them may
+pass before the convergence is quadratic; lanes without an equilibrium nearby use them all and are
+left out."""
 _DONE = 1e-13
+"""Length of the last step over the distance from the centre: a few hundred roundings."""
 _SAME = 1e-6
+"""Distance of two results, in synchronous radii, below which they are one point: far above what the
+iterations leave, far below the distance of two equilibria of a real body."""
 _FLAT = 1e-9
+"""Singular values of the slope below this part of the largest count as zero, and no step is taken
+along them: on the circle of equilibria of a round body they are rounding."""
 _GUESSES = 24
+"""Starts on the ring, every 15°. A body of degree and order 2 has four equilibria, an irregular one
+a few more; with fewer starts one of these may be missed."""
 
 
 @dataclass(frozen=True, eq=False)
