@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2, kstest
 
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
+from hillsphere.show.tables import column, tabulate
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.initialisation.products import StartingBelief
 
@@ -37,24 +37,14 @@ def present_beginning(product: StartingBelief) -> Presentation:
     n, cases = product.means.shape
     off = product.means - product.truths
     variances = np.diagonal(product.covariances, axis1=1, axis2=2).T
-    rows: list[Mapping[str, Cell]] = []
-    for first in range(0, n, 6):
-        place, speed = slice(first, first + 3), slice(first + 3, first + 6)
-        rows.append(
-            {
-                "spacecraft": first // 6 + 1,
-                "position_rms_m": _root(off[place] ** 2),
-                "position_sigma_m": _root(variances[place]),
-                "velocity_rms_mm_s": 1e3 * _root(off[speed] ** 2),
-                "velocity_sigma_mm_s": 1e3 * _root(variances[speed]),
-            }
-        )
+    places = [slice(first, first + 3) for first in range(0, n, 6)]
+    speeds = [slice(first + 3, first + 6) for first in range(0, n, 6)]
     columns = [
-        Column("spacecraft", "-", "spacecraft"),
-        Column("position_rms_m", "m", "position, rms", 4),
-        Column("position_sigma_m", "m", "σ", 4),
-        Column("velocity_rms_mm_s", "mm/s", "velocity, rms", 4),
-        Column("velocity_sigma_mm_s", "mm/s", "σ", 4),
+        column("spacecraft", range(1, n // 6 + 1), "spacecraft"),
+        column("position_rms_m", [_root(off[own] ** 2) for own in places], "position, rms", 4),
+        column("position_sigma_m", [_root(variances[own]) for own in places], "σ", 4),
+        column("velocity_rms_mm_s", [_root(off[own] ** 2) for own in speeds], "velocity, rms", 4),
+        column("velocity_sigma_mm_s", [_root(variances[own]) for own in speeds], "σ", 4),
     ]
     nees = product.nees
     low, high = chi_square_band(n, cases)
@@ -77,7 +67,7 @@ def present_beginning(product: StartingBelief) -> Presentation:
             "initialisation_chi_square_probability": Metric(fits),
             "initialisation_settled": Metric(float(product.settled.mean())),
         },
-        tables={"initialisation": Table("First beliefs, from sensors alone", columns, rows)},
+        tables={"initialisation": tabulate("First beliefs, from sensors alone", columns)},
         figures={
             "initialisation": Figure(
                 "Consistency of the first beliefs",

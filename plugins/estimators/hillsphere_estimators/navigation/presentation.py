@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 
 import numpy as np
 
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.interfaces import Array, Integers
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.divergence import (
     DIVERGED_WITH_ALARM,
@@ -23,24 +24,6 @@ __all__ = ["judge_consistency", "present_navigation"]
 
 MOST_OVER_BOUND = 1.2
 """Of an rms error: what is worse is said at the head of the report."""
-_COLUMNS = [
-    Column("spacecraft", "", "spacecraft"),
-    Column("median_m", "m", "median error", 4),
-    Column("low_m", "m", "5 %", 4),
-    Column("high_m", "m", "95 %", 4),
-    Column("rms_m", "m", "rms", 4),
-    Column("believed_m", "m", "rms believed", 4),
-    Column("bound_m", "m", "bound", 4),
-    Column("ratio", "-", "rms over bound", 4),
-    Column("ratio_se", "-", "its standard error", 2),
-    Column("velocity_mm_s", "mm/s", "median velocity error", 4),
-    Column("control_m", "m", "median distance from the reference", 4),
-]
-_SENSORS = [
-    Column("sensor", "", "sensor"),
-    Column("seen", "-", "share of the times at which it measures", 4),
-    Column("blind", "-", "flights in which it never does"),
-]
 
 
 def judge_consistency(
@@ -118,7 +101,7 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
             f"The law spends a median of {dv:.4g} m/s, {dv / hours * 24.0:.4g} m/s a day, all "
             "spacecraft together; random accelerations are not counted."
         )
-    sensors = _sensors(product)
+    blind = np.sum(product.seen == 0.0, axis=1)
     return Presentation(
         metrics={
             named("navigation_nees"): Metric(mean),
@@ -130,10 +113,12 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
             named("navigation_dv"): Metric(dv, "m/s"),
         },
         tables={
-            named("navigation"): Table(
-                f"Errors of the estimates{called}", _COLUMNS, _rows(product, ratios), notes
+            named("navigation"): tabulate(
+                f"Errors of the estimates{called}", _error_columns(product, ratios), notes
             ),
-            named("navigation_sensors"): Table(f"What the sensors see{called}", _SENSORS, sensors),
+            named("navigation_sensors"): tabulate(
+                f"What the sensors see{called}", _sensor_columns(product, blind)
+            ),
         },
         figures={
             named("navigation_errors"): Figure(
@@ -157,45 +142,53 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
             ),
         },
         verdict=[
-            *_verdict(product, called, (answer, mean, low, high), ratios, sensors, unknown),
+            *_verdict(product, called, (answer, mean, low, high), ratios, blind, unknown),
             *_describe_divergence(diverged, int(alarms.sum()), count, called),
         ],
     )
 
 
-def _rows(product: NavigationFlight, ratios: list[tuple[float, float]]) -> list[Mapping[str, Cell]]:
-    rows: list[Mapping[str, Cell]] = []
-    for i, name in enumerate(product.spacecraft):
-        error = product.position_error_m[i, -1]
-        alive = bool(np.isfinite(error).any())
-        shares = np.nanquantile(error, [0.05, 0.5, 0.95]) if alive else [np.nan] * 3
-        rows.append(
-            {
-                "spacecraft": name,
-                "median_m": float(shares[1]),
-                "low_m": float(shares[0]),
-                "high_m": float(shares[2]),
-                "rms_m": _rms(error),
-                "believed_m": _rms(product.position_sigma_m[i, -1]),
-                "bound_m": float(product.bound_m[i, -1]),
-                "ratio": ratios[i][0],
-                "ratio_se": ratios[i][1],
-                "velocity_mm_s": 1e3 * _median(product.velocity_error_m_s[i, -1]),
-                "control_m": _median(product.control_error_m[i, -1]),
-            }
-        )
-    return rows
-
-
-def _sensors(product: NavigationFlight) -> list[Mapping[str, Cell]]:
+def _error_columns(
+    product: NavigationFlight, ratios: list[tuple[float, float]]
+) -> list[FilledColumn]:
+    """Return the columns of the errors at the end, one row per spacecraft."""
+    of = FieldColumns(product, "spacecraft")
+    errors = product.position_error_m[:, -1]
+    low, median, high = np.transpose([_quantiles(error) for error in errors])
     return [
-        {
-            "sensor": name,
-            "seen": float(np.nanmean(seen)) if np.isfinite(seen).any() else float("nan"),
-            "blind": int(np.sum(seen == 0.0)),
-        }
-        for name, seen in zip(product.sensors, product.seen, strict=True)
+        of("spacecraft"),
+        column("median_m", median, "median error", 4),
+        column("low_m", low, "5 %", 4),
+        column("high_m", high, "95 %", 4),
+        column("rms_m", [_rms(error) for error in errors], "rms", 4),
+        column("believed_m", [_rms(s) for s in product.position_sigma_m[:, -1]], "rms believed", 4),
+        column("bound_m", product.bound_m[:, -1], "bound", 4),
+        column("ratio", [ratio for ratio, _ in ratios], "rms over bound", 4),
+        column("ratio_se", [error for _, error in ratios], "its standard error", 2),
+        column("velocity_mm_s", [_median(error) for error in product.velocity_error_m_s[:, -1]],
+               "median velocity error", 4),
+        column("control_m", [_median(error) for error in product.control_error_m[:, -1]],
+               "median distance from the reference", 4),
+    ]  # fmt: skip
+
+
+def _sensor_columns(product: NavigationFlight, blind: Integers) -> list[FilledColumn]:
+    """Return the columns of what the sensors measure, one row per sensor."""
+    of = FieldColumns(product, "sensors")
+    shares = [float(np.nanmean(s)) if np.isfinite(s).any() else np.nan for s in product.seen]
+    return [
+        of("sensors", "sensor"),
+        column("seen", shares, "share of the times at which it measures", 4),
+        column("blind", blind, "flights in which it never does"),
     ]
+
+
+def _quantiles(error: Array) -> list[float]:
+    """Return the 5 %, 50 % and 95 % quantiles over the flights that were not lost; NaN of none."""
+    if not np.isfinite(error).any():
+        return [np.nan] * 3
+    low, median, high = np.nanquantile(error, [0.05, 0.5, 0.95]).tolist()
+    return [low, median, high]
 
 
 def _unknown_to_the_bound(product: NavigationFlight, spec: NavigationSpec) -> str:
@@ -215,7 +208,7 @@ def _unknown_to_the_bound(product: NavigationFlight, spec: NavigationSpec) -> st
 
 def _verdict(
     product: NavigationFlight, called: str, judgement: tuple[str, float, float, float],
-    ratios: list[tuple[float, float]], sensors: list[Mapping[str, Cell]], unknown: str,
+    ratios: list[tuple[float, float]], blind: Integers, unknown: str,
 ) -> list[str]:  # fmt: skip
     """Return what is wrong; nothing of a filter that is as it should be."""
     answer, mean, low, high = judgement
@@ -233,11 +226,11 @@ def _verdict(
             f"its mean NEES over {count} flights is {mean:.4g}, the 99.9 % band for {n} states "
             f"{low:.3g} to {high:.3g}."
         )
-    blind = [f"{row['sensor']} in {row['blind']}" for row in sensors if row["blind"]]
-    if blind:
+    never = [f"{name} in {n}" for name, n in zip(product.sensors, blind, strict=True) if n]
+    if never:
         said.append(
             f"Navigation{called}: sensors never measure anything in some of {count} flights: "
-            f"{', '.join(blind)}."
+            f"{', '.join(never)}."
         )
     for name, (ratio, error) in zip(product.spacecraft, ratios, strict=True):
         if not unknown and ratio > MOST_OVER_BOUND:
@@ -274,9 +267,9 @@ def _causes(product: NavigationFlight) -> str:
     return ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
 
 
-def _rms(values: np.ndarray) -> float:
+def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
 
 
-def _median(values: np.ndarray) -> float:
+def _median(values: Array) -> float:
     return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")

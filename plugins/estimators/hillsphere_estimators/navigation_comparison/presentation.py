@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hillsphere.presentation import PALETTE, Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import PALETTE, Figure, Metric, Presentation, Table
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_estimators.consistency import chi_square_band
 from hillsphere_estimators.navigation.figures import COLOURS, hours_or_days
 from hillsphere_estimators.navigation.presentation import judge_consistency
@@ -21,48 +22,13 @@ if TYPE_CHECKING:
 
 __all__ = ["present_comparison"]
 
-_COLUMNS = [
-    Column("set", "", "sensors"),
-    Column("point", "", "at"),
-    Column("spacecraft", "", "spacecraft"),
-    Column("cases", "-", "flights"),
-    Column("lost", "-", "lost"),
-    Column("median_m", "m", "median error", 4),
-    Column("low_m", "m", "5 %", 4),
-    Column("high_m", "m", "95 %", 4),
-    Column("draw_m", "m", "published draw", 5),
-    Column("velocity_mm_s", "mm/s", "median velocity error", 4),
-    Column("draw_mm_s", "mm/s", "published draw", 5),
-    Column("rms_m", "m", "rms", 4),
-    Column("bound_m", "m", "bound", 4),
-    Column("ratio", "-", "rms over bound", 4),
-    Column("ratio_se", "-", "its standard error", 2),
-    Column("nees", "-", "mean NEES", 4),
-    Column("consistent", "", "within the band"),
-]
 _PUBLISHED = ("draw_m", "draw_mm_s")
+_OVER_SETS = ("sets", "points", "spacecraft")
 _LEAST, _MOST = 0.85, 1.2
 """Of an rms error over its bound, for a filter that is as good as it can be."""
-_FLIGHTS = [
-    Column("set", "", "flights"),
-    Column("spacecraft", "", "spacecraft"),
-    Column("count", "-", "number"),
-    Column("lost", "-", "lost"),
-    Column("rms_m", "m", "rms error at the end", 4),
-    Column("nees", "-", "mean NEES", 4),
-    Column("answer", "", "the filter is"),
-]
 _MARKS = "osD^v"
 _INSIDE = 6
 """Entries of a legend that leaves room for curves."""
-_ORDER = [
-    Column("claim", "", "less error"),
-    Column("point", "", "at"),
-    Column("ratio", "-", "ratio of rms", 4),
-    Column("low", "-", "lower limit", 4),
-    Column("high", "-", "upper limit", 4),
-    Column("answer", "", "answer"),
-]
 
 
 def present_comparison(
@@ -94,11 +60,8 @@ def present_comparison(
         if published:
             notes.append("A published draw is one flight, not a median, and its interval between "
                          "measurements is not printed.")  # fmt: skip
-        tables[named("navigation_comparison")] = Table(
-            "Errors at the end of the flights",
-            [one for one in _COLUMNS if published or one.name not in _PUBLISHED],
-            _rows(product, published),
-            notes,
+        tables[named("navigation_comparison")] = tabulate(
+            "Errors at the end of the flights", _set_columns(product, published), notes
         )
         figures[named("navigation_comparison")] = Figure(
             "Position errors at the end",
@@ -111,14 +74,14 @@ def present_comparison(
         verdict += _criteria(product, inside)
         metrics[named("navigation_consistent_share")] = Metric(float(np.mean(inside)))
     if product.answers:
-        rows, sentences = _order(product, spec.confidence)
-        tables[named("navigation_order")] = Table(
-            "Do the errors fall from set to set?", _ORDER, rows,
+        summary, sentence = _judge_order(product, spec.confidence)
+        tables[named("navigation_order")] = tabulate(
+            "Do the errors fall from set to set?", _order_columns(product),
             [f"Ratio of rms position errors on the same draws, {100 * spec.confidence:g} % "
              "interval of a paired bootstrap."],
         )  # fmt: skip
-        metrics[named("navigation_order")] = Metric(sentences[0])
-        verdict += sentences[1:]
+        metrics[named("navigation_order")] = Metric(summary)
+        verdict.append(sentence)
     if product.lightest:
         metrics[named("navigation_lightest")] = Metric(product.lightest)
         verdict.append(
@@ -126,8 +89,8 @@ def present_comparison(
             f"{spec.required_position_m:g} m, and none lost: {product.lightest}."
         )
     if product.time_s.size:
-        tables[named("navigation_flights")] = Table(
-            "Flights of the stages", _FLIGHTS, _flights(product)
+        tables[named("navigation_flights")] = tabulate(
+            "Flights of the stages", _flight_columns(product)
         )
         figures[named("navigation_courses")] = Figure(
             "Errors of the estimated positions",
@@ -175,81 +138,79 @@ def _criteria(product: NavigationComparison, inside: np.ndarray) -> list[str]:
     return said
 
 
-def _flights(product: NavigationComparison) -> list[Mapping[str, Cell]]:
-    rows: list[Mapping[str, Cell]] = []
-    for c, label in enumerate(product.labels):
-        runs, lost = int(product.flight_runs[c]), int(product.flight_lost[c])
-        last = product.mean_nees[c, np.isfinite(product.time_s[c])]
-        mean = float(last[-1]) if last.size else float("nan")
-        answer = judge_consistency(mean, int(product.flight_states[c]), runs, lost)[0]
-        for s, craft in enumerate(product.spacecraft):
-            rows.append(
-                {
-                    "set": label,
-                    "spacecraft": craft,
-                    "count": runs,
-                    "lost": lost,
-                    "rms_m": float(product.flight_rms_m[c, s]),
-                    "nees": mean,
-                    "answer": answer,
-                }
-            )
-    return rows
+def _flight_columns(product: NavigationComparison) -> list[FilledColumn]:
+    """Return the columns of the single stages, one row per stage and spacecraft."""
+    of = FieldColumns(product, "sets", "spacecraft")
+    runs, lost = product.flight_runs.astype(int), product.flight_lost.astype(int)
+    states = product.flight_states.astype(int)
+    last = [mean[np.isfinite(t)][-1:] for mean, t in zip(product.mean_nees, product.time_s,
+                                                         strict=True)]  # fmt: skip
+    means = np.array([float(one[0]) if one.size else np.nan for one in last])
+    answers = [judge_consistency(*one)[0]
+               for one in zip(means.tolist(), states.tolist(), runs.tolist(), lost.tolist(),
+                              strict=True)]  # fmt: skip
+    return [
+        of("labels", "set", "flights"),
+        of("spacecraft"),
+        column("count", of.spread(runs, "sets"), "number"),
+        column("lost", of.spread(lost, "sets"), "lost"),
+        of("flight_rms_m", "rms_m"),
+        column("nees", of.spread(means, "sets"), "mean NEES", 4),
+        text_column("answer", of.spread(tuple(answers), "sets"), "the filter is"),
+    ]
 
 
-def _rows(product: NavigationComparison, published: bool) -> list[Mapping[str, Cell]]:
-    consistent = _consistent(product)
-    rows: list[Mapping[str, Cell]] = []
-    for c, label in enumerate(product.labels):
-        for p, point in enumerate(product.points):
-            nees = float(product.nees[c, p])
-            for s, craft in enumerate(product.spacecraft):
-                low, median, high = product.position_m[:, c, p, s].tolist()
-                rms, bound = float(product.rms_m[c, p, s]), float(product.bound_m[c, p, s])
-                draw, speed = product.paper_position_m[c, s], product.paper_velocity_m_s[c, s]
-                ratio, error = product.bound_ratio[:, c, p, s].tolist()
-                row: dict[str, Cell] = {
-                    "set": label,
-                    "point": point,
-                    "spacecraft": craft,
-                    "cases": int(product.cases[c, p]),
-                    "lost": int(product.lost[c, p]),
-                    "median_m": median,
-                    "low_m": low,
-                    "high_m": high,
-                    "draw_m": _none_if_nan(draw),
-                    "velocity_mm_s": 1e3 * float(product.velocity_m_s[c, p, s]),
-                    "draw_mm_s": _none_if_nan(1e3 * speed),
-                    "rms_m": rms,
-                    "bound_m": bound,
-                    "ratio": ratio,
-                    "ratio_se": error,
-                    "nees": nees,
-                    "consistent": "yes" if consistent[c, p] else "no",
-                }
-                rows.append({k: v for k, v in row.items() if published or k not in _PUBLISHED})
-    return rows
+def _set_columns(product: NavigationComparison, published: bool) -> list[FilledColumn]:
+    """Return the columns of the campaign, one row per set, point and spacecraft.
+
+    The published errors of single flights stand beside ours if there are any.
+    """
+    of = FieldColumns(product, "sets", "points", "spacecraft")
+    low, median, high = (of.spread(q, *_OVER_SETS) for q in product.position_m)
+    ratio, error = (of.spread(one, *_OVER_SETS) for one in product.bound_ratio)
+    inside = np.where(_consistent(product), "yes", "no")
+    paper = [np.where(np.isfinite(one), one, np.nan)
+             for one in (product.paper_position_m, product.paper_velocity_m_s)]  # fmt: skip
+    position, velocity = (of.spread(one, "sets", "spacecraft") for one in paper)
+    columns = [
+        of("labels", "set"),
+        of("points", "point"),
+        of("spacecraft"),
+        column("cases", of.spread(product.cases.astype(int), "sets", "points"), "flights"),
+        column("lost", of.spread(product.lost.astype(int), "sets", "points"), "lost"),
+        column("median_m", median, "median error", 4),
+        column("low_m", low, "5 %", 4),
+        column("high_m", high, "95 %", 4),
+        column("draw_m", position, "published draw", 5),
+        of("velocity_m_s", "velocity_mm_s"),
+        column("draw_mm_s", velocity, "published draw", 5),
+        of("rms_m"),
+        of("bound_m"),
+        column("ratio", ratio, "rms over bound", 4),
+        column("ratio_se", error, "its standard error", 2),
+        of("nees"),
+        text_column("consistent", of.spread(inside, "sets", "points"), "within the band"),
+    ]
+    return [one for one in columns if published or one.name not in _PUBLISHED]
 
 
-def _order(
-    product: NavigationComparison, confidence: float
-) -> tuple[list[Mapping[str, Cell]], list[str]]:
-    """Return the rows of the table, and the summary with sentences for the head of the report."""
-    rows: list[Mapping[str, Cell]] = []
-    answers = iter(product.answers)
-    for c in range(len(product.labels) - 1):
-        for p, point in enumerate(product.points):
-            low, value, high = product.ratio[:, c, p].tolist()
-            rows.append(
-                {
-                    "claim": f"{product.labels[c + 1]} than {product.labels[c]}",
-                    "point": point,
-                    "ratio": value,
-                    "low": low,
-                    "high": high,
-                    "answer": next(answers),
-                }
-            )
+def _order_columns(product: NavigationComparison) -> list[FilledColumn]:
+    """Return the columns of the comparison of neighbouring sets, one row per pair and point."""
+    of = FieldColumns(product, "neighbours", "points")
+    claims = tuple(f"{later} than {before}" for before, later in pairwise(product.labels))
+    low, value, high = (of.spread(part, "neighbours", "points") for part in product.ratio)
+    return [
+        text_column("claim", of.spread(claims, "neighbours"), "less error"),
+        of("points", "point"),
+        column("ratio", value, "ratio of rms", 4),
+        column("low", low, "lower limit", 4),
+        column("high", high, "upper limit", 4),
+        text_column("answer", product.answers, "answer"),
+    ]
+
+
+def _judge_order(product: NavigationComparison, confidence: float) -> tuple[str, str]:
+    """Return whether the errors fall from set to set, as one word and as a sentence."""
     kinds = set(product.answers)
     summary = (
         "confirmed" if kinds == {"confirmed"} else "refuted" if "refuted" in kinds else "undecided"
@@ -259,7 +220,7 @@ def _order(
         f"confidence on the same draws ({sum(a == 'confirmed' for a in product.answers)} of "
         f"{len(product.answers)} steps confirmed)."
     )
-    return rows, [summary, sentence]
+    return summary, sentence
 
 
 def _draw_sets(
@@ -358,7 +319,3 @@ def _legend(figure: MatplotlibFigure, axes: Axes) -> None:
         axes.legend(loc="best")
     else:
         figure.legend(handles, names, loc="outside lower center", ncols=3)
-
-
-def _none_if_nan(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
