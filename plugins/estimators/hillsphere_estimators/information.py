@@ -1,9 +1,9 @@
-"""The square-root information filter, on all cases at once.
+"""The square-root information filter, for all cases at once.
 
-It keeps an upper triangular R and says that R (x − x̂) is white noise of unit variance; a covariance
-never appears. Prediction and update are orthogonal triangularisations of the same statement about
-later states and with more rows [1]_. Nothing of its algebra is that of the filters in covariance
-form: it is their check.
+The belief is carried as an upper triangular R with R (x − x̂) white noise of unit variance, so that
+P = R⁻¹ R⁻ᵀ; no covariance appears. Prediction and update are QR decompositions of the same
+equations for the later states and with the rows of the measurements [1]_. None of its algebra is
+shared with the filters in covariance form, which makes it an independent check of them.
 
 References
 ----------
@@ -47,7 +47,8 @@ class Information:
         x, phi = transition(model, belief, t_to_s, control)
         noise = model.process_noise(belief.x, belief.t_s, t_to_s, control)
         cases, n, r = noise.shape
-        # x' = Φ x + G w: of w and x' we know that w is white, and R Φ⁻¹ (x' − G w) − R x̂ too
+        # x' = Φ x + G w with white w: the equations are w = 0 and R Φ⁻¹ (x' − G w) = R x̂, each with
+        # noise of unit variance; the triangle of both without the columns of w is R of x'
         back = np.linalg.solve(np.swapaxes(phi, 1, 2), np.swapaxes(information_root(belief), 1, 2))
         back = np.swapaxes(back, 1, 2)
         rows = np.zeros((cases, r + n, r + n))
@@ -83,18 +84,21 @@ class Information:
 
 
 def information_root(belief: Belief) -> Array:
-    """Return the R of a belief (N, n, n), the inverse of the covariance's root.
+    """Return R = S⁻¹ (N, n, n) of a belief with the root S.
 
     Raises
     ------
     InputError
-        If a state is known exactly: its information has no end.
+        If the covariance is singular: its information is infinite.
     """
     return np.asarray(np.linalg.inv(regular_root(belief)))
 
 
 def _solve_linearised(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
-    """Return the belief of the rows of prior and measurements, linearised at x."""
+    """Return the belief that solves the equations of prior and measurements, linearised at x.
+
+    The rows are R d = R (x̄ − x) and H d = ν(x) for the correction d of x.
+    """
     m = expected.linear.shape[2]
     n = len(x)
     known = information_root(prior)
@@ -109,5 +113,6 @@ def _solve_linearised(prior: Belief, x: Array, expected: WhitenedInnovation) -> 
 
 
 def _belief(x: Array, known: Array, t_s: Array) -> Belief:
+    """Return the belief of means x with the information root R."""
     rows = np.swapaxes(np.linalg.inv(known), 1, 2)
     return Belief(x, np.swapaxes(upper_triangle(rows), 1, 2), t_s)

@@ -1,4 +1,4 @@
-"""The damped iterated extended Kalman filter in square-root form, on all cases at once.
+"""The damped iterated extended Kalman filter in square-root form, for all cases at once.
 
 References
 ----------
@@ -29,10 +29,10 @@ __all__ = ["IteratedExtended"]
 
 
 class IteratedExtended:
-    """The extended filter, its update iterated to the most probable states [1]_ (see the module).
+    """An extended Kalman filter whose update is iterated to the maximum a posteriori states [1]_.
 
-    Its gate takes the prior's slopes at their word: it knows of no curvature, and is for beliefs
-    that have converged.
+    Its gate relies on the derivatives at the prior and has no measure of curvature. It is meant for
+    beliefs that have converged.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class IteratedExtended:
         def solve(prior: Belief, x: Array, expected: WhitenedInnovation) -> Belief:
             return linear_update(prior, refer_to_prior(prior, x, expected), 1.0, free)
 
-        # the cost that damping watches is not what a step that leaves states out lessens
+        # with considered states a step need not reduce the sum of squares: it is not damped
         after = iterate_update(
             model, belief, layout, measurements, first.used, solve,
             spec.iterations, spec.tolerance_sigmas, damped=free is None,

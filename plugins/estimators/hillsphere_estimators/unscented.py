@@ -1,30 +1,35 @@
-"""The unscented Kalman filter in square-root form, on all cases at once.
+"""The unscented Kalman filter in square-root form, for all cases at once.
 
-Prediction and update are one orthogonal triangularisation each, of rows whose products are the
-covariance: no covariance is formed and none is subtracted. With the rows [Z X] of expected
-measurements and states in units of the noise, and the unit matrix for the noise,
+Prediction and update are one QR decomposition each, of rows whose products are the covariance. No
+covariance is formed or subtracted, so that none becomes indefinite. With the rows [Z X] of
+predicted measurements and states in units of the noise, and the unit matrix for the noise itself,
 
     [Z X; 1 0] = Q [U V; 0 W],  U upper triangular,
 
-the innovation's covariance is Uᵀ U, the gain (U⁻¹ V)ᵀ, and W is the root of the updated covariance.
+the innovation covariance is Uᵀ U, the gain (U⁻¹ V)ᵀ, and Wᵀ W the updated covariance.
 
-Where a prior is wide beside what the measurements see, one linear update is inconsistent: it takes
-the slope at the prior for that at the posterior. Two ways out are offered: the likelihood in
-several powers, each small enough to be nearly linear, with sigma points drawn anew [1]_; or
-linearisation about the posterior, repeated until it rests [2]_. The latter is Gauss's and Newton's
-method: undamped it may leap to and fro for ever. So a long step to x is halved until, with the
-spread of the points and the curvature Ω that they have seen held, it lessens [3]_
+The linear update takes the mean slope over the prior for the slope at the posterior. It is
+inconsistent where the prior is so wide that the measurements are curved across it. Two remedies are
+offered:
+
+- "tempered": the likelihood is applied in several powers, each small enough for curvature to stay
+  below the noise, with new sigma points for each (progressive Bayes, [1]_);
+- "iterated": the measurements are linearised about the posterior, repeatedly (posterior
+  linearisation filter, [2]_).
+
+The second is a Gauss-Newton iteration, which may diverge or oscillate. A long step to x is
+therefore halved until it reduces [3]_
 
     |S⁻¹ (x − x̄)|² + ν(x)ᵀ (1 + Ω)⁻¹ ν(x),
 
-S the root of the prior covariance and ν what was measured minus the mean of what the points about x
-show, in units of the noise. A case that still leaps when its iterations run out takes the update
-in powers.
+S the root of the prior covariance, ν the innovation in units of the noise, and Ω the covariance of
+the curvature over the sigma points, which is held during the halving. A case that has still not
+converged after all iterations takes the tempered update.
 
 References
 ----------
-.. [1] Progressive Bayes: Hanebeck, Briechle, Rauh (2003), Progressive Bayes: a new framework for
-   nonlinear state estimation, SPIE 5099.
+.. [1] Hanebeck, Briechle, Rauh (2003), Progressive Bayes: a new framework for nonlinear state
+   estimation, SPIE 5099.
 .. [2] García-Fernández, Svensson, Morelande, Särkkä (2015), Posterior linearization filter:
    principles and implementation using sigma points, IEEE Trans. Signal Processing 63(20).
 .. [3] Raitoharju, Svensson, García-Fernández, Piché (2018), Damped posterior linearization filter,
@@ -66,13 +71,16 @@ __all__ = ["BatchedUnscented", "belief_of_images", "linear_update"]
 InnovationAt: TypeAlias = Callable[[Belief, NDArray[np.bool_]], WhitenedInnovation]
 
 _POWER_GROWTH = 10.0
-"""Of one power of the likelihood to the next, at most."""
+"""Largest factor from one power of the likelihood to the next. The curvature at a belief says
+little of the error that the powers before have left, so that a power that grows at once to all that
+is left is again inconsistent; with a factor near 1 the number of powers grows for nothing."""
 _DIVERGING_SIGMAS = 1.0
-"""Last step, in standard deviations, beyond which an iteration leads nowhere."""
+"""Last step, in standard deviations, beyond which a case counts as diverging and is updated in
+powers. Shorter steps move within the posterior, where either update is as good."""
 
 
 class BatchedUnscented:
-    """An unscented Kalman filter (see the module); `hillsphere.interfaces.Estimator`.
+    """An unscented Kalman filter in square-root form; `hillsphere.interfaces.Estimator`.
 
     Parameters
     ----------
@@ -120,17 +128,30 @@ class BatchedUnscented:
     def _update_tempered(
         self, belief: Belief, first: WhitenedInnovation, expect: InnovationAt, free: Array | None
     ) -> Belief:
-        """Take the likelihood power by power, each such that curvature stays below the noise.
+        """Apply the likelihood in powers that add up to 1, each with new sigma points.
 
-        The power may not grow too fast either: the curvature at one power's belief says little of
-        the error that the powers before have left.
+        A power is the largest for which the variance that curvature adds stays below that of the
+        noise divided by the power. The last power is what is left, whatever the curvature.
+
+        Parameters
+        ----------
+        belief : Belief
+            Before the measurements.
+        first : WhitenedInnovation
+            The innovation at that belief, after the gate.
+        expect : callable
+            (belief, used rows) → innovation there.
+        free : ndarray, shape (n,), or None
+            See `update_mask`.
         """
         after, left = belief, np.ones(len(belief.t_s))
         last = np.full(left.shape, np.inf)
         for k in range(self.spec.powers):
             expected = expect(after, first.used) if k else first
+            # largest variance that curvature adds to a row, in units of the noise's
             bend = np.sum(expected.bent**2, axis=1).max(axis=1, initial=0.0)
             power = np.minimum(np.minimum(1.0 / np.maximum(bend, 1.0), _POWER_GROWTH * last), left)
+            # the powers have run out: the likelihood must be applied as a whole
             if k == self.spec.powers - 1:
                 power = left
             after = freeze_converged(left > 0.0, linear_update(after, expected, power, free), after)
@@ -147,14 +168,27 @@ class BatchedUnscented:
         expect: InnovationAt,
         free: Array | None,
     ) -> Belief:
-        """Linearise about the posterior until it rests; see the module."""
+        """Repeat the update with the measurements linearised about the posterior; see the module.
+
+        Parameters
+        ----------
+        belief, after : Belief
+            Before the measurements, and after the first linear update.
+        first : WhitenedInnovation
+            The innovation at the prior, after the gate.
+        expect : callable
+            (belief, used rows) → innovation there.
+        free : ndarray, shape (n,), or None
+            See `update_mask`.
+        """
         moving = np.ones(len(belief.t_s), dtype=bool)
         far = np.zeros(len(belief.t_s))
         for _ in range(1, self.spec.iterations):
             expected = expect(after, first.used)
             there = linear_update(belief, _relinearise(after, belief, expected), 1.0, free)
             far = step_in_sigmas(there, after)
-            # far may be NaN; a step that leaves states out does not lessen the sum that is watched
+            # far may be NaN: compared so that it counts as long. With considered states the step is
+            # not that of Gauss and Newton and need not reduce the sum of squares: no damping.
             long = moving & ~(far <= NEVER_HALVED_SIGMAS)
             if free is None and long.any():
                 rises = _rise_test(belief, after, expected, expect)
@@ -172,21 +206,21 @@ class BatchedUnscented:
 
 
 def belief_of_images(images: Images, noise: Array, t_s: Array) -> Belief:
-    """Return the belief that images of sigma points and process noise make.
+    """Return the predicted belief of images of sigma points and process noise.
 
     Parameters
     ----------
     images : Images
-        Of n rows.
+        Of n rows, from `transform_motion`.
     noise : ndarray, shape (N, n, r)
-        Roots of the noise's covariance.
+        Roots of the covariance of the process noise.
     t_s : ndarray, shape (N,)
-        Times, s.
+        Times of the images, s.
 
     Returns
     -------
     Belief
-        At these times.
+        Mean y_0 + ē; the covariance is the sum of the squares of all rows.
     """
     rows = np.concatenate([images.odd, images.even, np.swapaxes(noise, 1, 2)], axis=1)
     return Belief(images.middle + images.shift, lower_root(rows), t_s)
@@ -195,24 +229,24 @@ def belief_of_images(images: Images, noise: Array, t_s: Array) -> Belief:
 def linear_update(
     belief: Belief, expected: WhitenedInnovation, power: Array | float, free: Array | None
 ) -> Belief:
-    """Return the belief after measurements.
+    """Return the belief after the linear (Kalman) update with whitened measurements.
 
     Parameters
     ----------
     belief : Belief
-        Before.
-    expected : Expected
-        The measurements; its linear rows go with the rows of the transposed root.
+        Before the measurements.
+    expected : WhitenedInnovation
+        The innovation; its linear rows belong to the rows of the transposed root of the belief.
     power : ndarray, shape (N,), or float
-        Of the likelihood: the noise's variance is divided by it.
+        Power of the likelihood: the variance of the noise is divided by it.
     free : ndarray, shape (n,), or None
-        1 for states that are estimated, 0 for those that are only considered (Schmidt's update:
-        the optimal gain without the rows of these); None if all are.
+        1 for estimated states and 0 for considered ones, whose rows of the optimal gain are left
+        out (Schmidt's update); None if all are estimated.
 
     Returns
     -------
     Belief
-        After.
+        After the measurements.
     """
     return _linear_update_with_nis(belief, expected, power, free)[0]
 
@@ -220,30 +254,36 @@ def linear_update(
 def _linear_update_with_nis(
     belief: Belief, expected: WhitenedInnovation, power: Array | float, free: Array | None
 ) -> tuple[Belief, Array]:
-    """Return the belief after measurements, and the normalised innovation squared (N,).
+    """Return the updated belief and the normalised innovation squared (N,).
 
-    The residual r is one more column, 0 beside Z and r beside the unit matrix: what Householder's
-    reflections make of it begins with U⁻ᵀ r.
+    The residual r is one more column of the decomposition, 0 beside Z and r beside the unit matrix.
+    The reflections turn it into a column that begins with U⁻ᵀ r, whose square is the NIS.
     """
+    # noise of variance 1/power: rows of the measurements times √power, the noise's rows stay 1
     root_power = np.sqrt(power)
     each = root_power[:, None, None] if root_power.ndim else root_power
     cases, k, m = expected.linear.shape
     bent, n = expected.bent.shape[1], len(belief.x)
     residual = (root_power * expected.residual.T).T
+    # rows: states, curvature (uncorrelated with the states), noise; columns: Z, X, residual
     rows = np.zeros((cases, k + bent + m, m + n + 1))
     np.multiply(each, expected.linear, out=rows[:, :k, :m])
     rows[:, :k, m : m + n] = np.swapaxes(belief.root, 1, 2)
     np.multiply(each, expected.bent, out=rows[:, k : k + bent, :m])
     rows[:, k + bent :, :m] = unit(m)
     rows[:, k + bent :, m + n] = residual
+    # the raw result is transposed: its lower triangle holds Uᵀ, Vᵀ and Wᵀ
     raw = triangularise(rows)
     white = raw[:, m + n, :m]
     if free is None:
+        # gain times residual = Vᵀ U⁻ᵀ r
         step = raw[:, m : m + n, :m] @ white[:, :, None]
         root = fix_signs(raw[:, m : m + n, m : m + n])
     else:
         upper = np.triu(np.swapaxes(raw[:, :m, :m], 1, 2))
         gain = np.swapaxes(np.linalg.solve(upper, np.swapaxes(raw[:, m : m + n, :m], 1, 2)), 1, 2)
+        # Schmidt: considered states have no gain; the covariance is then that of X − Z Kᵀ, with the
+        # noise's rows (Joseph's form), and not the optimal W
         gain *= free[:, None]
         step = gain @ residual[:, :, None]
         states = rows[:, :, m : m + n]
@@ -253,7 +293,11 @@ def _linear_update_with_nis(
 
 
 def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> WhitenedInnovation:
-    """Return what a linearisation about one belief says of measurements expected by another."""
+    """Return the innovation of a linearisation about `at` for the update of the prior.
+
+    The linear rows, of the sigma points of `at`, are divided by its root: Sᵀ H = rows, H the
+    slopes.
+    """
     slopes = np.linalg.solve(np.swapaxes(regular_root(at), 1, 2), expected.linear)
     return refer_to_prior(
         prior, at.x, replace(expected, linear=np.asarray(slopes, dtype=np.float64))
@@ -263,9 +307,13 @@ def _relinearise(at: Belief, prior: Belief, expected: WhitenedInnovation) -> Whi
 def _rise_test(
     prior: Belief, at: Belief, expected: WhitenedInnovation, expect: InnovationAt
 ) -> Callable[[Array], NDArray[np.bool_]]:
-    """Return where states (n, N) have a greater sum of squares than a belief (see the module)."""
+    """Return the function from states (n, N) to where their sum of squares exceeds that of `at`.
+
+    The sum is that of the module; the curvature Ω is held at the value of `expected`.
+    """
     cases, _, m = expected.bent.shape
     noise = np.broadcast_to(unit(m), (cases, m, m))
+    # a root of 1 + Ω
     spread = lower_root(np.concatenate([expected.bent, noise], axis=1))
 
     def squares(x: Array, residual: Array) -> Array:
