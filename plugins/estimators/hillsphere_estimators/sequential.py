@@ -1,8 +1,8 @@
-"""FilterPy's filters behind our interface, case by case: the reference of the batched ones.
+"""FilterPy's filters behind the interface of estimators, case by case, as a reference.
 
-FilterPy is told what it must be told: an update begins with sigma points drawn for it, noise is
-given as a full matrix, and covariances are made symmetric again. Measurements come as differences
-from what the mean would show, which is safe for angles and directions.
+FilterPy needs some care: an update must begin with sigma points drawn for it, the noise is a full
+matrix, and covariances are made symmetric after each step. Measurements are given as differences
+from the predicted measurement of the mean, so that angles and directions do not wrap.
 
 References
 ----------
@@ -173,7 +173,7 @@ def _update_cases(
 def _innovation_function(
     model: EstimationModel, belief: Belief, layout: Layout, middle: Array, k: int, rows: Any
 ) -> Callable[[Array], Array]:
-    """Return the function from a state (n,) to what it shows beside the mean, in some rows."""
+    """Return the function from a state (n,) to some rows of its measurements minus the mean's."""
     case = np.array([k])
 
     def offs(x: Array) -> Array:
@@ -184,12 +184,14 @@ def _innovation_function(
 
 
 def _join_cases(made: list[tuple[Array, Array]], t_s: Array) -> Belief:
+    """Return the beliefs (x, P) of single cases as one, with symmetric covariances."""
     covariance = np.array([P for _, P in made])
     x = np.array([x for x, _ in made]).T
     return Belief.of(x, 0.5 * (covariance + np.swapaxes(covariance, 1, 2)), t_s)
 
 
 def _filterpy() -> Any:
+    """Import FilterPy, or raise `InputError` that says how to install it."""
     try:
         return import_module("filterpy.kalman")
     except ImportError:

@@ -72,5 +72,5 @@ def test_steps_that_would_run_away_are_halved(type_: str) -> None:
 def test_refuses_what_is_known_exactly() -> None:
     model = Flat(np.eye(1), np.zeros((1, 1)), np.eye(1))
     exact = Belief(np.zeros((1, 1)), np.zeros((1, 1, 1)), np.zeros(1))
-    with pytest.raises(InputError, match="singular covariance"):
+    with pytest.raises(InputError, match="covariance of a belief is singular"):
         Information(InformationSpec()).predict(model, exact, np.ones(1), nothing(1))

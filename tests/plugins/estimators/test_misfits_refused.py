@@ -88,7 +88,7 @@ def test_sigma_points_that_make_no_covariance(alpha: float, beta: float) -> None
 @pytest.mark.parametrize("rule", [None, SigmaRule()])
 def test_link_of_states_known_exactly(rule: SigmaRule | None) -> None:
     known = Belief(np.zeros((2, 1)), np.zeros((1, 2, 2)), np.zeros(1))
-    with pytest.raises(InputError, match="singular covariance"):
+    with pytest.raises(InputError, match="covariance of a belief is singular"):
         link(MODEL, known, np.ones(1), nothing(1), rule)
 
 

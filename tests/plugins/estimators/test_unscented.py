@@ -336,7 +336,7 @@ def test_states_known_exactly_stay_so() -> None:
     after, _ = unscented().update(model, prior, measured)
     np.testing.assert_allclose(after.x[:, 0], [1.0 + 0.8 * 2.0, 5.0], rtol=1e-12)
     np.testing.assert_allclose(after.covariance[0], np.diag([0.8, 0.0]), rtol=0, atol=1e-12)
-    with pytest.raises(InputError, match="singular covariance"):
+    with pytest.raises(InputError, match="covariance of a belief is singular"):
         unscented(update="iterated").update(model, prior, measured)
 
 
