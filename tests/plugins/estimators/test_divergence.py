@@ -74,5 +74,5 @@ def test_report_says_how_many_have_diverged_and_how_many_alarms_there_are() -> N
     assert said.metrics["navigation_alarms"].value == 5
     assert said.metrics["navigation_consistent"].value is False
     told = " ".join(said.verdict)
-    assert "3 of 64 flights have diverged; the innovations of 2 of them give the alarm" in told
-    assert "the innovations of 3 of 64 flights give the alarm although" in told
+    assert "3 of 64 flights have diverged; the innovations show it in 2 of them" in told
+    assert "the innovations of 3 of 64 flights raise an alarm although" in told

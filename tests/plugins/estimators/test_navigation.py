@@ -263,9 +263,9 @@ def test_lost_flights_are_never_consistent() -> None:
 
 def test_faults_are_unknown_to_the_bound() -> None:
     notes = stage().present(joint()).tables["navigation"].notes
-    assert not any("does not know" in note for note in notes)
+    assert not any("does not account" in note for note in notes)
     notes = stage(dropouts=0.3, outliers=0.02).present(joint()).tables["navigation"].notes
-    assert any("does not know of dropouts, outliers" in note for note in notes)
+    assert any("does not account for dropouts, outliers" in note for note in notes)
     for silent, known in ([], False), (["link"], True):
         one = stage(outages=[{"sensors": silent, "interval_h": [0.2, 0.6]}])
         notes = one.present(joint()).tables["navigation"].notes

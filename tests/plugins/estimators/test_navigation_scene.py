@@ -287,5 +287,5 @@ def test_report_says_how_lost_flights_ended() -> None:
     said = " ".join(stage.present(flight).verdict)
     ended = [ending for ending in flight.endings if ending != "completed"]
     assert len(ended) == flight.lost
-    assert f"{flight.lost} of 64 flights did not come to their end: " in said
+    assert f"{flight.lost} of 64 flights were lost before their end: " in said
     assert f"{ended.count('impact')} impact" in said

@@ -1,4 +1,4 @@
-"""Table and figure of first beliefs."""
+"""Table, figure and verdict of the stage ``initialisation``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["judge_consistency", "present_beginning"]
 
 _DOUBTFUL = 0.01
-"""Probability below which a distribution is not taken for χ²."""
+"""Probability of the Kolmogorov-Smirnov test below which the NEES do not count as χ² distributed:
+one consistent stage in a hundred falls below it."""
 
 
 def present_beginning(product: StartingBelief) -> Presentation:
@@ -27,12 +28,13 @@ def present_beginning(product: StartingBelief) -> Presentation:
     Parameters
     ----------
     product : StartingBelief
-        Of the stage.
+        Beliefs and true states.
 
     Returns
     -------
     Presentation
-        Errors of each spacecraft beside their standard deviations, the distribution of the NEES.
+        Errors of each spacecraft beside their standard deviations, and the distribution of the
+        NEES.
     """
     n, cases = product.means.shape
     off = product.means - product.truths
@@ -60,7 +62,7 @@ def present_beginning(product: StartingBelief) -> Presentation:
     missed = int((product.settled == 0).sum())
     lines = [verdict]
     if missed:
-        lines.append(f"Not converged, and counted all the same: {missed} of {cases} fits.")
+        lines.append(f"{missed} of {cases} fits did not converge; the statistics include them.")
     return Presentation(
         metrics={
             "initialisation_mean_nees": Metric(mean),
@@ -81,10 +83,18 @@ def present_beginning(product: StartingBelief) -> Presentation:
 
 
 def judge_consistency(mean: float, low: float, high: float, probability: float) -> str:
-    """Return what a mean NEES, its band and the probability of its distribution say."""
+    """Return the verdict on beliefs by their mean NEES.
+
+    Parameters
+    ----------
+    mean, low, high : float
+        Mean NEES and its band.
+    probability : float
+        That of the distribution of the NEES, see `_DOUBTFUL`.
+    """
     if low <= mean <= high:
         return "consistent" if probability >= _DOUBTFUL else "not consistent"
-    return "cautious: errors are smaller than is said" if mean < low else "overconfident"
+    return "cautious: errors are smaller than stated" if mean < low else "overconfident"
 
 
 def _draw(figure: MatplotlibFigure, product: StartingBelief) -> None:

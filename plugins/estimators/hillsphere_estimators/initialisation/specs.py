@@ -23,7 +23,7 @@ class BeginningSpec(Spec):
 
 
 class InitialisationSpec(StageSpec):
-    """What sensors alone tell of where spacecraft are, nothing being known before."""
+    """A first belief of the states of spacecraft, from their sensors alone."""
 
     produces = "hillsphere_estimators.initialisation.products:StartingBelief"
     examples = (
@@ -82,7 +82,7 @@ class InitialisationSpec(StageSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield which sensors would find nothing to look at, and which no fit can weigh."""
+        """Yield the sensors that would find nothing to measure, or have no noise."""
         sensors = [(("sensors", i), ref) for i, ref in enumerate(self.sensors)]
         yield from noiseless(sensors, tables)
         yield from unseen(sensors, [self.plant], tables, takes_earth=False)

@@ -1,4 +1,4 @@
-"""The stage ``initialisation``: from sensors alone to a first belief."""
+"""The stage ``initialisation``: a first belief from sensors alone."""
 
 from __future__ import annotations
 
@@ -28,20 +28,23 @@ from hillsphere_estimators.specs import InformationSpec
 __all__ = ["InitialisationStage"]
 
 _PASSES = 3
-"""How often the measurements are filtered along the path of the last result."""
+"""Passes of the filter along the path of the last result. The fit neglects the random
+accelerations, so that its path is off; each pass linearises along a better one, and the last shows
+whether the result still changes."""
 _CONVERGED = 0.1
-"""Standard deviations by which the last of them may move what counts as converged."""
+"""Standard deviations by which the last pass may change a result that counts as converged."""
 _WIDE = 10.0
-"""How wide, in greatest distances and speeds, what is known before is taken: sensors decide."""
+"""Standard deviation of the prior in greatest distances and speeds: so wide that the measurements
+determine the result. A prior of size 1 would add information that no sensor has measured."""
 
 
 class InitialisationStage:
-    """First beliefs of spacecraft of which nothing is known but what their sensors measure.
+    """First beliefs of spacecraft whose states are known by their measurements alone.
 
-    The first measurements are fitted by least squares from many starts (see `arc_fit`): each along
-    the line in which the spacecraft looks at the asteroid, at several distances. A line of sight is
-    known, as the attitude is. Then they are filtered along the path of the fit, which reckons with
-    the plant's random accelerations. The belief is that at the last measurement.
+    The measurements are fitted by least squares from many starts, see `arc_fit`: for each
+    spacecraft several distances along the line of sight, whose direction the attitude gives. A
+    filter then passes along the path of the fit, which accounts for the plant's random
+    accelerations. The belief is that at the last measurement.
 
     Parameters
     ----------
@@ -59,12 +62,12 @@ class InitialisationStage:
             )
 
     def run(self, ctx: Context) -> StartingBelief:
-        """Measure and fit.
+        """Simulate the measurements and fit them.
 
         Parameters
         ----------
         ctx : Context
-            Gives the random numbers.
+            Random numbers.
 
         Returns
         -------
@@ -79,7 +82,7 @@ class InitialisationStage:
         times = np.asarray(times * spec.interval_s)
         n = len(truth)
         rows = [6 * (i // 3) + i % 3 for i in range(n // 2)]
-        # each looks near the asteroid, and keeps that attitude
+        # each points near the asteroid, with a random error, and keeps that attitude
         distance = np.repeat(np.linalg.norm(truth[rows].reshape(-1, 3, seeds), axis=1), 3, axis=0)
         looking = truth.copy()
         looking[rows] += (
@@ -109,10 +112,10 @@ class InitialisationStage:
     def _filter_along_fit(
         self, model: BodiesModel, prior: Belief, fit: ArcFit, sets: list[MeasurementSet]
     ) -> tuple[Belief, NDArray[np.bool_]]:
-        """Return the belief at the last time, random accelerations among the unknowns.
+        """Return the belief at the last time with the random accelerations among the unknowns.
 
-        The fit knows of none. A filter along its path does, and is repeated along its own result
-        (see `LinearPath`); with the belief comes which cases have converged.
+        The fit neglects them. The filter passes along the path of the fit, and then along that of
+        its own result (see `LinearPath`). The second value is which cases have converged.
         """
         times = np.array(model.times_s)
         path = np.moveaxis(np.array(simulate_motion(model, fit.belief.x, times, None)), 0, 1)
@@ -132,12 +135,12 @@ class InitialisationStage:
         return belief, settled
 
     def present(self, product: StartingBelief) -> Presentation:
-        """Show errors beside what is said of them.
+        """Show the errors beside their standard deviations.
 
         Parameters
         ----------
         product : StartingBelief
-            What `run` returned.
+            Product of `run`.
 
         Returns
         -------
@@ -147,7 +150,7 @@ class InitialisationStage:
         return present_beginning(product)
 
     def _starts(self, looking: Array, rows: list[int]) -> tuple[Belief, Array]:
-        """Return a belief that knows next to nothing, and states to begin from (n, S, N)."""
+        """Return a prior with next to no information, and the starts (n, S, N) of the search."""
         spec, (n, cases) = self.spec, looking.shape
         line = looking[rows].reshape(-1, 3, cases)
         line = line / np.linalg.norm(line, axis=1, keepdims=True)
@@ -162,11 +165,12 @@ class InitialisationStage:
     def _simulate_measurements(
         self, model: BodiesModel, suite: SensorSuite, path: Array, times: Array, ctx: Context
     ) -> list[MeasurementSet]:
+        """Return the measurements at each time along the true path (n, K, N)."""
         random, cases = ctx.rng("sensors"), path.shape[2]
         constant = random.normal(size=(suite.draws[0], cases))
-        found = []
+        sets = []
         for k, t in enumerate(times):
             t_s, noise = np.full(cases, t), random.normal(size=(suite.draws[1], cases))
             x = np.ascontiguousarray(path[:, k])
-            found.append(suite.measurements(x, t_s, model.scene(t_s), constant, noise))
-        return found
+            sets.append(suite.measurements(x, t_s, model.scene(t_s), constant, noise))
+        return sets

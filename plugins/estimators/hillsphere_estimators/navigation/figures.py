@@ -24,7 +24,7 @@ digits."""
 
 
 def hours_or_days(time_s: Array) -> tuple[Array, str]:
-    """Return times in hours, or days if there are many, and the label of their axis."""
+    """Return times in hours, or in days for a long flight, and the label of their axis."""
     if time_s[-1] > _LONG_S:
         return time_s / DAY_S, "time [d]"
     return time_s / 3600.0, "time [h]"

@@ -1,4 +1,4 @@
-"""Tables, figures and sentences of the stage ``navigation``."""
+"""Tables, figures and verdict of the stage ``navigation``."""
 
 from __future__ import annotations
 
@@ -23,28 +23,29 @@ from hillsphere_estimators.navigation.specs import NavigationSpec
 __all__ = ["judge_consistency", "present_navigation"]
 
 MOST_OVER_BOUND = 1.2
-"""Of an rms error: what is worse is said at the head of the report."""
+"""Ratio of an rms error to its bound above which the verdict reports it: 64 flights determine the
+ratio to about 0.05, and a filter near its bound stays below this."""
 
 
 def judge_consistency(
     mean: float, states: int, flights: int, lost: int
 ) -> tuple[str, float, float]:
-    """Return what a mean NEES says of a filter, and its band.
+    """Return the verdict on a filter by its mean NEES, and the band of this mean.
 
     Parameters
     ----------
     mean : float
-        Over the flights that came to their end.
+        Over the flights that were not lost.
     states, flights, lost : int
         Numbers of states, of all flights, and of those that were lost.
 
     Returns
     -------
     answer : str
-        ``consistent``, ``overconfident``, ``cautious``, or ``lost`` if any flight was: then the
-        mean is one of survivors and proves nothing.
+        ``consistent``, ``overconfident`` (the mean is above the band), ``cautious`` (below), or
+        ``lost`` if any flight was lost: a mean over the survivors proves nothing.
     low, high : float
-        Where 99.9 % of such means lie for as many flights as are left.
+        Band in which 99.9 % of such means lie for a consistent filter.
     """
     low, high = map(float, chi_square_band(states, max(flights - lost, 1)))
     if lost:
@@ -59,9 +60,9 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
     Parameters
     ----------
     product : NavigationFlight
-        What is shown.
+        The flights.
     spec : NavigationSpec
-        What was asked for.
+        Its label and limits.
 
     Returns
     -------
@@ -90,16 +91,16 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
     dv = _median(product.values[product.metrics.index("dv")])
     unknown = _unknown_to_the_bound(product, spec)
     notes = [
-        f"{count} flights of different draws, after {hours:g} h and {len(product.time_s)} sets of "
-        "measurements; errors are lengths of vectors.",
-        "The bound is the posterior Cramér-Rao bound, each flight's own along its planned path, "
-        "and the root of their mean square" + (f"; it does not know of {unknown}." if unknown
-                                               else "."),
+        f"{count} flights with different random numbers, after {hours:g} h and "
+        f"{len(product.time_s)} sets of measurements. Errors are lengths of vectors.",
+        "The bound is the root mean square of the posterior Cramér-Rao bounds of the flights, each "
+        "along its planned path"
+        + (f"; it does not account for {unknown}." if unknown else "."),
     ]  # fmt: skip
     if spec.law is not None:
         notes.append(
-            f"The law spends a median of {dv:.4g} m/s, {dv / hours * 24.0:.4g} m/s a day, all "
-            "spacecraft together; random accelerations are not counted."
+            f"The law's commands have a median Δv of {dv:.4g} m/s ({dv / hours * 24.0:.4g} m/s per "
+            "day), summed over the spacecraft. Random accelerations are not counted."
         )
     blind = np.sum(product.seen == 0.0, axis=1)
     return Presentation(
@@ -117,28 +118,26 @@ def present_navigation(product: NavigationFlight, spec: NavigationSpec) -> Prese
                 f"Errors of the estimates{called}", _error_columns(product, ratios), notes
             ),
             named("navigation_sensors"): tabulate(
-                f"What the sensors see{called}", _sensor_columns(product, blind)
+                f"Availability of the sensors{called}", _sensor_columns(product, blind)
             ),
         },
         figures={
             named("navigation_errors"): Figure(
                 f"Errors of the estimated positions{called}",
                 lambda figure: draw_errors(figure, product),
-                "Thick: the first flight; dashed: three standard deviations as its filter believes "
-                "them; band: 5 to 95 % of all flights; thin: their rms; dotted: its Cramér-Rao "
-                "bound.",
+                "Thick: the first flight; dashed: three standard deviations by its filter; band: 5 "
+                "to 95 % of all flights; thin: their rms error; dotted: the Cramér-Rao bound.",
                 (7.5, 2.4 + 2.0 * len(product.spacecraft)),
             ),
             named("navigation_control"): Figure(
                 f"Distance from the reference{called}",
                 lambda figure: draw_control(figure, product),
-                "Of the first flight, at its measurements: as it is, and as the filter believes.",
+                "Of the first flight at its measurements: true and estimated.",
             ),
             named("navigation_nees"): Figure(
                 f"Normalised errors squared{called}",
                 lambda figure: draw_nees(figure, product),
-                f"Mean over {count} flights; grey: where 99.9 % of such means of a consistent "
-                "filter lie.",
+                f"Mean over {count} flights; grey: its 99.9 % band for a consistent filter.",
             ),
         },
         verdict=[
@@ -192,16 +191,19 @@ def _quantiles(error: Array) -> list[float]:
 
 
 def _unknown_to_the_bound(product: NavigationFlight, spec: NavigationSpec) -> str:
-    """Return what the bound leaves out, "" if nothing: there it is no bound of this filter."""
+    """Return what the bound does not account for, "" if nothing.
+
+    With any of these it is not a bound of this filter.
+    """
     left = {
-        "a true world that is another": not product.matched,
+        "the differences between the true and the believed world": not product.matched,
         "dropouts": spec.dropouts > 0.0,
         "outliers": spec.outliers > 0.0,
         "biases": bool(spec.biases),
-        "a law on estimates that nothing corrects, while all sensors are silent": any(
+        "the law's use of uncorrected estimates while all sensors are silent": any(
             not out.sensors or set(out.sensors) >= set(product.sensors) for out in spec.outages
         ),
-        "what covariance intersection gives away": bool(spec.members),
+        "the information that covariance intersection loses": bool(spec.members),
     }
     return ", ".join(name for name, there in left.items() if there)
 
@@ -210,33 +212,33 @@ def _verdict(
     product: NavigationFlight, called: str, judgement: tuple[str, float, float, float],
     ratios: list[tuple[float, float]], blind: Integers, unknown: str,
 ) -> list[str]:  # fmt: skip
-    """Return what is wrong; nothing of a filter that is as it should be."""
+    """Return the sentences on losses, consistency, sensors and the bound; none if all is well."""
     answer, mean, low, high = judgement
     n, count = len(product.states), product.nees.shape[1]
     said = []
     if product.lost:
         said.append(
-            f"Navigation{called}: {product.lost} of {count} flights did not come to their end: "
+            f"Navigation{called}: {product.lost} of {count} flights were lost before their end: "
             f"{_causes(product)}."
         )
     if answer in ("overconfident", "cautious"):
         meaning = "greater" if answer == "overconfident" else "smaller"
         said.append(
-            f"Navigation{called}: the filter is {answer}, its errors are {meaning} than it says; "
-            f"its mean NEES over {count} flights is {mean:.4g}, the 99.9 % band for {n} states "
-            f"{low:.3g} to {high:.3g}."
+            f"Navigation{called}: mean NEES {mean:.4g} over {count} flights, outside its 99.9 % "
+            f"band {low:.3g} to {high:.3g} for {n} states. The filter is {answer}: its errors are "
+            f"{meaning} than its covariance states."
         )
     never = [f"{name} in {n}" for name, n in zip(product.sensors, blind, strict=True) if n]
     if never:
         said.append(
-            f"Navigation{called}: sensors never measure anything in some of {count} flights: "
+            f"Navigation{called}: some sensors never measure in a whole flight, of {count}: "
             f"{', '.join(never)}."
         )
     for name, (ratio, error) in zip(product.spacecraft, ratios, strict=True):
         if not unknown and ratio > MOST_OVER_BOUND:
             said.append(
                 f"Navigation{called}: the rms position error of {name} is {ratio:.3g} ± "
-                f"{error:.2g} times its bound, more than {MOST_OVER_BOUND:g}."
+                f"{error:.2g} times its bound (limit {MOST_OVER_BOUND:g})."
             )
     return said
 
@@ -244,24 +246,24 @@ def _verdict(
 def _describe_divergence(
     diverged: tuple[int, int], alarms: int, count: int, called: str
 ) -> list[str]:
-    """Return how many filters went on but nowhere, and how many cried for nothing."""
+    """Return sentences on diverged filters and on false alarms."""
     said = []
     seen, silent = diverged
     if seen + silent:
         said.append(
             f"Navigation{called}: the filters of {seen + silent} of {count} flights have diverged; "
-            f"the innovations of {seen} of them give the alarm."
+            f"the innovations show it in {seen} of them."
         )
     if alarms > seen:
         said.append(
-            f"Navigation{called}: the innovations of {alarms - seen} of {count} flights give the "
-            "alarm although their filters have not diverged: the sensors are not as believed."
+            f"Navigation{called}: the innovations of {alarms - seen} of {count} flights raise an "
+            "alarm although the filter has not diverged: the sensors differ from their model."
         )
     return said
 
 
 def _causes(product: NavigationFlight) -> str:
-    """Return how many flights ended how, those that came to their end left out."""
+    """Return the numbers of flights by cause of their loss."""
     others = ("completed", DIVERGED_WITH_ALARM, DIVERGED_WITHOUT_ALARM)
     causes = Counter(ending for ending in product.endings if ending not in others)
     return ", ".join(f"{count} {cause}" for cause, count in causes.most_common())

@@ -68,7 +68,7 @@ of them have converged: if these differed, a case would take other last bits fro
 
 
 class NavigationStage:
-    """Sensors, a filter and a law in a loop.
+    """Flights with sensors, a filter and a law in a closed loop.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class NavigationStage:
         self._known: tuple[object, object, Plan] | None = None
 
     def case_inputs(self) -> tuple[Parameter, ...]:
-        """Return what may differ from case to case, see `NavigationSpec`."""
+        """Return the inputs that may differ from case to case; see `NavigationSpec`."""
         scale = self.spec.truth.scale
         found = [
             replace(q, name=self._prefix + q.name, value=q.value * scale.get(q.name, 1.0))
@@ -141,16 +141,16 @@ class NavigationStage:
         reference: FlightSet | None = None,
         belief: InitialBeliefs | None = None,
     ) -> NavigationFlight:
-        """Fly a block of 64 cases of different draws, none of them dispersed.
+        """Fly a block of 64 cases with different random numbers and nominal inputs.
 
         Parameters
         ----------
         ctx : Context
             Seed and progress.
         reference : FlightSet, optional
-            What is followed.
-        belief : StartingBelief, optional
-            What is believed at the start.
+            Trajectories of which one is followed.
+        belief : InitialBeliefs, optional
+            Beliefs at the start.
 
         Returns
         -------
@@ -179,19 +179,19 @@ class NavigationStage:
         Parameters
         ----------
         batch : CaseBatch
-            Inputs by the names of `case_inputs`; noise by its draws.
+            Inputs by the names of `case_inputs`, and numbers of the random draws.
         history : bool or sequence of str
-            Whether to keep histories, or which, see `histories_of`.
+            Whether to keep histories, or which; see `histories_of`.
         reference : FlightSet, optional
-            What is followed.
-        belief : StartingBelief, optional
-            What is believed at the start.
+            Trajectories of which one is followed.
+        belief : InitialBeliefs, optional
+            Beliefs at the start.
 
         Returns
         -------
         CaseResults
-            Metrics as in `metrics_of`. A flight that was lost, or whose filter has diverged, has
-            failed, see `endings`.
+            Metrics as in `metrics_of`. A flight that was lost, or whose filter has diverged, counts
+            as failed; see `endings`.
         """
         plan = self._plan(reference, belief)
         record, flights = self._fly(plan, batch, belief)
@@ -207,7 +207,7 @@ class NavigationStage:
         reference: FlightSet | None = None,
         belief: InitialBeliefs | None = None,
     ) -> None:
-        """Compile what `run_cases` needs for batches of these inputs."""
+        """Compile the equations that `run_cases` needs for batches of these inputs."""
         self._plan(reference, belief)
         self._simulator(self._run_time(names), None)
 
@@ -225,12 +225,15 @@ class NavigationStage:
         return model_of(self.spec, self.plant, self._suite, self.law)
 
     def _model_with_step(self, factor: float) -> PlantModel:
-        """Return the model with a step so many times as long."""
+        """Return the filter's model with `factor` times its step."""
         spec = self.spec.model_copy(update={"step_s": factor * self.spec.step_s})
         return model_of(spec, self.plant, self._suite, self.law)
 
     def _control(self, estimate: Array, goal: Array) -> Array:
-        """Return what the model's motion is told: the law's estimate and reference, if any."""
+        """Return the controls of the motion model, with zeros for the biases.
+
+        They are the estimate and the reference of the law, if there is one.
+        """
         pushes = 0
         if self._biases is not None:
             pushes = len(self.plant.controls) * (1 if self.law is None else 2)
@@ -238,7 +241,7 @@ class NavigationStage:
         return np.concatenate([*told, np.zeros((pushes, estimate.shape[1]))])
 
     def _control_without_biases(self, estimate: Array, goal: Array) -> Array:
-        """Return the same for the model without biases."""
+        """Return the controls of the motion model without biases."""
         told = [] if self.law is None else [estimate, goal]
         return np.concatenate([*told, np.zeros((0, estimate.shape[1]))])
 
@@ -246,7 +249,7 @@ class NavigationStage:
         return proximity_scene(self.plant, self.rows.positions, t_s, believed, self._sky)
 
     def _plan(self, product: FlightSet | None, belief: InitialBeliefs | None) -> Plan:
-        """Return what flights along this reference share, made once."""
+        """Return the plan of flights along this reference, made once."""
         known = self._known
         if known is not None and known[0] is product and known[1] is belief:
             return known[2]
@@ -256,12 +259,12 @@ class NavigationStage:
         return plan
 
     def _bound(self, plan: Plan, x0: Array, start: Belief) -> Array:
-        """Return the bounds (S, K, N) of position errors along the flights' own planned paths."""
+        """Return the Cramér-Rao bounds (S, K, N) of the position errors along the planned paths."""
         rows, cases = self.rows, x0.shape[1]
         prior = start.covariance
         if (x0 == x0[:, :1]).all() and (prior == prior[:1]).all():  # all fly the same path
             x0, prior = x0[:, :1], prior[:1]
-        # of the sixth order: steps twice as long change bounds by 1e-5
+        # with twice the step: the step map is of sixth order, and bounds change by 1e-5
         found = bound_along_plan(
             self._model_with_step(2.0), x0, prior, start.t_s[0] + self._since, plan.goal,
             self._control_without_biases, self._scene, self._faults.heard,
@@ -271,7 +274,7 @@ class NavigationStage:
         return np.broadcast_to(np.sqrt(each), (rows.vectors, self._count, cases))
 
     def _run_time(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return the true plant's parameters that are not nominal or differ, in its order."""
+        """Return the parameters of the true plant that are not nominal, or differ between cases."""
         differ = {n.removeprefix(self._prefix) for n in names} | set(self.spec.truth.scale)
         return tuple(name for name in self._nominal if name in differ)
 
@@ -311,7 +314,7 @@ class NavigationStage:
     def _fly(
         self, plan: Plan, batch: CaseBatch, belief: InitialBeliefs | None
     ) -> tuple[Record, Flights]:
-        """Fly a block."""
+        """Fly a block of cases."""
         spec, rows = self.spec, self.rows
         known = {q.name: q.value for q in self.case_inputs()}
         fixed = {n: self._nominal[n].value * spec.truth.scale.get(n, 1.0) for n in self._nominal}
