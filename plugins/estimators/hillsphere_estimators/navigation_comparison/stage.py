@@ -1,4 +1,4 @@
-"""The stage ``navigation_comparison``: which sensors give which errors."""
+"""The stage ``navigation_comparison``: errors of sets of sensors, side by side."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ probability beyond it is uncertain by 0.35 percentage points (binomial); ten tim
 one digit to it for ten times the time."""
 _COLUMNS = ("case", "spacecraft", "position_error_m", "velocity_error_mm_s")
 _STATES = 6
-"""Of each spacecraft."""
+"""States of each spacecraft: degrees of freedom of the NEES."""
 
 
 class NavigationComparisonStage:
-    """Navigation stages, and sets of sensors in a campaign of one, side by side.
+    """Comparison of navigation stages, and of the sets of sensors of a campaign.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class NavigationComparisonStage:
     def __init__(self, spec: NavigationComparisonSpec) -> None:
         self.spec = spec
         if spec.reference is not None:
-            # How many spacecraft there are only the flights tell: then it is read again.
+            # checked now; read again in `run`, when the number of spacecraft is known
             read_published_errors(Path(spec.reference), len(spec.labels))
 
     def run(
@@ -56,7 +56,7 @@ class NavigationComparisonStage:
         Parameters
         ----------
         ctx : Context
-            Not used: it takes no time.
+            Not used.
         flights : tuple of NavigationFlight
             Shown in one figure.
         campaign : CaseTable or None
@@ -71,7 +71,7 @@ class NavigationComparisonStage:
         ------
         InputError
             If the campaign is not one of a navigation stage over as many sets as there are labels,
-            each at the same points, or flights are not those of the same spacecraft.
+            each at the same points, or the flights are not those of the same spacecraft.
         """
         spec = self.spec
         labels = spec.labels or tuple(ref.name for ref in spec.needs.flights)
@@ -94,7 +94,7 @@ class NavigationComparisonStage:
                     )
                     least, _, most = ratio[:, c, p]
                     if found.lost[c : c + 2, p].any() or np.isnan(least):
-                        answers.append("undecided")  # survivors prove nothing
+                        answers.append("undecided")  # statistics over survivors prove nothing
                         continue
                     answers.append(
                         "confirmed" if most < 1.0 else "refuted" if least > 1.0 else "undecided"
@@ -130,13 +130,13 @@ class NavigationComparisonStage:
         flights: tuple[NavigationFlight, ...] = (),
         campaign: CaseTable | None = None,
     ) -> Presentation:
-        """Show them."""
+        """Show the comparison."""
         return present_comparison(product, self.spec)
 
     def _lightest(self, labels: tuple[str, ...], rms: Array, lost: Array) -> str:
-        """Return the lightest set whose rms position errors are as required at every point.
+        """Return the lightest set that meets the requirement at every point, with its mass.
 
-        A flight that is lost violates any requirement.
+        A lost flight violates any requirement.
         """
         masses, most = self.spec.masses_kg, self.spec.required_position_m
         if most is None:
@@ -149,7 +149,7 @@ class NavigationComparisonStage:
 
 
 class _Tables:
-    """What is filled from a campaign, (C, P, …)."""
+    """Statistics over a campaign, arrays (C, P, …)."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.cases, self.lost = np.zeros((2, *shape[:2]))
@@ -159,9 +159,21 @@ class _Tables:
         self.nees = np.full(shape[:2], np.nan)
 
     def fill(self, places: Integers, table: CaseTable, crafts: int) -> list[list[Array]]:
-        """Take a campaign whose points stand at places (C, P).
+        """Compute the statistics of a campaign.
 
-        Return position errors and draws (S + 1, N) of each set at each point, in order of draws.
+        Parameters
+        ----------
+        places : ndarray of int, shape (C, P)
+            Points of the campaign for each set and point.
+        table : CaseTable
+            The campaign.
+        crafts : int
+            Number of spacecraft, S.
+
+        Returns
+        -------
+        list of list of ndarray, shape (S + 1, N)
+            Position errors and, in the last row, the draws, of each set at each point.
         """
         found: list[list[Array]] = [[] for _ in places]
         for (c, p), place in np.ndenumerate(places):
@@ -193,7 +205,7 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
     Parameters
     ----------
     first, second : ndarray, shape (S + 1, N)
-        Errors of S spacecraft and, in the last row, the draws; only draws that both have count.
+        Errors of S spacecraft and, in the last row, the draws. Only draws in both count.
     confidence : float
         Of the interval.
 
@@ -208,7 +220,7 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
     count = squares.shape[1]
     if not count:
         return np.full(3, np.nan)
-    # the same resamples for any two of as many cases: an answer must not depend on the run
+    # seeded by the number of pairs: the same data must give the same answer in every run
     lots = np.random.default_rng(count).integers(0, count, (_RESAMPLES, count))
     sums = squares[:, lots].sum(axis=2)
     tail = 0.5 * (1.0 - confidence)
@@ -218,9 +230,9 @@ def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
 
 
 def _places(table: CaseTable, spec: NavigationComparisonSpec) -> tuple[Integers, tuple[str, ...]]:
-    """Return which points of a sweep (C, P) are those of each set, and the P names of the rest.
+    """Return the points of a sweep (C, P) by set, and the names of the P points of the other keys.
 
-    The name of the only point of a sweep over nothing but sets is empty.
+    A sweep over sets alone has one point, with an empty name.
     """
     keys = [name.rpartition(".")[2] for name in table.swept]
     if table.points is None or keys.count(spec.sets) != 1:
@@ -250,6 +262,7 @@ def _places(table: CaseTable, spec: NavigationComparisonSpec) -> tuple[Integers,
 
 
 def _column(table: CaseTable, metric: str) -> Array:
+    """Return the values of a metric of a campaign, or raise `InputError` if it has none."""
     if metric not in table.metrics:
         raise InputError(
             f"needs.campaign: expected one that repeats a stage 'navigation' of as many "
@@ -259,6 +272,7 @@ def _column(table: CaseTable, metric: str) -> Array:
 
 
 def _spacecraft(flights: Sequence[NavigationFlight], campaign: CaseTable | None) -> tuple[str, ...]:
+    """Return the names of the spacecraft of flights, or numbers for those of a campaign."""
     if flights:
         crafts = flights[0].spacecraft
         for flight in flights:
@@ -325,7 +339,7 @@ def read_published_errors(path: Path, sets: int, crafts: int | None = None) -> A
 
 
 def _histories(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dict[str, Array]:
-    """Return the flights over time, padded with NaN to the longest."""
+    """Return the histories of the flights, padded with NaN to the longest."""
     longest = max((len(flight.time_s) for flight in flights), default=0)
     time, mean = np.full((2, sets, longest), np.nan)
     error, sigma = np.full((2, sets, crafts, longest), np.nan)

@@ -25,7 +25,7 @@ _MARKERS = "osD^v<>Pph*"
 
 
 def draw_optical(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
-    """Draw errors while the asteroid is observed from the Earth, a line a geometry."""
+    """Draw the errors during the optical part, one line per geometry."""
     position, velocity = figure.subplots(2, 1, sharex=True)
     known = product.optical
     t = known.t_s / DAY_S
@@ -51,7 +51,7 @@ def draw_optical(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
 
 
 def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
-    """Draw errors while spacecraft are tracked, for the nearest and the farthest geometry."""
+    """Draw the errors during tracking, for the nearest and the farthest geometry."""
     ends = [int(np.argmin(product.earth_distance_m)), int(np.argmax(product.earth_distance_m))]
     shown = list(dict.fromkeys(ends))
     grid = figure.subplots(2, len(shown), sharex=True, sharey="row", squeeze=False)
@@ -82,7 +82,7 @@ def draw_tracked(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
 
 
 def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None:
-    """Draw the mean normalised error squared over time, a line an arm."""
+    """Draw the mean NEES of the asteroid's six states over time, one line per arm."""
     axes = figure.subplots()
     cases = product.settled.size
     low, high = chi_square_band(6, cases)
@@ -103,7 +103,7 @@ def draw_consistency(figure: MatplotlibFigure, product: OrbitRefinement) -> None
 
 
 def _shade(upper: Any, lower: Any, t: Array, rows: Array) -> None:
-    """Shade the times at which less is measured than at the best."""
+    """Shade the times at which fewer values are measured than at most."""
     for before, last in silences(rows):
         for axes in (upper, lower):
             axes.axvspan(t[before + 1], t[last], color="#bbbbbb", alpha=0.35, linewidth=0)

@@ -1,4 +1,4 @@
-"""Tables of the refinement of an asteroid's orbit: errors, gains, consistency."""
+"""Tables, figures and metrics of the refinement of an asteroid's orbit."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = ["present_refinement"]
 _ASTEROID = 6
 """States of the asteroid, three positions and three velocities: degrees of freedom of its NEES."""
 _NOTE = (
-    "rms: root mean square over the random cases; σ: the same of what the filter says. Gains are "
-    "ratios of rms errors before tracking and after; 5 % and 95 %: of the same ratio of cases "
-    "drawn anew from these (bootstrap)."
+    "rms: root mean square error over the random cases; σ: root mean square of the filter's "
+    "standard deviations. Gains are rms errors before tracking over those after it, with 5 % and "
+    "95 % quantiles by bootstrap over the cases."
 )
 
 
@@ -47,13 +47,13 @@ def present_refinement(product: OrbitRefinement, spec: OrbitRefinementSpec) -> P
     product : OrbitRefinement
         Of the stage.
     spec : OrbitRefinementSpec
-        Says when it is reported.
+        Reported times.
 
     Returns
     -------
     Presentation
         Tables after the optical part and during tracking, a comparison of the arms, figures over
-        time, and the paper's claims answered in the verdict.
+        time, and the verdict on the paper's claims.
     """
     tables = {
         "refinement_optical": _optical_table(product),
@@ -135,12 +135,12 @@ def _optical_table(product: OrbitRefinement) -> Table:
         text_column("state", states, "state"),
         of("earth_distance_m", "earth_au"),
         column("observations", [rows.mean() for rows in product.optical.rows.T],
-               "values a time, mean", 3),
+               "mean values per time", 3),
         *_error_columns([(product.optical, -1, g) for g in range(count)]),
         column("settled", [cases.mean() for cases in product.settled], "converged", 3),
     ]  # fmt: skip
     notes = [_NOTE, _band(product, 1)]
-    return tabulate("What telescopes tell of the asteroid", columns, notes)
+    return tabulate("Orbit of the asteroid by telescopes", columns, notes)
 
 
 def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Table:
@@ -175,7 +175,9 @@ def _tracking_table(product: OrbitRefinement, spec: OrbitRefinementSpec) -> Tabl
             column(f"{of}_gain_p5", ends[0], f"gain of {of}, 5 %", 3),
             column(f"{of}_gain_p95", ends[1], f"gain of {of}, 95 %", 3),
         ]
-    return tabulate("With spacecraft near it", columns, [_NOTE, _band(product, 1)])
+    return tabulate(
+        "Orbit of the asteroid with spacecraft near it", columns, [_NOTE, _band(product, 1)]
+    )
 
 
 def _arms_table(product: OrbitRefinement) -> Table:
@@ -216,13 +218,13 @@ def _arms_table(product: OrbitRefinement) -> Table:
 
 
 def _format_convergence(cases: Array) -> str:
-    """Return in how many cases of a geometry a fit has converged, in words."""
+    """Return the number of converged cases of a geometry in words."""
     count = int((cases > 0.0).sum())
     return "converged" if count == cases.size else f"converged in {count} of {cases.size}"
 
 
 def _measure_or_nan(measure: Callable[[Array], Any], values: Array) -> float:
-    """Return a measure of some values, NaN of none."""
+    """Return a measure of values, NaN of none."""
     return float(measure(values)) if values.size else float("nan")
 
 
@@ -231,8 +233,9 @@ def _mean(values: Array) -> float:
 
 
 def _band(product: OrbitRefinement, geometries: int) -> str:
+    """Return the note on the band of the mean NEES of the asteroid's states."""
     low, high = chi_square_band(_ASTEROID, product.settled.shape[1] * geometries)
     return (
-        f"The mean NEES over the cases of a geometry lies within {low:.3g} … {high:.3g} (99.9 %) "
-        "if errors are as large as is said."
+        f"The mean NEES over the cases of a geometry lies within {low:.3g} to {high:.3g} (99.9 %) "
+        "for a consistent filter."
     )

@@ -1,4 +1,4 @@
-"""The stage ``orbit_refinement``: an asteroid's orbit by telescopes, then with spacecraft near."""
+"""The stage ``orbit_refinement``: an asteroid's orbit by telescopes and by spacecraft near it."""
 
 from __future__ import annotations
 
@@ -31,27 +31,31 @@ from hillsphere_estimators.orbit_refinement.true_motion import simulate_motion
 __all__ = ["OrbitRefinementStage"]
 
 _STARTS = np.linspace(-3.0, 3.0, 241)
-"""Standard deviations along the direction in which the asteroid's place is least known."""
+"""Starts of the first fit, in standard deviations along the direction in which the position of the
+asteroid is known worst: every 1/40 standard deviation, so that one of them lies near each
+minimum."""
 _KEPT_STARTS = 3
 """Starts, out of those of `_STARTS` that fit the first measurement best, from which a fit is
 solved. The sum of squares may have a minimum on either side of the spacecraft; each further start
 costs a whole fit."""
 _CONVERGED = 0.1
-"""Standard deviations by which a last repetition may move what counts as converged."""
+"""Standard deviations by which the last pass may change a result that counts as converged."""
 _FAR_M = 1e8
-"""A distance that heliocentric states resolve well, for sensors without anything near."""
+"""Distance to observed bodies, without spacecraft, that sets the steps of differences: states about
+the Sun, 1e11 m, resolve it to twelve digits."""
 _AT_ONCE = 20_000
-"""Columns that sensors measure at once."""
+"""Columns for which sensors are simulated at once, which bounds the memory."""
 _SHOWN_OPTICAL = 30
-"""At how many times, about, the first part's knowledge is kept."""
+"""Number of times, about, at which the beliefs of the optical part are kept for the figure."""
 
 
 class OrbitRefinementStage:
-    """An asteroid's orbit, refined.
+    """Refinement of an asteroid's orbit.
 
-    First it is observed from the Earth, and the angles are fitted (see `optical`). Then spacecraft
-    stand near it whose places are hardly known: a filter estimates all of them together from what
-    each arm's sensors show. Arms see the same flights and, sensor by sensor, the same noise.
+    In the optical part it is observed from the Earth, and the angles are fitted (see `optical`). In
+    the tracking part spacecraft whose positions are hardly known stand near it, and a filter
+    estimates asteroid and spacecraft together from the measurements of each arm. All arms have the
+    same flights and, sensor by sensor, the same noise.
 
     All cases of all geometries are computed at once, geometry by geometry.
 
@@ -74,12 +78,12 @@ class OrbitRefinementStage:
         self._starts = starts(spec.asteroid.get(), spec.geometries)
 
     def run(self, ctx: Context) -> OrbitRefinement:
-        """Observe and track.
+        """Compute the optical part and the tracking part.
 
         Parameters
         ----------
         ctx : Context
-            Gives the random numbers.
+            Random numbers and progress.
 
         Returns
         -------
@@ -123,7 +127,7 @@ class OrbitRefinementStage:
         Parameters
         ----------
         product : OrbitRefinement
-            What `run` returned.
+            Product of `run`.
 
         Returns
         -------
@@ -133,7 +137,7 @@ class OrbitRefinementStage:
         return present_refinement(product, self.spec)
 
     def _prior(self, truth: Array, ctx: Context) -> Belief:
-        """Return what is known before any observation."""
+        """Return the belief before any observation."""
         sizes = [np.linalg.norm(truth[rows], axis=0) for rows in (slice(3), slice(3, 6))]
         sigma = self.spec.initial_error * np.repeat(sizes, 3, axis=0)
         x = truth + sigma * ctx.rng("prior").normal(size=truth.shape)
@@ -145,8 +149,16 @@ class OrbitRefinementStage:
     ) -> tuple[tuple[Knowledge, ...], Array, NDArray[np.bool_], Array]:
         """Track the spacecraft with each arm.
 
-        Returns knowledge; of each arm (A, G, M) the NEES of all states at last and which cases have
-        converged; over time (A, K, G, M) how well the spacecraft's velocity is known, m/s.
+        Returns
+        -------
+        knowledge : tuple of Knowledge
+            One for each arm.
+        joint_nees : ndarray, shape (A, G, M)
+            NEES of all states at the end.
+        settled : ndarray of bool, shape (A, G, M)
+            Whether the case has converged.
+        craft : ndarray, shape (A, K, G, M)
+            Standard deviation of the velocity of the spacecraft that is known worst, m/s.
         """
         spec, cases = self.spec, truth.shape[1]
         crafts = len(spec.spacecraft)
@@ -182,19 +194,19 @@ class OrbitRefinementStage:
             joint.append(nees(of_arm[-1], flown[-1]).reshape(-1, spec.seeds))
         by_arm = (len(spec.arms), len(spec.geometries), spec.seeds)
         sigma = np.array([b.sigma for b in beliefs])
-        # without spacecraft no rows, and zeros
+        # without spacecraft there are no rows, and the maximum is zero
         speeds = sigma[:, 6:].reshape(len(times), crafts, 6, sigma.shape[2])[:, :, 3:]
         worst = np.max(np.linalg.norm(speeds, axis=2), axis=1, initial=0.0)
         craft = np.moveaxis(worst.reshape(len(times), *by_arm), 1, 0)
         return tuple(found), np.array(joint), settled.reshape(by_arm), craft
 
     def _reach(self) -> float:
-        """Return the least distance between the bodies."""
+        """Return the least distance between the asteroid and a spacecraft."""
         offsets = np.reshape([craft.offset_m for craft in self.spec.spacecraft], (-1, 3))
         return float(np.min(np.linalg.norm(offsets, axis=1), initial=_FAR_M))
 
     def _rows_of_arms(self, suite: SensorSuite) -> NDArray[np.bool_]:
-        """Return which rows each arm has, (A, m)."""
+        """Return which rows each arm measures, (A, m)."""
         own = [{id(ref.get()) for ref in arm.sensors} for arm in self.spec.arms]
         used = [[id(sensor) in ids for sensor in suite.sensors] for ids in own]
         sizes = [sum(channel.rows for channel in block) for block in suite.blocks]
@@ -208,10 +220,10 @@ class OrbitRefinementStage:
         used: NDArray[np.bool_],
         ctx: Context,
     ) -> tuple[list[Belief], list[NDArray[np.bool_]], NDArray[np.bool_]]:
-        """Filter what each arm's sensors show, arms side by side as lanes.
+        """Filter the measurements of each arm, the arms side by side as lanes.
 
-        Once as a filter does, from a fit to the first measurements; then anew with sensors
-        linearised along the path of the result, see `LinearPath`.
+        The first pass is that of the filter, from a fit to the first measurements. Further passes
+        have the sensors linearised along the path of the last result, see `LinearPath`.
 
         Returns
         -------
@@ -219,8 +231,8 @@ class OrbitRefinementStage:
             The first is before any measurement; at the other times after the measurements.
         present : list of ndarray of bool
             Which rows were used.
-        settled : ndarray of bool, shape (A N,)
-            Where the last repetition changed the result by less than a tenth of its spread.
+        settled : ndarray of bool, shape (A · N,)
+            Whether the last pass changed the result by less than a tenth of its standard deviation.
         """
         arms, cases = len(used), len(prior.t_s)
         model = model.beside(arms)
@@ -247,13 +259,13 @@ class OrbitRefinementStage:
             found = self._filter(linear, [belief], beyond, advance)
             settled = step_in_sigmas(found[-1], beliefs[-1]) < _CONVERGED
             beliefs = found
-        # of the first two one is before any measurement, the other after those of the same time
+        # the first two are of the same time, before and after its measurements
         return [beliefs[0], *beliefs[2:]], present, settled
 
     def _filter(
         self, model: BodiesModel, beliefs: list[Belief], sets: list[MeasurementSet], advance: Any
     ) -> list[Belief]:
-        """Return beliefs, and after them those after each further set of measurements."""
+        """Return the beliefs given, followed by those after each further set of measurements."""
         estimator: Any = self.spec.estimator.get()
         none = np.zeros((0, len(beliefs[0].t_s)))
         for one in sets:
@@ -273,7 +285,7 @@ class OrbitRefinementStage:
         return np.asarray(asteroid + np.concatenate(turned))
 
     def _joint_prior(self, asteroid: Belief, places: Array, ctx: Context) -> Belief:
-        """Return what is known of the asteroid and the spacecraft when tracking begins."""
+        """Return the joint belief of asteroid and spacecraft when tracking begins."""
         spec, (n, cases) = self.spec, places.shape
         sigma = np.repeat([spec.spacecraft_position_sigma_m, spec.spacecraft_speed_sigma_m_s], 3)
         root = np.zeros((cases, n, n))
@@ -290,7 +302,7 @@ class OrbitRefinementStage:
     def _knowledge(
         self, beliefs: Sequence[Belief], truth: Sequence[Array], sets: Sequence[MeasurementSet]
     ) -> Knowledge:
-        """Return errors and covariances of the asteroid, geometry by geometry."""
+        """Return errors and standard deviations of the asteroid, geometry by geometry."""
         seeds = self.spec.seeds
 
         def by_geometry(values: list[Array]) -> Array:
@@ -317,9 +329,10 @@ class OrbitRefinementStage:
 
 
 def _spread(prior: Belief) -> Array:
-    """Return starts (n, S, N) along the direction in which the asteroid's place is least known.
+    """Return starts (n, S, N) along the direction in which the asteroid's position is known worst.
 
-    It may be known worse than it is distant from the spacecraft: the first fit has several minima.
+    The standard deviation in that direction may exceed the distance from the spacecraft, and the
+    sum of squares of the first fit then has several minima.
     """
     values, axes = np.linalg.eigh(prior.covariance[:, :3, :3])
     worst = (axes[:, :, -1] * np.sqrt(values[:, -1:])).T
@@ -329,7 +342,7 @@ def _spread(prior: Belief) -> Array:
 
 
 def _unique(refs: Sequence[Ref]) -> list[Ref]:
-    """Return references to different components, in order."""
+    """Return the references to different components, in order."""
     return list({id(ref.get()): ref for ref in refs}.values())
 
 
@@ -345,9 +358,12 @@ def _simulate_measurements(
     model: BodiesModel,
     ctx: Context,
 ) -> list[MeasurementSet]:
-    """Return what sensors measure; each has its own stream, whatever stands beside it."""
+    """Return the measurements of true states.
+
+    Each sensor has a random stream of its own, which does not depend on the other sensors.
+    """
     cases, times = truth[0].shape[1], np.array(model.times_s)
-    # one that was given in Python has no name of its own: its place makes it one
+    # a sensor that was given in Python has no name: its number takes the place of one
     names = [ref.name if ref.name != "(given)" else f"{k}" for k, ref in enumerate(refs)]
     streams = [ctx.rng(f"{part} {name}") for name in names]
     pairs = list(zip(suite.sensors, streams, strict=True))

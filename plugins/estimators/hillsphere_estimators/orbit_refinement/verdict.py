@@ -1,4 +1,4 @@
-"""What the refinement of an asteroid's orbit answers, in sentences."""
+"""Verdict of the refinement of an asteroid's orbit."""
 
 from __future__ import annotations
 
@@ -22,16 +22,22 @@ from hillsphere_estimators.orbit_refinement.specs import OrbitRefinementSpec
 __all__ = ["judge_consistency", "refinement_verdict", "silences"]
 
 _CLAIMED = 2.0
-"""What is called a considerable gain."""
+"""Gain from which an improvement counts as considerable: twice as good is the least that a reader
+would call so. The paper gives no number."""
 _PEAK = 1.1
-"""Growth of a standard deviation that is seen in a figure."""
+"""Growth of a standard deviation that counts as a peak: 10 % is visible in a figure of one page."""
 
 
 def judge_consistency(product: OrbitRefinement, arm: int) -> str:
-    """Return how errors of all states at the end compare with what the filter says of them.
+    """Return the verdict on an arm by the mean NEES of all states at the end.
 
-    Over all geometries in which tracking held: in a single one, of a few cases, no mean is far out
-    of its wide band. ``diverged`` if there is none.
+    The mean is over all geometries in which tracking did not diverge: in a single geometry, of a
+    few cases, the band is so wide that no mean leaves it.
+
+    Returns
+    -------
+    str
+        ``consistent``, ``overconfident``, ``cautious``, or ``diverged`` if no geometry is left.
     """
     some = geometries_with_tracking(product, arm)
     if not some.size:
@@ -44,19 +50,19 @@ def judge_consistency(product: OrbitRefinement, arm: int) -> str:
 
 
 def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> list[str]:
-    """Return the sentences.
+    """Return the sentences of the verdict.
 
     Parameters
     ----------
     product : OrbitRefinement
         Of the stage.
     spec : OrbitRefinementSpec
-        Says when it is reported and which claim is answered.
+        Reported times, and whether the paper's claim is answered.
 
     Returns
     -------
     list of str
-        Errors, gains of each set of sensors, consistency, convergence, silences.
+        Errors, gains of each arm, consistency, convergence, and outages.
     """
     optical, seen = product.optical, geometries_with_observations(product)
     found = _describe_omissions(product)
@@ -64,8 +70,8 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
         position = rms(optical.position_m[-1])[seen] / 1e3
         velocity = rms(optical.velocity_m_s[-1])[seen]
         found.append(
-            f"Optical angles alone: rms errors of {position.min():.3g} to {position.max():.3g} km "
-            f"and {velocity.min():.2g} to {velocity.max():.2g} m/s, by geometry."
+            f"Optical angles alone: rms errors {position.min():.3g} to {position.max():.3g} km and "
+            f"{velocity.min():.2g} to {velocity.max():.2g} m/s, depending on the geometry."
         )
     for a, arm in enumerate(product.arms):
         for since, k in (
@@ -81,9 +87,9 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             "refuted" if v.min() > _CLAIMED else "confirmed" if v.max() < _CLAIMED else "undecided"
         )
         found.append(
-            "The statement that velocity is not considerably improved by tracking (read as: by "
-            f"less than a factor of {_CLAIMED:g}) is {answer} here: its rms error falls "
-            f"{v.min():.3g} to {v.max():.3g} times with {product.arms[0]!r}."
+            f"With {product.arms[0]!r} the rms velocity error falls by a factor of {v.min():.3g} "
+            f"to {v.max():.3g}. The claim that tracking does not considerably improve velocity "
+            f"(read as: by less than a factor of {_CLAIMED:g}) is {answer}."
         )
     found.append(_consistency(product))
     tracked = [
@@ -92,20 +98,20 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
     unsettled = sum(int((one == 0).sum()) for one in tracked)
     if not product.settled.all() or unsettled:
         found.append(
-            f"Not converged, and counted all the same: {int((product.settled == 0).sum())} of "
-            f"{product.settled.size} optical fits, {unsettled} of "
-            f"{sum(one.size for one in tracked)} during tracking."
+            f"{int((product.settled == 0).sum())} of {product.settled.size} optical fits and "
+            f"{unsettled} of {sum(one.size for one in tracked)} during tracking did not converge; "
+            "the statistics include them."
         )
     return [*found, *_describe_silences(product)]
 
 
 def _describe_omissions(product: OrbitRefinement) -> list[str]:
-    """Return which geometries nothing is said of, and why."""
+    """Return sentences on geometries that the statistics leave out, and why."""
     names, found = np.array(product.geometries), []
     if unseen := sorted(set(range(len(names))) - set(geometries_with_observations(product))):
         found.append(
-            f"No telescope sees the asteroid in {', '.join(map(repr, names[unseen].tolist()))}: "
-            "there only what was known before stands in the table."
+            f"No telescope sees the asteroid in {', '.join(map(repr, names[unseen].tolist()))}; "
+            "the table shows the first belief there."
         )
     lost = [
         f"{', '.join(map(repr, names[own].tolist()))} with {arm!r}"
@@ -114,14 +120,14 @@ def _describe_omissions(product: OrbitRefinement) -> list[str]:
     ]
     if lost:
         found.append(
-            f"Tracking diverged, converging in no case, in {'; '.join(lost)}: left out of what is "
-            "said over geometries."
+            f"Tracking diverged, converging in no case, in {'; '.join(lost)}. Statistics over "
+            "geometries leave these out."
         )
     return found
 
 
 def _describe_gains(product: OrbitRefinement, arm: int, at: int) -> str:
-    """Return by what errors fell, in words."""
+    """Return the gains of one arm at one time, in words."""
     parts, some = [], geometries_with_tracking(product, arm)
     ranges = median_gain_range(product, arm, at)
     for name, every, (low, high) in zip(
@@ -129,24 +135,28 @@ def _describe_gains(product: OrbitRefinement, arm: int, at: int) -> str:
     ):
         gain = every[some]
         parts.append(
-            f"{name} better {gain.min():.3g} to {gain.max():.3g} times by geometry, median "
-            f"{np.median(gain):.3g} ({low:.3g} … {high:.3g}, 90 %)"
+            f"{name} error smaller by a factor of {np.median(gain):.3g} in the median over "
+            f"geometries (90 %: {low:.3g} to {high:.3g}), {gain.min():.3g} to {gain.max():.3g} in "
+            "single ones"
         )
     return "; ".join(parts)
 
 
 def _joint_band(product: OrbitRefinement, arm: int) -> Array:
+    """Return the 99.9 % band of the mean NEES of all states of an arm."""
     return chi_square_band(product.states, _cases(product, arm))
 
 
 def _cases(product: OrbitRefinement, arm: int) -> int:
+    """Return the number of cases in the mean NEES of an arm."""
     return int(product.joint_nees[arm][geometries_with_tracking(product, arm)].size)
 
 
 def _consistency(product: OrbitRefinement) -> str:
+    """Return the sentence on the consistency of all arms."""
     kept = [a for a in range(len(product.arms)) if geometries_with_tracking(product, a).size]
     if not kept:
-        return "Of consistency nothing can be said: tracking diverged in all geometries."
+        return "Consistency cannot be judged: tracking diverged in all geometries."
     means = {a: product.joint_nees[a][geometries_with_tracking(product, a)].mean() for a in kept}
     each = ", ".join(
         f"{product.arms[a]!r} {mean:.4g} ({judge_consistency(product, a)})"
@@ -162,9 +172,9 @@ def _consistency(product: OrbitRefinement) -> str:
         for cases, arms in bands.items()
     ]
     answer = (
-        "Errors are as large as the filter says"
+        "The filter is consistent"
         if not bad
-        else f"Errors are not as large as the filter says with {', '.join(map(repr, bad))}"
+        else f"The filter is not consistent with {', '.join(map(repr, bad))}"
     )
     return (
         f"{answer}: mean NEES of all {product.states} states at the end over "
@@ -173,12 +183,17 @@ def _consistency(product: OrbitRefinement) -> str:
 
 
 def silences(rows: Array) -> list[tuple[int, int]]:
-    """Return stretches in which less is measured than at most: last index before, last within.
+    """Return the intervals in which fewer values are measured than at most.
 
     Parameters
     ----------
     rows : ndarray, shape (K,)
-        How many values are measured at each time.
+        Number of values measured at each time.
+
+    Returns
+    -------
+    list of (int, int)
+        Index of the last time before each interval, and of the last time in it.
     """
     missing: NDArray[np.bool_] = rows < rows[1:].max() - 0.5
     missing[0] = False
@@ -187,19 +202,20 @@ def silences(rows: Array) -> list[tuple[int, int]]:
 
 
 def _peaks(grown: Array) -> str:
+    """Return the number of peaks as a word of a sentence."""
     count = int((grown > _PEAK).sum())
     return str(count) if count else "no"
 
 
 def _describe_silences(product: OrbitRefinement) -> list[str]:
-    """Return what happens to velocities while the first set's sensors are partly silent."""
+    """Return the growth of the velocities' standard deviations during outages of the first arm."""
     known, craft = product.tracked[0], product.craft_velocity_sigma_m_s[0]
     if not craft.any():
         return []
     grown: list[tuple[float, float]] = []
     for g in geometries_with_tracking(product, 0).tolist():
         own = [rms(sigma[:, g]) for sigma in (craft, known.velocity_sigma_m_s)]
-        # what comes before the first measurements are in is no silence
+        # times before the first measurements are no outage
         grown += [
             (float(own[0][j] / own[0][i]), float(own[1][j] / own[1][i]))
             for i, j in silences(known.rows[:, g])
@@ -209,9 +225,9 @@ def _describe_silences(product: OrbitRefinement) -> list[str]:
         return []
     spacecraft, asteroid = np.array(grown).T
     return [
-        f"While {product.arms[0]!r} is partly silent (outages, stations below the horizon; "
+        f"While sensors of {product.arms[0]!r} are silent (outages, stations below the horizon; "
         f"{len(grown)} times), the standard deviation of a spacecraft's velocity changes by a "
-        f"factor of {np.median(spacecraft):.3g} (median; greatest {spacecraft.max():.3g}), that of "
+        f"factor of {np.median(spacecraft):.3g} (median; largest {spacecraft.max():.3g}), that of "
         f"the asteroid's by {np.median(asteroid):.3g} ({asteroid.max():.3g}). A peak, of more than "
         f"{100.0 * (_PEAK - 1.0):.0f} %, has the spacecraft's {_peaks(spacecraft)} times, the "
         f"asteroid's {_peaks(asteroid)} times."
