@@ -1,4 +1,4 @@
-"""A plant as guidance sees it: accelerations of the field along a path, and what is prescribed."""
+"""A plant as guidance needs it: accelerations of the field along a path."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class Motion:
 
     .. math:: \ddot r = f(r, \dot r, q, t) + a, \qquad \dot q = g(q, t)
 
-    for the d positions r of a plant, whose other states q (a true anomaly) go their own way.
+    These are the d positions r of a plant, and its other states q (a true anomaly), which do not
+    depend on r.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ class Motion:
         return rate[self.velocities], rows[:, self.positions], rows[:, self.velocities]
 
     def assemble(self, r: Array, v: Array, q: Array) -> Array:
-        """Put positions (d, N), velocities (d, N) and others (m, N) together to states (n, N)."""
+        """Return states (n, N) of positions (d, N), velocities (d, N) and others (m, N)."""
         x = np.empty((len(self.states), r.shape[1]))
         x[self.positions], x[self.velocities], x[self.others] = r, v, q
         return x
@@ -138,7 +139,7 @@ class Motion:
         time_s : float
             Time at the start.
         t : ndarray, shape (K,)
-            In any order, not negative.
+            Times since the start, in any order, not negative.
         """
         return np.asarray(self.prescribe_from(start[:, None], time_s, t)[:, :, 0])
 

@@ -1,4 +1,4 @@
-"""Paths of the least ∫|a|² of many cases at once, planned anew from where each one is."""
+"""Minimum-energy paths of many cases at once, planned again from the current states."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ _MEAN_NODES = 4
 
 
 class Replanner:
-    """Splines of the least effort in the full field, kept from sample to sample.
+    """Splines of the least ∫|a|² in the full field, kept from sample to sample.
 
-    The problem of `hillsphere_guidance.minimum_energy`, for N cases in lockstep by plain
-    Gauss-Newton rounds: many from the cubic of free space, few from the rest of the last path.
+    The problem is that of `hillsphere_guidance.minimum_energy`, for N cases in lockstep by
+    Gauss-Newton rounds: many from the cubic path of free space at first, few from the rest of the
+    last path later.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ class Replanner:
 
     @property
     def rows(self) -> int:
-        """Numbers that make up a path: control points times axes."""
+        """Numbers of a path: control points times axes."""
         return self._count * self._motion.axes
 
     def plan(
@@ -60,13 +61,13 @@ class Replanner:
         last : ndarray, shape (rows, N)
             The paths planned before; zero where there is none.
         before_s : float or None
-            How long before; None for the first plan.
+            Time since that plan; None for the first.
         left_s : float
             Time until the arrival.
         t : ndarray, shape (N,)
-            Times now.
+            Current times.
         x, goal : ndarray, shape (n, N)
-            States now and at the arrival.
+            Current states, and states at the arrival.
 
         Returns
         -------
@@ -89,7 +90,7 @@ class Replanner:
         return points.reshape(self.rows, -1)
 
     def command(self, plan: Array, left_s: float, hold_s: float, t: Array, x: Array) -> Array:
-        """Return the mean command (d, N) of planned paths over the time from now to a hold."""
+        """Return the mean command (d, N) of planned paths over the next `hold_s`."""
         motion, spline = self._motion, ClampedSpline(left_s, self._count)
         place, weights = gauss_nodes(np.array([0.0, hold_s]), _MEAN_NODES)
         points = plan.reshape(self._count, motion.axes, -1)
@@ -109,14 +110,17 @@ class Replanner:
         return points
 
     def _cubic(self, spline: ClampedSpline, points: Array) -> Array:
-        """Return the free control points of the least effort without any field."""
+        """Return the free control points of the optimum without a field."""
         second = spline.basis(np.linspace(0.0, spline.duration, 8 * self._count), 2)
         known = np.einsum("kc,cdN->kdN", second, points)
         inverse = np.linalg.pinv(second[:, self._free])
         return np.asarray(-np.einsum("ck,kdN->cdN", inverse, known))
 
     def _restriction(self, before_s: float, left_s: float) -> Array:
-        """Return the matrix from a path's control points to those of its rest."""
+        """Return the matrix from a path's control points to those of its rest.
+
+        It is a least-squares fit at eight points per control point.
+        """
         old = ClampedSpline(left_s + before_s, self._count)
         new = ClampedSpline(left_s, self._count)
         place = np.linspace(0.0, left_s, 8 * self._count)
@@ -124,7 +128,7 @@ class Replanner:
         return np.asarray(found)
 
     def _others(self, t: Array, x: Array, place: Array) -> Array:
-        """Return the states that go their own way (m, K, N) at times after now."""
+        """Return the states that are neither position nor velocity (m, K, N) at later times."""
         motion = self._motion
         found = np.empty((len(motion.others), len(place), x.shape[1]))
         if motion.others:
@@ -160,11 +164,13 @@ class Replanner:
                 slopes[:, i, :, :, j] = (top - part) if i == j else -part
         table = slopes.reshape(cases, d * len(place), free * d)
         rest = np.moveaxis((a - f) * weights[:, None], -1, 0).reshape(cases, -1, 1)
+        # columns of unit length: the normal equations square the condition, scaling lowers it
         size = np.sqrt(np.add.reduce(table * table, axis=1))[:, None]
         table = table / size
         turned = np.swapaxes(table, 1, 2)
         normal = turned @ table
         good = np.isfinite(normal).all(axis=(1, 2))
+        # a failed case is NaN; solving it with the others would raise an error for all
         found = np.full((cases, free * d, 1), np.nan)
         if good.any():
             found[good] = np.linalg.solve(normal[good], -(turned @ rest)[good])

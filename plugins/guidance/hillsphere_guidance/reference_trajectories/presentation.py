@@ -1,4 +1,4 @@
-"""Tables, figures and sentences of the reference trajectories."""
+"""Tables, figures and verdict of the stage ``reference_trajectories``."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _BELOW_M = 1e-3
 """Depth below the surface, m, from which a path counts as passing through it: a path
 that begins or ends on the surface may be below it by rounding, far less than a millimetre."""
 _SHARES = (0, 25, 50, 75, 100)
-"""Parts of the duration, %, at which other plants are compared in the table."""
+"""Times at which other plants are compared in the table, % of the duration."""
 _METHOD = (
-    "Replay errors: distance from the planned end at which an open-loop flight with the command "
-    "alone ends, by propagators that had no part in planning; as planned by DOP853, as held on the "
-    "grid by Taylor series (by the step map where the field is no expression)."
+    "Replay errors: distance between the planned end and that of an open-loop flight by an "
+    "independent propagator, DOP853 for the command as planned, Taylor series for the held command "
+    "(or the step map, if the field is no expression)."
 )
 
 
@@ -51,9 +51,9 @@ def present_references(
     product : ReferenceTrajectories
         The descents.
     spec : ReferenceTrajectoriesSpec
-        As declared.
+        Its note and label.
     published : ReferenceTable or None
-        Costs of others.
+        Published costs.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def present_references(
         figures[f"reference_trajectories{tail}"] = Figure(
             "Reference trajectories",
             lambda figure: draw_descents(figure, product),
-            "In the frame of the motion, with ΔV; circles are starts, triangles are ends.",
+            "In the frame of the motion, with ΔV. Circles: starts; triangles: ends.",
             size_in=(8.0, 7.0),
         )
     tables = {
@@ -183,11 +183,13 @@ def _differences(product: ReferenceTrajectories) -> Table:
 
 
 def _before_end(product: ReferenceTrajectories, i: int) -> Array:
+    """Return the heights (K,) of a descent without that at its end."""
     heights = product.height_m[:, i]
     return heights[np.isfinite(heights)][:-1]
 
 
 def _sentences(product: ReferenceTrajectories) -> list[str]:
+    """Return the verdict: cost and replay, paths below the surface or inside the series' radius."""
     labels = product.flights.labels
     buried = [
         label for i, label in enumerate(labels)
@@ -197,8 +199,8 @@ def _sentences(product: ReferenceTrajectories) -> list[str]:
     count = f"{len(labels)} reference trajectories" if len(labels) > 1 else "A reference trajectory"
     spread = f"{least:.4g}" if len(labels) == 1 else f"{least:.4g} to {most:.4g}"
     sentences = [
-        f"{count} by guidance {product.guidance!r}, ΔV {spread} m/s; flown open loop with the "
-        f"command held, the end is met to {product.replay_held_m[0].max():.1e} m."
+        f"{count} by guidance {product.guidance!r}: ΔV {spread} m/s. Flown open loop under the held "
+        f"command, the flights end within {product.replay_held_m[0].max():.1e} m of their targets."
     ]
     if buried:
         sentences.append(
@@ -212,6 +214,6 @@ def _sentences(product: ReferenceTrajectories) -> list[str]:
         if inside:
             sentences.append(
                 f"{inside} of {len(labels)} descents come closer than {radius / 1e3:.5g} km, where "
-                "the series of the gravity field is not sure to converge."
+                "the series of the gravity field may diverge."
             )
     return sentences

@@ -35,12 +35,13 @@ splines has degree 3 but for the field."""
 _MESH = (37, 73)
 """Circles of latitude and points of each on the drawn surface: every 5° in both."""
 _ON_GROUND = 1e-9
-"""By how much a start on the ground may seem below it, relative to its distance."""
+"""Depth of a start below the surface, relative to its distance from the centre, that is
+rounding."""
 
 
 @dataclass(frozen=True)
 class _Descent:
-    """One flight that is to be planned."""
+    """One flight to be planned."""
 
     name: str
     of: str
@@ -51,7 +52,7 @@ class _Descent:
 
 @dataclass(frozen=True)
 class _Flown:
-    """One flight that was planned, on its grid."""
+    """One planned flight on its grid of times."""
 
     t: Array
     x: Array
@@ -171,7 +172,7 @@ class ReferenceTrajectoriesStage:
         return motion.assemble(r, v, q)[:, 0]
 
     def _expand_starts(self, starts: Sequence[Array]) -> list[_Descent]:
-        """Return the descents as they are, then from the other distances."""
+        """Return the descents from their own starts, then from the other distances."""
         rows = self.motion.positions
         found = []
         for distance in (None, *self.spec.start_distances_m):
@@ -272,7 +273,7 @@ class ReferenceTrajectoriesStage:
         )
 
     def _differences(self, t: Array, x: Array) -> Array:
-        """Return how much other plants accelerate otherwise (C, K, N) at states (n, K, N)."""
+        """Return the differences (C, K, N) of other plants' accelerations at states (n, K, N)."""
         there = np.isfinite(x).all(axis=0)
         out = np.full((len(self._others), *there.shape), np.nan)
         begun = np.array([descent.task.time_s for descent in self.descents])
