@@ -1,4 +1,4 @@
-"""A camera that finds an asteroid."""
+"""A camera that measures the direction of an asteroid."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from hillsphere_sensors.spacecraft_specs import CameraSpec
 __all__ = ["Camera"]
 
 _AT_ONCE = 1_000_000
-"""Points of the grid times lanes that are worked on at once."""
+"""Points of the grid times lanes that are computed at once, which bounds the memory (8 MB an
+array)."""
 
 
 class Camera(SpacecraftSensor):
-    r"""Where an asteroid stands in the image of a camera.
+    """Position of an asteroid in the image of a camera.
 
-    Its axes: z the boresight, x level (z of the states' frame × boresight), y completing. A point
-    at (x, y, z) there is seen under the angles atan(x/z) and atan(y/z), and at the pixels f x/(z p)
-    and f y/(z p) from the middle of the image, with the focal length f and the width p of a pixel,
-    which follows from field of view and resolution.
+    The axes of the camera are z along the boresight, x level (z of the states' frame × boresight),
+    and y completing them. A point at (x, y, z) in these axes has the angles atan(x/z) and
+    atan(y/z), and the pixels f x/(z p) and f y/(z p) from the middle of the image, with the focal
+    length f and the width p of a pixel, which follows from field of view and resolution.
 
-    From the scene it takes ``"boresight"``, shape (S, 3, N), where each of S spacecraft is
-    commanded to look, in the states' frame; for more than the centre ``"to_body"``, (3, 3, N), the
-    matrices from that frame to the body's; and ``"sun"``, (3, N), the Sun's position, m, if only
-    what is sunlit is seen.
+    From the scene it takes ``"boresight"``, shape (S, 3, N), the commanded boresights of S
+    spacecraft in the states' frame; for more than the centre ``"to_body"``, (3, 3, N), the matrices
+    from that frame to the body's; and ``"sun"``, (3, N), the Sun's position, m, if only the sunlit
+    part is seen.
 
-    The grid's visible points come and go at the limb: with the target ``points`` what is measured
-    is not differentiable; with ``disc`` a point counts by the solid angle that it shows, which
-    vanishes there.
+    With the target ``points`` the measurement is not differentiable, since points of the grid
+    appear and vanish at the limb. With ``disc`` a point is weighted by its solid angle as seen by
+    the camera, which is zero at the limb.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class Camera(SpacecraftSensor):
         """Pixels from the middle of the image to where x/z is one."""
 
     def pose(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array]:
-        """Return where the camera is from its target's centre, m, and where it looks, (3, N)."""
+        """Return the camera's position from its target's centre, m, and its boresight, (3, N)."""
         r = self._states(x, self.spec.spacecraft)[:3]
         if self.spec.target_rows:
             r = r - self._states(x, self.spec.target_rows)[:3]
@@ -131,9 +132,10 @@ class Camera(SpacecraftSensor):
     def _middle(
         self, place: Array, frame: Array, light: Array | None
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return x/z and y/z (2, N) of what is visible, and whether anything is.
+        """Return x/z and y/z (2, N) of the centroid of what is visible, and whether anything is.
 
-        place (3, N), frame (3, 3, N) as rows and light (3, N) are in the axes of the body.
+        `place` (3, N), `frame` (3, 3, N, axes as rows) and `light` (3, N) are in the axes of the
+        body.
         """
         points, normals, areas = self._grid
         away = points[:, :, None] - place[:, None, :]
@@ -154,5 +156,5 @@ class Camera(SpacecraftSensor):
 
 
 def _forward(u: Array, v: Array, ahead: Array) -> Array:
-    """Return how far ahead something is, kept off zero where it is at the camera's side or back."""
+    """Return the distance ahead of the camera, kept off zero to the side and behind."""
     return np.asarray(np.maximum(ahead, 1e-6 * np.sqrt(u * u + v * v + ahead * ahead)))

@@ -1,4 +1,4 @@
-"""The image that a camera takes of an ellipsoid: for figures."""
+"""The image of an ellipsoid by a camera, for figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["CameraImage", "camera_image"]
 
 @dataclass(frozen=True)
 class CameraImage:
-    """An image, and where in it the camera finds what.
+    """An image, with the position that the camera measures in it.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class CameraImage:
     edge_px : float
         The image reaches from −edge_px to edge_px in both directions, pixels of the camera.
     centre_px, found_px : ndarray, shape (2,)
-        The centre of mass, and what the camera takes as target, u and v in pixels from the middle.
+        Centre of mass, and measured position of the target: u and v in pixels from the middle.
     """
 
     brightness: Array

@@ -81,9 +81,11 @@ class DeepSpaceStation(HeliocentricSensor):
             elif name == "range_rate":
                 along = np.sum(way * speed, axis=0) / distance
                 against = np.sum(way * (speed - station[3:]), axis=0) / distance
+                # range-rate of the class: the light time changes, which divides by 1 + e·ṙ/c
                 found.append(against / (1.0 + along / SPEED_OF_LIGHT_M_S))
             else:
                 longitude = np.arctan2(way[1], way[0])
+                # in [−π, π): atan2 returns +π for the negative axis
                 found.append(np.where(longitude >= np.pi, -np.pi, longitude))
                 found.append(np.arctan2(way[2], np.hypot(way[0], way[1])))
         return np.array(found)

@@ -1,4 +1,4 @@
-"""From the states of spacecraft, in whatever frame, to heliocentric ones; and the scene for it."""
+"""Heliocentric states of spacecraft from states in another frame, and the scene for them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["HeliocentricSensor", "heliocentric_scene"]
 
 
 class HeliocentricSensor(SpacecraftSensor):
-    """A sensor that needs to know where its spacecraft is in the Solar System.
+    """A sensor that needs the heliocentric state of its spacecraft.
 
-    From the scene it takes the frame of the states: ``"origin"``, shape (6, N), the heliocentric
-    state of its origin; ``"axes"``, (3, 3, N), its axes as columns in those of the heliocentric
-    states; ``"rate"``, (3, N), its angular velocity in its own axes, rad/s. For states that are
-    heliocentric themselves: zeros, the identity, zeros. `heliocentric_scene` makes them.
+    It takes the frame of the states from the scene: ``"origin"``, shape (6, N), the heliocentric
+    state of its origin; ``"axes"``, (3, 3, N), its axes as columns in heliocentric axes;
+    ``"rate"``, (3, N), its angular velocity in its own axes, rad/s. For states that are
+    heliocentric these are zeros, the identity, and zeros. `heliocentric_scene` computes them.
     """
 
     def _heliocentric(self, x: Array, t_s: Array, scene: Scene) -> Array:

@@ -17,10 +17,10 @@ _ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angl
 
 
 class InterSatellite(SpacecraftSensor):
-    """Distance of a partner, and its azimuth (from x over y) and elevation over the xy plane.
+    """Distance of a partner, its azimuth (from x towards y) and its elevation over the xy plane.
 
-    In the axes of the states; the attitude is taken as known. It is blind where the Sun stands near
-    its partner, or, if a body is given, where that body stands between the two (its ellipsoid).
+    The angles are in the axes of the states: the attitude counts as known. There is no measurement
+    if the Sun is near the partner or, with a body, if the body's ellipsoid lies between the two.
 
     From the scene it takes, with a cone about the Sun, ``"sun"``, shape (3, N), the Sun's position
     in the states' frame, m; with a body ``"to_body"``, (3, 3, N), the matrices to the body's axes.

@@ -18,17 +18,17 @@ _ANGLES = (Channel("azimuth", "rad", "angle"), Channel("elevation", "rad", "angl
 
 
 class Lidar(SpacecraftSensor):
-    r"""Range to the surface of an asteroid, and the direction of the spot.
+    r"""Range to the surface of an asteroid, and the direction of the laser spot.
 
     With the spot ``below`` the spacecraft the range is :math:`|r| - R(\hat r)`, R the radius of the
-    surface in that direction; azimuth and elevation are those of the spot in the axes of the
-    camera (`hillsphere_sensors.camera.Camera`). With the spot where the boresight is ``pointing``
-    it is the distance along the boresight, on an ellipsoid. With a field of view the spot ``below``
-    is found only where the centre of mass lies in that cone about the boresight.
+    surface in that direction; azimuth and elevation are those of the spot in the axes of the camera
+    (`hillsphere_sensors.camera.Camera`). With the spot in the direction of ``pointing`` the range
+    is the distance along the boresight to the ellipsoid. With a field of view the spot ``below`` is
+    measured only if the centre of mass lies in that cone about the boresight.
 
     From the scene it takes ``"to_body"``, shape (3, 3, N), the matrices from the states' frame to
-    the body's, and, if it measures angles, has a field of view or looks along it, ``"boresight"``,
-    (S, 3, N), where each of S spacecraft is commanded to look, in the states' frame.
+    the body's. If it measures angles, has a field of view or points along the boresight, it also
+    takes ``"boresight"``, (S, 3, N), the commanded boresights of S spacecraft in the states' frame.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Lidar(SpacecraftSensor):
     Raises
     ------
     InputError
-        If the body has no surface, or, for ``pointing``, one that is no ellipsoid.
+        If the body has no surface or, for ``pointing``, one that is no ellipsoid.
     """
 
     def __init__(self, spec: LidarSpec) -> None:

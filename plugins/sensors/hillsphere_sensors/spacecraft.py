@@ -1,4 +1,4 @@
-"""What sensors of spacecraft have in common: whose states, when there is a measurement, errors."""
+"""Common parts of the sensors of spacecraft: states, availability, and errors."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ _LEVEL = 1e-11
 class SpacecraftSensor(ABC):
     """A sensor whose rows have noise and constant biases, at times when it is available.
 
-    A subclass says what is true (`_true`), where there is something to see (`_sees`), how large the
-    errors are (`_sigmas`, `_bias_sigmas`). A row's noise is normal; that of an outlier is greater
-    by a factor.
+    A subclass gives the true values (`_true`), where the geometry allows a measurement (`_sees`),
+    and the standard deviations of the errors (`_sigmas`, `_bias_sigmas`). The noise is normal; that
+    of an outlier is larger by a factor.
 
     Parameters
     ----------
     spec : SpacecraftSensorSpec
         Its parameters.
     channels : tuple of Channel
-        What it measures.
+        Measured quantities.
     """
 
     def __init__(self, spec: SpacecraftSensorSpec, channels: tuple[Channel, ...]) -> None:
@@ -48,20 +48,20 @@ class SpacecraftSensor(ABC):
 
     @property
     def draws(self) -> tuple[int, int]:
-        """A bias for each row; noise for each row, a dropout and an outlier."""
+        """Normal numbers: a bias for each row; noise for each row, a dropout and an outlier."""
         return self._rows, self._rows + 2
 
     @property
     def takes(self) -> tuple[str, ...]:
-        """What it takes from the scene, by name."""
+        """Names of what the sensor takes from the scene."""
         return self.common.takes
 
     def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
-        """Return what a perfect sensor shows; see `hillsphere.interfaces.Sensor`."""
+        """Return perfect measurements; see `hillsphere.interfaces.Sensor`."""
         return self._true(np.asarray(x, float), np.asarray(t_s, float), scene)
 
     def visible(self, x: Array, t_s: Array, scene: Scene) -> Booleans:
-        """Say where there is something to measure."""
+        """Return whether there is a measurement."""
         times = np.asarray(t_s, float)
         return self._available(times) & self._sees(np.asarray(x, float), times, scene)
 
@@ -71,7 +71,7 @@ class SpacecraftSensor(ABC):
         return np.array(np.broadcast_to(self._sigmas(true), true.shape))
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
-        """Return what is measured; NaN where nothing is.
+        """Return the measurements, NaN where there is none.
 
         The rows of `constant` are the biases; those of `noise` the noise of each row, dropout and
         outlier.
@@ -96,7 +96,7 @@ class SpacecraftSensor(ABC):
         """Return the standard deviations of the biases, (m, N) or (m, 1)."""
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> Booleans:
-        """Say where geometry allows a measurement."""
+        """Return whether the geometry allows a measurement."""
         return np.ones(np.shape(t_s), dtype=bool)
 
     def _with_errors(self, true: Array, off: Array) -> Array:
@@ -110,6 +110,7 @@ class SpacecraftSensor(ABC):
         return shown
 
     def _available(self, t_s: Array) -> Booleans:
+        """Return whether the schedule and the outages allow a measurement."""
         spec = self.common
         there = np.ones(t_s.shape, dtype=bool)
         if spec.period_s:
@@ -120,7 +121,7 @@ class SpacecraftSensor(ABC):
         return there
 
     def _states(self, x: Array, number: int) -> Array:
-        """Return the six rows of a spacecraft, from 1."""
+        """Return the six rows of a spacecraft, counted from 1."""
         rows = x[6 * (number - 1) : 6 * number]
         if rows.ndim != 2 or rows.shape[0] != 6:
             raise InputError(
@@ -130,9 +131,9 @@ class SpacecraftSensor(ABC):
         return rows
 
     def _angles_of_centre(self, r: Array, t_s: Array, scene: Scene) -> Array:
-        """Return azimuth and elevation (2, N) of the origin from the boresight, at places r (3, N).
+        """Return azimuth and elevation (2, N) of the origin from the boresight, for r (3, N).
 
-        Sensors of one suite that look at the same time compute them once.
+        Sensors of one suite with the same boresight compute them once.
         """
         kept = scene.kept if isinstance(scene, CommonScene) else {}
         key = ("angles of the centre", self.common.spacecraft)
@@ -157,7 +158,7 @@ class SpacecraftSensor(ABC):
         return found
 
     def _boresight(self, scene: Scene, t_s: Array) -> Array:
-        """Return where the spacecraft is commanded to look, (3, N) or (3, 1), any length."""
+        """Return the commanded boresight, (3, N) or (3, 1), of any length."""
         if "boresight" in scene:
             crafts = np.shape(scene["boresight"])[:1]
             if crafts and crafts[0] < self.common.spacecraft:
@@ -171,11 +172,11 @@ class SpacecraftSensor(ABC):
 
 
 def line_of_sight_frame(boresight: Array) -> Array:
-    """Return the axes (3, 3, N), as rows, of what looks along boresights (3, N).
+    """Return the axes (3, 3, N), as rows, of a camera with the boresights (3, N).
 
-    The third is the boresight, the first z × boresight (level with the frame's xy plane), the
-    second completes them. A boresight along ±z, which leaves open which way is up, counts as turned
-    off it towards +x.
+    The third axis is the boresight, the first z × boresight (level with the frame's xy plane), the
+    second completes them. For a boresight along ±z the first axis is undefined; the boresight then
+    counts as tilted towards +x by an angle that no camera resolves.
 
     Raises
     ------
@@ -195,7 +196,7 @@ def line_of_sight_frame(boresight: Array) -> Array:
 def boresight_components(boresight: Array, way: Array) -> tuple[Array, Array, Array]:
     """Return the components of vectors (3, N) in the axes of `line_of_sight_frame`.
 
-    Without making these: a filter asks for it at every sigma point.
+    The axes are not formed, which saves time: a filter calls this at every sigma point.
 
     Raises
     ------
@@ -209,6 +210,7 @@ def boresight_components(boresight: Array, way: Array) -> tuple[Array, Array, Ar
     level = np.sqrt(square)
     if not (level > 1e-12 * size).all():
         return boresight_components(_off_the_pole(boresight), way)
+    # dot products with z × b/|·|, with the axis that completes the frame, and with b/|b|
     flat = bx * rx + by * ry
     return (
         (bx * ry - by * rx) / level,
@@ -218,7 +220,7 @@ def boresight_components(boresight: Array, way: Array) -> tuple[Array, Array, Ar
 
 
 def _off_the_pole(boresight: Array) -> Array:
-    """Return boresights (3, N), those along ±z turned off it by less than anything resolves."""
+    """Return boresights (3, N), those along ±z tilted by less than any camera resolves."""
     bx, by, bz = boresight
     size = np.sqrt(bx * bx + by * by + bz * bz)
     if not ((size > 0.0) & (size < np.inf)).all():
@@ -238,7 +240,7 @@ def rotate(matrices: Array, vectors: Array) -> Array:
 
 
 def _threshold(probability: float) -> float:
-    """Return below which number a normal one falls with this probability."""
+    """Return the number below which a normal one lies with this probability."""
     if probability in (0.0, 1.0):
         return np.inf if probability else -np.inf
     return NormalDist().inv_cdf(probability)

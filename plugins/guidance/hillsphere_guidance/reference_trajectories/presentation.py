@@ -199,8 +199,9 @@ def _sentences(product: ReferenceTrajectories) -> list[str]:
     count = f"{len(labels)} reference trajectories" if len(labels) > 1 else "A reference trajectory"
     spread = f"{least:.4g}" if len(labels) == 1 else f"{least:.4g} to {most:.4g}"
     sentences = [
-        f"{count} by guidance {product.guidance!r}: ΔV {spread} m/s. Flown open loop under the held "
-        f"command, the flights end within {product.replay_held_m[0].max():.1e} m of their targets."
+        f"{count} by guidance {product.guidance!r}: ΔV {spread} m/s. Flown open loop under the "
+        "held command, the flights end "
+        f"within {product.replay_held_m[0].max():.1e} m of their targets."
     ]
     if buried:
         sentences.append(
