@@ -168,14 +168,14 @@ def homogeneous_bound(distance: Expr, gm: Expr, radius: Scalar, reach: Scalar) -
 
 
 def _confocal(position: Vec3, squares: Vec3) -> Vec3:
-    """Squared semi-axes of the confocal ellipsoid through a point, of the body itself inside.
+    """Return the squared semi-axes of the confocal ellipsoid through a point, of the body inside.
 
-    Λ solves the cubic λ³ + p₂λ² + p₁λ + p₀ = 0; three real roots, by the trigonometric formula.
-    For a nearly round body two of them nearly coincide and the argument of the arc cosine reaches
-    ±1, where its derivative is infinite: the argument is clamped, which costs at most 1e-6,
-    and one Newton step on the confocal equation restores Λ to rounding. The step also makes the
-    automatic derivative right: its own derivative is that of the implicit function, the starting
-    value enters it only through its error.
+    Λ solves the cubic λ³ + p₂λ² + p₁λ + p₀ = 0, which has three real roots, by the trigonometric
+    formula. For a nearly round body two of them nearly coincide, and the argument of the arc cosine
+    reaches ±1, where its derivative is infinite. The argument is clamped, which costs at most 1e-6,
+    and one Newton step on the confocal equation restores Λ to rounding. That step also makes the
+    automatic derivative right: its own derivative is that of the implicit function, and the
+    starting value enters only through its error.
     """
     a2, b2, c2 = squares
     x, y, z = position
@@ -188,10 +188,12 @@ def _confocal(position: Vec3, squares: Vec3) -> Vec3:
     p2 = a2 + b2 + c2 - x2 - y2 - z2
     p1 = a2 * b2 + b2 * c2 + c2 * a2 - x2 * (b2 + c2) - y2 * (c2 + a2) - z2 * (a2 + b2)
     p0 = a2 * b2 * c2 - x2 * b2 * c2 - y2 * c2 * a2 - z2 * a2 * b2
+    # largest root of the cubic: λ = 2√q cos(θ/3) − p₂/3, cos θ = …/q^(3/2)
     q = p2 * p2 / 9.0 - p1 / 3.0
     cosine = ((p1 * p2 - 3.0 * p0) / 6.0 - p2 * p2 * p2 / 27.0) / (q * sqrt(q))
     root = 2.0 * sqrt(q) * cos(acos(_clamp(cosine)) / 3.0) - p2 / 3.0
     u, v, w = root + a2, root + b2, root + c2
+    # Newton step on x²/u + y²/v + z²/w = 1, whose derivative by Λ is −Σ x²/u²
     excess = x2 / u + y2 / v + z2 / w - 1.0
     root = root + excess / (x2 / (u * u) + y2 / (v * v) + z2 / (w * w))
     root = select(outside, root, 0.0)
@@ -206,5 +208,6 @@ def _level(position: Vec3, squares: Vec3) -> Expr:
 
 
 def _clamp(x: Expr) -> Expr:
+    """Return an argument of the arc cosine limited to where its derivative is finite."""
     below = select(greater(x, _ACOS_LIMIT), _ACOS_LIMIT, x)
     return select(greater(below, -_ACOS_LIMIT), below, -_ACOS_LIMIT)

@@ -72,7 +72,7 @@ class Harmonics:
             for row in table.rows
             if row.n <= self.degree and row.m <= self.order and (row.m == 0 or row.n <= tesseral)
         )
-        # C00 scales the whole mass, as gm does; one of the two is enough to disperse.
+        # C00 scales the mass as gm does: only gm is a run-time parameter.
         self._c00 = next((row.c for row in used if row.n == 0), 1.0)
         self._rows = tuple(row for row in used if row.n > 0)
         self._gm = table.gm_m3_s2
@@ -181,7 +181,14 @@ def _table(spec: HarmonicsSpec) -> CoefficientTable:
 
 
 def _merge_with_file(spec: HarmonicsSpec, table: CoefficientTable) -> CoefficientTable:
-    """Hold a file against the spec: what neither states or both state differently is an error."""
+    """Return the table of a file completed by the Spec.
+
+    Raises
+    ------
+    InputError
+        If a key is stated by neither, or differently by both, or the file does not reach the
+        degree.
+    """
     for key in ("gm_m3_s2", "reference_radius_m", "normalisation", "tide_system"):
         asked, stated = getattr(spec, key), getattr(table, key)
         if asked is None and stated is None:

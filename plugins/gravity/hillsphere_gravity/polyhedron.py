@@ -22,9 +22,11 @@ from hillsphere_gravity.specs import PolyhedronSpec
 __all__ = ["Polyhedron"]
 
 _CHUNK = 60_000
-"""Faces times points that are worked on at once: what the arrays take stays in the cache."""
+"""Faces times points that are computed at once, so that the arrays stay in the processor's
+cache."""
 _FAR = 1000.0
-"""Radii of the body beyond which its second moments do: the sums have lost six digits there."""
+"""Distance, in radii of the body, beyond which its second moments replace the sums: these have lost
+six digits there."""
 _PLAUSIBLE_KG_M3 = (50.0, 30_000.0)
 """Densities that a body may have: comets reach down to a few hundred, iron up to 8000. A length
 unit that is wrong by a factor of 1000 changes the density by 1e9 and is refused."""
@@ -135,6 +137,7 @@ class Polyhedron:
 
         def sums(seen: _Seen) -> Array:
             edges, faces = self._edges, seen.over_faces
+            # r_e·E_e r_e: any point of the edge serves, here its middle
             to = edges.middle.T[..., None] - seen.r[:, None, :]
             by_edges = np.zeros_like(seen.potentials)
             for along, across in edges.dyads:
@@ -153,6 +156,7 @@ class Polyhedron:
 
         def sums(seen: _Seen) -> Array:
             edges = self._edges
+            # F_f r_f = n (n·r_f), with the height of the point over the face for n·r_f
             total = self.mesh.normals @ (seen.over_faces * seen.angles)
             for along, across in edges.dyads:
                 offset = np.sum(across * edges.middle.T, axis=0)[:, None] - across.T @ seen.r
@@ -219,7 +223,7 @@ class Polyhedron:
 
 
 class _Edges:
-    """The edges of a mesh: ends, lengths, middles, and the two vectors of each half of E."""
+    """Edges of a mesh: ends, lengths, middles, and the two vectors of each dyad of E."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.ends, faces = mesh.edges
@@ -237,7 +241,7 @@ class _Edges:
 
 
 class _Seen:
-    """What N points see of a mesh: solid angles, potentials of the edges, heights of the faces."""
+    """Quantities of N points relative to a mesh: solid angles, potentials, heights."""
 
     def __init__(self, mesh: Mesh, edges: _Edges, r: Array) -> None:
         self.r = r

@@ -217,6 +217,7 @@ class EarthOrbit:
         """
         place, speed = self._to_equator(vector(x[:3])), self._to_equator(vector(x[3:6]))
         potential = potential_at(self.gravity, self._rotate(place, t, p), _of_gravity(p))
+        # ω · (r × v): the Jacobi integral of a potential that rotates with the Earth
         spin = p["rotation_rate"] * cross(place, speed)[2]
         return sum_of([0.5 * dot(speed, speed), -potential, -spin])
 
@@ -227,6 +228,7 @@ class EarthOrbit:
         px, py, _ = self._to_equator(vector(x[:3]))
         vx, vy, vz = self._to_equator(vector(x[3:6]))
         rate = p["rotation_rate"]
+        # velocity relative to the atmosphere, v − ω × r
         wind = (vx + rate * py, vy - rate * px, vz)
         factor = -0.5 * p["drag.coefficient"] * p["drag.area_to_mass"] * rho * norm(wind)
         return self._from_equator((factor * wind[0], factor * wind[1], factor * wind[2]))
@@ -238,6 +240,7 @@ class EarthOrbit:
         towards = vector([b - q for b, q in zip(body, r, strict=True)])
         near, far = norm(towards), norm(body)
         gm = p[f"{name}.gm"]
+        # attraction of the satellite less that of the Earth
         return vector(
             [
                 gm * (d / (near * near * near) - b / (far * far * far))
@@ -258,7 +261,7 @@ class EarthOrbit:
         return ours.T @ theirs
 
     def _to_equator(self, r: Vec3) -> Vec3:
-        """Turn to axes of which z is the Earth's."""
+        """Return components in axes whose z is the Earth's axis."""
         return r if self.to_equator is None else vector(matvec(self.to_equator.tolist(), r))
 
     def _from_equator(self, r: Vec3) -> Vec3:

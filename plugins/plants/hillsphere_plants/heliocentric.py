@@ -1,4 +1,4 @@
-"""Bodies and spacecraft on their ways around the Sun, together as one state."""
+"""Motion of bodies and spacecraft around the Sun, together as one state."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Heliocentric:
 
     In the frame ``ecliptic`` each moves by
 
-    .. math:: \ddot r = -\left(GM - \frac{C_R A}{m} P_0\, \mathrm{au}^2\right)\frac{r}{|r|^3} + u ;
+    .. math:: \ddot r = -\left(GM - \frac{C_R A}{m} P_0\, \mathrm{au}^2\right)\frac{r}{|r|^3} + u .
 
-    they do not attract each other: at 10 000 km a body of 2 m³/s² pulls by 2e-14 m/s².
+    Their mutual attraction is neglected: that of a body of 2 m³/s² is 2e-14 m/s² at 10 000 km.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ class Heliocentric:
         return Scales(AU_M, (AU_M**3 / self.spec.primary_gm_m3_s2) ** 0.5)
 
     def frame_rate(self, others: Mapping[str, float]) -> Array:
-        """Return zero (3,): the frame does not turn."""
+        """Return zero (3,): the frame does not rotate."""
         return np.zeros(3)
 
     def centres(self, others: Mapping[str, float]) -> Mapping[str, Centre]:
-        """Return the Sun, with its whole attraction: without what radiation pressure takes off."""
+        """Return the Sun with its full GM, without the reduction by radiation pressure."""
         return {"sun": Centre(self.spec.primary_gm_m3_s2, np.zeros(3), np.zeros(3))}
 
     def icrf_axes(self, epoch: Epoch) -> Array:
@@ -92,6 +92,7 @@ class Heliocentric:
             r, v, command = x[6 * i : 6 * i + 3], x[6 * i + 3 : 6 * i + 6], u[3 * i : 3 * i + 3]
             gm = p["primary_gm"]
             if value:
+                # radiation pressure falls with the square of the distance too: it reduces GM
                 push = self.spec.radiation_pressure_n_m2 * AU_M**2
                 gm = gm - p[f"radiation{i + 1}"] * push
             pull = -gm * power(dot(r, r), -1.5)

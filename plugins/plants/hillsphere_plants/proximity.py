@@ -213,18 +213,20 @@ class Proximity:
             r = vector(own[:3])
             pull = self._attraction(i, rows, r, p)
             tide = tidal_acceleration(r, sun, orbit.distance, p["primary_gm"])
+            # radiation pressure acts along +x, away from the Sun
             pushed = (sum_of([command[0], self._pressure(i, orbit, p)]), *command[1:])
             found += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
         return tuple(found)
 
     def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
-        """Return where the asteroid is on its orbit: Kepler's equation is most of the motion."""
+        """Return the expressions of the orbit, which depend on time alone and are costly."""
         return orbit_terms(orbit_at(t, p))
 
     def disturbances(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return what a simple law cancels, m/s²: attraction as of a point, and pressure.
+        """Return the accelerations, m/s², that a simple law cancels.
 
-        Three expressions a spacecraft, like its controls.
+        They are the attraction as of a point mass, and radiation pressure: three expressions a
+        spacecraft, like its controls.
         """
         orbit = orbit_at(t, p)
         found: list[Expr] = []
@@ -239,9 +241,9 @@ class Proximity:
         return tuple(found)
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
-        """Return ``impact`` (where the body has a surface), ``escape`` (where it is asked for).
+        """Return ``impact`` (if the body has a surface) and ``escape`` (if it is asked for).
 
-        Of the first spacecraft that meets it.
+        Both are those of the first spacecraft to meet them.
         """
         places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
         found: dict[str, Expr] = {}
@@ -315,7 +317,7 @@ class Proximity:
 
     @property
     def oriented(self) -> bool:
-        """Whether the body gives the angles of its orbit: where heliocentric axes are known."""
+        """Whether the body gives all angles of its orbit, so that heliocentric axes are known."""
         body = self.body
         return None not in (body.inclination_rad, body.node_rad, body.periapsis_rad)
 
@@ -361,6 +363,7 @@ class Proximity:
         found = np.full(
             (3 * len(self.spacecraft), distance.size), self.spec.acceleration_noise_m_s2
         )
+        # independent errors of the pressure along x and of the accelerations: root of the sum
         for i, value in enumerate(self._radiation):
             found[3 * i] = np.hypot(found[3 * i], self.spec.radiation_noise * value * pressure)
         return found
@@ -483,5 +486,5 @@ def _least(values: Sequence[Expr]) -> Expr:
 
 
 def of_gravity(p: Params) -> Params:
-    """Return what parameters of a plant belong to its gravity, under the model's own names."""
+    """Return the parameters of a plant's gravity under the names of the gravity model."""
     return {k.removeprefix(_GRAVITY): v for k, v in p.items() if k.startswith(_GRAVITY)}

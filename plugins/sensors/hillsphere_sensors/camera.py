@@ -103,7 +103,7 @@ class Camera(SpacecraftSensor):
     def _target(
         self, x: Array, t_s: Array, scene: Scene
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """Return the target in the camera's axes (each (N,)), and whether there is one."""
+        """Return the target in the camera's axes (each (N,)), and whether it is visible."""
         spec = self.spec
         r, boresight = self.pose(x, t_s, scene)
         u, v, ahead = boresight_components(boresight, -r)
@@ -125,7 +125,7 @@ class Camera(SpacecraftSensor):
             slopes[:, some], there[some] = self._middle(
                 place[:, some], inside[:, :, some], None if light is None else light[:, some]
             )
-        # without anything visible: the centre
+        # without a visible point the values are those of the centre, and the mask says so
         u, v = (np.where(there, s * ahead, c) for s, c in zip(slopes, (u, v), strict=True))
         return u, v, ahead, there
 
@@ -139,11 +139,13 @@ class Camera(SpacecraftSensor):
         """
         points, normals, areas = self._grid
         away = points[:, :, None] - place[:, None, :]
+        # a point is visible if its normal points towards the camera (the body is convex)
         facing = -np.einsum("im,imn->mn", normals, away)
         weight = np.maximum(facing, 0.0)
         if self.spec.target == "points":
             weight = (facing > 0.0).astype(float)
         else:
+            # solid angle: area times cos(angle of incidence) / distance²; facing has one distance
             weight *= areas[:, None] / np.sum(away * away, axis=0) ** 1.5
         if light is not None:
             weight *= (normals.T @ light) > 0.0
@@ -151,6 +153,7 @@ class Camera(SpacecraftSensor):
         weight *= ahead > 0.0
         total = np.sum(weight, axis=0)
         there = total > 0.0
+        # the centroid in the image is the weighted mean of x/z and y/z
         over = weight / (np.where(there, total, 1.0) * np.where(ahead > 0.0, ahead, 1.0))
         return np.array([np.sum(over * u, axis=0), np.sum(over * v, axis=0)]), there
 

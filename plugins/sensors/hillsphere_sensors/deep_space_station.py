@@ -81,7 +81,7 @@ class DeepSpaceStation(HeliocentricSensor):
             elif name == "range_rate":
                 along = np.sum(way * speed, axis=0) / distance
                 against = np.sum(way * (speed - station[3:]), axis=0) / distance
-                # range-rate of the class: the light time changes, which divides by 1 + e·ṙ/c
+                # the light time changes with the range: division by 1 + e·ṙ/c, see the class
                 found.append(against / (1.0 + along / SPEED_OF_LIGHT_M_S))
             else:
                 longitude = np.arctan2(way[1], way[0])
@@ -109,7 +109,10 @@ class DeepSpaceStation(HeliocentricSensor):
         return self._errors(true, spec.range_bias_m, spec.range_rate_bias_m_s, spec.angle_bias_rad)
 
     def _errors(self, true: Array, distance: float, rate: float, angle: float) -> Array:
-        """Return errors of each row; on the sky, so that longitude's grow with the latitude."""
+        """Return the standard deviations of each row from those on the sky.
+
+        An angle on the sky is an angle in longitude divided by the cosine of the latitude.
+        """
         found = np.empty_like(true)
         for row, channel in enumerate(self.channels):
             if channel.name == "longitude":
@@ -121,9 +124,13 @@ class DeepSpaceStation(HeliocentricSensor):
         return found
 
     def _line(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array, Array]:
-        """Return the line of sight (3, N), the spacecraft's velocity then, the station's state."""
+        """Return the line of sight (3, N), the spacecraft's velocity then, and the station's state.
+
+        The spacecraft is at the time at which the light left it.
+        """
         now = self._heliocentric(x, t_s, scene)
         station = self._station(t_s, scene)
+        # fixed-point iteration for the time at which the light left the spacecraft
         then = now
         for _ in range(_ROUNDS):
             way = then[:3] - station[:3]
@@ -136,10 +143,12 @@ class DeepSpaceStation(HeliocentricSensor):
         earth = self._from(scene, "earth", (6,), t_s)
         back = self._from(scene, "earth_axes", (3, 3), t_s).transpose(1, 0, 2)
         place = self.station.ecef_m[:, None]
+        # ω × r in Earth-fixed axes
         moved = _EARTH_RATE_RAD_S * np.array([-place[1], place[0], np.zeros(1)])
         return np.asarray(earth + np.concatenate([rotate(back, place), rotate(back, moved)]))
 
     def _elevation(self, turn: Array, way: Array) -> Array:
+        """Return the elevation of a direction (3, N) over the station's horizon, rad."""
         up = self.station.axes[2][:, None]
         fixed = rotate(turn, way)
         sine = np.sum(up * fixed, axis=0) / np.sqrt(np.sum(way * way, axis=0))

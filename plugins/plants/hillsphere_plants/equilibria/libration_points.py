@@ -1,4 +1,4 @@
-"""Equilibrium points of motion about a moon: where a particle may rest in its frame."""
+"""Equilibrium points of motion about a moon, at which a particle can stay at rest in its frame."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | Non
 
 
 def check_orbit(plant: Plant, true_anomaly_rad: float | None = None) -> None:
-    """Raise `InputError` unless a plant has points of rest, for good or at a true anomaly."""
+    """Raise `InputError` unless a plant has equilibrium points, always or at a true anomaly."""
     if true_anomaly_rad is not None:
         check_anomaly(plant, true_anomaly_rad)
     elif len(plant.states) > 6:
@@ -150,12 +150,12 @@ def _check_steady(slopes: Derivatives, x: Array) -> None:
 
 
 def check_anomaly(plant: Plant, true_anomaly_rad: float) -> float:
-    """Return the true anomaly at which a plant is looked at.
+    """Return the true anomaly at which a plant is held, or raise `InputError`.
 
     Raises
     ------
     InputError
-        If it has none, or another state beside it.
+        If the true anomaly is not the seventh and last state of the plant.
     """
     names = [v.name for v in plant.states]
     if names[6:] != ["true_anomaly"]:

@@ -1,4 +1,4 @@
-"""Equilibrium points of a body that turns uniformly: where a particle may hover over one place."""
+"""Equilibrium points of a uniformly rotating body, over which a particle can hover."""
 
 from __future__ import annotations
 
@@ -94,18 +94,21 @@ def spin_equilibria(
     for _ in range(_ITERATIONS):
         pull = field.acceleration(r) + centrifugal @ r
         slope = np.moveaxis(field.gradient(r), 2, 0) + centrifugal
-        # Of a body that is nearly round a whole circle is in equilibrium: no step along it.
+        # Near a round body a whole circle is in equilibrium: the pseudo-inverse steps across it
+        # only.
         step = -(np.linalg.pinv(slope, _FLAT) @ pull.T[..., None])[..., 0].T
         size, length = np.linalg.norm(r, axis=0), np.linalg.norm(step, axis=0)
         done = length <= _DONE * size
         if done.all():
             break
+        # at most a tenth of the distance, so that the iterations do not leave the neighbourhood
         r = r + np.minimum(1.0, 0.1 * size / np.maximum(length, 1e-300)) * step
     found = r[:, done]
     if not found.size:
         raise ConvergenceError(
             f"no equilibrium point is found about {radius:.6g} m in {_ITERATIONS} iterations"
         )
+    # by longitude from 0; the shift keeps a point at −1e-16 rad first and not last
     order = np.argsort(np.mod(np.arctan2(found[1], found[0]) + _SAME, 2.0 * np.pi))
     kept: list[Array] = []
     for point in found[:, order].T:
