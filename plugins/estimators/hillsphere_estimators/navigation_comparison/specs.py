@@ -24,7 +24,7 @@ __all__ = ["NavigationComparisonNeeds", "NavigationComparisonSpec"]
 
 
 class NavigationComparisonNeeds(Spec):
-    """What is compared: flights, the sets of a campaign, or both."""
+    """Flights, the sets of a campaign, or both."""
 
     examples = ({"flights": ["navigation", "navigation"]}, {"campaign": "sets"})
 
@@ -42,7 +42,7 @@ class NavigationComparisonNeeds(Spec):
 
 
 class NavigationComparisonSpec(StageSpec):
-    """Sets of sensors side by side: errors beside published ones, their order, their bound."""
+    """Sets of sensors side by side: errors, published errors, order and bound."""
 
     produces = "hillsphere_estimators.navigation_comparison.products:NavigationComparison"
     examples = (
@@ -79,7 +79,7 @@ class NavigationComparisonSpec(StageSpec):
         "mass", "of each set of sensors, for the choice of the lightest", default=()
     )
     required_position_m: float | None = quantity(
-        "length", "what the rms position error of every spacecraft may be at most",
+        "length", "largest allowed rms position error of every spacecraft",
         default=None, gt=0,
     )  # fmt: skip
     label: str = option(
