@@ -1,4 +1,4 @@
-"""Specs of the estimators: what a mission may write in ``[estimator.NAME]``."""
+"""Specs of the estimators: the keys of ``[estimator.NAME]`` in a mission."""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ _ACOS_LIMIT = 1.0 - 1e-12
 """Largest argument of the arc cosine in `_confocal`: at 1 its derivative is infinite. The angle
 changes by at most √(2e-12), about 1e-6, which the Newton step after it removes."""
 _ON_SURFACE = 1.0 - 8.0 * float_info.epsilon
-"""A point on the surface but for rounding has the gradient outside: what stands on a body leaves
-it upwards."""
+"""A point within rounding of the surface takes the gradient of the outside, so that a particle
+resting on the body can leave it upwards."""
 _AXIS_NAMES = ("axis_x", "axis_y", "axis_z")
 
 

@@ -163,7 +163,7 @@ def normalisation_factor(n: int, m: int) -> float:
 
 
 def _table(spec: HarmonicsSpec) -> CoefficientTable:
-    """Bring rows of the spec, or a file and what the spec says beside it, to one table."""
+    """Return the coefficients of the Spec, or of a file completed by the Spec, as one table."""
     if spec.file is not None:
         return _merge_with_file(spec, _READERS[file_format_of(spec)](spec.file))
     gm, radius = spec.gm_m3_s2, spec.reference_radius_m

@@ -103,7 +103,7 @@ class Motion:
         return self._slopes.rate(x, np.ascontiguousarray(u), t)
 
     def field(self, x: Array, t: Array) -> tuple[Array, Array, Array]:
-        """Return what accelerates without a command, and its derivatives.
+        """Return the accelerations without a command, and their derivatives.
 
         Parameters
         ----------
@@ -114,10 +114,10 @@ class Motion:
 
         Returns
         -------
-        f : ndarray, shape (d, N)
+        acceleration : ndarray, shape (d, N)
             m/s².
         by_position, by_velocity : ndarray, shape (d, d, N)
-            Exact.
+            Exact derivatives.
         """
         rate, slopes = self._slopes.both(x, None, t)
         rows = slopes[self.velocities]

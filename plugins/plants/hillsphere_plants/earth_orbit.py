@@ -204,7 +204,7 @@ class EarthOrbit:
         return {"impact": sum_of([across, pz * pz / (b * b), -1.0])}
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return where the gravity model changes branch, if it has branches."""
+        """Return the functions at whose zeros the gravity model changes branch."""
         if not isinstance(self.gravity, Piecewise):
             return ()
         return self.gravity.switches(self._to_earth(vector(x[:3]), t, p), _of_gravity(p))

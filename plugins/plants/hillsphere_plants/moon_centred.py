@@ -306,7 +306,10 @@ class SymbolicAttraction(MoonCentred):
         return model
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        """Return functions at whose zeros the gravity model changes branch.
+
+        An ellipsoid does at its surface.
+        """
         if not isinstance(self.gravity, Piecewise):
             return ()
         return self.gravity.switches(self._place(x), _of_gravity(p))

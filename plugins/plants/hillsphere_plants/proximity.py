@@ -257,7 +257,10 @@ class Proximity:
         return found
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return where the gravity model changes branch: the surface of an ellipsoid."""
+        """Return functions at whose zeros the gravity model changes branch.
+
+        An ellipsoid does at its surface.
+        """
         model = self._model
         if not isinstance(model, Piecewise):
             return ()
@@ -284,7 +287,7 @@ class Proximity:
         return flat.reshape(len(self.spacecraft), -1)
 
     def scene(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
-        """Return what sensors take from the scene at times (N,).
+        """Return the Sun's position and the body's orientation at times (N,), for sensors.
 
         Parameters
         ----------
@@ -322,19 +325,19 @@ class Proximity:
         return None not in (body.inclination_rad, body.node_rad, body.periapsis_rad)
 
     def heliocentric(self, t_s: Array, **values: Array | float) -> dict[str, Array]:
-        """Return what sensors take of the frame's place in the Solar System at times (N,).
+        """Return the heliocentric state and axes of the frame at times (N,), for sensors.
 
         Parameters
         ----------
         t_s, **values
-            As `scene` takes them.
+            As of `scene`.
 
         Returns
         -------
         dict of str to ndarray
             ``"origin"``, shape (6, N), ``"axes"``, (3, 3, N), and ``"rate"``, (3, N), as in
-            `hillsphere_plants.proximity_frame.frame_at`; in the axes of ecliptic and equinox J2000
-            where `oriented`, otherwise in axes that are as good for what depends on none.
+            `hillsphere_plants.proximity_frame.frame_at`. The axes are the ecliptic and equinox of
+            J2000 if the plant is `oriented`, otherwise arbitrary ones.
         """
         t = np.atleast_1d(np.asarray(t_s, dtype=float))
         return frame_at(t, self.body, {q.name: q.value for q in self._own} | values)

@@ -1,4 +1,4 @@
-"""Specs of the sensors: what a mission may write in ``[sensor.NAME]``."""
+"""Specs of the sensors: the keys of ``[sensor.NAME]`` in a mission."""
 
 from __future__ import annotations
 

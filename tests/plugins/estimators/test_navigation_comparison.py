@@ -178,7 +178,7 @@ def test_bad_comparison(keys: dict[str, Any], message: str) -> None:
 def test_the_bound_does_not_know_of_a_gate() -> None:
     _, said = compared(campaign((2.0, 0), (1.0, 0)))
     notes = said.tables["navigation_comparison"].notes
-    assert any("a filter with a gate rejects" in note for note in notes)
+    assert any("that a gate rejects" in note for note in notes)
 
 
 def test_a_published_row_of_no_set_is_refused(tmp_path: Path) -> None:

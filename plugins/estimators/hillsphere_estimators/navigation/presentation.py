@@ -172,7 +172,7 @@ def _error_columns(
 
 
 def _sensor_columns(product: NavigationFlight, blind: Integers) -> list[FilledColumn]:
-    """Return the columns of what the sensors measure, one row per sensor."""
+    """Return the columns of the sensors' availability, one row per sensor."""
     of = FieldColumns(product, "sensors")
     shares = [float(np.nanmean(s)) if np.isfinite(s).any() else np.nan for s in product.seen]
     return [

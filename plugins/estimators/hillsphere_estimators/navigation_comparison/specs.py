@@ -109,7 +109,7 @@ class NavigationComparisonSpec(StageSpec):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield what a campaign sweeps otherwise, as far as its table tells."""
+        """Yield mismatches between the sets and the campaign's sweep, if that is known."""
         if self.needs.campaign is None:
             return
         campaign = tables.get("stage", {}).get(self.needs.campaign.name)
