@@ -117,10 +117,10 @@ class PlantModel:
         roots = np.zeros((cases, n, n))
         for count in np.unique(steps).tolist():
             own = np.flatnonzero(steps == count)
-            found = self._noise_roots(
+            own_roots = self._noise_roots(
                 noise, x[:, own], t0_s[own], duration[own] / count, count, control[:, own]
             )
-            roots[own, :, : found.shape[2]] = found
+            roots[own, :, : own_roots.shape[2]] = own_roots
         return roots
 
     def _noise_roots(

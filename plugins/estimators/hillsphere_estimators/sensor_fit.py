@@ -60,10 +60,10 @@ def unseen(
     takes_earth : bool
         Whether the stage has such keys.
     """
-    found = [(ref.name, spec) for ref in plants if (spec := tables.get("plant", {}).get(ref.name))]
+    specs = [(ref.name, spec) for ref in plants if (spec := tables.get("plant", {}).get(ref.name))]
     for place, ref in sensors:
         taken: tuple[str, ...] = getattr(tables.get("sensor", {}).get(ref.name), "takes", ())
-        for name, plant in found:
+        for name, plant in specs:
             gives = (*BY_STAGE, *EARTH, *getattr(plant, "gives", ()))
             if lost := [repr(key) for key in taken if key not in gives]:
                 message = (

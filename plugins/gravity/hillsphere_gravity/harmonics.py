@@ -85,12 +85,12 @@ class Harmonics:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return ``gm``, then the coefficients by degree and order, C before S."""
-        found = [Parameter("gm", self._gm, "m3/s2", positive=True)]
+        parameters = [Parameter("gm", self._gm, "m3/s2", positive=True)]
         for row in self._rows:
-            found.append(Parameter(f"C{row.n},{row.m}", row.c))
+            parameters.append(Parameter(f"C{row.n},{row.m}", row.c))
             if row.m > 0:
-                found.append(Parameter(f"S{row.n},{row.m}", row.s))
-        return tuple(found)
+                parameters.append(Parameter(f"S{row.n},{row.m}", row.s))
+        return tuple(parameters)
 
     def potential(self, r: Vec3, p: Params) -> Expr:
         """Return +U, m²/s², at the body-fixed position r, m."""

@@ -202,16 +202,16 @@ class Polyhedron:
         far: Callable[[Array], Array],
     ) -> Array:
         """Return sums over faces and edges (rows, N), some points at a time."""
-        found = np.empty((rows, r.shape[1]))
+        sums_of_points = np.empty((rows, r.shape[1]))
         away = np.sum(r * r, axis=0) > (_FAR * self.largest_radius_m) ** 2
         if away.any():
-            found[:, away] = far(np.ascontiguousarray(r[:, away]))
+            sums_of_points[:, away] = far(np.ascontiguousarray(r[:, away]))
         near = np.flatnonzero(~away)
         width = max(1, _CHUNK // len(self.mesh.faces))
         for first in range(0, len(near), width):
             part = near[first : first + width]
-            found[:, part] = sums(_Seen(self.mesh, self._edges, r[:, part]))
-        return found
+            sums_of_points[:, part] = sums(_Seen(self.mesh, self._edges, r[:, part]))
+        return sums_of_points
 
     @cached_property
     def _far(self) -> GravityField:

@@ -110,7 +110,7 @@ class _SplinePath:
     def solve(self) -> GuidedFlight:
         """Minimise, and return the flight."""
         guess = self._cubic()
-        found = least_squares(
+        minimum = least_squares(
             self._residuals,
             guess,
             jac=self._jacobian,
@@ -120,23 +120,23 @@ class _SplinePath:
             gtol=1e-15,
             max_nfev=200,
         )
-        residual, slopes = found.fun, found.jac
+        residual, slopes = minimum.fun, minimum.jac
         # gradient Jᵀ r over the largest column of J times |r|: the cosine between the two
         size = np.linalg.norm(slopes, axis=0).max() * np.linalg.norm(residual)
-        slope = float(np.abs(found.grad).max() / size) if size else 0.0
-        if not np.isfinite(found.cost) or slope > _STATIONARY:
+        slope = float(np.abs(minimum.grad).max() / size) if size else 0.0
+        if not np.isfinite(minimum.cost) or slope > _STATIONARY:
             raise ConvergenceError(
-                f"minimum energy: after {found.nfev} evaluations the slope of the cost is still "
+                f"minimum energy: after {minimum.nfev} evaluations the slope of the cost is still "
                 f"{slope:.1e} of its size; give more time or another start, so that the path keeps "
                 "clear of the body's centre"
             )
-        points = self._points(found.x)
+        points = self._points(minimum.x)
         return GuidedFlight(
             duration_s=self._task.duration_s,
             states=lambda t: self._states(points, t),
             command=lambda t: self._command(points, t),
             breaks_s=self._spline.breaks,
-            account=f"{found.nfev} evaluations, slope of the cost {slope:.0e} of its size",
+            account=f"{minimum.nfev} evaluations, slope of the cost {slope:.0e} of its size",
         )
 
     def _outer_points(self) -> Array:
@@ -154,8 +154,8 @@ class _SplinePath:
         """Return the free points of the optimum without a field, in natural units."""
         second = self._weights[:, None] * self._bases[2]
         known = second @ self._ends
-        found = np.linalg.lstsq(second[:, self._free], -known, rcond=None)[0]
-        return np.asarray(found.ravel() / self._length)
+        free = np.linalg.lstsq(second[:, self._free], -known, rcond=None)[0]
+        return np.asarray(free.ravel() / self._length)
 
     def _points(self, z: Array) -> Array:
         """Return all control points (n, d) of the unknowns z."""

@@ -149,8 +149,8 @@ class Motion:
             return np.empty((0, len(t), start.shape[1]))
         times, place = np.unique(t, return_inverse=True)
         begun = np.ascontiguousarray(start[self.others])
-        found = self._clockwork.sample(begun, time_s + times, t0=time_s)
-        return np.asarray(found[:, place])
+        others = self._clockwork.sample(begun, time_s + times, t0=time_s)
+        return np.asarray(others[:, place])
 
     @cached_property
     def step_map(self) -> StepMap:

@@ -124,18 +124,18 @@ class Replanner:
         old = ClampedSpline(left_s + before_s, self._count)
         new = ClampedSpline(left_s, self._count)
         place = np.linspace(0.0, left_s, 8 * self._count)
-        found = np.linalg.lstsq(new.basis(place), old.basis(before_s + place), rcond=None)[0]
-        return np.asarray(found)
+        matrix = np.linalg.lstsq(new.basis(place), old.basis(before_s + place), rcond=None)[0]
+        return np.asarray(matrix)
 
     def _others(self, t: Array, x: Array, place: Array) -> Array:
         """Return the states that are neither position nor velocity (m, K, N) at later times."""
         motion = self._motion
-        found = np.empty((len(motion.others), len(place), x.shape[1]))
+        others = np.empty((len(motion.others), len(place), x.shape[1]))
         if motion.others:
             for time in np.unique(t):
                 own = t == time
-                found[:, :, own] = motion.prescribe_from(x[:, own], float(time), place)
-        return found
+                others[:, :, own] = motion.prescribe_from(x[:, own], float(time), place)
+        return others
 
     def _field(
         self, r: Array, v: Array, q: Array, place: Array, t: Array
@@ -144,8 +144,8 @@ class Replanner:
         shape = r.shape[1:]
         flat = [part.reshape(len(part), shape[0] * shape[1]) for part in (r, v, q)]
         times = (place[:, None] + t).ravel()
-        found = self._motion.field(np.ascontiguousarray(self._motion.assemble(*flat)), times)
-        f, by_r, by_v = (part.reshape(*part.shape[:-1], *shape) for part in found)
+        fields = self._motion.field(np.ascontiguousarray(self._motion.assemble(*flat)), times)
+        f, by_r, by_v = (part.reshape(*part.shape[:-1], *shape) for part in fields)
         return f, by_r, by_v
 
     def _change(
@@ -171,7 +171,7 @@ class Replanner:
         normal = turned @ table
         good = np.isfinite(normal).all(axis=(1, 2))
         # a failed case is NaN; solving it with the others would raise an error for all
-        found = np.full((cases, free * d, 1), np.nan)
+        change = np.full((cases, free * d, 1), np.nan)
         if good.any():
-            found[good] = np.linalg.solve(normal[good], -(turned @ rest)[good])
-        return np.moveaxis((found[:, :, 0] / size[:, 0]).reshape(cases, free, d), 0, -1)
+            change[good] = np.linalg.solve(normal[good], -(turned @ rest)[good])
+        return np.moveaxis((change[:, :, 0] / size[:, 0]).reshape(cases, free, d), 0, -1)

@@ -57,12 +57,12 @@ def replay_continuous(motion: Motion, flight: GuidedFlight, start: Array, time_s
             u = flight.command(np.array([min(t, last)]))
             return motion.rate(x[:, None], u, np.array([time_s + t]))[:, 0]
 
-        found = solve_ivp(
+        solution = solve_ivp(
             rate, (begin, end), state, method="DOP853", rtol=_RELATIVE, atol=_ABSOLUTE * unit
         )
-        if found.status != 0 or not np.isfinite(found.y[:, -1]).all():
-            raise PropagationError(f"the replay of a planned flight stops at {found.t[-1]:g} s")
-        state = found.y[:, -1]
+        if solution.status != 0 or not np.isfinite(solution.y[:, -1]).all():
+            raise PropagationError(f"the replay of a planned flight stops at {solution.t[-1]:g} s")
+        state = solution.y[:, -1]
     return state
 
 

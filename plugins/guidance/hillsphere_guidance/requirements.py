@@ -168,24 +168,24 @@ class Constraints:
 
     def violations(self, r: Array, u: Array) -> Violations:
         """Return the violations of positions (d, N + 1), m, and commands (d, N), natural units."""
-        wanted, found = self.wanted, Violations()
+        wanted, violations = self.wanted, Violations()
         force = np.linalg.norm(u, axis=0)
         if wanted.maximum_m_s2 is not None:
             most = wanted.maximum_m_s2 / self.size
-            found.add("commands beyond the maximum", force - most * (1.0 + _SOLVER))
+            violations.add("commands beyond the maximum", force - most * (1.0 + _SOLVER))
         if wanted.minimum_m_s2 is not None:
             least = wanted.minimum_m_s2 / self.size
-            found.add("commands below the minimum", least * (1.0 - _SOLVER) - force)
+            violations.add("commands below the minimum", least * (1.0 - _SOLVER) - force)
         if wanted.tilt_rad is not None and self.task.up is not None:
             lean = np.cos(wanted.tilt_rad) * force[-1:] - self.task.up @ u[:, -1:]
-            found.add("a tilt at the end", lean - _SOLVER * force[-1:])
+            violations.add("a tilt at the end", lean - _SOLVER * force[-1:])
         if self.kept.size and wanted.glide_slope_rad is not None and self.task.up is not None:
             away = (r[:, self.kept] - self.task.end_position_m[:, None]) / self.length
             rise = np.sin(wanted.glide_slope_rad) * np.linalg.norm(away, axis=0)
-            found.add("places below the glide slope", rise - self.task.up @ away)
+            violations.add("places below the glide slope", rise - self.task.up @ away)
         if self.ground is not None:
-            found.add("places below the surface", -self.ground.height(r[:, 1:-1]))
-        return found
+            violations.add("places below the surface", -self.ground.height(r[:, 1:-1]))
+        return violations
 
     def convex_rules(
         self, cp: Any, r: Array, moved: Any, last: Array, u: Any, rules: list[Any]

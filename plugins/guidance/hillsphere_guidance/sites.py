@@ -86,8 +86,8 @@ class Ground:
         """Return the value of the event at positions (3, N): dimensionless, positive outside."""
         x = np.repeat(self._start[:, None], r.shape[1], axis=1)
         x[self._motion.positions] = r
-        found: Array = self._surface(x, self._controls, t)[0]
-        return found
+        level: Array = self._surface(x, self._controls, t)[0]
+        return level
 
     def direction(self, latitude_rad: float, longitude_rad: float) -> Array:
         """Return the unit vector (3,) from the centre to planetocentric latitude and longitude."""
@@ -187,8 +187,8 @@ class Ground:
     def slopes(self, r: Array) -> Array:
         """Return the gradient (3, N) of the event by position, 1/m, at positions (3, N)."""
         step = _STEP * np.linalg.norm(r, axis=0)
-        found = np.zeros_like(r)
+        gradient = np.zeros_like(r)
         for row, axis in enumerate(np.eye(3)[:, :, None]):
             for reach, weight in _STENCIL:
-                found[row] += weight * self.height(r + reach * step * axis)
-        return np.asarray(found / step)
+                gradient[row] += weight * self.height(r + reach * step * axis)
+        return np.asarray(gradient / step)

@@ -186,9 +186,9 @@ class _Search:
                 new_cost, new_excess = self._cost(candidate)
                 new_ratio = (merit - new_cost - penalty * new_excess.total) / gain
                 if new_ratio > ratio:
-                    ratio, found = new_ratio, (candidate, new_cost, new_excess)
+                    ratio, better = new_ratio, (candidate, new_cost, new_excess)
             if ratio > 0.0:
-                best, cost, excess = found
+                best, cost, excess = better
             # the usual limits of trust-region methods: shrink below 1/4, grow above 3/4
             if ratio < 0.25:
                 radius *= 0.3
@@ -366,10 +366,8 @@ class _Search:
         def states(t: Array) -> Array:
             k = place(t)
             begun, u = np.ascontiguousarray(it.x[:, k]), np.ascontiguousarray(it.u[:, k])
-            found = motion.step_map.propagate(
-                begun, t - nodes[k], substeps, u, task.time_s + nodes[k]
-            )
-            return np.asarray(found)
+            x = motion.step_map.propagate(begun, t - nodes[k], substeps, u, task.time_s + nodes[k])
+            return np.asarray(x)
 
         def command(t: Array) -> Array:
             return np.array(it.u[:, place(t)])

@@ -164,23 +164,23 @@ class EarthOrbit:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of rotation, drag and, prefixed, of the gravity model."""
-        found = [
+        own = [
             Parameter("rotation_angle", self.rotation_angle_rad, "rad"),
             Parameter("rotation_rate", self.rotation_rate_rad_s, "rad/s"),
         ]
         if (drag := self.drag) is not None:
-            found += [
+            own += [
                 Parameter("drag.coefficient", drag.drag_coefficient, positive=True),
                 Parameter("drag.area_to_mass", drag.area_to_mass_m2_kg, "m2/kg", positive=True),
                 Parameter("drag.f107", drag.f107, positive=True),
                 Parameter("drag.f107_average", drag.f107_average, positive=True),
                 Parameter("drag.ap", drag.ap),
             ]
-        found += [
+        own += [
             Parameter(f"{name}.gm", GM_M3_S2[name], "m3/s2", True) for name in self.third_bodies
         ]
         gravity = (replace(q, name=_GRAVITY + q.name) for q in self.gravity.parameters())
-        return (*found, *gravity)
+        return (*own, *gravity)
 
     def derivative(
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params

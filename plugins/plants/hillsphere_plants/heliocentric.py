@@ -87,7 +87,7 @@ class Heliocentric:
         self, x: tuple[Expr, ...], u: tuple[Expr, ...], t: Expr, p: Params
     ) -> tuple[Expr, ...]:
         """Return dx/dt, SI."""
-        found: list[Expr] = []
+        rates: list[Expr] = []
         for i, value in enumerate(self._radiation):
             r, v, command = x[6 * i : 6 * i + 3], x[6 * i + 3 : 6 * i + 6], u[3 * i : 3 * i + 3]
             gm = p["primary_gm"]
@@ -96,8 +96,8 @@ class Heliocentric:
                 push = self.spec.radiation_pressure_n_m2 * AU_M**2
                 gm = gm - p[f"radiation{i + 1}"] * push
             pull = -gm * power(dot(r, r), -1.5)
-            found += [*v, *(sum_of([pull * q, c]) for q, c in zip(r, command, strict=True))]
-        return tuple(found)
+            rates += [*v, *(sum_of([pull * q, c]) for q, c in zip(r, command, strict=True))]
+        return tuple(rates)
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
         """Return none."""

@@ -199,20 +199,20 @@ class MoonCentred(ABC):
         x²/a² + y²/b² + z²/c² − 1, and 1 − r²/R². Of a surface that is no expression the first is
         one of the `event_terms`.
         """
-        found: dict[str, Expr] = {}
+        events: dict[str, Expr] = {}
         place = self._place(x)
         if self._shape is not None and isinstance(x[0], Overloaded):
-            found["impact"] = level_within(self._shape, place)
+            events["impact"] = level_within(self._shape, place)
         elif self.event_terms:
-            found["impact"] = variable(_LEVEL.name)
+            events["impact"] = variable(_LEVEL.name)
         elif isinstance(self._shape, Surface):
-            found["impact"] = self._shape.surface(place)
+            events["impact"] = self._shape.surface(place)
         elif self._semi_axes_m is not None:
             squares = [q * q / (a * a) for q, a in zip(place, self._semi_axes_m, strict=True)]
-            found["impact"] = sum_of([*squares, -1.0])
+            events["impact"] = sum_of([*squares, -1.0])
         if self._escape_radius_m is not None:
-            found["escape"] = 1.0 - dot(x[:3], x[:3]) / self._escape_radius_m**2
-        return found
+            events["escape"] = 1.0 - dot(x[:3], x[:3]) / self._escape_radius_m**2
+        return events
 
     @property
     def event_terms(self) -> tuple[Variable, ...]:

@@ -207,7 +207,7 @@ class Proximity:
         orbit = orbit_known(p) or orbit_at(t, p)
         rows = self._body_rows(orbit, t, p)
         sun = (-orbit.distance, constant(0.0), constant(0.0))
-        found: list[Expr] = []
+        rates: list[Expr] = []
         for i in range(len(self.spacecraft)):
             own, command = x[6 * i : 6 * i + 6], u[3 * i : 3 * i + 3]
             r = vector(own[:3])
@@ -215,8 +215,8 @@ class Proximity:
             tide = tidal_acceleration(r, sun, orbit.distance, p["primary_gm"])
             # radiation pressure acts along +x, away from the Sun
             pushed = (sum_of([command[0], self._pressure(i, orbit, p)]), *command[1:])
-            found += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
-        return tuple(found)
+            rates += turning_motion(own, pushed, pull, tide, orbit.rate, orbit.acceleration)
+        return tuple(rates)
 
     def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
         """Return the expressions of the orbit, which depend on time alone and are costly."""
@@ -229,16 +229,16 @@ class Proximity:
         spacecraft, like its controls.
         """
         orbit = orbit_at(t, p)
-        found: list[Expr] = []
+        accelerations: list[Expr] = []
         for i in range(len(self.spacecraft)):
             r = x[6 * i : 6 * i + 3]
             pull = -self._gm(p) * power(dot(r, r), -1.5)
-            found += [
+            accelerations += [
                 sum_of([pull * r[0], self._pressure(i, orbit, p)]),
                 pull * r[1],
                 pull * r[2],
             ]
-        return tuple(found)
+        return tuple(accelerations)
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
         """Return ``impact`` (if the body has a surface) and ``escape`` (if it is asked for).
@@ -246,15 +246,15 @@ class Proximity:
         Both are those of the first spacecraft to meet them.
         """
         places = [vector(x[i : i + 3]) for i in range(0, len(x), 6)]
-        found: dict[str, Expr] = {}
+        events: dict[str, Expr] = {}
         if self.semi_axes_m is not None:
             rows = self._body_rows(orbit_at(t, p), t, p)
             levels = [self._level(i, axes_of(rows, r)) for i, r in enumerate(places)]
-            found["impact"] = _least(levels)
+            events["impact"] = _least(levels)
         if self.spec.escape_radius_m is not None:
             far = self.spec.escape_radius_m**2
-            found["escape"] = _least([1.0 - dot(r, r) / far for r in places])
-        return found
+            events["escape"] = _least([1.0 - dot(r, r) / far for r in places])
+        return events
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
         """Return functions at whose zeros the gravity model changes branch.
@@ -344,10 +344,10 @@ class Proximity:
 
     def turning_frame(self, time_s: float) -> HillFrame:
         """Return the Hill frame at a time, about which starts in other forms are placed."""
-        found = self.heliocentric(np.array([time_s]))
+        frame = self.heliocentric(np.array([time_s]))
         return HillFrame(
             (self.body_name, self.body.primary_name), (self.gm_m3_s2, self.primary_gm_m3_s2),
-            found["origin"][:, 0], found["axes"][..., 0], found["rate"][:, 0],
+            frame["origin"][:, 0], frame["axes"][..., 0], frame["rate"][:, 0],
             self.oriented, None if self.epoch is None else Epoch.parse(self.epoch, "TDB"), time_s,
         )  # fmt: skip
 
@@ -363,13 +363,13 @@ class Proximity:
         """
         distance = self._distance(np.reshape(t_s, (1, -1)))[0]
         pressure = self.spec.radiation_pressure_n_m2 * (AU_M / distance) ** 2
-        found = np.full(
+        sigma = np.full(
             (3 * len(self.spacecraft), distance.size), self.spec.acceleration_noise_m_s2
         )
         # independent errors of the pressure along x and of the accelerations: root of the sum
         for i, value in enumerate(self._radiation):
-            found[3 * i] = np.hypot(found[3 * i], self.spec.radiation_noise * value * pressure)
-        return found
+            sigma[3 * i] = np.hypot(sigma[3 * i], self.spec.radiation_noise * value * pressure)
+        return sigma
 
     @cached_property
     def _own(self) -> tuple[Parameter, ...]:

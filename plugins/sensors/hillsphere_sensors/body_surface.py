@@ -125,12 +125,12 @@ class BodySurface:
     def _normals(self, out: Array, radius: Array) -> Array:
         """Return unit normals (3, N) at directions (3, N) with the radii (N,)."""
         if self.is_ellipsoid:
-            found = out * radius / self.semi_axes_m[:, None] ** 2
+            normals = out * radius / self.semi_axes_m[:, None] ** 2
         else:  # gradient of the level |p| − R(p/|p|), by central differences
-            found = out.copy()
+            normals = out.copy()
             for axis in range(3):
                 step = np.zeros((3, 1))
                 step[axis] = _STEP
                 slope = (self.radius(out + step) - self.radius(out - step)) / (2.0 * _STEP)
-                found[axis] -= slope / radius
-        return np.asarray(found / np.linalg.norm(found, axis=0))
+                normals[axis] -= slope / radius
+        return np.asarray(normals / np.linalg.norm(normals, axis=0))

@@ -85,12 +85,12 @@ def camera_image(
         )
         bright = ambient + (1.0 - ambient) * np.maximum(cosine, 0.0)
     centre = rotate(frame, -r)[:, 0]
-    found = camera.observe(state, time, scene)[:, 0]
+    centroid = camera.observe(state, time, scene)[:, 0]
     if spec.output == "angles":
-        found = camera.pixels_per_slope * np.tan(found)
+        centroid = camera.pixels_per_slope * np.tan(centroid)
     return CameraImage(
         np.where(met, bright, 0.0).reshape(size, size),
         0.5 * spec.resolution,
         camera.pixels_per_slope * centre[:2] / centre[2],
-        found,
+        centroid,
     )

@@ -74,21 +74,21 @@ class DeepSpaceStation(HeliocentricSensor):
     def _true(self, x: Array, t_s: Array, scene: Scene) -> Array:
         way, speed, station = self._line(x, t_s, scene)
         distance = np.sqrt(np.sum(way * way, axis=0))
-        found: list[Array] = []
+        rows: list[Array] = []
         for name in self.spec.measures:
             if name == "range":
-                found.append(distance)
+                rows.append(distance)
             elif name == "range_rate":
                 along = np.sum(way * speed, axis=0) / distance
                 against = np.sum(way * (speed - station[3:]), axis=0) / distance
                 # the light time changes with the range: division by 1 + e·ṙ/c, see the class
-                found.append(against / (1.0 + along / SPEED_OF_LIGHT_M_S))
+                rows.append(against / (1.0 + along / SPEED_OF_LIGHT_M_S))
             else:
                 longitude = np.arctan2(way[1], way[0])
                 # in [−π, π): atan2 returns +π for the negative axis
-                found.append(np.where(longitude >= np.pi, -np.pi, longitude))
-                found.append(np.arctan2(way[2], np.hypot(way[0], way[1])))
-        return np.array(found)
+                rows.append(np.where(longitude >= np.pi, -np.pi, longitude))
+                rows.append(np.arctan2(way[2], np.hypot(way[0], way[1])))
+        return np.array(rows)
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
         way, _, station = self._line(x, t_s, scene)
@@ -113,15 +113,15 @@ class DeepSpaceStation(HeliocentricSensor):
 
         An angle on the sky is an angle in longitude divided by the cosine of the latitude.
         """
-        found = np.empty_like(true)
+        errors = np.empty_like(true)
         for row, channel in enumerate(self.channels):
             if channel.name == "longitude":
-                found[row] = angle / np.maximum(np.cos(true[row + 1]), 1e-3)
+                errors[row] = angle / np.maximum(np.cos(true[row + 1]), 1e-3)
             else:
-                found[row] = {"range": distance, "range_rate": rate, "latitude": angle}[
+                errors[row] = {"range": distance, "range_rate": rate, "latitude": angle}[
                     channel.name
                 ]
-        return found
+        return errors
 
     def _line(self, x: Array, t_s: Array, scene: Scene) -> tuple[Array, Array, Array]:
         """Return the line of sight (3, N), the spacecraft's velocity then, and the station's state.

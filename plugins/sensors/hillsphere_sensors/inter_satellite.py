@@ -48,13 +48,13 @@ class InterSatellite(SpacecraftSensor):
         self._surroundings(t_s, scene)
         d = self._way(x)
         level = d[0] * d[0] + d[1] * d[1]
-        found = np.empty((3, d.shape[1]))
-        np.sqrt(level + d[2] * d[2], out=found[0])
-        np.arctan2(d[1], d[0], out=found[1])
-        np.arctan2(d[2], np.sqrt(level), out=found[2])
+        rows = np.empty((3, d.shape[1]))
+        np.sqrt(level + d[2] * d[2], out=rows[0])
+        np.arctan2(d[1], d[0], out=rows[1])
+        np.arctan2(d[2], np.sqrt(level), out=rows[2])
         # arctan2 gives +π where the interval of angles begins at −π
-        found[1, found[1] >= np.pi] = -np.pi
-        return found if len(self._kept) == 3 else found[self._kept]
+        rows[1, rows[1] >= np.pi] = -np.pi
+        return rows if len(self._kept) == 3 else rows[self._kept]
 
     def _sees(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
         spec, way = self.spec, self._way(x)

@@ -84,8 +84,8 @@ class Lidar(SpacecraftSensor):
         place = rotate(turn, r)
         if self.spec.spot == "below":
             away = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-            found = away - self.surface.radius(place)
-            return found, np.asarray(found > 0.0)
+            distance = away - self.surface.radius(place)
+            return distance, np.asarray(distance > 0.0)
         boresight = self._boresight(scene, t_s)
         beam = rotate(turn, boresight / np.sqrt(np.sum(boresight**2, axis=0)))
         return self.surface.ray(place, np.broadcast_to(beam, place.shape))

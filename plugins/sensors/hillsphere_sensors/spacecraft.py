@@ -149,13 +149,14 @@ class SpacecraftSensor(ABC):
                 f"{type(self).__name__}: the scene lacks {name!r}; it has: "
                 f"{', '.join(sorted(scene)) or 'nothing'}"
             )
-        found = np.asarray(scene[name], dtype=float)
-        if found.shape[:-1] != shape or found.shape[-1] not in (1, t_s.size):
+        values = np.asarray(scene[name], dtype=float)
+        if values.shape[:-1] != shape or values.shape[-1] not in (1, t_s.size):
             wanted = ", ".join(map(str, (*shape, t_s.size)))
             raise InputError(
-                f"{type(self).__name__}: the scene's {name!r} must be ({wanted}), got {found.shape}"
+                f"{type(self).__name__}: the scene's {name!r} must be ({wanted}), got "
+                f"{values.shape}"
             )
-        return found
+        return values
 
     def _boresight(self, scene: Scene, t_s: Array) -> Array:
         """Return the commanded boresight, (3, N) or (3, 1), of any length."""
@@ -166,8 +167,8 @@ class SpacecraftSensor(ABC):
                     f"{type(self).__name__}: the scene's 'boresight' is that of {crafts[0]} "
                     f"spacecraft, number {self.common.spacecraft} is asked for"
                 )
-            found = self._from(scene, "boresight", (*crafts, 3), t_s)
-            return np.asarray(found[self.common.spacecraft - 1])
+            boresights = self._from(scene, "boresight", (*crafts, 3), t_s)
+            return np.asarray(boresights[self.common.spacecraft - 1])
         return self._from(scene, "boresight", (1, 3), t_s)
 
 

@@ -178,11 +178,11 @@ class LidarSpec(SpacecraftSensorSpec):
     @property
     def noise(self) -> Mapping[str, float]:
         """Standard deviations of the noise, SI, by the keys that set them."""
-        found = {"range_sigma_m": self.range_sigma_m}
+        sigmas = {"range_sigma_m": self.range_sigma_m}
         if self.angles:
             angle = hypot(self.pointing_sigma_rad, self.attitude_sigma_rad)
-            found["pointing_sigma_rad and attitude_sigma_rad"] = angle
-        return found
+            sigmas["pointing_sigma_rad and attitude_sigma_rad"] = angle
+        return sigmas
 
 
 class InterSatelliteSpec(SpacecraftSensorSpec):
@@ -238,8 +238,8 @@ class InterSatelliteSpec(SpacecraftSensorSpec):
     @property
     def noise(self) -> Mapping[str, float]:
         """Standard deviations of the noise, SI, by the keys that set them."""
-        found = {"range_sigma_m": self.range_sigma_m} if self.range else {}
-        return found | ({"angle_sigma_rad": self.angle_sigma_rad} if self.angles else {})
+        sigmas = {"range_sigma_m": self.range_sigma_m} if self.range else {}
+        return sigmas | ({"angle_sigma_rad": self.angle_sigma_rad} if self.angles else {})
 
 
 class DeepSpaceStationSpec(SpacecraftSensorSpec):

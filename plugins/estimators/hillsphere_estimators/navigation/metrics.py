@@ -141,35 +141,35 @@ def metrics_of(
     sigma = record.lengths(record.sigma, "position")
     away = record.lengths(record.x - record.goal[:, :, None], "position")
     counted = record.time_s >= rms_from_s - 1e-6
-    found: dict[str, tuple[str, Array]] = {}
+    metrics: dict[str, tuple[str, Array]] = {}
     for i in range(record.rows.vectors):
         s = i + 1
-        found[f"position_error_{s}"] = "m", position[i, -1]
-        found[f"velocity_error_{s}"] = "m/s", velocity[i, -1]
-        found[f"position_sigma_{s}"] = "m", sigma[i, -1]
-        found[f"rms_position_error_{s}"] = "m", _rms(position[i, counted])
-        found[f"rms_velocity_error_{s}"] = "m/s", _rms(velocity[i, counted])
-        found[f"control_error_{s}"] = "m", away[i, -1]
-        found[f"rms_control_error_{s}"] = "m", _rms(away[i, counted])
-        found[f"position_bound_{s}"] = "m", record.bound_m[i, -1]
-    found["nees"] = "-", record.nees[-1]
-    found["mean_nees"] = "-", np.mean(record.nees[counted], axis=0)
+        metrics[f"position_error_{s}"] = "m", position[i, -1]
+        metrics[f"velocity_error_{s}"] = "m/s", velocity[i, -1]
+        metrics[f"position_sigma_{s}"] = "m", sigma[i, -1]
+        metrics[f"rms_position_error_{s}"] = "m", _rms(position[i, counted])
+        metrics[f"rms_velocity_error_{s}"] = "m/s", _rms(velocity[i, counted])
+        metrics[f"control_error_{s}"] = "m", away[i, -1]
+        metrics[f"rms_control_error_{s}"] = "m", _rms(away[i, counted])
+        metrics[f"position_bound_{s}"] = "m", record.bound_m[i, -1]
+    metrics["nees"] = "-", record.nees[-1]
+    metrics["mean_nees"] = "-", np.mean(record.nees[counted], axis=0)
     dof = np.sum(record.used[counted], axis=0)
-    found["mean_nis"] = "-", np.sum(record.nis[counted], axis=0) / np.maximum(dof, 1.0)
+    metrics["mean_nis"] = "-", np.sum(record.nis[counted], axis=0) / np.maximum(dof, 1.0)
     sent = np.sum(record.sent, axis=0)
-    found["rejected"] = "-", 1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0)
-    found["least_seen"] = "-", np.min(np.mean(record.seen, axis=1), axis=0)
-    found["dv"] = "m/s", record.dv_m_s
+    metrics["rejected"] = "-", 1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0)
+    metrics["least_seen"] = "-", np.min(np.mean(record.seen, axis=1), axis=0)
+    metrics["dv"] = "m/s", record.dv_m_s
     for time in report_at_s:
         k = int(np.argmin(np.abs(record.time_s - time)))
         name = moment(time)
         for i in range(record.rows.vectors):
-            found[f"position_error_{i + 1}_at_{name}"] = "m", position[i, k]
-            found[f"velocity_error_{i + 1}_at_{name}"] = "m/s", velocity[i, k]
-            found[f"position_sigma_{i + 1}_at_{name}"] = "m", sigma[i, k]
-        found[f"nees_at_{name}"] = "-", record.nees[k]
-    units = tuple(unit for unit, _ in found.values())
-    return tuple(found), units, np.array([values for _, values in found.values()])
+            metrics[f"position_error_{i + 1}_at_{name}"] = "m", position[i, k]
+            metrics[f"velocity_error_{i + 1}_at_{name}"] = "m/s", velocity[i, k]
+            metrics[f"position_sigma_{i + 1}_at_{name}"] = "m", sigma[i, k]
+        metrics[f"nees_at_{name}"] = "-", record.nees[k]
+    units = tuple(unit for unit, _ in metrics.values())
+    return tuple(metrics), units, np.array([values for _, values in metrics.values()])
 
 
 def histories_of(record: Record, begun_s: float, history: bool | Sequence[str]) -> Histories:

@@ -166,13 +166,13 @@ def check_scales(scale: Mapping[str, float], nominal: Mapping[str, float]) -> No
 
 def sensors_of(refs: Sequence[Ref]) -> tuple[Sensor, ...]:
     """Return the sensors of references."""
-    found = []
+    sensors = []
     for ref in refs:
         sensor: object = ref.get()
         if not isinstance(sensor, Sensor):
             raise InputError(f"sensors: a sensor is needed, got a {type(sensor).__name__}")
-        found.append(sensor)
-    return tuple(found)
+        sensors.append(sensor)
+    return tuple(sensors)
 
 
 def true_sensors(spec: NavigationSpec, believed: SensorSuite) -> SensorSuite:
@@ -307,7 +307,7 @@ def _axes_of(bias: BiasSpec, plant: Plant) -> list[int]:
 
 def _rows_of(spec: NavigationSpec, bias: BiasSpec, suite: SensorSuite) -> list[int]:
     """Return the rows of a sensor's channels that have a bias."""
-    first, found, known = 0, [], []
+    first, rows, known = 0, [], []
     for ref, block in zip(spec.sensors, suite.blocks, strict=True):
         for channel in block:
             if ref.name == bias.of:
@@ -318,13 +318,13 @@ def _rows_of(spec: NavigationSpec, bias: BiasSpec, suite: SensorSuite) -> list[i
                             f"biases: channel {channel.name!r} of {bias.of!r} is a direction, "
                             "which cannot have one; take a sensor that shows angles"
                         )
-                    found.append(first)
+                    rows.append(first)
             first += channel.rows
-    if not found:
+    if not rows:
         raise InputError(
             f"biases: sensor {bias.of!r} has no channel {bias.channel!r}; it has {', '.join(known)}"
         )
-    return found
+    return rows
 
 
 def _channels(suite: SensorSuite) -> str:

@@ -70,12 +70,12 @@ class Sky:
         self, plant: HeliocentricPlant, t_s: Array, **values: Array | float
     ) -> dict[str, Array]:
         """Return the heliocentric frame of a plant, and the Earth's states and axes."""
-        found = plant.heliocentric(t_s, **values)
+        scene = plant.heliocentric(t_s, **values)
         if self.earth is not None and self.epoch is not None:
             times, which = np.unique(t_s, return_inverse=True)
             states, turns = earth_at(times, self.earth, self.epoch)
-            found |= {"earth": states[:, which], "earth_axes": turns[:, :, which]}
-        return found
+            scene |= {"earth": states[:, which], "earth_axes": turns[:, :, which]}
+        return scene
 
 
 def sky_of(
@@ -152,9 +152,9 @@ def aims(positions: list[int], believed: Array, true: Array, beyond_rad: float |
     along = np.sum(told * place, axis=1)
     across = np.linalg.norm(np.cross(told, place, axis=1), axis=1)
     off = np.arctan2(across, along) > beyond_rad
-    found = believed.copy()
-    found[positions] = np.where(off[:, None, :], place, told).reshape(-1, believed.shape[1])
-    return found
+    states = believed.copy()
+    states[positions] = np.where(off[:, None, :], place, told).reshape(-1, believed.shape[1])
+    return states
 
 
 def proximity_scene(
@@ -189,11 +189,11 @@ def proximity_scene(
         That of the plant and of the sky; ``"boresight"``, shape (S, 3, N); ``"attitude"``, shape
         (S, 3, 1), the pointing errors, which are zero.
     """
-    found: dict[str, Array] = {}
+    scene: dict[str, Array] = {}
     if isinstance(plant, ScenicPlant):
-        found.update(plant.scene(np.asarray(t_s, dtype=float), **values))
+        scene.update(plant.scene(np.asarray(t_s, dtype=float), **values))
     if sky is not None and isinstance(plant, HeliocentricPlant):
-        found.update(sky.around(plant, np.asarray(t_s, dtype=float), **values))
-    found["boresight"] = -believed[positions].reshape(-1, 3, believed.shape[1])
-    found["attitude"] = np.zeros((len(found["boresight"]), 3, 1))
-    return found
+        scene.update(sky.around(plant, np.asarray(t_s, dtype=float), **values))
+    scene["boresight"] = -believed[positions].reshape(-1, 3, believed.shape[1])
+    scene["attitude"] = np.zeros((len(scene["boresight"]), 3, 1))
+    return scene

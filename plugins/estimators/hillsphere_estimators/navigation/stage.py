@@ -126,14 +126,14 @@ class NavigationStage:
     def case_inputs(self) -> tuple[Parameter, ...]:
         """Return the inputs that may differ from case to case; see `NavigationSpec`."""
         scale = self.spec.truth.scale
-        found = [
+        inputs = [
             replace(q, name=self._prefix + q.name, value=q.value * scale.get(q.name, 1.0))
             for q in self._nominal.values()
             if q.name not in _ORBIT
         ]
         if self.law is not None:
-            found.append(Parameter("thrust", self.spec.truth.thrust))
-        return tuple(found)
+            inputs.append(Parameter("thrust", self.spec.truth.thrust))
+        return tuple(inputs)
 
     def run(
         self,
@@ -265,11 +265,11 @@ class NavigationStage:
         if (x0 == x0[:, :1]).all() and (prior == prior[:1]).all():  # all fly the same path
             x0, prior = x0[:, :1], prior[:1]
         # with twice the step: the step map is of sixth order, and bounds change by 1e-5
-        found = bound_along_plan(
+        bounds = bound_along_plan(
             self._model_with_step(2.0), x0, prior, start.t_s[0] + self._since, plan.goal,
             self._control_without_biases, self._scene, self._faults.heard,
         )  # fmt: skip
-        squares = np.array([one.sigma[rows.positions] ** 2 for one in found]).transpose(1, 0, 2)
+        squares = np.array([one.sigma[rows.positions] ** 2 for one in bounds]).transpose(1, 0, 2)
         each = squares.reshape(rows.vectors, -1, self._count, x0.shape[1]).sum(axis=1)
         return np.broadcast_to(np.sqrt(each), (rows.vectors, self._count, cases))
 

@@ -143,11 +143,11 @@ class PerturbedReference:
         count = self._steps
         if self._random is None or self._sigma is None or k >= self._table.shape[1] - 1:
             return None
-        found = self._random[k * count : (k + 1) * count].copy()
+        accelerations = self._random[k * count : (k + 1) * count].copy()
         begin = self._begun + k * self._interval
         for j in range(count):
-            found[j] *= self._sigma(begin + j * self._interval / count) / self._done
-        return CommandSteps(np.full(count, 1.0 / count), found)
+            accelerations[j] *= self._sigma(begin + j * self._interval / count) / self._done
+        return CommandSteps(np.full(count, 1.0 / count), accelerations)
 
 
 class FaultySensors:
@@ -219,8 +219,8 @@ class FaultySensors:
 
 def noise_of(plant: Plant) -> Callable[[Array], Array] | None:
     """Return the standard deviations of a plant's random accelerations, None without any."""
-    found: Callable[[Array], Array] | None = getattr(plant, "noise_sigma", None)
-    return found
+    sigma: Callable[[Array], Array] | None = getattr(plant, "noise_sigma", None)
+    return sigma
 
 
 def scene_values(names: Mapping[str, Array], known: Sequence[str]) -> dict[str, Array]:

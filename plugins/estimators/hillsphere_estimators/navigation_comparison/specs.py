@@ -119,11 +119,11 @@ class NavigationComparisonSpec(StageSpec):
             swept = {}
         else:
             return
-        found = [given for key, given in swept.items() if key.rpartition(".")[2] == self.sets]
-        if len(found) != 1:
+        sets = [given for key, given in swept.items() if key.rpartition(".")[2] == self.sets]
+        if len(sets) != 1:
             yield ("needs", "campaign"), self.no_sets(swept)
-        elif isinstance(found[0], tuple) and len(found[0]) != len(self.labels):
-            yield ("labels",), self.miscounted(len(found[0]))
+        elif isinstance(sets[0], tuple) and len(sets[0]) != len(self.labels):
+            yield ("labels",), self.miscounted(len(sets[0]))
 
     def no_sets(self, swept: Iterable[str]) -> str:
         """Say that a campaign sweeps something else."""

@@ -81,9 +81,11 @@ class NavigationComparisonStage:
         if campaign is not None:
             places, points = _places(campaign, spec)
         shape = (*places.shape, len(crafts))
-        found = _Tables(shape)
-        errors = [] if campaign is None else found.fill(places, campaign, len(crafts))
-        low, high = chi_square_band(_STATES * len(crafts), np.maximum(found.cases - found.lost, 1))
+        statistics = _Tables(shape)
+        errors = [] if campaign is None else statistics.fill(places, campaign, len(crafts))
+        low, high = chi_square_band(
+            _STATES * len(crafts), np.maximum(statistics.cases - statistics.lost, 1)
+        )
         ratio, answers = np.zeros((3, 0, shape[1])), []
         if spec.ordered:
             ratio = np.zeros((3, shape[0] - 1, shape[1]))
@@ -93,7 +95,7 @@ class NavigationComparisonStage:
                         errors[c + 1][p], errors[c][p], spec.confidence
                     )
                     least, _, most = ratio[:, c, p]
-                    if found.lost[c : c + 2, p].any() or np.isnan(least):
+                    if statistics.lost[c : c + 2, p].any() or np.isnan(least):
                         answers.append("undecided")  # statistics over survivors prove nothing
                         continue
                     answers.append(
@@ -106,21 +108,21 @@ class NavigationComparisonStage:
             labels=labels,
             spacecraft=crafts,
             points=points,
-            cases=found.cases,
-            lost=found.lost,
-            position_m=found.position,
-            velocity_m_s=found.velocity,
-            rms_m=found.rms,
-            bound_m=found.bound,
-            bound_ratio=found.bound_ratio,
-            nees=found.nees,
+            cases=statistics.cases,
+            lost=statistics.lost,
+            position_m=statistics.position,
+            velocity_m_s=statistics.velocity,
+            rms_m=statistics.rms,
+            bound_m=statistics.bound,
+            bound_ratio=statistics.bound_ratio,
+            nees=statistics.nees,
             nees_low=np.asarray(low, dtype=float).reshape(shape[:2]),
             nees_high=np.asarray(high, dtype=float).reshape(shape[:2]),
             paper_position_m=paper[0],
             paper_velocity_m_s=paper[1],
             ratio=ratio,
             answers=tuple(answers),
-            lightest=self._lightest(labels, found.rms, found.lost),
+            lightest=self._lightest(labels, statistics.rms, statistics.lost),
             **_histories(flights, len(labels), len(crafts)),
         )
 
@@ -175,14 +177,14 @@ class _Tables:
         list of list of ndarray, shape (S + 1, N)
             Position errors and, in the last row, the draws, of each set at each point.
         """
-        found: list[list[Array]] = [[] for _ in places]
+        errors: list[list[Array]] = [[] for _ in places]
         for (c, p), place in np.ndenumerate(places):
             here = table.point == place
             at = np.flatnonzero(here & ~table.failed)
             at = at[np.argsort(table.draw[at], kind="stable")]
             error = np.array([_column(table, f"position_error_{s + 1}")[at]
                               for s in range(crafts)])  # fmt: skip
-            found[c].append(np.vstack([error, table.draw[at]]))
+            errors[c].append(np.vstack([error, table.draw[at]]))
             self.cases[c, p] = np.sum(here)
             self.lost[c, p] = self.cases[c, p] - len(at)
             if not len(at):
@@ -196,7 +198,7 @@ class _Tables:
                 self.bound[c, p, s] = np.sqrt(np.mean(bound**2))
                 self.bound_ratio[:, c, p, s] = ratio_to_bound(error[s], bound)
             self.nees[c, p] = np.mean(_column(table, "nees")[at])
-        return found
+        return errors
 
 
 def paired_rms_ratio(first: Array, second: Array, confidence: float) -> Array:
@@ -332,10 +334,10 @@ def read_published_errors(path: Path, sets: int, crafts: int | None = None) -> A
             )
         rows.append((int(case) - 1, int(craft) - 1, position_m, 1e-3 * velocity_mm_s))
     count = max((row[1] + 1 for row in rows), default=0) if crafts is None else crafts
-    found = np.full((2, sets, count), np.nan)
+    errors = np.full((2, sets, count), np.nan)
     for place, one, position, velocity in rows:
-        found[:, place, one] = position, velocity
-    return found
+        errors[:, place, one] = position, velocity
+    return errors
 
 
 def _histories(flights: Sequence[NavigationFlight], sets: int, crafts: int) -> dict[str, Array]:

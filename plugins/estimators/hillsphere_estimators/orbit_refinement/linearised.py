@@ -131,11 +131,11 @@ def path_to(model: BodiesModel, last: Belief) -> Array:
     cases = last.x.shape[1]
     none, case = np.zeros((0, cases)), np.arange(cases)
     times = model.times_s
-    found = [last.x]
+    states = [last.x]
     for later, earlier in zip(times[::-1], times[-2::-1], strict=False):
         t0, t1 = np.full(cases, later), np.full(cases, earlier)
-        found.append(model.advance(found[-1], t0, t1, none, case))
-    return np.stack(found[::-1], axis=1)
+        states.append(model.advance(states[-1], t0, t1, none, case))
+    return np.stack(states[::-1], axis=1)
 
 
 def _plain(blocks: tuple[tuple[Channel, ...], ...]) -> tuple[tuple[Channel, ...], ...]:

@@ -184,12 +184,12 @@ class BodiesModel(PlantModel):
         points[own, 1 + n + own] -= step[:, None]
         now = points.reshape(n, -1)
         none, case = np.zeros((0, now.shape[1])), np.arange(now.shape[1])
-        found = [now]
+        states = [now]
         for before, after in pairwise(times_s.tolist()):
             last, then = (np.full(now.shape[1], t) for t in (before, after))
             now = self.advance(now, last, then, none, case)
-            found.append(now)
-        every = np.array(found).reshape(len(times_s), n, 2 * n + 1, cases)
+            states.append(now)
+        every = np.array(states).reshape(len(times_s), n, 2 * n + 1, cases)
         slopes = (every[:, :, 1 : n + 1] - every[:, :, n + 1 :]) / (2.0 * step[:, None])
         return every[:, :, 0].transpose(1, 0, 2), slopes.transpose(3, 0, 1, 2)
 
@@ -265,13 +265,13 @@ class BodiesModel(PlantModel):
         x, t_s, scene = x[:, few], t_s[few], _select_cases(scene, few)
         sensor = self.suite.sensors[i]
         before = sensor.observe(x, t_s, scene)
-        found = []
+        states = []
         for state in range(self.n):
             moved = x.copy()
             moved[state] += self._near[state]
             if not np.array_equal(sensor.observe(moved, t_s, scene), before):
-                found.append(state)
-        return np.array(found, dtype=np.int64)
+                states.append(state)
+        return np.array(states, dtype=np.int64)
 
     def _all(self, x: Array) -> Array:
         """Return states of all bodies of the plant; those that are not estimated repeat others."""
@@ -291,11 +291,11 @@ def _select_cases(scene: Scene, case: Integers) -> dict[str, Array]:
 def _stack_scenes(scenes: list[Scene], some: Integers, cases: int) -> dict[str, Array]:
     """Return the scene of columns that count times, then cases."""
     time, case = np.divmod(some, cases)
-    found: dict[str, Array] = {}
+    scene_of_columns: dict[str, Array] = {}
     for name, value in scenes[0].items():
         if value.shape[-1] == 1:
-            found[name] = value
+            scene_of_columns[name] = value
         else:
             every = np.stack([scene[name] for scene in scenes], axis=-2)
-            found[name] = every[..., time, case]
-    return found
+            scene_of_columns[name] = every[..., time, case]
+    return scene_of_columns

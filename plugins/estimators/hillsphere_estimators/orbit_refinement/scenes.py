@@ -50,23 +50,23 @@ def starts(body: Any, geometries: tuple[GeometrySpec, ...]) -> Array:
     InputError
         If a mean anomaly is given for a body without orbital elements.
     """
-    found = []
+    states = []
     for geometry in geometries:
         epoch, mean = Epoch.parse(geometry.epoch, "TDB"), geometry.mean_anomaly_rad
         if mean is None:
-            found.append(orbit_of(body, "asteroid").states(np.zeros(1), epoch))
+            states.append(orbit_of(body, "asteroid").states(np.zeros(1), epoch))
         elif isinstance(body, OrbitingBody):
-            found.append(KeplerOrbit.of(body, mean).states(np.zeros(1), epoch))
+            states.append(KeplerOrbit.of(body, mean).states(np.zeros(1), epoch))
         elif isinstance(body, FixedOrbit):
             elements = body.elements.copy()
             elements[5] = mean
-            found.append(states_of_elements(elements[:, None], body.gm_m3_s2))
+            states.append(states_of_elements(elements[:, None], body.gm_m3_s2))
         else:
             raise InputError(
                 f"geometries: {geometry.name!r} gives a mean anomaly, but the asteroid comes "
                 f"from a {type(body).__name__}; leave it out, or give the asteroid's elements"
             )
-    return np.concatenate(found, axis=1)
+    return np.concatenate(states, axis=1)
 
 
 def scenes_at(

@@ -180,7 +180,7 @@ class OrbitRefinementStage:
         flown = simulate_motion(model, places, times, None if quiet else ctx.rng("accelerations"))
         sets = _simulate_measurements(suite, "tracking", refs, flown, model, ctx)
         prior = self._joint_prior(asteroid, places, ctx)
-        found, joint = [], []
+        knowledge, joint = [], []
         beliefs, seen, settled = self._filter_arms(
             model, prior, sets, self._rows_of_arms(suite), ctx
         )
@@ -190,7 +190,7 @@ class OrbitRefinementStage:
             shown = [
                 replace(m, present=present[:, own]) for m, present in zip(sets, seen, strict=True)
             ]
-            found.append(self._knowledge(of_arm, flown, shown))
+            knowledge.append(self._knowledge(of_arm, flown, shown))
             joint.append(nees(of_arm[-1], flown[-1]).reshape(-1, spec.seeds))
         by_arm = (len(spec.arms), len(spec.geometries), spec.seeds)
         sigma = np.array([b.sigma for b in beliefs])
@@ -198,7 +198,7 @@ class OrbitRefinementStage:
         speeds = sigma[:, 6:].reshape(len(times), crafts, 6, sigma.shape[2])[:, :, 3:]
         worst = np.max(np.linalg.norm(speeds, axis=2), axis=1, initial=0.0)
         craft = np.moveaxis(worst.reshape(len(times), *by_arm), 1, 0)
-        return tuple(found), np.array(joint), settled.reshape(by_arm), craft
+        return tuple(knowledge), np.array(joint), settled.reshape(by_arm), craft
 
     def _reach(self) -> float:
         """Return the least distance between the asteroid and a spacecraft."""
@@ -256,9 +256,9 @@ class OrbitRefinementStage:
         for _ in range(self.spec.passes):
             linear = LinearPath.about(model, path_to(model, beliefs[-1]), every)
             beyond = [linear.beyond(one) for one in shown]
-            found = self._filter(linear, [belief], beyond, advance)
-            settled = step_in_sigmas(found[-1], beliefs[-1]) < _CONVERGED
-            beliefs = found
+            again = self._filter(linear, [belief], beyond, advance)
+            settled = step_in_sigmas(again[-1], beliefs[-1]) < _CONVERGED
+            beliefs = again
         # the first two are of the same time, before and after its measurements
         return [beliefs[0], *beliefs[2:]], present, settled
 
@@ -369,7 +369,7 @@ def _simulate_measurements(
     pairs = list(zip(suite.sensors, streams, strict=True))
     constant = np.concatenate([r.normal(size=(s.draws[0], cases)) for s, r in pairs])
     width = max(1, _AT_ONCE // cases)
-    found = []
+    sets = []
     for first in range(0, len(times), width):
         some = times[first : first + width]
         x = np.concatenate(truth[first : first + width], axis=1)
@@ -380,10 +380,10 @@ def _simulate_measurements(
         )  # fmt: skip
         for k in range(len(some)):
             own = slice(k * cases, (k + 1) * cases)
-            found.append(
+            sets.append(
                 MeasurementSet(
                     every.t_s[own], every.values[:, own], every.sigma[:, own], every.blocks,
                     every.present[:, own],
                 )
             )  # fmt: skip
-    return found
+    return sets

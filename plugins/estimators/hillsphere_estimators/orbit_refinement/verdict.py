@@ -65,11 +65,11 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
         Errors, gains of each arm, consistency, convergence, and outages.
     """
     optical, seen = product.optical, geometries_with_observations(product)
-    found = _describe_omissions(product)
+    sentences = _describe_omissions(product)
     if seen.size:
         position = rms(optical.position_m[-1])[seen] / 1e3
         velocity = rms(optical.velocity_m_s[-1])[seen]
-        found.append(
+        sentences.append(
             f"Optical angles alone: rms errors {position.min():.3g} to {position.max():.3g} km and "
             f"{velocity.min():.2g} to {velocity.max():.2g} m/s, depending on the geometry."
         )
@@ -79,37 +79,39 @@ def refinement_verdict(product: OrbitRefinement, spec: OrbitRefinementSpec) -> l
             if geometries_with_tracking(product, a).size
             else ()
         ):
-            found.append(f"{arm}, after {since / DAY_S:.3g} d: {_describe_gains(product, a, k)}.")
+            sentences.append(
+                f"{arm}, after {since / DAY_S:.3g} d: {_describe_gains(product, a, k)}."
+            )
     first = geometries_with_tracking(product, 0)
     if spec.claims_velocity_kept and first.size:
         v = gains(product, 0)[1][first]
         answer = (
             "refuted" if v.min() > _CLAIMED else "confirmed" if v.max() < _CLAIMED else "undecided"
         )
-        found.append(
+        sentences.append(
             f"With {product.arms[0]!r} the rms velocity error falls by a factor of {v.min():.3g} "
             f"to {v.max():.3g}. The claim that tracking does not considerably improve velocity "
             f"(read as: by less than a factor of {_CLAIMED:g}) is {answer}."
         )
-    found.append(_consistency(product))
+    sentences.append(_consistency(product))
     tracked = [
         one[geometries_with_tracking(product, a)] for a, one in enumerate(product.tracked_settled)
     ]
     unsettled = sum(int((one == 0).sum()) for one in tracked)
     if not product.settled.all() or unsettled:
-        found.append(
+        sentences.append(
             f"{int((product.settled == 0).sum())} of {product.settled.size} optical fits and "
             f"{unsettled} of {sum(one.size for one in tracked)} during tracking did not converge; "
             "the statistics include them."
         )
-    return [*found, *_describe_silences(product)]
+    return [*sentences, *_describe_silences(product)]
 
 
 def _describe_omissions(product: OrbitRefinement) -> list[str]:
     """Return sentences on geometries that the statistics leave out, and why."""
-    names, found = np.array(product.geometries), []
+    names, sentences = np.array(product.geometries), []
     if unseen := sorted(set(range(len(names))) - set(geometries_with_observations(product))):
-        found.append(
+        sentences.append(
             f"No telescope sees the asteroid in {', '.join(map(repr, names[unseen].tolist()))}; "
             "the table shows the first belief there."
         )
@@ -119,11 +121,11 @@ def _describe_omissions(product: OrbitRefinement) -> list[str]:
         if (own := sorted(set(range(len(names))) - set(geometries_with_tracking(product, a))))
     ]
     if lost:
-        found.append(
+        sentences.append(
             f"Tracking diverged, converging in no case, in {'; '.join(lost)}. Statistics over "
             "geometries leave these out."
         )
-    return found
+    return sentences
 
 
 def _describe_gains(product: OrbitRefinement, arm: int, at: int) -> str:

@@ -174,7 +174,7 @@ class ReferenceTrajectoriesStage:
     def _expand_starts(self, starts: Sequence[Array]) -> list[_Descent]:
         """Return the descents from their own starts, then from the other distances."""
         rows = self.motion.positions
-        found = []
+        descents = []
         for distance in (None, *self.spec.start_distances_m):
             for descent, begun in zip(self.spec.descents, starts, strict=True):
                 x, name, key = begun.copy(), descent.name, "start.position"
@@ -183,8 +183,8 @@ class ReferenceTrajectoriesStage:
                     name += f" from {distance / 1e3:.9g} km"
                     key = "start_distances"
                 self._check_start(x[rows], f"descent {name!r}: {key}")
-                found.append(self._task(descent, name, x))
-        return found
+                descents.append(self._task(descent, name, x))
+        return descents
 
     def _check_start(self, r: Array, where: str) -> None:
         """Refuse a descent that begins inside of the body."""

@@ -64,8 +64,8 @@ def libration_points(plant: Plant, true_anomaly_rad: float | None = None) -> Map
         guesses["L3"] = 2.0 * distance * to_primary
         for name, turn in (("L4", -pi / 3.0), ("L5", pi / 3.0)):
             guesses[name] = distance * np.array([cos(angle + turn), sin(angle + turn), 0.0])
-    found = equilibrium_near(plant, np.array(list(guesses.values())).T, true_anomaly_rad)
-    return dict(zip(guesses, found.T, strict=True))
+    points = equilibrium_near(plant, np.array(list(guesses.values())).T, true_anomaly_rad)
+    return dict(zip(guesses, points.T, strict=True))
 
 
 def equilibrium_near(plant: Plant, guess_m: Array, true_anomaly_rad: float | None = None) -> Array:

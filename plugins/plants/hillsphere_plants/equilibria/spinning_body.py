@@ -103,15 +103,15 @@ def spin_equilibria(
             break
         # at most a tenth of the distance, so that the iterations do not leave the neighbourhood
         r = r + np.minimum(1.0, 0.1 * size / np.maximum(length, 1e-300)) * step
-    found = r[:, done]
-    if not found.size:
+    converged = r[:, done]
+    if not converged.size:
         raise ConvergenceError(
             f"no equilibrium point is found about {radius:.6g} m in {_ITERATIONS} iterations"
         )
     # by longitude from 0; the shift keeps a point at −1e-16 rad first and not last
-    order = np.argsort(np.mod(np.arctan2(found[1], found[0]) + _SAME, 2.0 * np.pi))
+    order = np.argsort(np.mod(np.arctan2(converged[1], converged[0]) + _SAME, 2.0 * np.pi))
     kept: list[Array] = []
-    for point in found[:, order].T:
+    for point in converged[:, order].T:
         if all(np.linalg.norm(point - other) > _SAME * radius for other in kept):
             kept.append(point)
     points = np.array(kept).T

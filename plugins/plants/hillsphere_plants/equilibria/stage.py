@@ -95,12 +95,12 @@ class EquilibriaStage:
         values: list[np.ndarray[tuple[int, ...], np.dtype[np.complex128]]] = []
         at: list[float] = []
         for anomaly in anomalies:
-            found = libration_points(self.plant, anomaly)
-            points = np.array(list(found.values())).T
-            names += found
+            by_name = libration_points(self.plant, anomaly)
+            points = np.array(list(by_name.values())).T
+            names += by_name
             where.append(points)
             values.append(rest_eigenvalues(self.plant, points, anomaly))
-            at += [np.nan if anomaly is None else anomaly] * len(found)
+            at += [np.nan if anomaly is None else anomaly] * len(by_name)
             advance(1)
         position = np.concatenate(where, axis=1)
         return Equilibria(
