@@ -7,9 +7,9 @@ import pytest
 from tests.plugins.estimators.estimation_models import (
     Flight,
     Pair,
-    filtered,
     nothing,
     pair_flight,
+    run_filter,
 )
 
 from hillsphere.errors import InputError
@@ -33,7 +33,7 @@ def of_ranges(considered: bool, time_s: float = np.inf) -> BiasStates:
     )
 
 
-def biased_flight(cases: int, steps: int, offset: Array) -> Flight:
+def make_biased_flight(cases: int, steps: int, offset: Array) -> Flight:
     flight = pair_flight(cases, steps)
     rows = np.zeros((13, cases))
     rows[[2, 7]] = offset
@@ -46,12 +46,12 @@ def biased_flight(cases: int, steps: int, offset: Array) -> Flight:
 @pytest.mark.parametrize("considered", [False, True])
 def test_range_biases_are_told_or_reckoned_with(considered: bool) -> None:
     offset = 40.0 * np.random.default_rng(7).normal(size=(2, 80))
-    flight = biased_flight(80, 8, offset)
-    blind = filtered(ITERATED, Pair(), flight)
+    flight = make_biased_flight(80, 8, offset)
+    blind = run_filter(ITERATED, Pair(), flight)
     assert nees(blind.after[-1], flight.truth[-1]).mean() > 40.0
     model = BiasAugmentedModel(Pair(), 12, of_ranges(considered))
     told = Flight(flight.truth, flight.sets, model.append_biases(flight.prior))
-    run = filtered(ITERATED, model, told)
+    run = run_filter(ITERATED, model, told)
     last, truth = run.after[-1], np.concatenate([flight.truth[-1], offset])
     low, high = chi_square_band(14, 80, 0.9999)
     assert low < nees(last, truth).mean() < high

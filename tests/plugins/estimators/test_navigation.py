@@ -335,10 +335,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
 def test_bad_input(keys: dict[str, Any], message: str) -> None:
     others = {key: value for key, value in keys.items() if key != "sensors"}
     with pytest.raises(HillsphereError, match=message):
-        flown(tuple(keys.get("sensors", SENSORS)), others)
+        run_stage(tuple(keys.get("sensors", SENSORS)), others)
 
 
-def flown(names: tuple[str, ...], keys: dict[str, Any]) -> None:
+def run_stage(names: tuple[str, ...], keys: dict[str, Any]) -> None:
     stage(names, **keys).run(RecordingContext())
 
 

@@ -9,7 +9,7 @@ from tests.plugins.estimators.estimation_models import (
     Linear,
     Pair,
     apart,
-    flown,
+    fly,
     nothing,
     pair_flight,
 )
@@ -43,7 +43,7 @@ def test_equals_the_joint_distribution_of_all_states(rule: SigmaRule | None) -> 
     F, G = np.array([[1.0, 0.5], [-0.2, 0.9]]), np.array([[0.1], [0.4]])
     H, sigma, K = np.array([[1.0, 0.3]]), np.array([0.5]), 6
     model = Linear(F, G, H)
-    flight = flown(model, random.normal(size=(2, 2)), np.array([2.0, 1.0]), sigma,
+    flight = fly(model, random.normal(size=(2, 2)), np.array([2.0, 1.0]), sigma,
                    np.arange(float(K)), 5)  # fmt: skip
     _, found = both(example("estimator", "unscented"), model, flight, rule)
     for case in range(2):

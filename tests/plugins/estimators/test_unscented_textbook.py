@@ -118,7 +118,7 @@ def step_of(rule: SigmaRule, prior: Normal, case: int) -> Joint:
     return Joint(image, joint.cross)
 
 
-def shown_of(rule: SigmaRule, prior: Normal, case: int) -> Joint:
+def transform_case(rule: SigmaRule, prior: Normal, case: int) -> Joint:
     """Show one case to the sensors."""
     many = np.ones(2 * len(prior.mean) + 1)
     return by_points(
@@ -131,7 +131,7 @@ def estimator(rule: SigmaRule, **keys: object) -> BatchedUnscented:
     return BatchedUnscented(BatchedUnscentedSpec(**given))  # type: ignore[arg-type]
 
 
-def measured() -> MeasurementSet:
+def make_measurements() -> MeasurementSet:
     values = np.array([[2.9, 1.8], [1.4, 0.1], [2.2, -0.9]])
     return MeasurementSet.of(START, values, SIGMA[:, None], Bent.blocks)
 
@@ -179,12 +179,14 @@ def test_points_of_a_belief() -> None:
 
 @pytest.mark.parametrize("rule", RULES)
 def test_plain_update(rule: SigmaRule) -> None:
-    after, innovation = estimator(rule, update="plain").update(Bent(), beliefs(), measured())
+    after, innovation = estimator(rule, update="plain").update(
+        Bent(), beliefs(), make_measurements()
+    )
     for case in range(2):
         prior = of_case(beliefs(), case)
-        joint = shown_of(rule, prior, case)
+        joint = transform_case(rule, prior, case)
         s = joint.image.covariance + np.diag(SIGMA**2)
-        residual = measured().values[:, case] - joint.image.mean
+        residual = make_measurements().values[:, case] - joint.image.mean
         gain = joint.cross @ np.linalg.inv(s)
         assert_allclose(after.x[:, case], prior.mean + gain @ residual, rtol=1e-11)
         assert_allclose(
@@ -198,17 +200,17 @@ def test_plain_update(rule: SigmaRule) -> None:
 @pytest.mark.parametrize("rule", RULES)
 def test_update_of_some_states_by_schmidt(rule: SigmaRule) -> None:
     """The gain's row of the other state is zero, and the covariance is Joseph's form."""
-    after, _ = estimator(rule, update="plain").update(Flown(), beliefs(), measured())
+    after, _ = estimator(rule, update="plain").update(Flown(), beliefs(), make_measurements())
     for case in range(2):
         prior = of_case(beliefs(), case)
-        joint = shown_of(rule, prior, case)
+        joint = transform_case(rule, prior, case)
         s = joint.image.covariance + np.diag(SIGMA**2)
         gain = joint.cross @ np.linalg.inv(s)
         gain[1] = 0.0
         both = gain @ joint.cross.T
         assert_allclose(
             after.x[:, case],
-            prior.mean + gain @ (measured().values[:, case] - joint.image.mean),
+            prior.mean + gain @ (make_measurements().values[:, case] - joint.image.mean),
             rtol=1e-11,
         )
         assert_allclose(
@@ -226,19 +228,19 @@ def test_tempered_update_is_a_chain_of_plain_ones() -> None:
     """
     rule, powers = RULES[1], 4
     after, _ = estimator(rule, update="tempered", powers=powers).update(
-        Bent(), beliefs(), measured()
+        Bent(), beliefs(), make_measurements()
     )
     for case in range(2):
         now, left, last, used = of_case(beliefs(), case), 1.0, np.inf, []
         for k in range(powers):
-            joint = shown_of(rule, now, case)
+            joint = transform_case(rule, now, case)
             straight = joint.cross.T @ np.linalg.solve(now.covariance, joint.cross)
             bend = np.diag(joint.image.covariance - straight) / SIGMA**2
             power = min(1.0 / max(bend.max(), 1.0), 10.0 * last, left)
             power = left if k == powers - 1 else power
             s = joint.image.covariance + np.diag(SIGMA**2) / power
             gain = joint.cross @ np.linalg.inv(s)
-            residual = measured().values[:, case] - joint.image.mean
+            residual = make_measurements().values[:, case] - joint.image.mean
             now = Normal(now.mean + gain @ residual, now.covariance - gain @ s @ gain.T)
             left, last = left - power, power
             used.append(power)
@@ -264,7 +266,7 @@ def test_iterated_update_rests_at_its_own_linearisation() -> None:
     ).update(Bent(), beliefs(), near)
     for case in range(2):
         prior, posterior = of_case(beliefs(), case), of_case(after, case)
-        joint = shown_of(rule, posterior, case)
+        joint = transform_case(rule, posterior, case)
         slopes = np.linalg.solve(posterior.covariance, joint.cross).T
         bent = joint.image.covariance - slopes @ posterior.covariance @ slopes.T
         s = slopes @ prior.covariance @ slopes.T + bent + np.diag(SIGMA**2)
@@ -276,7 +278,7 @@ def test_iterated_update_rests_at_its_own_linearisation() -> None:
             posterior.covariance, prior.covariance - gain @ s @ gain.T, rtol=0, atol=1e-8
         )
         # the innovation is about the prior, whatever the iteration ends at
-        first = shown_of(rule, prior, case).image
+        first = transform_case(rule, prior, case).image
         assert_allclose(innovation.residual[:, case], near.values[:, case] - first.mean, rtol=1e-10)
 
 
@@ -391,7 +393,7 @@ def near_and_far() -> tuple[Belief, MeasurementSet]:
     return prior, MeasurementSet.of(prior.t_s, values, sigma, Bent.blocks)
 
 
-def measured_alone(measured: MeasurementSet, case: int) -> MeasurementSet:
+def measurements_of_case(measured: MeasurementSet, case: int) -> MeasurementSet:
     own = slice(case, case + 1)
     return MeasurementSet.of(
         measured.t_s[own], measured.values[:, own], measured.sigma[:, own], measured.blocks
@@ -407,7 +409,7 @@ def test_only_the_case_that_leaps_takes_the_update_in_powers() -> None:
     powers, _ = estimator(rule, update="tempered").update(Alike(), prior, sets)
     plain, _ = estimator(rule, update="plain").update(Alike(), prior, sets)
     alone, _ = estimator(rule, update="iterated", **keys).update(
-        Alike(), one_case(prior, 0), measured_alone(sets, 0)
+        Alike(), one_case(prior, 0), measurements_of_case(sets, 0)
     )
     assert_allclose(together.x[:, 0], alone.x[:, 0], rtol=1e-12)
     assert np.abs(together.x[:, 0] - powers.x[:, 0]).max() > 1e-9
@@ -419,7 +421,7 @@ def test_only_the_case_that_leaps_takes_the_update_in_powers() -> None:
 def test_a_case_within_the_tolerance_rests() -> None:
     """With a tolerance of half a deviation the first iteration is the last, however many may be."""
     prior, sets = near_and_far()
-    prior, sets = one_case(prior, 0), measured_alone(sets, 0)
+    prior, sets = one_case(prior, 0), measurements_of_case(sets, 0)
     found = [
         estimator(RULES[0], update="iterated", iterations=n, tolerance_sigmas=0.5)
         .update(Alike(), prior, sets)[0]
