@@ -14,7 +14,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces.cases import CaseBatch
 from hillsphere.testing import RecordingContext, check_presentation
 from hillsphere_estimators.consistency import chi_square_band
-from hillsphere_estimators.initialisation.presentation import judged
+from hillsphere_estimators.initialisation.presentation import judge_consistency
 from hillsphere_estimators.initialisation.products import StartingBelief
 
 BODY = create(
@@ -77,10 +77,10 @@ def test_random_accelerations_are_flown_and_reckoned_with() -> None:
 
 
 def test_verdict_says_what_the_numbers_are() -> None:
-    assert judged(12.0, 11.0, 13.0, 0.3) == "consistent"
-    assert judged(12.0, 11.0, 13.0, 1e-3) == "not consistent"
-    assert judged(14.0, 11.0, 13.0, 0.3) == "overconfident"
-    assert judged(10.0, 11.0, 13.0, 0.3).startswith("cautious")
+    assert judge_consistency(12.0, 11.0, 13.0, 0.3) == "consistent"
+    assert judge_consistency(12.0, 11.0, 13.0, 1e-3) == "not consistent"
+    assert judge_consistency(14.0, 11.0, 13.0, 0.3) == "overconfident"
+    assert judge_consistency(10.0, 11.0, 13.0, 0.3).startswith("cautious")
 
 
 def test_navigation_begins_with_it() -> None:

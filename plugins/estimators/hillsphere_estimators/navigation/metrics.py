@@ -1,4 +1,4 @@
-"""Numbers of each flight of a navigation, and the quantities of which histories are kept."""
+"""Metrics of each flight of a navigation, and its histories."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ __all__ = ["Record", "histories_of", "metrics_of", "moment", "ratio_to_bound"]
 
 @dataclass(frozen=True)
 class Record:
-    """One block of N flights, K measurements.
+    """Quantities of one block of N flights at K measurements.
 
     Parameters
     ----------
     rows : Rows
-        Of the plant.
+        Rows of positions and velocities of the plant.
     time_s : ndarray, shape (K,)
-        Since the start.
+        Times since the start.
     x : ndarray, shape (n, K, N)
         True states.
     goal : ndarray, shape (n, K)
         Reference.
     error, sigma : ndarray, shape (n, K, N)
-        Of the estimates.
+        Errors of the estimates, and their standard deviations by the filter.
     nees, nis, used, sent : ndarray, shape (K, N)
-        See `FilterLog`.
+        As in `FilterLog`.
     seen : ndarray, shape (B, K, N)
-        Which of B sensors measured something.
+        Whether each of B sensors measured something.
     bound_m : ndarray, shape (S, K, N)
-        Lower bounds of position errors, each flight's own.
+        Cramér-Rao bounds of the position errors, each flight's own.
     dv_m_s : ndarray, shape (N,)
         Δv of the law.
     """
@@ -60,7 +60,10 @@ class Record:
         cls, rows: Rows, log: FilterLog, time_s: Array, x: Array, goal: Array, bound_m: Array,
         sensors: int,
     ) -> Record:  # fmt: skip
-        """Make one of a log, Δv left out; flights that all ended early have no more entries."""
+        """Return the record of a log, without Δv.
+
+        If all flights have ended early the log has fewer entries than times; the rest is NaN.
+        """
 
         def joined(entries: list[Array], shape: tuple[int, ...]) -> Array:
             out = np.full((len(time_s), *shape), np.nan)
@@ -80,14 +83,14 @@ class Record:
         )  # fmt: skip
 
     def lengths(self, values: Array, which: str) -> Array:
-        """Return the lengths (S, …) of three rows each of values (n, …)."""
+        """Return the lengths (S, …) of position or velocity vectors among values (n, …)."""
         rows = self.rows.positions if which == "position" else self.rows.velocities
         each = values[rows].reshape(self.rows.vectors, -1, *values.shape[1:])
         return np.asarray(np.sqrt(np.sum(each * each, axis=1)))
 
 
 def moment(time_s: float) -> str:
-    """Return a time as it stands in the name of a metric: 6h, 90min, 20s."""
+    """Return a time as part of the name of a metric: 6h, 90min, 20s."""
     for unit, size in (("h", 3600.0), ("min", 60.0), ("s", 1.0)):
         if abs(time_s / size - round(time_s / size)) < 1e-6:
             return f"{round(time_s / size)}{unit}"
@@ -95,22 +98,25 @@ def moment(time_s: float) -> str:
 
 
 def ratio_to_bound(error: Array, bound: Array) -> tuple[float, float]:
-    """Return an rms error over its bound, and the standard error of that.
+    """Return the ratio of an rms error to its bound, and the standard error of that ratio.
 
     Parameters
     ----------
     error, bound : ndarray, shape (N,)
-        Of N flights, each with its own bound; flights that were lost are NaN.
+        Of N flights, each with its own bound; NaN for flights that were lost.
 
     Returns
     -------
     ratio, standard_error : float
-        √(Σe²/Σb²); NaN with fewer than two flights.
+        √(Σe²/Σb²), and its standard error by linearisation (delta method); NaN with fewer than two
+        flights.
     """
     there = np.isfinite(error) & np.isfinite(bound)
     e, b = error[there] ** 2, bound[there] ** 2
     if len(e) < 2 or not b.sum() > 0.0:
         return float("nan"), float("nan")
+    # of the ratio of two sums: the variance of Σ(e² − q b²) over (Σb²)², q the ratio; then that of
+    # √q
     square = float(e.sum() / b.sum())
     spread = float(np.std(e - square * b, ddof=1) * len(e) ** 0.5 / b.sum())
     return square**0.5, 0.5 * spread / max(square, 1e-300) ** 0.5
@@ -126,51 +132,61 @@ def metrics_of(
     record : Record
         The flights.
     report_at_s : tuple of float
-        Times of measurements at which errors are given.
+        Times of measurements at which errors are reported.
     rms_from_s : float
-        From when root mean squares count.
+        Time from which root mean squares count.
     """
     position = record.lengths(record.error, "position")
     velocity = record.lengths(record.error, "velocity")
     sigma = record.lengths(record.sigma, "position")
     away = record.lengths(record.x - record.goal[:, :, None], "position")
     counted = record.time_s >= rms_from_s - 1e-6
-    found: dict[str, tuple[str, Array]] = {}
+    metrics: dict[str, tuple[str, Array]] = {}
     for i in range(record.rows.vectors):
         s = i + 1
-        found[f"position_error_{s}"] = "m", position[i, -1]
-        found[f"velocity_error_{s}"] = "m/s", velocity[i, -1]
-        found[f"position_sigma_{s}"] = "m", sigma[i, -1]
-        found[f"rms_position_error_{s}"] = "m", _rms(position[i, counted])
-        found[f"rms_velocity_error_{s}"] = "m/s", _rms(velocity[i, counted])
-        found[f"control_error_{s}"] = "m", away[i, -1]
-        found[f"rms_control_error_{s}"] = "m", _rms(away[i, counted])
-        found[f"position_bound_{s}"] = "m", record.bound_m[i, -1]
-    found["nees"] = "-", record.nees[-1]
-    found["mean_nees"] = "-", np.mean(record.nees[counted], axis=0)
+        metrics[f"position_error_{s}"] = "m", position[i, -1]
+        metrics[f"velocity_error_{s}"] = "m/s", velocity[i, -1]
+        metrics[f"position_sigma_{s}"] = "m", sigma[i, -1]
+        metrics[f"rms_position_error_{s}"] = "m", _rms(position[i, counted])
+        metrics[f"rms_velocity_error_{s}"] = "m/s", _rms(velocity[i, counted])
+        metrics[f"control_error_{s}"] = "m", away[i, -1]
+        metrics[f"rms_control_error_{s}"] = "m", _rms(away[i, counted])
+        metrics[f"position_bound_{s}"] = "m", record.bound_m[i, -1]
+    metrics["nees"] = "-", record.nees[-1]
+    metrics["mean_nees"] = "-", np.mean(record.nees[counted], axis=0)
     dof = np.sum(record.used[counted], axis=0)
-    found["mean_nis"] = "-", np.sum(record.nis[counted], axis=0) / np.maximum(dof, 1.0)
+    metrics["mean_nis"] = "-", np.sum(record.nis[counted], axis=0) / np.maximum(dof, 1.0)
     sent = np.sum(record.sent, axis=0)
-    found["rejected"] = "-", 1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0)
-    found["least_seen"] = "-", np.min(np.mean(record.seen, axis=1), axis=0)
-    found["dv"] = "m/s", record.dv_m_s
+    metrics["rejected"] = "-", 1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0)
+    metrics["least_seen"] = "-", np.min(np.mean(record.seen, axis=1), axis=0)
+    metrics["dv"] = "m/s", record.dv_m_s
     for time in report_at_s:
         k = int(np.argmin(np.abs(record.time_s - time)))
         name = moment(time)
         for i in range(record.rows.vectors):
-            found[f"position_error_{i + 1}_at_{name}"] = "m", position[i, k]
-            found[f"velocity_error_{i + 1}_at_{name}"] = "m/s", velocity[i, k]
-            found[f"position_sigma_{i + 1}_at_{name}"] = "m", sigma[i, k]
-        found[f"nees_at_{name}"] = "-", record.nees[k]
-    units = tuple(unit for unit, _ in found.values())
-    return tuple(found), units, np.array([values for _, values in found.values()])
+            metrics[f"position_error_{i + 1}_at_{name}"] = "m", position[i, k]
+            metrics[f"velocity_error_{i + 1}_at_{name}"] = "m/s", velocity[i, k]
+            metrics[f"position_sigma_{i + 1}_at_{name}"] = "m", sigma[i, k]
+        metrics[f"nees_at_{name}"] = "-", record.nees[k]
+    units = tuple(unit for unit, _ in metrics.values())
+    return tuple(metrics), units, np.array([values for _, values in metrics.values()])
 
 
 def histories_of(record: Record, begun_s: float, history: bool | Sequence[str]) -> Histories:
-    """Return what is wanted of the flights measurement by measurement.
+    """Return the requested histories of the flights, one value per measurement.
 
-    Per spacecraft ``position_error_S``, ``velocity_error_S``, ``position_sigma_S``,
-    ``control_error_S``; ``nees``, ``nis`` per row used; ``error.STATE`` and ``sigma.STATE``.
+    Their names are, per spacecraft, ``position_error_S``, ``velocity_error_S``,
+    ``position_sigma_S`` and ``control_error_S``; then ``nees``, ``nis`` (per used row),
+    ``error.STATE`` and ``sigma.STATE``.
+
+    Parameters
+    ----------
+    record : Record
+        The flights.
+    begun_s : float
+        Time of the plant at the start.
+    history : bool or sequence of str
+        All, none, or the names of those that are kept.
     """
     position = record.lengths(record.error, "position")
     velocity = record.lengths(record.error, "velocity")
