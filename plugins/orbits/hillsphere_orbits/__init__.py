@@ -1,12 +1,13 @@
 """Built-in orbits plugin: families of periodic orbits, and what missions do with them.
 
-Tools for any plant lie here: `continuation` and `lockstep` (Newton and pseudo-arclength),
-`shooting` and `multiple_shooting` (the equations of an orbit), `stability`, `secondary`
-(bifurcations by kind), `parameter_continuation`, `members` (orbits at prescribed values). On them
-stand the families: `qso` (planar), `spatial`, `swing` (several revolutions in the plane),
-`libration` and `following` (any plant). What is done with orbits: `manifolds`, `transfers`,
-`robustness`, `station_keeping` and `station_keeping_flown`, `coverage`, `fidelity` and `reflown`
-(truer equations), `ephemeris`.
+The modules at the top serve any plant: `continuation` and `lockstep` (Newton's method and
+pseudo-arclength continuation), `shooting` and `multiple_shooting` (the equations of a periodic
+orbit), `stability`, `secondary` (bifurcations by kind), `parameter_continuation`, and `members`
+(orbits at prescribed values). The families use them: `qso` (planar), `spatial_qso_families`,
+`swing_qso_families` (several revolutions in the plane), `libration`, and `orbit_family` (any
+plant). Further stages take the orbits: `invariant_manifolds`, `manifold_transfers`,
+`swing_transfers`, `nonlinear_stability`, `station_keeping_index`, `station_keeping_flown`,
+`coverage`, `fidelity_ladder` and `transfers_reflown` (higher-fidelity equations), `ephemeris`.
 """
 
 from __future__ import annotations

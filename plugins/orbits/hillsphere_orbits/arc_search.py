@@ -16,7 +16,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.flow import Flow, flow_of
 
-__all__ = ["ArcSearch", "Effort", "Flown", "Free", "Target"]
+__all__ = ["ArcSearch", "ContinuousFlights", "Effort", "FreeFlights", "Target"]
 
 _AT_REST = 1e-3
 """Longest move of a node, normalised, from which on only the gaps are closed;"""
@@ -82,7 +82,7 @@ class Effort:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class ContinuousFlights:
     """Flights that solve the equations, as near to the given ones as they could be found.
 
     Parameters
@@ -114,7 +114,7 @@ class Flown:
 
 
 @dataclass(frozen=True, eq=False)
-class Free:
+class FreeFlights:
     """Free flights of some lanes: nodes and slips of all, distances, infinite where they leave."""
 
     lanes: _Lanes
@@ -184,7 +184,7 @@ class ArcSearch:
             self.reasons[lane] = "an arc passes too near the body's centre, or is too unstable"
         return int(np.max(worst[np.isfinite(worst)], initial=_FIRST_STEPS))
 
-    def begin_freely(self) -> Free:
+    def begin_freely(self) -> FreeFlights:
         """Put flights that were given up on free flights that stay near their targets.
 
         Of the flight from the first node as given, and those from the first nodes after closing
@@ -195,11 +195,11 @@ class ArcSearch:
         lost = np.flatnonzero(given_up & (self.iterations > 0))
         reasons = list(self.reasons)
         points = self.x.shape[1]
-        best = Free(lost, self.x.copy(), self.slip.copy(), np.full(len(reasons), np.inf))
+        best = FreeFlights(lost, self.x.copy(), self.slip.copy(), np.full(len(reasons), np.inf))
         for window in (0, *_WINDOWS):
             if not lost.size or window >= points:
                 break
-            lanes = self._restarted(lost)
+            lanes = self._reset_to_nodes(lost)
             if window:
                 lanes = self.close(slice(0, window + 1), Effort(6, 4, _ABOUT), lanes, strict=False)
             free = self._free(lanes)
@@ -207,9 +207,9 @@ class ArcSearch:
             best.x[:, :, nearer], best.slip[:, nearer] = free.x[:, :, nearer], free.slip[:, nearer]
             best.distance[nearer] = free.distance[nearer]
         self.reasons = reasons
-        return Free(self.restart(best), best.x, best.slip, best.distance)
+        return FreeFlights(self.restart(best), best.x, best.slip, best.distance)
 
-    def restart(self, flights: Free) -> _Lanes:
+    def restart(self, flights: FreeFlights) -> _Lanes:
         """Put those of the flights that were given up back on their nodes, and return them."""
         lanes = [k for k in flights.lanes if self.reasons[k] and np.isfinite(flights.distance[k])]
         for k in lanes:
@@ -221,14 +221,14 @@ class ArcSearch:
         self.x[back] = np.where(self.freedom[:, :, lanes] == 0.0, there, self.x[back])
         return np.array(lanes, dtype=np.intp)
 
-    def _restarted(self, lanes: _Lanes) -> _Lanes:
+    def _reset_to_nodes(self, lanes: _Lanes) -> _Lanes:
         """Put flights back on the nodes that were given."""
         for k in lanes:
             self.reasons[k] = ""
         self.x[:, :, lanes], self.slip[:, lanes] = self.given[:, :, lanes] / self.unit, 0.0
         return lanes
 
-    def _free(self, lanes: _Lanes) -> Free:
+    def _free(self, lanes: _Lanes) -> FreeFlights:
         """Fly from the first nodes over all arcs, as long as flights stay near their targets."""
         x, slip = self.x.copy(), self.slip.copy()
         stays, squares = lanes, np.zeros(len(self.reasons))
@@ -251,7 +251,7 @@ class ArcSearch:
             stays = stays[away <= _NEAR * np.linalg.norm(at[self.moves, 0], axis=0)]
         distance = np.full(len(self.reasons), np.inf)
         distance[stays] = np.sqrt(squares[stays])
-        return Free(lanes, x, slip, distance)
+        return FreeFlights(lanes, x, slip, distance)
 
     def close(
         self,
@@ -303,7 +303,7 @@ class ArcSearch:
             closing[lanes] += (closing[lanes] > 0) | rest | (steps[lanes] >= effort.settle)
         return np.array([lane for lane in chosen if not self.reasons[lane]], dtype=np.intp)
 
-    def flown(self, tolerance: float) -> Flown:
+    def flights(self, tolerance: float) -> ContinuousFlights:
         """Return the flights, their gaps measured by another propagator."""
         n, points, cases = self.x.shape
         gap, good = np.full(cases, np.nan), self.alive
@@ -321,7 +321,9 @@ class ArcSearch:
         converged = np.array([not why for why in self.reasons], dtype=np.bool_)
         states = np.where(converged, self.x * self.unit, self.given)
         why = tuple(self.reasons)
-        return Flown(states, converged, self.iterations, gap, self.slip, why, self.steps)
+        return ContinuousFlights(
+            states, converged, self.iterations, gap, self.slip, why, self.steps
+        )
 
     def _arcs(self, nodes: slice, lanes: _Lanes) -> tuple[Array, Array]:
         """Return the gaps (m, K, L) and matrices (m, m, K, L) of the arcs between nodes."""

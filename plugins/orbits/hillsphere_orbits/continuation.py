@@ -80,7 +80,7 @@ class Branch:
         """
         guess, planes = self.guess(u)
         names = [f"position {value:.3f}" for value in np.asarray(u)]
-        z = correct(problem, guess, planes).checked("member between two others", names)
+        z = correct(problem, guess, planes).require_converged("member between two others", names)
         return self.near(u, z, "member between two others", names)
 
     def near(self, u: Array, z: Array, what: str, names: Sequence[str]) -> Array:
@@ -106,7 +106,7 @@ class Branch:
             )
         return z
 
-    def resampled(self, problem: Problem, members: int, *, relative: bool = False) -> Branch:
+    def resample(self, problem: Problem, members: int, *, relative: bool = False) -> Branch:
         """Return the same piece with this many members, equally spaced in chord length.
 
         With `relative` lengths count relative to the distance from the origin where that is above

@@ -21,7 +21,15 @@ import numpy as np
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 
-__all__ = ["Constraint", "Correction", "Problem", "correct", "fixed", "on_planes", "tangents"]
+__all__ = [
+    "Constraint",
+    "Correction",
+    "Problem",
+    "correct",
+    "fix_component",
+    "on_planes",
+    "tangents",
+]
 
 
 class Problem(Protocol):
@@ -62,7 +70,7 @@ class Correction:
     converged: np.ndarray[tuple[int], np.dtype[np.bool_]]
     iterations: int
 
-    def checked(self, what: str, names: Sequence[str] | None = None) -> Array:
+    def require_converged(self, what: str, names: Sequence[str] | None = None) -> Array:
         """Return `z`, or raise `ConvergenceError` naming the lanes that failed."""
         failed = np.flatnonzero(~self.converged)
         if failed.size:
@@ -147,7 +155,7 @@ def _least_squares(slopes: Array, values: Array) -> Array:
     return np.asarray((np.linalg.pinv(matrix) @ rhs)[:, :, 0].T)
 
 
-def fixed(index: int, values: Array | float) -> Constraint:
+def fix_component(index: int, values: Array | float) -> Constraint:
     """Return the constraint z[index] = values (one value per lane, or one for all)."""
 
     def constraint(z: Array) -> tuple[Array, Array]:

@@ -50,10 +50,10 @@ class Compiled:
         flow = _FLOWS.get(self.plant)
         # functions of arrays need not be picklable, and their plants compile next to nothing
         outside = flow is not None and flow.system.external is not None
-        return _received, (self.plant, None if outside else flow)
+        return _adopt_flow, (self.plant, None if outside else flow)
 
 
-def _received(plant: Plant, flow: Flow | None) -> Compiled:
+def _adopt_flow(plant: Plant, flow: Flow | None) -> Compiled:
     if flow is not None:
         _FLOWS.setdefault(plant, flow)
     return Compiled(plant)

@@ -138,7 +138,7 @@ def follow_lanes(
         _ask(done, lanes, active)
         active = np.array([k for k in active if not lanes[k].end], dtype=np.intp)
     if finish:
-        return _polished(problem, lanes, control, exact)
+        return _correct_members(problem, lanes, control, exact)
     return [
         Branch(np.array(lane.members).T, np.array(lane.lines).T, ("start", lane.end))
         for lane in lanes
@@ -225,7 +225,7 @@ def _null_vectors(slopes: Array, along: Array) -> Array:
     return np.asarray(np.where(np.sum(found * along, axis=0) < 0.0, -found, found))
 
 
-def _polished(
+def _correct_members(
     problem: Problem,
     lanes: list[_Lane],
     control: StepControl,

@@ -34,12 +34,12 @@ from hillsphere_orbits.shooting import Shooting
 
 __all__ = [
     "Conditions",
-    "Held",
+    "HeldQuantity",
     "ParameterFlow",
     "ParameterPath",
     "ParameterProblem",
-    "held_integral",
-    "held_member",
+    "hold_integral",
+    "hold_orbit_quantity",
 ]
 
 _COARSE = 1e-6
@@ -267,7 +267,7 @@ class ParameterProblem:
         )
 
 
-class Held(Protocol):
+class HeldQuantity(Protocol):
     """A quantity of an orbit and its parameters that may be held."""
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
@@ -275,7 +275,7 @@ class Held(Protocol):
         ...
 
 
-def held_member(quantity: Quantity) -> Held:
+def hold_orbit_quantity(quantity: Quantity) -> HeldQuantity:
     """Return a quantity of the orbit alone (amplitude, period) as one that may be held."""
 
     def held(z: Array) -> tuple[Array, Array]:
@@ -285,7 +285,7 @@ def held_member(quantity: Quantity) -> Held:
     return held
 
 
-def held_integral(problem: ParameterProblem) -> Held:
+def hold_integral(problem: ParameterProblem) -> HeldQuantity:
     """Return the integral of motion as a quantity that may be held.
 
     Raises

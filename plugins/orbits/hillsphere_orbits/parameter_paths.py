@@ -17,9 +17,9 @@ from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Boundary, StepControl, follow
 from hillsphere_orbits.correction import Constraint, Correction, correct
-from hillsphere_orbits.parameter_continuation import Held, ParameterProblem
+from hillsphere_orbits.parameter_continuation import HeldQuantity, ParameterProblem
 
-__all__ = ["Carried", "HeldProblem", "Method", "carry", "refined"]
+__all__ = ["ContinuedOrbits", "HeldProblem", "Method", "carry", "refine_orbits"]
 
 Method: TypeAlias = Literal["arclength", "natural"]
 
@@ -44,7 +44,7 @@ class HeldProblem:
     """
 
     problem: ParameterProblem
-    held: Held
+    held: HeldQuantity
     value: float
 
     @property
@@ -63,7 +63,7 @@ class HeldProblem:
 
 
 @dataclass(frozen=True)
-class Carried:
+class ContinuedOrbits:
     """Orbits at the end of a path of parameters.
 
     Parameters
@@ -89,11 +89,11 @@ class Carried:
 def carry(
     problem: ParameterProblem,
     z: Array,
-    held: Held,
+    held: HeldQuantity,
     *,
     method: Method = "arclength",
     advance: Callable[[int], None] | None = None,
-) -> Carried:
+) -> ContinuedOrbits:
     """Carry members of a family along a path of parameters.
 
     Parameters
@@ -111,7 +111,7 @@ def carry(
 
     Returns
     -------
-    Carried
+    ContinuedOrbits
         A member that does not arrive is classified, not raised.
 
     Raises
@@ -128,22 +128,26 @@ def carry(
     start = np.concatenate([z, np.zeros((1, z.shape[1]))])
     wanted, _ = held(start)
     names = [str(k) for k in range(z.shape[1])]
-    start = correct(problem, start, _both(held, wanted, 0.0)).checked("start of the path", names)
+    start = correct(problem, start, _both(held, wanted, 0.0)).require_converged(
+        "start of the path", names
+    )
     if method == "natural":
         return _natural(problem, start, held, wanted, advance)
     ends, status, ways = [], [], []
     for k in range(z.shape[1]):
-        end, reason, way = _followed(problem, start[:, k], held, float(wanted[k]))
+        end, reason, way = _follow_by_arclength(problem, start[:, k], held, float(wanted[k]))
         ends.append(end)
         status.append(reason)
         ways.append(way)
         if advance is not None:
             advance(1)
-    return Carried(np.array(ends).reshape(len(ends), len(start)).T, tuple(status), tuple(ways))
+    return ContinuedOrbits(
+        np.array(ends).reshape(len(ends), len(start)).T, tuple(status), tuple(ways)
+    )
 
 
-def _followed(
-    problem: ParameterProblem, start: Array, held: Held, wanted: float
+def _follow_by_arclength(
+    problem: ParameterProblem, start: Array, held: HeldQuantity, wanted: float
 ) -> tuple[Array, str, Array]:
     """Follow one orbit by pseudo-arclength: its end, why there, and the way."""
     curve = HeldProblem(problem, held, wanted)
@@ -173,10 +177,10 @@ def _followed(
 def _natural(
     problem: ParameterProblem,
     start: Array,
-    held: Held,
+    held: HeldQuantity,
     wanted: Array,
     advance: Callable[[int], None] | None,
-) -> Carried:
+) -> ContinuedOrbits:
     """Carry all orbits in common steps of the fraction; one that fails stays behind."""
     z, here, step = start.copy(), 0.0, _FIRST
     slopes = _slopes(problem, z, held)
@@ -188,7 +192,7 @@ def _natural(
         old, slope = z[:, active], slopes[:, active]
         guess = old + (there - here) * slope
         guess[-1] = there
-        found, good = _corrected(problem, guess, held, wanted[active], there)
+        found, good = _correct_lanes(problem, guess, held, wanted[active], there)
         new = slope.copy()
         if good.any():
             new[:, good] = _slopes(problem, found[:, good], held)
@@ -209,10 +213,10 @@ def _natural(
         here, step = there, min(_LARGEST, 2.0 * step)
     if advance is not None:
         advance(active.size)
-    return Carried(z, tuple(status), tuple(np.array(way).T for way in ways))
+    return ContinuedOrbits(z, tuple(status), tuple(np.array(way).T for way in ways))
 
 
-def _slopes(problem: ParameterProblem, z: Array, held: Held) -> Array:
+def _slopes(problem: ParameterProblem, z: Array, held: HeldQuantity) -> Array:
     """Return dz/ds (m, N) at constant held quantity; its last row is one."""
     _, slopes = problem.residual(z)
     matrix = np.concatenate([slopes, held(z)[1][None]])
@@ -221,8 +225,8 @@ def _slopes(problem: ParameterProblem, z: Array, held: Held) -> Array:
     return np.concatenate([change, np.ones((1, z.shape[1]))])
 
 
-def _corrected(
-    problem: ParameterProblem, guess: Array, held: Held, wanted: Array, fraction: float
+def _correct_lanes(
+    problem: ParameterProblem, guess: Array, held: HeldQuantity, wanted: Array, fraction: float
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Correct lanes at a fraction; one that leaves the domain of the equations just fails."""
 
@@ -242,7 +246,7 @@ def _corrected(
     return z, good
 
 
-def _both(held: Held, wanted: Array, fraction: float) -> Constraint:
+def _both(held: HeldQuantity, wanted: Array, fraction: float) -> Constraint:
     """Return the constraint that holds the quantity and the fraction."""
 
     def constraint(z: Array) -> tuple[Array, Array]:
@@ -254,7 +258,7 @@ def _both(held: Held, wanted: Array, fraction: float) -> Constraint:
     return constraint
 
 
-def refined(problem: ParameterProblem, z: Array, held: Held, values: Array) -> Array:
+def refine_orbits(problem: ParameterProblem, z: Array, held: HeldQuantity, values: Array) -> Array:
     """Correct orbits (m, N) at the end of the path, on a problem with more sub-steps.
 
     Raises
@@ -263,4 +267,4 @@ def refined(problem: ParameterProblem, z: Array, held: Held, values: Array) -> A
         If one does not converge.
     """
     names = [str(k) for k in range(z.shape[1])]
-    return correct(problem, z, _both(held, values, 1.0)).checked("end of the path", names)
+    return correct(problem, z, _both(held, values, 1.0)).require_converged("end of the path", names)

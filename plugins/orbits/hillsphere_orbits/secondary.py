@@ -146,7 +146,7 @@ def secondary(
     kinds = [tests[k][0] for k in which]
     planes = [tests[k][1] for k in which]
     return Secondary(
-        tuple(_told_apart(integral, kinds, planes, u, count - 1.0)),
+        tuple(_classify_tangent_bifurcations(integral, kinds, planes, u, count - 1.0)),
         tuple(planes),
         u,
         _indices(at(u)),
@@ -244,7 +244,7 @@ def _with_turns(
     return u, values
 
 
-def _told_apart(
+def _classify_tangent_bifurcations(
     integral: Callable[[Array], Array] | None,
     kinds: Sequence[str],
     planes: Sequence[str],

@@ -58,7 +58,7 @@ class Coverage:
     """Altitude along it."""
     cell_rad: float
     """Width of the cells, as asked for."""
-    sun_elevation_min_rad: float
+    min_sun_elevation_rad: float
     """Elevation of the Sun from which ground counts as lit, as asked for."""
     sun_longitudes: int
     """Over how many longitudes of the Sun the means go."""

@@ -20,8 +20,8 @@ from hillsphere_orbits.coverage.ellipsoid_geometry import (
 from hillsphere_orbits.coverage.presentation import present_coverage
 from hillsphere_orbits.coverage.products import Coverage
 from hillsphere_orbits.coverage.specs import CoverageSpec
-from hillsphere_orbits.coverage.sunlight import declinations, hidden_part, sun_directions
-from hillsphere_orbits.nonlinear_stability.retraced import require_states, retrace
+from hillsphere_orbits.coverage.sunlight import declinations, obscuration, sun_directions
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import require_states, retrace
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.survey import LockedMoon
 
@@ -127,7 +127,7 @@ class CoverageStage:
             track_rad=np.array([longitude, latitude]),
             track_altitude_m=altitude,
             cell_rad=spec.cell_rad,
-            sun_elevation_min_rad=spec.sun_elevation_min_rad,
+            min_sun_elevation_rad=spec.sun_elevation_min_rad,
             sun_longitudes=spec.sun_longitudes,
             sun_distance_m=spec.sun_distance_m,
             body=moon.body_name,
@@ -182,7 +182,7 @@ class CoverageStage:
             for i in range(place.shape[2]):
                 dark = np.zeros((place.shape[1], spec.sun_longitudes))
                 if spec.primary_radius_m is not None:
-                    dark = hidden_part(
+                    dark = obscuration(
                         primary - place[:, :, i], spec.primary_radius_m, sun, apparent
                     )
                     means[0, s, i] = dark.mean()

@@ -6,7 +6,7 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 
-__all__ = ["declinations", "hidden_part", "sun_directions"]
+__all__ = ["declinations", "obscuration", "sun_directions"]
 
 _GOLDEN = 0.6180339887498949
 
@@ -56,7 +56,7 @@ def sun_directions(declination: float, longitudes: int, places: int) -> Array:
     )
 
 
-def hidden_part(to_sphere: Array, radius: float, to_sun: Array, sun_radius_rad: float) -> Array:
+def obscuration(to_sphere: Array, radius: float, to_sun: Array, sun_radius_rad: float) -> Array:
     """Return the part of the Sun's disc that a sphere hides.
 
     Parameters

@@ -10,12 +10,12 @@ from hillsphere.dynamics import Taylor
 from hillsphere.errors import PropagationError
 from hillsphere.interfaces import Array
 from hillsphere.products import PeriodicOrbits
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.fidelity_ladder.rung import Rung
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 
-__all__ = ["Recurring", "periodic_on"]
+__all__ = ["PeriodicCounterparts", "periodic_on"]
 
 _ZERO = 1e-9
 _CLOSED = 1e-9
@@ -25,7 +25,7 @@ _PLANE = (1, 1, -1, 1, 1, -1)
 
 
 @dataclass(frozen=True, eq=False)
-class Recurring:
+class PeriodicCounterparts:
     """Orbits of a plant that close.
 
     Parameters
@@ -44,7 +44,7 @@ class Recurring:
     status: tuple[str, ...]
 
 
-def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> Recurring:
+def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> PeriodicCounterparts:
     """Find the periodic orbits of a plant that begin where given ones do.
 
     The amplitude is kept: z at the start of an orbit in space that begins off the plane, else x
@@ -63,12 +63,16 @@ def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> Recurring:
 
     Returns
     -------
-    Recurring
-        Those that are not found are classified.
+    PeriodicCounterparts
+        The status gives the reason where no periodic orbit was found.
     """
     cases = len(orbits.labels)
-    found = Recurring(np.full((6, cases), np.nan), np.full(cases, np.nan), np.full(cases, np.nan),
-                      ("the equations are not autonomous",) * cases)  # fmt: skip
+    found = PeriodicCounterparts(
+        np.full((6, cases), np.nan),
+        np.full(cases, np.nan),
+        np.full(cases, np.nan),
+        ("the equations are not autonomous",) * cases,
+    )
     if rung.anomaly is not None:
         return found
     flow = flow_of(rung.plant)
@@ -101,7 +105,7 @@ def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> Recurring:
             status[i] = "periodic" if good else "the correction does not converge"
             if not good:
                 found.x0[:, i], found.period_s[i], found.closure[i] = np.nan, np.nan, np.nan
-    return Recurring(found.x0, found.period_s, found.closure, tuple(status))
+    return PeriodicCounterparts(found.x0, found.period_s, found.closure, tuple(status))
 
 
 def _problem(flow: Flow, x: Array) -> tuple[Shooting, str] | None:
@@ -133,7 +137,7 @@ def _samples(x: Array) -> Array:
 
 
 def _correct(
-    found: Recurring,
+    found: PeriodicCounterparts,
     problem: Shooting,
     held: str,
     x: Array,
@@ -149,7 +153,7 @@ def _correct(
     problem = problem.with_steps(flow.steps_for(problem.state(z), z[-1], 1e-10))
     # the nearest member of the family first, then along it to the amplitude
     nearest = correct(problem, z)
-    made = correct(problem, nearest.z, fixed(at, amplitude), tolerance=1e-12)
+    made = correct(problem, nearest.z, fix_component(at, amplitude), tolerance=1e-12)
     start, span = problem.state(made.z), problem.period(made.z)
     if flow.system.external is None:
         end = Taylor(flow.system).fly(start, span, strict=False).x

@@ -11,7 +11,7 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -83,13 +83,15 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
             ),
         }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
         tables={
-            named("fidelity_ladder", label): tabulate(
+            label_identifier("fidelity_ladder", label): tabulate(
                 f"Orbits on every rung, {days:g} days", _flights(product), notes
             ),
-            named("fidelity_rungs", label): tabulate("Rungs of the ladder", _rungs(product)),
-            named("fidelity_periodic", label): tabulate(
+            label_identifier("fidelity_rungs", label): tabulate(
+                "Rungs of the ladder", _rungs(product)
+            ),
+            label_identifier("fidelity_periodic", label): tabulate(
                 "Periodic orbits of the rungs themselves",
                 _periodic(product),
                 [
@@ -98,7 +100,7 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
                 ],
             ),
         },
-        figures={named(name, label): figure for name, figure in figures.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 
@@ -110,7 +112,7 @@ def _flights(product: FidelityLadder) -> list[FilledColumn]:
         of("members", "member"),
         text_column("status", product.status, "status"),
         *map(of, ("converged", "iterations", "gap", "departure_max_m", "departure_rms_m")),
-        *map(of, ("slip_s", "altitude_min_m", "survival_s")),
+        *map(of, ("slip_s", "min_altitude_m", "survival_s")),
         text_column("fate", [fate or None for fate in product.fate], "lost by"),
     ]
 
@@ -160,7 +162,7 @@ def _rungs(product: FidelityLadder) -> list[FilledColumn]:
             "surviving", [count if there else None for count, there in surviving],
             "survive without correction",
         ),
-        column("survival_min_d", -largest(-product.survival_s), "least survival", 4),
+        column("min_survival_d", -largest(-product.survival_s), "least survival", 4),
     ]  # fmt: skip
 
 
@@ -171,7 +173,7 @@ def _verdict(product: FidelityLadder) -> list[str]:
         good = product.converged[:, r]
         text = (
             f"{rung} ({product.plants[r]}): "
-            f"{counted(int(np.count_nonzero(good)), 'orbit', of=good.size)} "
+            f"{format_count(int(np.count_nonzero(good)), 'orbit', of=good.size)} "
             f"{'has' if np.count_nonzero(good) == 1 else 'have'} a continuous flight of {days:g} "
             "days"
         )

@@ -59,7 +59,7 @@ class FidelityLadder(FlightSet):
         Array, Shape("members", "rungs"), Label("ahead of the orbit at the end", 4, "h")
     ]
     """Time by which the flight is ahead of the orbit at the end."""
-    altitude_min_m: Annotated[Array, Shape("members", "rungs"), Label("least height", 5, "km")]
+    min_altitude_m: Annotated[Array, Shape("members", "rungs"), Label("least height", 5, "km")]
     """Least height above the surface; NaN without one, zero if the flight meets it."""
     survival_s: Annotated[
         Array, Shape("members", "rungs"), Label("survival without correction", 4, "d")

@@ -16,11 +16,11 @@ from hillsphere_orbits.fidelity_ladder.orbits import NearOrbit, OrbitCurves
 from hillsphere_orbits.fidelity_ladder.periodic import periodic_on
 from hillsphere_orbits.fidelity_ladder.presentation import present_ladder
 from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
-from hillsphere_orbits.fidelity_ladder.rung import Rung, described, named_rungs
+from hillsphere_orbits.fidelity_ladder.rung import Rung, describe_plant, name_rungs
 from hillsphere_orbits.fidelity_ladder.specs import FidelityLadderSpec
 from hillsphere_orbits.fidelity_ladder.survival import survival
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.multiple_shooting import Flown, reconverge
+from hillsphere_orbits.multiple_shooting import ContinuousFlights, reconverge
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.survey import NEARLY_PLANAR, LockedMoon
 
@@ -71,13 +71,13 @@ class FidelityLadderStage:
         StageError
             If the orbits do not solve the equations of the first rung.
         """
-        given = self._chosen(members_of(*orbits))
+        given = self._select_orbits(members_of(*orbits))
         curves = OrbitCurves(self.plants[0], given)
         span = self.spec.duration_s / curves.time_unit_s
         arcs = self.spec.segments or max(1, round(span / _ARC))
         t = np.linspace(0.0, self.spec.duration_s, arcs + 1)
         anomaly = self.spec.start_true_anomaly_rad
-        names = named_rungs([ref.name for ref in self.spec.rungs], self.plants)
+        names = name_rungs([ref.name for ref in self.spec.rungs], self.plants)
         rungs = [Rung(plant, t, anomaly) for plant in self.plants]
         moon = self.plants[0] if isinstance(self.plants[0], LockedMoon) else None
         advance = ctx.track("rungs", len(rungs))
@@ -93,7 +93,7 @@ class FidelityLadderStage:
         return FidelityLadder(
             flights=_flights(rungs[-1], given.labels, found[-1]),
             rungs=names,
-            plants=tuple(described(plant) for plant in self.plants),
+            plants=tuple(describe_plant(plant) for plant in self.plants),
             frames=tuple(plant.frame for plant in self.plants),
             state_counts=tuple(rung.n for rung in rungs),
             members=given.labels,
@@ -107,7 +107,7 @@ class FidelityLadderStage:
             departure_max_m=np.stack([one.largest for one in found], axis=-1),
             departure_rms_m=np.stack([one.rms for one in found], axis=-1),
             slip_s=np.stack([one.slip for one in found], axis=-1) * curves.time_unit_s,
-            altitude_min_m=np.stack([one.altitude for one in found], axis=-1),
+            min_altitude_m=np.stack([one.altitude for one in found], axis=-1),
             survival_s=np.stack([one.survival for one in found], axis=-1),
             fate=tuple(fate for one in found for fate in one.fate),
             status=tuple(status for one in found for status in one.status),
@@ -132,7 +132,7 @@ class FidelityLadderStage:
         """Show a row per member and rung, the departures over time and the flights."""
         return present_ladder(product, self.spec.label)
 
-    def _chosen(self, orbits: PeriodicOrbits) -> PeriodicOrbits:
+    def _select_orbits(self, orbits: PeriodicOrbits) -> PeriodicOrbits:
         """Return the orbits asked for."""
         known = orbits.labels
         if not known:
@@ -153,7 +153,7 @@ class FidelityLadderStage:
             labels=tuple(wanted),
         )
 
-    def _climb(self, rung: Rung, curves: OrbitCurves) -> _Climbed:
+    def _climb(self, rung: Rung, curves: OrbitCurves) -> _RungResult:
         """Find the flights of one rung and describe them."""
         target = NearOrbit(curves, rung)
         flown = reconverge(rung.plant, rung.t_s, target.start(), target=target)
@@ -164,7 +164,7 @@ class FidelityLadderStage:
         x[: rung.n, :, good] = flown.x[:, :, good]
         hill = np.full((6, points, cases), np.nan)
         hill[:, :, good] = rung.hill(flown.x[:, :, good])
-        made = _Climbed(
+        made = _RungResult(
             flown=flown,
             x=x,
             hill=hill,
@@ -182,7 +182,7 @@ class FidelityLadderStage:
         return made
 
     def _describe(
-        self, made: _Climbed, rung: Rung, curves: OrbitCurves, good: NDArray[np.intp]
+        self, made: _RungResult, rung: Rung, curves: OrbitCurves, good: NDArray[np.intp]
     ) -> None:
         """Fill in departures, heights and survival of the flights that converged."""
         flow = flow_of(rung.plant)
@@ -221,10 +221,10 @@ class FidelityLadderStage:
 
 
 @dataclass(frozen=True, eq=False)
-class _Climbed:
+class _RungResult:
     """The flights of one rung."""
 
-    flown: Flown
+    flown: ContinuousFlights
     x: Array
     hill: Array
     departure: Array
@@ -237,7 +237,7 @@ class _Climbed:
     status: list[str]
 
 
-def _at_start(made: _Climbed, rung: Rung, curves: OrbitCurves) -> Array:
+def _at_start(made: _RungResult, rung: Rung, curves: OrbitCurves) -> Array:
     """Return states (6, N), SI, of the flights where they pass the starts of their orbits.
 
     That is half-way if they can be there, where neither end is near at which they are free.
@@ -256,7 +256,7 @@ def _at_start(made: _Climbed, rung: Rung, curves: OrbitCurves) -> Array:
     return states * flow.system.unit[:, None]
 
 
-def _flights(rung: Rung, members: tuple[str, ...], found: _Climbed) -> Trajectories:
+def _flights(rung: Rung, members: tuple[str, ...], found: _RungResult) -> Trajectories:
     """Return the flights of a rung that converged and keep clear of the body."""
     good = [m for m, status in enumerate(found.status) if status == "converged"]
     names = tuple(members[m] for m in good)

@@ -19,7 +19,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
 
-__all__ = ["UNPROVED", "Flown", "Watch", "Zeros", "fly"]
+__all__ = ["UNPROVED", "FlightEnds", "Watch", "Zeros", "fly"]
 
 UNPROVED = "that no crossing of theirs was missed is not proved"
 """What is said of flights that are not resolved."""
@@ -92,7 +92,7 @@ class Zeros:
     rising: NDArray[np.bool_]
     x: Array
 
-    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Zeros:
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Zeros:
         """Return some of them."""
         return Zeros(
             self.lane[keep], self.event[keep], self.time[keep], self.rising[keep], self.x[:, keep]
@@ -100,7 +100,7 @@ class Zeros:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class FlightEnds:
     """Ends of N flights and what was met on the way.
 
     Parameters
@@ -146,7 +146,7 @@ def fly(
     goes_on: Callable[[NDArray[np.intp], int, Array], NDArray[np.intp]],
     most: int,
     ends: tuple[str, ...] = (),
-) -> Flown:
+) -> FlightEnds:
     """Fly lanes until each is told to stop, or falls through a function that ends it.
 
     Parameters
@@ -170,7 +170,7 @@ def fly(
 
     Returns
     -------
-    Flown
+    FlightEnds
         Ends and zeros.
     """
     cases = x.shape[1]
@@ -199,13 +199,13 @@ def fly(
         end[:, lanes] = way[:, at, np.arange(lanes.size)]
         last[lanes] = done + at
         now, lanes, done = np.ascontiguousarray(way[:, -1, alive]), lanes[alive], done + steps
-    zeros = _refined(step_map, watch, found, h)
+    zeros = _refine_brackets(step_map, watch, found, h)
     time, ended = np.asarray(last * h, float), np.full(cases, -1, dtype=np.intp)
     for i in np.flatnonzero(np.isin(zeros.event, killers) & ~zeros.rising)[::-1]:
         lane = zeros.lane[i]  # zeros are in order: the first of each lane is seen last
         time[lane], ended[lane], end[:, lane] = zeros.time[i], zeros.event[i], zeros.x[:, i]
     keep = np.abs(zeros.time) <= np.abs(time[zeros.lane])
-    return Flown(end, time, ended, zeros.chosen(keep), resolved)
+    return FlightEnds(end, time, ended, zeros.select(keep), resolved)
 
 
 def _brackets(
@@ -226,13 +226,13 @@ def _brackets(
     return _Brackets(b.lane, b.function, begin, base, ends, values, slopes), b.resolved
 
 
-def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
+def _refine_brackets(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
     """Refine brackets to zeros, by Newton's method from the cubic, bracketed where it fails."""
     n = len(step_map.system.x)
     if not found:
         empty = np.zeros(0, dtype=np.intp)
         return Zeros(empty, empty, np.zeros(0), empty.astype(bool), np.zeros((n, 0)))
-    b = _joined(found)
+    b = _join_brackets(found)
     pick = np.arange(b.lane.size)
     x = np.ascontiguousarray(b.x)
     low, high = b.ends
@@ -273,7 +273,7 @@ def _refined(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) 
     return Zeros(b.lane[order], b.event[order], time[order], rising[order], at[:, order])
 
 
-def _joined(parts: list[_Brackets]) -> _Brackets:
+def _join_brackets(parts: list[_Brackets]) -> _Brackets:
     return _Brackets(
         *(
             np.concatenate([getattr(p, name) for p in parts], axis=-1)

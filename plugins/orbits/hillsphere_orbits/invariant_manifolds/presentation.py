@@ -12,7 +12,7 @@ from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.specs import InvariantManifoldsSpec
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -54,7 +54,7 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
     about = f" around {product.body.capitalize()}" if product.body not in ("", "body") else ""
     for i, name in enumerate(product.orbits.labels):
         if np.any(product.orbit[product.track_trajectory] == i):
-            figures[named(f"manifold_tubes_{i + 1}", label)] = Figure(
+            figures[label_identifier(f"manifold_tubes_{i + 1}", label)] = Figure(
                 f"Manifolds of {name}{about}",
                 lambda figure, i=i: _draw(figure, product, spec, i),  # type: ignore[misc]
                 "Unstable and stable manifold, the orbit, the body to scale and the cylinders "
@@ -62,9 +62,9 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
                 size_in=(12.0, 6.0),
             )
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
         tables={
-            named("manifolds", label): tabulate(
+            label_identifier("manifolds", label): tabulate(
                 f"Invariant manifolds{about}", _manifolds(product), notes
             )
         },
@@ -118,7 +118,7 @@ def _verdict(product: Manifolds, days: float) -> list[str]:
     unstable = sum(kind == "unstable" for kind in product.kinds)
     impacts = sum(name == "impact" for name in product.ended_by)
     sentences = [
-        f"{counted(unstable, 'orbit', of=len(product.kinds))} "
+        f"{format_count(unstable, 'orbit', of=len(product.kinds))} "
         f"{'has' if unstable == 1 else 'have'} manifolds; of their "
         f"{len(product.ended_by)} trajectories {impacts} meet the surface within {days:g} d."
     ]

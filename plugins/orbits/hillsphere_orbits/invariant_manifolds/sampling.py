@@ -25,16 +25,16 @@ from hillsphere.dynamics import bracketed_roots
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Flow
-from hillsphere_orbits.invariant_manifolds.flight import Flown, Watch, fly
+from hillsphere_orbits.invariant_manifolds.flight import FlightEnds, Watch, fly
 from hillsphere_orbits.spatial_qso_families.stability import excess, spectrum
 
-__all__ = ["Leaves", "LocalManifold", "classified", "leaves", "sides_are_images"]
+__all__ = ["Leaves", "LocalManifold", "classify_manifolds", "leaves", "sides_are_images"]
 
 _LEAST = 1.0 + 1e-5  # multiplier; nearer to 1 lie the scattered ones of every orbit
 _SAME = 1e-6  # of states that a symmetry maps on one another, relative to their size
 
 
-def classified(monodromy: Array) -> tuple[str, ...]:
+def classify_manifolds(monodromy: Array) -> tuple[str, ...]:
     """Say of orbits whether they have manifolds that `LocalManifold` can take.
 
     Parameters
@@ -198,7 +198,7 @@ class Leaves:
         First states.
     node : ndarray of int, shape (N,)
         Sub-step of the orbit at which they begin.
-    flown : Flown
+    ends : FlightEnds
         Ends and zeros, their times counted from the first state.
     left : ndarray, shape (N,)
         Length of flight at the last moment when the distance from the orbit, both at the same
@@ -209,7 +209,7 @@ class Leaves:
     side: int
     start: Array
     node: NDArray[np.int64]
-    flown: Flown
+    ends: FlightEnds
     left: Array
 
 

@@ -20,7 +20,7 @@ from hillsphere_orbits.invariant_manifolds.products import Manifolds
 from hillsphere_orbits.invariant_manifolds.sampling import (
     Leaves,
     LocalManifold,
-    classified,
+    classify_manifolds,
     leaves,
     sides_are_images,
 )
@@ -30,10 +30,10 @@ from hillsphere_orbits.survey import LockedMoon
 
 __all__ = [
     "InvariantManifoldsStage",
-    "chosen",
     "enders",
     "orbits_on",
     "period_steps",
+    "select_orbits",
     "trial_places",
 ]
 
@@ -96,9 +96,9 @@ class InvariantManifoldsStage:
             If the orbits belong to other equations.
         """
         spec, flow = self.spec, flow_of(self.plant)
-        given = chosen(members_of(*orbits), spec.members)
+        given = select_orbits(members_of(*orbits), spec.members)
         x0, period = orbits_on(flow, given)
-        kinds = classified(given.monodromy)
+        kinds = classify_manifolds(given.monodromy)
         names, watch, ends = self._watch(flow)
         parts: list[_Part] = []
         multiplier, one_side = np.full(period.size, np.nan), np.zeros(period.size, dtype=bool)
@@ -119,7 +119,7 @@ class InvariantManifoldsStage:
                 ]
                 advance(1)
         ctx.info(f"{sum(part.leaves.p.size for part in parts)} trajectories")
-        if unproved := sum(int(np.sum(~part.leaves.flown.resolved)) for part in parts):
+        if unproved := sum(int(np.sum(~part.leaves.ends.resolved)) for part in parts):
             ctx.info(f"{unproved} of them touch what is watched, or offer no bound: {UNPROVED}")
         return self._product(flow, given, x0, kinds, multiplier, one_side, names, parts)
 
@@ -172,7 +172,7 @@ class InvariantManifoldsStage:
         kept = [_tracks(flow, part, row) for part, row in zip(parts, rows, strict=True)]
         period = orbits.period_s / clock
         own = [flow.plain.trajectory(x0[:, i], t, _ORBIT_POINTS)[:3] for i, t in enumerate(period)]
-        ended = [np.append(names, "")[part.leaves.flown.ended_by] for part in parts]
+        ended = [np.append(names, "")[part.leaves.ends.ended_by] for part in parts]
         return Manifolds(
             orbits=orbits,
             kinds=kinds,
@@ -213,7 +213,7 @@ class InvariantManifoldsStage:
         )
 
 
-def chosen(orbits: PeriodicOrbits, labels: tuple[str, ...]) -> PeriodicOrbits:
+def select_orbits(orbits: PeriodicOrbits, labels: tuple[str, ...]) -> PeriodicOrbits:
     """Return the orbits of these names, in this order; all of them if no name is given."""
     if not labels:
         return orbits
@@ -338,11 +338,11 @@ class _Rows:
 
 
 def _rows(part: _Part, limit: float) -> _Rows:
-    flown, left = part.leaves.flown, part.leaves.left
+    flown, left = part.leaves.ends, part.leaves.left
     zeros = flown.zeros
     time = zeros.time - left[zeros.lane]
     keep = np.abs(time) * np.where(time * zeros.time > 0.0, 1.0, 0.0) <= limit
-    z = zeros.chosen(keep)
+    z = zeros.select(keep)
     end_time = flown.time - left
     ended = (flown.ended_by >= 0) & (np.abs(end_time) <= limit)
     return _Rows(flown.x, end_time, ended, z.lane, z.event, time[keep], z.rising, z.x)

@@ -10,7 +10,7 @@ import numpy as np
 from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, follow
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.libration.ends import BRANCHING, branching, ends_of, up_to
 from hillsphere_orbits.libration.points import CollinearPoint, collinear_point
@@ -134,8 +134,8 @@ class Lyapunov:
         amplitude = _offset(problem.unknowns.index("x"), self.point.side, self.point.x)
         start = self._first(problem, _SMALL * size)
         direction = self.point.side * np.eye(3)[0]
-        problem, branch = _computed(self, problem, start, direction, amplitude, low_m, high_m)
-        shown = branch.resampled(problem, members)
+        problem, branch = _compute_branch(self, problem, start, direction, amplitude, low_m, high_m)
+        shown = branch.resample(problem, members)
         name = f"{method}, about {self.point_name}"
         return LibrationFamily(
             self.plant, problem, shown, name, self.point, "x", self.point.side, self.point.x
@@ -196,8 +196,8 @@ class Lyapunov:
         guess = np.array(
             [[point.x + a], [-a * point.ratio * point.frequency], [np.pi / point.frequency]]
         )
-        found = correct(problem, guess, fixed(0, guess[0]))
-        return found.checked(f"Lyapunov orbit beside {self.point_name}")
+        found = correct(problem, guess, fix_component(0, guess[0]))
+        return found.require_converged(f"Lyapunov orbit beside {self.point_name}")
 
 
 class Halo:
@@ -245,13 +245,15 @@ class Halo:
         small = _SMALL * abs(self.point.x)
         guess = np.array([[z[0]], [self.sign * small], [z[1]], [z[2]]])
         index = problem.unknowns.index("z")
-        start = correct(problem, guess, fixed(index, guess[index])).checked("first halo orbit")
+        start = correct(problem, guess, fix_component(index, guess[index])).require_converged(
+            "first halo orbit"
+        )
         amplitude = _offset(index, self.sign, 0.0)
         direction = self.sign * np.eye(4)[index]
-        problem, branch = _computed(
+        problem, branch = _compute_branch(
             self.planar, problem, start, direction, amplitude, low_m, high_m
         )
-        shown = branch.resampled(problem, members)
+        shown = branch.resample(problem, members)
         name = f"{method}, about {self.planar.point_name}"
         return LibrationFamily(self.plant, problem, shown, name, self.point, "z", self.sign, 0.0)
 
@@ -296,7 +298,7 @@ def _control(point: CollinearPoint) -> StepControl:
     return StepControl(first=0.01 * size, smallest=1e-7 * size, largest=0.15 * size, members=400)
 
 
-def _computed(
+def _compute_branch(
     family: Lyapunov,
     problem: SymmetricShooting,
     start: Array,

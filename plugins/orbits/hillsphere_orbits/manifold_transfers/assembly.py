@@ -12,26 +12,32 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere_orbits.flow import Flow
-from hillsphere_orbits.manifold_transfers.flights import Coasts, Flown, Waits, coasts_of, waits_of
+from hillsphere_orbits.manifold_transfers.flights import (
+    Coasts,
+    VerifiedFlights,
+    Waits,
+    coasts_of,
+    waits_of,
+)
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
-from hillsphere_orbits.manifold_transfers.search import Legs, joined
+from hillsphere_orbits.manifold_transfers.search import Legs, join_legs
 from hillsphere_orbits.survey import LockedMoon
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import least_heights_m
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.pareto import front
 
-__all__ = ["Case", "Found", "assembled"]
+__all__ = ["Case", "OrbitTransfers", "assemble_product"]
 
 _STATES = 481  # of a coast that is handed on;
 _EACH = 8  # sub-steps between two of them, so that it solves the equations near the body too
 
-Fly: TypeAlias = Callable[[Sequence[Coasts | Waits]], Iterable[Flown]]
+Fly: TypeAlias = Callable[[Sequence[Coasts | Waits]], Iterable[VerifiedFlights]]
 """Flies pieces, in order; see `LegFlights`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class OrbitTransfers:
     """What was found through one orbit, normalised.
 
     Parameters
@@ -78,14 +84,14 @@ class Case:
     closure_limit_m: float
 
 
-def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers:
+def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> ManifoldTransfers:
     """Make the product.
 
     Parameters
     ----------
     case : Case
         What the transfers have in common.
-    found : sequence of Found, length M
+    found : sequence of OrbitTransfers, length M
         Per orbit.
     fly : callable
         Flies pieces of legs, in order; see `hillsphere_orbits.manifold_transfers.flights`.
@@ -98,7 +104,7 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
     system, scales = case.flow.system, case.plant.scales
     unit, speed = system.unit[:, None], scales.length_m / scales.time_s
     ladders = [legs for one in found for legs in (one.departure, one.arrival)]
-    legs = joined([Legs.none(), *ladders])
+    legs = join_legs([Legs.none(), *ladders])
     sizes = [part.p.size for part in ladders]
     member = np.repeat(np.arange(2 * len(found)) // 2, sizes).astype(np.int64)
     arrives = np.repeat(np.arange(2 * len(found)) % 2 == 1, sizes)
@@ -107,7 +113,7 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
         for one in found
         for k, ladder in enumerate(one.again or ())
     ]
-    flown, *flown_again = _reflown(case, [(legs, arrives), *again], fly)
+    flown, *flown_again = _verify_legs(case, [(legs, arrives), *again], fly)
     legs = flown.legs
     energy = case.orbits.integral
     of = np.array([planar.integral[0] for planar in case.planar])
@@ -172,7 +178,7 @@ def assembled(case: Case, found: Sequence[Found], fly: Fly) -> ManifoldTransfers
 
 
 @dataclass(frozen=True, eq=False)
-class _Reflown:
+class _VerifiedLegs:
     """What legs were like when they were flown anew."""
 
     legs: Legs
@@ -186,9 +192,9 @@ class _Reflown:
         return np.asarray(~self.impact & (self.closure_km * 1e3 <= case.closure_limit_m))
 
 
-def _reflown(
+def _verify_legs(
     case: Case, sets: Sequence[tuple[Legs, NDArray[np.bool_]]], fly: Fly
-) -> list[_Reflown]:
+) -> list[_VerifiedLegs]:
     """Correct sets of legs in the flow of the Taylor propagator, and fly them anew in it.
 
     With every set goes which of its legs arrive.
@@ -206,20 +212,20 @@ def _reflown(
 
 
 def _put_together(
-    case: Case, legs: Legs, arrives: NDArray[np.bool_], flown: Iterator[Flown]
-) -> _Reflown:
+    case: Case, legs: Legs, arrives: NDArray[np.bool_], flown: Iterator[VerifiedFlights]
+) -> _VerifiedLegs:
     """Take what belongs to a set of legs."""
 
-    def taken(lanes: int) -> Flown:
+    def taken(lanes: int) -> VerifiedFlights:
         parts = [next(flown)]
         while sum(part.impact.size for part in parts) < lanes:
             parts.append(next(flown))
-        return Flown.joined(parts)
+        return VerifiedFlights.join(parts)
 
     count = legs.p.size
     if not count:
         none = np.zeros(0)
-        return _Reflown(legs, none, none, none, np.zeros(0, bool))
+        return _VerifiedLegs(legs, none, none, none, np.zeros(0, bool))
     coast = taken(count)
     legs = replace(
         legs,
@@ -237,7 +243,7 @@ def _put_together(
             planar = taken(own.size)
             meeting[own] += planar.closure_km
             speeds[own] = planar.closure_m_s
-    return _Reflown(
+    return _VerifiedLegs(
         legs=legs,
         closure_km=np.maximum(coast.closure_km, meeting),
         closure_m_s=np.maximum(coast.closure_m_s, speeds),
@@ -246,7 +252,9 @@ def _put_together(
     )
 
 
-def _front(found: Sequence[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _front(
+    found: Sequence[OrbitTransfers], legs: Legs, good: NDArray[np.bool_]
+) -> NDArray[np.int64]:
     """Return the pairs of legs that no pair through the same orbit betters."""
     pairs = [np.zeros((2, 0), dtype=np.int64)]
     first = 0
@@ -266,10 +274,10 @@ def _front(found: Sequence[Found], legs: Legs, good: NDArray[np.bool_]) -> NDArr
 
 def _checks(
     case: Case,
-    found: Sequence[Found],
+    found: Sequence[OrbitTransfers],
     legs: Legs,
     good: NDArray[np.bool_],
-    again: Sequence[_Reflown],
+    again: Sequence[_VerifiedLegs],
 ) -> tuple[NDArray[np.int64], Array]:
     """Compare the entries that make transfers with those found with twice the samples."""
     entries: list[tuple[int, int]] = []

@@ -15,7 +15,7 @@ from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import Leg as Flight
 from hillsphere_orbits.transfers.endtoend import verify
 
-__all__ = ["Coasts", "Flown", "LegFlights", "Waits", "coasts_of", "waits_of"]
+__all__ = ["Coasts", "LegFlights", "VerifiedFlights", "Waits", "coasts_of", "waits_of"]
 
 _LANES = 16
 """Lanes of a piece: whole batches of the integrators, as a lane's last bits depend on those in its
@@ -62,7 +62,7 @@ class Waits:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class VerifiedFlights:
     """What K coasts or waits were like when they were flown anew.
 
     Parameters
@@ -87,7 +87,7 @@ class Flown:
     place_lane: NDArray[np.intp]
 
     @classmethod
-    def joined(cls, parts: Sequence[Flown]) -> Flown:
+    def join(cls, parts: Sequence[VerifiedFlights]) -> VerifiedFlights:
         """Return the lanes of one part or more, one after the other."""
         first = np.cumsum([0, *(part.impact.size for part in parts)])
         return cls(
@@ -135,25 +135,25 @@ class LegFlights:
     def __init__(self, plant: Plant, flow: Flow, curves: tuple[PolarOrbit, PolarOrbit]) -> None:
         self._plant, self._flow, self._curves = plant, flow, curves
 
-    def __call__(self, piece: Coasts | Waits) -> Flown:
+    def __call__(self, piece: Coasts | Waits) -> VerifiedFlights:
         """Fly a piece; coasts are corrected before."""
         if isinstance(piece, Coasts):
-            start = self._corrected(piece)
-            return self._flown("leg", start, piece.tof, piece.end)
+            start = self._correct_starts(piece)
+            return self._verify("leg", start, piece.tof, piece.end)
         curve, target = self._curves[piece.arrives], piece.target
         start = np.repeat(curve.x0[:, None], target.shape[1], axis=1)
-        return self._flown("planar", start, curve.time(np.arctan2(target[1], target[0])), target)
+        return self._verify("planar", start, curve.time(np.arctan2(target[1], target[0])), target)
 
-    def _flown(self, name: str, start: Array, duration: Array, end: Array) -> Flown:
+    def _verify(self, name: str, start: Array, duration: Array, end: Array) -> VerifiedFlights:
         unit, clock = self._flow.system.unit[:, None], self._flow.system.time_unit_s
         flight = Flight(name, duration * clock, np.zeros((3, duration.size)), end * unit)
         found = verify(self._plant, start * unit, [flight])
-        return Flown(
+        return VerifiedFlights(
             start, found.closure_km, found.closure_m_s, found.impact, found.places_m,
             found.place_lane,
         )  # fmt: skip
 
-    def _corrected(self, piece: Coasts) -> Array:
+    def _correct_starts(self, piece: Coasts) -> Array:
         """Return first states from which the Taylor propagator reaches planned ends.
 
         Passing near the body and the unstable orbit, a leg magnifies the last digits of its first

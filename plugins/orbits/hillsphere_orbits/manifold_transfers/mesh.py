@@ -58,12 +58,12 @@ class Roots:
     dv: Array
     doubt: Array
 
-    def chosen(self, keep: NDArray[np.intp]) -> Roots:
+    def select(self, keep: NDArray[np.intp]) -> Roots:
         """Return some of them."""
         return Roots(*(getattr(self, name)[..., keep] for name in self.__annotations__))
 
     @classmethod
-    def joined(cls, parts: list[Roots]) -> Roots:
+    def join(cls, parts: list[Roots]) -> Roots:
         """Return those of several targets as one set."""
         names = cls.__annotations__
         return cls(
@@ -84,10 +84,10 @@ class _Passages:
     g: Array  # (T, E): of each target
     away: Array  # (T, 3, E): velocity relative to the target's at the same angle
 
-    def chosen(self, keep: NDArray[np.intp] | NDArray[np.bool_]) -> _Passages:
+    def select(self, keep: NDArray[np.intp] | NDArray[np.bool_]) -> _Passages:
         return _Passages(*(getattr(self, name)[..., keep] for name in self.__annotations__))
 
-    def joined(self, other: _Passages) -> _Passages:
+    def join(self, other: _Passages) -> _Passages:
         names = self.__annotations__
         return _Passages(
             *(np.concatenate([getattr(q, name) for q in (self, other)], axis=-1) for name in names)
@@ -183,7 +183,7 @@ class Mesh:
         self._end = np.zeros(0)  # time of flight of an impact or escape; infinite without
         self._sure = [(np.zeros(0), np.zeros(0)) for _ in targets]
         self.unproved = 0
-        self._passages = self._seen(fly(self._p))
+        self._passages = self._collect_passages(fly(self._p))
 
     @property
     def trajectories(self) -> int:
@@ -198,10 +198,10 @@ class Mesh:
             if not new.size:
                 break
             flown = self._fly(new)
-            self._passages = self._passages.joined(self._seen(flown))
+            self._passages = self._passages.join(self._collect_passages(flown))
             p = np.concatenate([self._p, new])
-            end = np.abs(flown.flown.time) - np.abs(flown.left)
-            end[(flown.flown.ended_by < 0) | (end > self._limit)] = np.inf
+            end = np.abs(flown.ends.time) - np.abs(flown.left)
+            end[(flown.ends.ended_by < 0) | (end > self._limit)] = np.inf
             order = np.argsort(p, kind="stable")
             self._p, self._end = p[order], np.concatenate([self._end, end])[order]
             new = self._divisions(new)
@@ -211,14 +211,14 @@ class Mesh:
         q, lane = self._subset(self._p)
         return self._roots(q, self._pairs(q, lane), target)
 
-    def _seen(self, flown: Leaves) -> _Passages:
-        self.unproved += int(np.count_nonzero(~flown.flown.resolved))
-        z = flown.flown.zeros
+    def _collect_passages(self, flown: Leaves) -> _Passages:
+        self.unproved += int(np.count_nonzero(~flown.ends.resolved))
+        z = flown.ends.zeros
         # a stable manifold is flown backwards: its times count positive here
         sense = np.sign(self._h)
         tof = sense * (z.time - flown.left[z.lane])
         keep = (z.event == 0) & (tof > 0.0)
-        z, tof = z.chosen(keep), tof[keep]
+        z, tof = z.select(keep), tof[keep]
         angle, radius = np.arctan2(z.x[1], z.x[0]), np.log(np.hypot(z.x[0], z.x[1]))
         there = [target.state(angle) for target in self._targets]
         node = flown.node[z.lane]
@@ -236,8 +236,8 @@ class Mesh:
     def _subset(self, p: Array) -> tuple[_Passages, NDArray[np.int64]]:
         """Return the passages of some trajectories, by p and time, and their numbers."""
         at = np.minimum(np.searchsorted(p, self._passages.p), p.size - 1)
-        q = self._passages.chosen(np.flatnonzero(p[at] == self._passages.p))
-        q = q.chosen(np.lexsort((q.clock, q.p)))
+        q = self._passages.select(np.flatnonzero(p[at] == self._passages.p))
+        q = q.select(np.lexsort((q.clock, q.p)))
         return q, np.searchsorted(self._p, q.p)
 
     def _pairs(self, q: _Passages, lane: NDArray[np.int64]) -> _Pairs:

@@ -22,7 +22,7 @@ from hillsphere.show.tables import (
 from hillsphere_orbits.manifold_transfers.figures import draw_front, draw_transfer
 from hillsphere_orbits.manifold_transfers.products import ManifoldTransfers
 from hillsphere_orbits.manifold_transfers.specs import ManifoldTransfersSpec
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 __all__ = ["present_transfers"]
 
@@ -94,9 +94,9 @@ def present_transfers(
             )
     label = spec.label
     return Presentation(
-        metrics={named(k, label): v for k, v in _metrics(product).items()},
-        tables={named(k, label): v for k, v in tables.items()},
-        figures={named(k, label): v for k, v in figures.items()},
+        metrics={label_identifier(k, label): v for k, v in _metrics(product).items()},
+        tables={label_identifier(k, label): v for k, v in tables.items()},
+        figures={label_identifier(k, label): v for k, v in figures.items()},
         verdict=[*_verdict(product, names), *beside[:3]],
     )
 
@@ -262,9 +262,9 @@ def _beside(
                 f"{'bettered in both' if row['dominated'] else 'not bettered in both'}."
             )
     notes = [
-        f"Of {counted(compared, 'orbit')} that connect{'s' if compared == 1 else ''} here and in "
-        f"the paper, {cheaper} {'has' if cheaper == 1 else 'have'} a transfer of a smaller impulse "
-        "here, whatever its time of flight."
+        f"Of {format_count(compared, 'orbit')} that connect{'s' if compared == 1 else ''} here and "
+        f"in the paper, {cheaper} {'has' if cheaper == 1 else 'have'} a transfer of a smaller "
+        "impulse here, whatever its time of flight."
     ]
     notes.append(f"Connect here and not in the paper: {'; '.join(ours_only) or 'none'}.")
     notes.append(f"Connect in the paper and not here: {'; '.join(paper_only) or 'none'}.")
@@ -297,7 +297,7 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
         )
         metrics["legs_too_sensitive"] = Metric(_too_sensitive(product))
         if np.all(np.isfinite(margin)):
-            metrics["energy_margin_min_m_s"] = Metric(
+            metrics["min_energy_margin_m_s"] = Metric(
                 float(min(np.min(margin), np.min(whole))), "m/s"
             )
     if product.transfer_legs.shape[1]:
@@ -314,7 +314,7 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
 def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
     count = sum(status == "connected" for status in product.status)
     limit = f"with legs of {product.leg_limit_s / _DAY:g} d at most"
-    whole = counted(count, "orbit", of=len(product.status))
+    whole = format_count(count, "orbit", of=len(product.status))
     sentences = [f"{whole} connect{'s' if count == 1 else ''} {names} {limit}."]
     if product.transfer_legs.shape[1]:
         dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / _DAY
@@ -342,7 +342,7 @@ def _closure(product: ManifoldTransfers) -> str:
     """Say how well the transfers close, and how many legs were not taken because they do not."""
     out = (
         f"set aside as too sensitive (missing by more than {product.closure_limit_m:g} m): "
-        f"{counted(_too_sensitive(product), 'leg', of=len(product.leg_member))}"
+        f"{format_count(_too_sensitive(product), 'leg', of=len(product.leg_member))}"
     )
     if not product.transfer_legs.shape[1]:
         return f"No transfer is kept; {out}."

@@ -23,7 +23,7 @@ from hillsphere_orbits.manifold_transfers.mesh import Mesh, Roots
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.pareto import front
 
-__all__ = ["Legs", "Search", "joined", "ladder"]
+__all__ = ["Legs", "Search", "join_legs", "ladder"]
 
 _MOVES = 4
 _BEYOND = 2.0  # natural units of time: partners of passages just within the limit are flown to
@@ -63,11 +63,11 @@ class Legs:
     state: Array
     target: Array
 
-    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Legs:
+    def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Legs:
         """Return some of them."""
         return Legs(*(getattr(self, field.name)[..., keep] for field in fields(self)))
 
-    def mirrored(self, mirror: Array) -> Legs:
+    def mirror(self, mirror: Array) -> Legs:
         """Return the same legs flown backwards in a mirror, given the sign of each state."""
         rows = ("begin", "orbit", "state", "target")
         return replace(self, **{name: mirror[:, None] * getattr(self, name) for name in rows})
@@ -79,7 +79,7 @@ class Legs:
         return cls(row, np.zeros(0, dtype=np.int64), row, row, states, states, states, states)
 
 
-def joined(parts: list[Legs]) -> Legs:
+def join_legs(parts: list[Legs]) -> Legs:
     """Return the legs of several searches as one set."""
     return Legs(
         *(np.concatenate([getattr(part, f.name) for part in parts], axis=-1) for f in fields(Legs))
@@ -95,7 +95,7 @@ def ladder(legs: Legs, gain: float) -> Legs:
     for i in best:
         if not kept or legs.dv[i] < legs.dv[kept[-1]] - gain:
             kept.append(int(i))
-    return legs.chosen(np.array(kept, dtype=np.intp))
+    return legs.select(np.array(kept, dtype=np.intp))
 
 
 class Search:
@@ -162,12 +162,12 @@ class Search:
             self.local.h, targets, self.limit, self.gain,
         )  # fmt: skip
         mesh.refine(self.samples)
-        found = self._polished([mesh.roots(k) for k in range(len(targets))], targets)
+        found = self._polish_candidates([mesh.roots(k) for k in range(len(targets))], targets)
         return [ladder(legs, self.gain) for legs in found], np.array(
             [mesh.trajectories, mesh.unproved]
         )
 
-    def _polished(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
+    def _polish_candidates(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
         """Polish the roots that may be on the fronts, until those not polished cannot be."""
         found = [Legs.none() for _ in targets]
         waiting = [np.ones(r.low.size, dtype=bool) for r in roots]
@@ -182,13 +182,13 @@ class Search:
                 return found
             for mask, here in zip(waiting, chosen, strict=True):
                 mask[here] = False
-            some = [r.chosen(here) for r, here in zip(roots, chosen, strict=True)]
-            p, node, clock, kept = self._root(Roots.joined(some), which, targets)
+            some = [r.select(here) for r, here in zip(roots, chosen, strict=True)]
+            p, node, clock, kept = self._root(Roots.join(some), which, targets)
             for k, target in enumerate(targets):
                 own = which[kept] == k
                 if own.any():
                     legs = self._final(p[own], node[own], clock[own], target)
-                    found[k] = joined([found[k], legs])
+                    found[k] = join_legs([found[k], legs])
 
     def _promising(self, roots: Roots, mask: NDArray[np.bool_], done: Legs) -> NDArray[np.intp]:
         """Return the roots among those of a mask that may be on the front with what is done."""
@@ -234,7 +234,7 @@ class Search:
         least = np.finfo(float).eps * np.max(np.abs(self.local.orbit)) / self.start
         least /= np.log(self.local.growth)
         p = bracketed_roots(
-            lambda p: _settled(gap(p, held)[0]), x, y, f, g,
+            lambda p: _snap_roots_to_zero(gap(p, held)[0]), x, y, f, g,
             np.maximum(np.minimum(0.1, _GAP / np.maximum(_GAP, np.abs(g - f))) * (y - x), least),
         )  # fmt: skip
         return p, node[held], gap(p, held)[1], held
@@ -257,8 +257,8 @@ class Search:
             local, self.watch, p, self.side, start=self.start, distance=self.distance,
             duration=self.limit, ends=self.ends, node=node,
         )  # fmt: skip
-        z = flown.flown.zeros
-        z = z.chosen(z.event == 0)
+        z = flown.ends.zeros
+        z = z.select(z.event == 0)
         late = np.abs(np.abs(flown.node[z.lane] * local.h + z.time) - clock[z.lane])
         # the passage of each lane that is nearest to the root's time
         order = np.lexsort((late, z.lane))
@@ -288,7 +288,7 @@ class Search:
         )
 
 
-def _settled(g: Array) -> Array:
+def _snap_roots_to_zero(g: Array) -> Array:
     """Return g with zero for what is a root: nothing is gained by going on."""
     return np.where(np.abs(g) <= _GAP, 0.0, g)
 

@@ -17,7 +17,7 @@ from hillsphere.show.tables import (
 from hillsphere_orbits.nonlinear_stability.figures import draw_edges, draw_probabilities
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
 from hillsphere_orbits.nonlinear_stability.survival import Fate
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 
 __all__ = ["present_stability"]
 
@@ -78,9 +78,9 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
     if np.isfinite(product.drift):
         metrics["survival_integral_drift"] = Metric(product.drift)
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in figures.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={label_identifier(name, label): figure for name, figure in figures.items()},
         verdict=_verdict(product),
     )
 

@@ -13,10 +13,17 @@ from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import OrbitSet, PeriodicOrbits
 from hillsphere_orbits.nonlinear_stability.edges import Edges, first_losses
-from hillsphere_orbits.nonlinear_stability.nearby import Nearby, nearby_resonances
+from hillsphere_orbits.nonlinear_stability.nearby_resonances import (
+    NearbyResonance,
+    nearby_resonances,
+)
 from hillsphere_orbits.nonlinear_stability.presentation import present_stability
 from hillsphere_orbits.nonlinear_stability.products import NonlinearStability
-from hillsphere_orbits.nonlinear_stability.retraced import Retraced, require_states, retrace
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import (
+    SampledOrbits,
+    require_states,
+    retrace,
+)
 from hillsphere_orbits.nonlinear_stability.specs import NonlinearStabilitySpec
 from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates, Survival
 from hillsphere_orbits.qso.products import QsoFamily
@@ -116,16 +123,16 @@ class NonlinearStabilityStage:
             start = trial.at_phase(phase)
             errors = [_draws(spec, ctx, f"{name}, phase {phase!r}") for name in given.labels]
             lanes = np.repeat(every, spec.draws)
-            fates = trial.fly(lanes, start[:, lanes] + trial.normalised(np.hstack(errors)))
+            fates = trial.fly(lanes, start[:, lanes] + trial.normalise(np.hstack(errors)))
             table = fates.fate.reshape(members, spec.draws)
             counts[:, :, k] = [np.count_nonzero(table == fate, axis=1) for fate in Fate]
             times = fates.time.reshape(table.shape)
             for i in np.flatnonzero((table != Fate.SURVIVES).any(axis=1)):
                 median[i, k] = np.median(times[i, table[i] != Fate.SURVIVES])
         low, high = clopper_pearson(counts[Fate.SURVIVES], spec.draws, spec.confidence)
-        offset = _given(spec)
+        offset = _prescribed_offsets(spec)
         asked = np.repeat(every, offset.shape[1])
-        told = trial.fly(asked, trial.start[:, asked] + np.tile(trial.normalised(offset), members))
+        told = trial.fly(asked, trial.start[:, asked] + np.tile(trial.normalise(offset), members))
         near = _near(orbits, spec)
         unit, time = given.length_m, trial.survival.system.time_unit_s
         ctx.info(f"{trial.flights} flights; largest change of the integral {trial.drift:.1e}")
@@ -179,9 +186,9 @@ class NonlinearStabilityStage:
         return present_stability(product, self.spec.label)
 
 
-def _near(orbits: tuple[OrbitSet, ...], spec: NonlinearStabilitySpec) -> list[Nearby]:
+def _near(orbits: tuple[OrbitSet, ...], spec: NonlinearStabilitySpec) -> list[NearbyResonance]:
     """Return the resonances near the members of planar families, numbered among all members."""
-    found: list[Nearby] = []
+    found: list[NearbyResonance] = []
     before = 0
     for family in orbits:
         if isinstance(family, QsoFamily):
@@ -202,7 +209,7 @@ class _Trial:
         tick: Callable[[int], None],
     ) -> None:
         self.survival = Survival(plant, spec.accuracy)
-        self.around: Retraced = retrace(self.survival.map, orbits)
+        self.around: SampledOrbits = retrace(self.survival.map, orbits)
         self.start = np.ascontiguousarray(self.around.way[:, 0])
         amplitude = self.around.amplitude
         self.limits = spec.limit * amplitude
@@ -212,7 +219,7 @@ class _Trial:
         self.drift = 0.0 if self.survival.has_integral else float("nan")
         self._spec, self._tick = spec, tick
 
-    def normalised(self, offsets: Array) -> Array:
+    def normalise(self, offsets: Array) -> Array:
         """Return SI offsets (6, N) in the units of the flights."""
         return offsets / self.survival.system.unit[:, None]
 
@@ -254,7 +261,7 @@ class _Trial:
         fast = np.full(members, spec.velocity_max_m_s) if spec.velocity_max_m_s else reach * unit[3]
         is_velocity = direction[3:].any(axis=0)
         largest = np.where(is_velocity, fast[:, None], far[:, None])
-        step = self.normalised(direction)
+        step = self.normalise(direction)
 
         def judge(row: NDArray[np.intp], offset: Array) -> Fates:
             orbit, k = np.divmod(row, count)
@@ -299,7 +306,7 @@ def _draws(spec: NonlinearStabilitySpec, ctx: Context, stream: str) -> Array:
     return np.asarray((ctx.rng(stream).normal(size=(spec.draws, 6)) * sigma).T)
 
 
-def _given(spec: NonlinearStabilitySpec) -> Array:
+def _prescribed_offsets(spec: NonlinearStabilitySpec) -> Array:
     """Return the offsets that were asked for (6, Q), SI."""
     zero = (0.0, 0.0, 0.0)
     rows = [(*r, *zero) for r in spec.position_offsets_m]

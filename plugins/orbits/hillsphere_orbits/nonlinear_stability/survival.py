@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import ArrayFunction, Derivatives, StepMap, system
 from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import Expr, gradient, is_zero, parameter, sum_of
-from hillsphere_orbits.nonlinear_stability.retraced import require_states
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import require_states
 from hillsphere_orbits.survey import ArrayConserved
 
 __all__ = ["Fate", "Fates", "Survival"]
@@ -170,13 +170,13 @@ class Survival:
         fates.fate[np.abs(fates.drift) > self.accuracy] = Fate.UNRESOLVED
         return fates
 
-    def _flock(self, x: Array, limits: Array, own: NDArray[np.intp]) -> _Flock:
+    def _flock(self, x: Array, limits: Array, own: NDArray[np.intp]) -> _ActiveLanes:
         """Return lanes ready to fly."""
-        owner = _filled(own)
+        owner = _pad_lanes(own)
         y, box = np.ascontiguousarray(x[:, owner]), np.ascontiguousarray(limits[:, owner])
         margin, slope = np.split(self._margins(y, box), 2)
         value, zero = self.integral(y), np.zeros(owner.size)
-        return _Flock(owner, y, box, zero, zero.copy(), value, value, margin, slope)
+        return _ActiveLanes(owner, y, box, zero, zero.copy(), value, value, margin, slope)
 
     def _slope(self, margin: Expr) -> Expr:
         """Return the rate of change of a margin along the motion."""
@@ -191,7 +191,7 @@ class Survival:
         return np.where(rate < _FASTEST, 1.0 / np.maximum(rate, _SLOWEST), np.nan)
 
     def _march(
-        self, flock: _Flock, duration: float, out: Fates, tick: Callable[[int], None]
+        self, flock: _ActiveLanes, duration: float, out: Fates, tick: Callable[[int], None]
     ) -> None:
         """Fly lanes and write what became of them into `out`."""
         # per step, so that a whole flight keeps the accuracy
@@ -242,7 +242,7 @@ class Survival:
 
 
 @dataclass(eq=False)
-class _Flock:
+class _ActiveLanes:
     """The lanes that still fly.
 
     Their numbers, states, limits, times, strides, the integral at the start and now, the margins
@@ -271,15 +271,15 @@ class _Flock:
         out.drift[own] = ((self.value - self.first) / self.size)[done]
         return int(np.unique(own).size)
 
-    def without(self, done: NDArray[np.bool_]) -> _Flock:
+    def without(self, done: NDArray[np.bool_]) -> _ActiveLanes:
         """Return the others."""
         keep = np.flatnonzero(~done)
         # copies that filled the flock up end with what they are copies of
-        keep = _filled(keep[np.unique(self.owner[keep], return_index=True)[1]])
-        return _Flock(*(getattr(self, field.name)[..., keep] for field in fields(self)))
+        keep = _pad_lanes(keep[np.unique(self.owner[keep], return_index=True)[1]])
+        return _ActiveLanes(*(getattr(self, field.name)[..., keep] for field in fields(self)))
 
 
-def _filled(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
+def _pad_lanes(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
     """Repeat the last lane until the number is a multiple of the SIMD width."""
     return np.concatenate([lanes, np.repeat(lanes[-1:], -lanes.size % _WIDTH)])
 

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from hillsphere.dynamics import System
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.parameter_continuation import (
-    Held,
+    HeldQuantity,
     ParameterPath,
     ParameterProblem,
-    held_integral,
-    held_member,
+    hold_integral,
+    hold_orbit_quantity,
 )
-from hillsphere_orbits.parameter_paths import Method, carry, refined
+from hillsphere_orbits.parameter_paths import Method, carry, refine_orbits
 from hillsphere_orbits.qso.families import Family
 
-__all__ = ["Arrival", "carried", "unchanged"]
+__all__ = ["Arrival", "continue_members", "keep_members"]
 
 _TRACK_POINTS = 240
 _REACHED = "reached"
@@ -65,7 +65,7 @@ class Arrival:
     clearance: Array
 
 
-def unchanged(family: Family, z: Array) -> Arrival:
+def keep_members(family: Family, z: Array) -> Arrival:
     """Return the members (m, N) of a family as they are: no parameter changes."""
     problem = family.problem
     flow, none = problem.flow, np.empty(0)
@@ -80,12 +80,12 @@ def unchanged(family: Family, z: Array) -> Arrival:
         way_x0=np.empty((len(flow.names), 0)),
         way_period=none,
         way_integral=none,
-        tracks=_thinned(way),
+        tracks=_thin_positions(way),
         clearance=_clearance(flow.system, way, flow.system.parameters(None, way[0].size)),
     )
 
 
-def carried(
+def continue_members(
     plant: Plant,
     family: Family,
     z: Array,
@@ -137,7 +137,7 @@ def carried(
         here = z[:, lanes]
         for number, leg in enumerate(legs):
             problem = replace(problem, path=leg)
-            held = _held(kind, problem, family)
+            held = _quantity_to_hold(kind, problem, family)
             start = np.concatenate([here, np.zeros((1, here.shape[1]))])
             values[lanes] = held(start)[0]
             found = carry(problem, here, held, method=method, advance=advance)
@@ -155,11 +155,13 @@ def carried(
     for kind in dict.fromkeys(kinds):
         own = there & np.array([other == kind for other in kinds])
         if own.any():
-            ends[:, own] = refined(problem, ends[:, own], _held(kind, problem, family), values[own])
-    return _described(problem, ends[:, there], tuple(status), values, ways)
+            ends[:, own] = refine_orbits(
+                problem, ends[:, own], _quantity_to_hold(kind, problem, family), values[own]
+            )
+    return _describe_arrival(problem, ends[:, there], tuple(status), values, ways)
 
 
-def _described(
+def _describe_arrival(
     problem: ParameterProblem,
     z: Array,
     status: tuple[str, ...],
@@ -181,18 +183,18 @@ def _described(
         way_x0=problem.state(way) * system.unit[:, None],
         way_period=problem.period(way),
         way_integral=problem.integral(way),
-        tracks=_thinned(path),
+        tracks=_thin_positions(path),
         clearance=_clearance(system, path, np.tile(p, (1, path.shape[1]))),
     )
 
 
-def _held(kind: str, problem: ParameterProblem, family: Family) -> Held:
+def _quantity_to_hold(kind: str, problem: ParameterProblem, family: Family) -> HeldQuantity:
     if kind == "jacobi":
-        return held_integral(problem)
-    return held_member(family.period if kind == "period" else family.amplitude)
+        return hold_integral(problem)
+    return hold_orbit_quantity(family.period if kind == "period" else family.amplitude)
 
 
-def _thinned(way: Array) -> Array:
+def _thin_positions(way: Array) -> Array:
     """Return positions (3, Q, N) of trajectories (n, K, N), ends included."""
     last = way.shape[1] - 1
     kept = np.linspace(0, last, min(last, _TRACK_POINTS) + 1).round().astype(np.intp)

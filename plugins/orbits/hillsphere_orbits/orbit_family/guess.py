@@ -9,7 +9,7 @@ import numpy as np
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, StepControl, continue_both
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
@@ -97,7 +97,9 @@ class GuessedFamily:
         guess = problem.unknowns_at(state, np.array([self.guess["period"]]))
         x = problem.unknowns.index("x")
         problem = problem.with_steps(self._steps(problem, guess))
-        start = correct(problem, guess, fixed(x, x0), iterations=25).checked("orbit of the guess")
+        start = correct(problem, guess, fix_component(x, x0), iterations=25).require_converged(
+            "orbit of the guess"
+        )
         low = 0.5 * abs(x0) if low_m is None else low_m / unit
         high = 2.0 * abs(x0) if high_m is None else high_m / unit
         # the guess need not lie in the range: it is where following begins
@@ -117,7 +119,7 @@ class GuessedFamily:
             if needed <= problem.steps:
                 break
             problem = problem.with_steps(needed)
-        return Family(self.plant, problem, branch.resampled(problem, members), method)
+        return Family(self.plant, problem, branch.resample(problem, members), method)
 
     def _steps(self, problem: Shooting, z: Array) -> int:
         return problem.flow.steps_for(problem.state(z), z[-1], 0.1 * self.accuracy)

@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere_orbits.members import Quantity, members_at
-from hillsphere_orbits.orbit_family.arrival import Arrival, carried, unchanged
+from hillsphere_orbits.orbit_family.arrival import Arrival, continue_members, keep_members
 from hillsphere_orbits.orbit_family.guess import GuessedFamily
 from hillsphere_orbits.orbit_family.presentation import present_followed
 from hillsphere_orbits.orbit_family.products import FollowedFamily
@@ -22,7 +22,7 @@ from hillsphere_orbits.stability import is_decoupled, stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor, require_accuracy
 from hillsphere_orbits.winding import require_motion
 
-__all__ = ["Followed", "OrbitFamilyStage"]
+__all__ = ["FamilyProvider", "OrbitFamilyStage"]
 
 _BEYOND = 1.02  # of the largest amplitude asked for: so that it is passed
 _FAR = 4.0  # units of length
@@ -30,7 +30,7 @@ _TAYLOR = "re-propagated by Taylor series, independent of the step map that foun
 
 
 @runtime_checkable
-class Followed(Contract, Protocol):
+class FamilyProvider(Contract, Protocol):
     """A family that knows where it begins and how it is followed."""
 
     @property
@@ -67,12 +67,12 @@ class OrbitFamilyStage:
 
     def __init__(self, spec: OrbitFamilySpec) -> None:
         self.spec = spec
-        self.source: Followed
+        self.source: FamilyProvider
         if spec.plant is not None:
             self.source = GuessedFamily(spec.plant.get(), spec.guess, spec.accuracy)
         else:
             family = spec.family.get() if spec.family else None
-            if not isinstance(family, Followed):
+            if not isinstance(family, FamilyProvider):
                 raise InputError(
                     f"a {type(family).__name__} does not say where it begins (it has no method "
                     "'family'); give the stage its plant and a guess instead"
@@ -107,7 +107,7 @@ class OrbitFamilyStage:
         ctx.info(f"family over {family.method}; {family.problem.steps} sub-steps")
         ctx.info(f"its ends: {family.branch.ends[0]}; {family.branch.ends[1]}")
         advance(1)
-        z, labels, kinds, absent = self._asked(family)
+        z, labels, kinds, absent = self._find_members(family)
         for orbit in absent:
             ctx.info(f"{orbit.name}: {orbit.fault}")
         surveyor = Surveyor(plant, family.problem)
@@ -163,9 +163,9 @@ class OrbitFamilyStage:
         """Carry the members along, if parameters change."""
         spec = self.spec
         if not self.paths:
-            return unchanged(family, z)
+            return keep_members(family, z)
         advance = ctx.track("parameters", len(kinds) * len(self.paths))
-        return carried(
+        return continue_members(
             self.source.plant, family, z, kinds, self.paths, spec.method, spec.accuracy, advance
         )
 
@@ -198,7 +198,9 @@ class OrbitFamilyStage:
                 high = max(high, _FAR * unit)
         return low, high
 
-    def _asked(self, family: Family) -> tuple[Array, tuple[str, ...], list[str], list[_Absent]]:
+    def _find_members(
+        self, family: Family
+    ) -> tuple[Array, tuple[str, ...], list[str], list[_Absent]]:
         """Find every orbit asked for: unknowns, names, and what each is asked for by.
 
         Those that are missing come last, by name with what there is instead; if all are, they are

@@ -23,10 +23,10 @@ from hillsphere.products import Bifurcations
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere_orbits.continuation import Branch
 from hillsphere_orbits.correction import tangents
-from hillsphere_orbits.members import members_where, resolved
+from hillsphere_orbits.members import insert_members, members_where
 from hillsphere_orbits.qso.families import Qso
 from hillsphere_orbits.qso.figures import draw_resonances
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.qso_family import family_of
 from hillsphere_orbits.qso.specs import BifurcationSpec, read_resonance
@@ -102,7 +102,7 @@ class BifurcationStage:
         pairs: list[tuple[int, int]] = []
         advance = ctx.track("bifurcations", len(_PLANES))
         for row, plane in enumerate(_PLANES):
-            wanted = self._wanted(plane)
+            wanted = self._resonances_to_find(plane)
             if wanted:
 
                 def index(z: Array, row: int = row) -> Array:
@@ -110,7 +110,7 @@ class BifurcationStage:
 
                 found = members_where(
                     problem,
-                    resolved(problem, branch, index, _RESOLUTION),
+                    insert_members(problem, branch, index, _RESOLUTION),
                     index,
                     np.array([2.0 * cos(2.0 * pi * d / n) for d, n in wanted]),
                 )
@@ -147,19 +147,19 @@ class BifurcationStage:
         absent = [
             f"{plane} {d}:{n}"
             for plane in _PLANES
-            for d, n in self._wanted(plane)
+            for d, n in self._resonances_to_find(plane)
             if (plane, d, n) not in set(zip(product.plane, product.d, product.n, strict=True))
         ]
         if absent:
             verdict.append(f"Not met there: {', '.join(absent)}.")
         return Presentation(
             tables={
-                named("bifurcations", label): tabulate(
+                label_identifier("bifurcations", label): tabulate(
                     "Bifurcations of the family", _columns(product)
                 )
             },
             figures={
-                named("resonances", label): Figure(
+                label_identifier("resonances", label): Figure(
                     "Stability indices with the resonances",
                     lambda figure: draw_resonances(figure, family, compare, product),
                     "Marked: where a family of orbits of n revolutions branches off, "
@@ -171,7 +171,7 @@ class BifurcationStage:
             verdict=verdict,
         )
 
-    def _wanted(self, plane: str) -> Sequence[tuple[int, int]]:
+    def _resonances_to_find(self, plane: str) -> Sequence[tuple[int, int]]:
         listed = self.spec.planar if plane == "planar" else self.spec.vertical
         pairs = [pair for text in listed if (pair := read_resonance(text))]
         if self.spec.n_max is not None:

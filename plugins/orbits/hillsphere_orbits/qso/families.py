@@ -11,7 +11,7 @@ from hillsphere.errors import ConvergenceError, InputError, PropagationError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import gradient
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
-from hillsphere_orbits.correction import correct, fixed
+from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.qso.specs import QsoSpec
@@ -215,7 +215,7 @@ class Qso:
                 break
             problem = problem.with_steps(needed)
         problem = problem.with_steps(self._steps(problem, branch.z))
-        shown = branch.resampled(problem, members, relative=True)
+        shown = branch.resample(problem, members, relative=True)
         self.winding.require(
             problem, shown.z, unit, "quasi-satellite orbit", "ask for smaller amplitudes (x_max)"
         )
@@ -246,10 +246,10 @@ class Qso:
         while True:
             ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
             guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
-            held = fixed(problem.unknowns.index("x"), amplitude)
+            held = fix_component(problem.unknowns.index("x"), amplitude)
             name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
             found = correct(problem, guess, held, iterations=20)
-            z = found.checked("far 2:1 ellipse", [name])
+            z = found.require_converged("far 2:1 ellipse", [name])
             if all(boundary.function(z)[0] > 0.0 for boundary in surface):
                 self._require_kind(problem, z)
                 return z
@@ -277,7 +277,7 @@ class Qso:
             guess = problem.unknowns_at(circle, np.array([2.0 * np.pi / rate]))
             some = problem.with_steps(self._steps(problem, guess))
             try:
-                found = correct(some, guess, fixed(x, radius), iterations=20)
+                found = correct(some, guess, fix_component(x, radius), iterations=20)
                 clear = bool(found.converged[0]) and all(
                     boundary.function(found.z)[0] > 0.0 for boundary in surface
                 )
@@ -304,7 +304,7 @@ class Qso:
     def _follow(self, problem: Shooting, start: Array, low: float, high: float) -> Branch:
         """Follow the family from `high` to `low`, or to its ends, through a member or from it."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
-        ends = [*self._grazing(problem), *self._resolved(problem)]
+        ends = [*self._grazing(problem), *self._resolution_boundaries(problem)]
         inner = [*ends, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
         outer = Boundary(f"largest amplitude {_km(high * unit)}", lambda z: high - z[x])
         largest = max(0.5, 0.02 * high)
@@ -351,7 +351,7 @@ class Qso:
         branch = Branch(branch.z, branch.tangent, (outer.reason, branch.ends[1]))
         return self._before_turn(branch, x)
 
-    def _resolved(self, problem: Shooting) -> list[Boundary]:
+    def _resolution_boundaries(self, problem: Shooting) -> list[Boundary]:
         """Return the ends of what is resolved: passages of a centre, and almost no period."""
         ends = []
         if "impact" not in self.flow.system.events:

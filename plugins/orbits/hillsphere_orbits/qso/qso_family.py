@@ -235,9 +235,13 @@ class QsoFamilyStage:
             )
             if not labels:
                 raise InputError(faults[0])
-        return z, self._named(family.amplitude(z)[0] * scales.length_m / 1e3, labels), faults
+        return (
+            z,
+            self._label_members(family.amplitude(z)[0] * scales.length_m / 1e3, labels),
+            faults,
+        )
 
-    def _named(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
+    def _label_members(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
         """Return the published names where there are some, else the labels, made different."""
         published: Mapping[int, str] = {}
         if self.reference is not None and {"x0_km", "name"} <= set(self.reference.columns):

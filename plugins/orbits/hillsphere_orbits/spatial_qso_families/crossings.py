@@ -19,14 +19,14 @@ import numpy as np
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial_qso_families.family import Spatial
-from hillsphere_orbits.spatial_qso_families.members import CLOSED, Members, joined, polish
+from hillsphere_orbits.spatial_qso_families.members import CLOSED, Members, join_members, polish
 
-__all__ = ["connected"]
+__all__ = ["count_connected"]
 
 _HALVINGS = 12
 
 
-def connected(spatial: Spatial) -> list[int]:
+def count_connected(spatial: Spatial) -> list[int]:
     """Return how many members of each family, from the plane on, are on one curve for certain.
 
     An interval between two members in which the sense of the equations changes is halved, always
@@ -44,7 +44,7 @@ def connected(spatial: Spatial) -> list[int]:
     if not rows:
         return good
     family, first = np.array(rows, dtype=np.intp).T
-    members = joined([spatial.members[f].of(np.array([i, i + 1])) for f, i in rows])
+    members = join_members([spatial.members[f].of(np.array([i, i + 1])) for f, i in rows])
     low, high = members.z[:, ::2], members.z[:, 1::2]
     chord = (high - low) / np.linalg.norm(high - low, axis=0)
     begin, end = first.astype(float), first + 1.0

@@ -148,9 +148,9 @@ class Spatial:
         counts, _ = sub_steps(first, flat, _EXACT)
         table = counts.reshape(_GRID, len(followed)).astype(float)
         made = cls(state.problem, tuple(followed), (), table)
-        return made._polished()
+        return made._polish()
 
-    def _polished(self) -> Spatial:
+    def _polish(self) -> Spatial:
         family, u = self.positions
         z = np.concatenate([b.z for b in self.branches], axis=1)
         lines = np.concatenate([b.tangent for b in self.branches], axis=1)
@@ -232,7 +232,9 @@ class Spatial:
             chord = branch.z[:, i + 1] - branch.z[:, i]
             normals[:, lanes] = chord / np.linalg.norm(chord, axis=0)
         guess = own if guess is None else guess
-        return polish(self.exact(family, u), guess, normals, guess, tolerance).checked(family, u)
+        return polish(self.exact(family, u), guess, normals, guess, tolerance).require_converged(
+            family, u
+        )
 
     def members_at(
         self, heights: Sequence[float]
@@ -295,7 +297,7 @@ class Spatial:
         normals = np.zeros_like(guess)
         normals[self.problem.kernel] = 1.0
         found = polish(self.exact(family, u), guess, normals, guess)
-        return family, target, u, found.checked(family, u)
+        return family, target, u, found.require_converged(family, u)
 
 
 def _without_last(branch: Branch) -> Branch:

@@ -12,7 +12,7 @@ from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial_qso_families.shooting import SpatialShooting
 
-__all__ = ["CLOSED", "RETURNED", "Members", "joined", "polish"]
+__all__ = ["CLOSED", "RETURNED", "Members", "join_members", "polish"]
 
 CLOSED = 1e-9
 """Residual beyond which a member counts as not found."""
@@ -50,14 +50,14 @@ class Members:
             self.z[:, lanes], self.end[:, lanes], self.phi[:, :, lanes], self.error[lanes]
         )
 
-    def replaced(self, lanes: NDArray[np.intp], others: Members) -> Members:
+    def with_lanes(self, lanes: NDArray[np.intp], others: Members) -> Members:
         """Return these with other ones in some lanes."""
         z, end, phi, error = (a.copy() for a in (self.z, self.end, self.phi, self.error))
         z[:, lanes], end[:, lanes] = others.z, others.end
         phi[:, :, lanes], error[lanes] = others.phi, others.error
         return Members(z, end, phi, error)
 
-    def checked(self, family: NDArray[np.intp], u: Array) -> Members:
+    def require_converged(self, family: NDArray[np.intp], u: Array) -> Members:
         """Return these, or raise `LostMembersError` if some were not found.
 
         Parameters
@@ -71,7 +71,7 @@ class Members:
         return self
 
 
-def joined(parts: Sequence[Members]) -> Members:
+def join_members(parts: Sequence[Members]) -> Members:
     """Return several sets of members as one."""
     return Members(
         *(

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.spatial_qso_families.family import Spatial
-from hillsphere_orbits.spatial_qso_families.members import RETURNED, Members, joined
+from hillsphere_orbits.spatial_qso_families.members import RETURNED, Members, join_members
 from hillsphere_orbits.spatial_qso_families.stability import (
     CIRCLE,
     ReturnMaps,
@@ -27,7 +27,7 @@ from hillsphere_orbits.spatial_qso_families.stability import (
     return_symmetry,
 )
 
-__all__ = ["Families", "Samples", "sampled"]
+__all__ = ["Families", "Samples", "sample_families"]
 
 _NEAR = 6.0  # index up to which an interval is looked into in any case
 _PASSES = 9
@@ -122,18 +122,18 @@ class Families:
         guess = found.guess(family, u)
         return self.samples(family, u, self.spatial.at(family, u, guess, tolerance))
 
-    def merged(self, a: Samples, b: Samples) -> Samples:
+    def merge(self, a: Samples, b: Samples) -> Samples:
         """Return both, ordered by family and position."""
         family, u = np.concatenate([a.family, b.family]), np.concatenate([a.u, b.u])
         order = np.lexsort((u, family))
-        return self.samples(family[order], u[order], joined([a.members, b.members]).of(order))
+        return self.samples(family[order], u[order], join_members([a.members, b.members]).of(order))
 
 
-def sampled(families: Families) -> Samples:
+def sample_families(families: Families) -> Samples:
     """Return all members of the branches, and more where stability may change between them."""
     spatial = families.spatial
     family, u = spatial.positions
-    found = families.samples(family, u, joined(spatial.members))
+    found = families.samples(family, u, join_members(spatial.members))
     errors: dict[tuple[int, str], tuple[Array, Array]] = {}
     for _ in range(_PASSES):
         wanted = [
@@ -147,7 +147,7 @@ def sampled(families: Families) -> Samples:
         more_family = np.array([f for f, _ in wanted], dtype=np.intp)
         more_u = np.array([place for _, place in wanted])
         more = families.at(found, more_family, more_u)
-        merged = families.merged(found, more)
+        merged = families.merge(found, more)
         _learn(found, merged, more_family, more_u, errors)
         found = merged
     return found

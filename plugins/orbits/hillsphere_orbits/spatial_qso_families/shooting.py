@@ -111,7 +111,7 @@ class SpatialShooting:
         h, flown = duration / self.counts, 0
         for count in np.unique(self.counts):
             lanes = np.flatnonzero(self.counts >= count)
-            wide = _padded(lanes)
+            wide = _pad_lanes(lanes)
             legs = int(count) - flown
             begin, lost = _finite(end[:, wide])
             y, m = self.flow.map.propagate(begin, h[wide] * legs, legs, strict=False)
@@ -142,7 +142,7 @@ class SpatialShooting:
 
     def path(self, z: Array, steps: int | None = None) -> Array:
         """Return the states (6, K + 1, N) along half a period, not finite where it fails."""
-        wide = _padded(np.arange(z.shape[1]))
+        wide = _pad_lanes(np.arange(z.shape[1]))
         way = self.flow.plain.trajectory(
             np.ascontiguousarray(self.state(z)[:, wide]),
             z[-1, wide],
@@ -201,7 +201,7 @@ def ends(problem: SpatialShooting, z: Array, counts: NDArray[np.int64]) -> Array
     end, h, flown = problem.state(z), z[-1] / counts, 0
     for count in np.unique(counts):
         lanes = np.flatnonzero(counts >= count)
-        wide, legs = _padded(lanes), int(count) - flown
+        wide, legs = _pad_lanes(lanes), int(count) - flown
         begin, lost = _finite(end[:, wide])
         y = problem.flow.plain.propagate(begin, h[wide] * legs, legs, strict=False)
         y[:, lost] = np.nan
@@ -216,7 +216,7 @@ def _finite(x: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.ascontiguousarray(np.where(lost, 1.0, x)), lost
 
 
-def _padded(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
+def _pad_lanes(lanes: NDArray[np.intp]) -> NDArray[np.intp]:
     """Repeat the last lane until the number of lanes is a whole multiple of the width."""
     if lanes.size <= 2:
         return lanes

@@ -14,7 +14,7 @@ from hillsphere.products import Bifurcations, PeriodicOrbits
 from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.shooting import SymmetricShooting
-from hillsphere_orbits.spatial_qso_families.group import Described, Group, joined
+from hillsphere_orbits.spatial_qso_families.group import Group, OrbitDescriptions, join_descriptions
 from hillsphere_orbits.spatial_qso_families.kernel import starts_of, symmetries_of
 from hillsphere_orbits.spatial_qso_families.presentation import present_families
 from hillsphere_orbits.spatial_qso_families.products import SpatialFamilies
@@ -79,7 +79,7 @@ class SpatialFamiliesStage:
             If no family can be followed.
         """
         spec, unit = self.spec, self.plant.scales.length_m
-        chosen = self._chosen(bifurcations)
+        chosen = self._select_bifurcations(bifurcations)
         flow = flow_of(self.plant)
         symmetries = symmetries_of(flow, _samples())
         x, period = self._planar(flow, bifurcations, chosen)
@@ -110,14 +110,14 @@ class SpatialFamiliesStage:
             reasons = "; ".join(f"{a}: {b}" for a, b in zip(resonances, ends, strict=True))
             raise ConvergenceError(f"no family could be followed ({reasons})")
         ctx.info(f"{sum(g.number.size for g in groups)} of {n.size} families followed")
-        curve, _ = joined([group.curve for group in groups])
+        curve, _ = join_descriptions([group.curve for group in groups])
         heights = [z / unit for z in spec.z_amplitudes_m]
         parts = [group.members_at(heights) for group in groups]
-        members, order = joined([part[0] for part in parts])
+        members, order = join_descriptions([part[0] for part in parts])
         target = np.concatenate([part[1] for part in parts])[order]
         missing = self._missing(curve, members, target, resonances, ends)
         advance(1)
-        events, event_order = joined([group.events_at for group in groups])
+        events, event_order = join_descriptions([group.events_at for group in groups])
         kinds = [event.kind for group in groups for event in group.events]
         windows = sorted((row for group in groups for row in group.windows), key=itemgetter(0))
         asked = np.array(spec.z_amplitudes_m)[target]
@@ -162,7 +162,7 @@ class SpatialFamiliesStage:
             prime_meridian_rad=moon.prime_meridian_rad if moon else 0.0,
         )
 
-    def _orbits(self, orbits: Described, labels: tuple[str, ...]) -> PeriodicOrbits:
+    def _orbits(self, orbits: OrbitDescriptions, labels: tuple[str, ...]) -> PeriodicOrbits:
         system, scales = flow_of(self.plant).system, self.plant.scales
         return PeriodicOrbits(
             frame=system.frame,
@@ -181,7 +181,7 @@ class SpatialFamiliesStage:
         """Show members, windows of stability, the families in space and their multipliers."""
         return present_families(product, self.spec.label)
 
-    def _chosen(self, bifurcations: Bifurcations) -> list[int]:
+    def _select_bifurcations(self, bifurcations: Bifurcations) -> list[int]:
         """Return the numbers of the bifurcations to start from, in the order asked for."""
         pairs = list(zip(bifurcations.d, bifurcations.n, strict=True))
         vertical = [i for i, plane in enumerate(bifurcations.plane) if plane == "vertical"]
@@ -221,8 +221,8 @@ class SpatialFamiliesStage:
 
     def _missing(
         self,
-        curve: Described,
-        members: Described,
+        curve: OrbitDescriptions,
+        members: OrbitDescriptions,
         target: NDArray[np.intp],
         resonances: list[str],
         ends: list[str],

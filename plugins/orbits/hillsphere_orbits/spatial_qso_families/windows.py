@@ -95,7 +95,7 @@ def bifurcations(
         better = families.at(found, family[todo], u[todo], _SOUGHT)
         off = off.copy()
         off[todo] = [_beyond(better, i, crossings[k]) for i, k in enumerate(todo)]
-        at = families.samples(family, u, at.members.replaced(todo, better.members))
+        at = families.samples(family, u, at.members.with_lanes(todo, better.members))
     turns = {int(f): _turns(found, integral, int(f)) for f in np.unique(family)}
     events = []
     for crossing, place, power in zip(crossings, u, at.maps.power, strict=True):

@@ -33,7 +33,7 @@ from hillsphere_orbits.station_keeping_flown.strategies import (
 )
 from hillsphere_orbits.station_keeping_flown.tuning import (
     TUNABLE,
-    Tuned,
+    TuningResult,
     count_candidates,
     tune,
 )
@@ -66,7 +66,7 @@ class Outcome:
     deviation_m : float
         Root mean square of the distance from the reference at their corrections after the first:
         from its nearest point for laws on that point, else from where it is at the time.
-    tuned : Tuned or None
+    tuned : TuningResult or None
         The weights that were chosen; None for a strategy that has none, or if they are as written.
     """
 
@@ -74,7 +74,7 @@ class Outcome:
     cost_m_s: float = nan
     cost_95_m_s: float = nan
     deviation_m: float = nan
-    tuned: Tuned | None = None
+    tuned: TuningResult | None = None
 
 
 class ClosedLoop:
@@ -140,7 +140,7 @@ class ClosedLoop:
 
         def attempt(weights: Weights) -> tuple[int, float]:
             found = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
-            return found.counts[STATUSES.index("completed")], self._weighed(found, sampling.count)
+            return found.counts[STATUSES.index("completed")], self._weigh(found, sampling.count)
 
         tuned = tune(strategy, self._weights, attempt)
         law = make(sampling, tuned.weights)
@@ -151,7 +151,7 @@ class ClosedLoop:
         tries = count_candidates(strategy, self._weights) if self._tunes(strategy) else 0
         return self.spec.cases + tries * self.spec.tuning_cases
 
-    def _weighed(self, found: Outcome, corrections: int) -> float:
+    def _weigh(self, found: Outcome, corrections: int) -> float:
         """Return the deviation and the mean impulse weighed by their tolerable sizes as written.
 
         Δv alone would be least without any correction wherever the flights just survive that.
@@ -256,7 +256,7 @@ class ClosedLoop:
             most = spec.distance_max_m
 
             def near(t_s: Array, x: Array, cases: Integers) -> Array:
-                place, _ = path.interpolated(t_s / system.time_unit_s)
+                place, _ = path.interpolate(t_s / system.time_unit_s)
                 gap = x[:3] - place[:3] * system.unit[:3, None]
                 return np.asarray(1.0 - np.sqrt(np.sum(gap**2, axis=0)) / most)
 

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
-from hillsphere_orbits.qso.presentation import counted, named
+from hillsphere_orbits.qso.presentation import format_count, label_identifier
 from hillsphere_orbits.station_keeping_flown.figures import (
     MOST_ORBITS,
     UNCORRECTED,
     draw_cost,
     draw_survival,
 )
-from hillsphere_orbits.station_keeping_flown.held import FLOWN
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
+from hillsphere_orbits.station_keeping_flown.references import FLOWN
 from hillsphere_orbits.station_keeping_flown.tuning import REGULATORS
 
 __all__ = ["present_flown"]
@@ -81,11 +81,11 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         "station_keeping_held": Metric(int(np.count_nonzero(held))),
     }
     return Presentation(
-        metrics={named(name, label): metric for name, metric in metrics.items()},
-        tables={named(name, label): table for name, table in names.items()},
+        metrics={label_identifier(name, label): metric for name, metric in metrics.items()},
+        tables={label_identifier(name, label): table for name, table in names.items()},
         figures={
-            named("station_keeping_survival", label): survival,
-            named("station_keeping_cost", label): cost,
+            label_identifier("station_keeping_survival", label): survival,
+            label_identifier("station_keeping_cost", label): cost,
         },
         verdict=_verdict(product),
     )
@@ -264,7 +264,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         surviving = int(np.count_nonzero(survive))
         said.append(
             "Without any correction "
-            f"{counted(surviving, 'orbit', of=int(np.count_nonzero(np.isfinite(free))))} "
+            f"{format_count(surviving, 'orbit', of=int(np.count_nonzero(np.isfinite(free))))} "
             f"{'survives' if surviving == 1 else 'survive'} {days} with "
             f"{100 * product.survival_required:g} % probability."
         )
@@ -274,7 +274,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         if not tried.any():
             continue  # all stable, or none could be flown: said below
         held = np.isfinite(longest[:, s])
-        whole = counted(int(np.count_nonzero(held)), "orbit", of=int(np.count_nonzero(tried)))
+        whole = format_count(int(np.count_nonzero(held)), "orbit", of=int(np.count_nonzero(tried)))
         sentence = f"Strategy {name} holds {whole} flown for {days} with "
         sentence += f"{100 * product.survival_required:g} % survival"
         if held.any():
@@ -287,7 +287,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
     stable = int(np.count_nonzero(product.stable))
     if stable:
         said.append(
-            f"{counted(stable, 'orbit', of=total)} {'is' if stable == 1 else 'are'} stable: "
+            f"{format_count(stable, 'orbit', of=total)} {'is' if stable == 1 else 'are'} stable: "
             "without an unstable component, the Floquet mode has nothing to correct and no cost."
         )
     if refused:

@@ -12,10 +12,10 @@ from hillsphere.errors import StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import PeriodicOrbits, Trajectories
 from hillsphere_orbits.flow import Flow, flow_of
-from hillsphere_orbits.nonlinear_stability.retraced import retrace
+from hillsphere_orbits.nonlinear_stability.sampled_orbits import retrace
 from hillsphere_orbits.spatial_qso_families.stability import is_stable, spectrum
 
-__all__ = ["ReferencePath", "left_unstable", "paths_of_flights", "paths_of_orbits"]
+__all__ = ["ReferencePath", "paths_of_flights", "paths_of_orbits", "unstable_left_subspace"]
 
 _PIECE = 0.5
 """Longest piece, natural units, over which a matrix is integrated: its elements stay of order one
@@ -75,7 +75,7 @@ class ReferencePath:
         start = np.ascontiguousarray(self._x[:, left])
         return np.asarray(self.flow.plain.propagate(start, dt, steps))
 
-    def interpolated(self, t: Array) -> tuple[Array, Array]:
+    def interpolate(self, t: Array) -> tuple[Array, Array]:
         """Return states and their rates (n, K) at times (K,), by cubics between the nodes."""
         left, here = self._place(t)
         h = self._t[left + 1] - self._t[left]
@@ -103,7 +103,7 @@ class ReferencePath:
         In the first six states, by Gauss and Newton's iteration; within the path if it ends.
         """
         for _ in range(_NEWTON):
-            here, rate = self.interpolated(t)
+            here, rate = self.interpolate(t)
             gap, rate = (x - here)[:6], rate[:6]
             change = np.sum(gap * rate, axis=0) / np.sum(rate**2, axis=0)
             t = np.clip(t + np.clip(change, -_LONGEST, _LONGEST), -np.inf, self.length)
@@ -150,7 +150,7 @@ class ReferencePath:
         .. [1] G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn (1980), Lyapunov characteristic
            exponents for smooth dynamical systems, Meccanica 15, p. 9.
         """
-        times, table = self._carried
+        times, table = self._unstable_rows
         here = self._place(t)[1]
         right = np.clip(np.searchsorted(times, here, side="left"), 0, times.size - 1)
         ahead = np.maximum(times[right] - here, 0.0)
@@ -172,17 +172,17 @@ class ReferencePath:
     @property
     def unstable(self) -> int:
         """Number m of unstable directions."""
-        return int(self._carried[1].shape[1])
+        return int(self._unstable_rows[1].shape[1])
 
     @cached_property
-    def _carried(self) -> tuple[Array, Array]:
+    def _unstable_rows(self) -> tuple[Array, Array]:
         """Return times (Q + 1,) and rows (Q + 1, m, n) of the left unstable directions."""
         end = float(self._t[-1])
         count = max(1, ceil(end / _PIECE))
         times = np.linspace(0.0, end, count + 1)
         matrices = np.moveaxis(self.transitions(times[:-1], np.diff(times)), 2, 0)
         periodic = self.monodromy
-        w = self._growing(matrices) if periodic is None else left_unstable(periodic)
+        w = self._growing(matrices) if periodic is None else unstable_left_subspace(periodic)
         rows = np.empty((count + 1, *w.shape))
         rows[-1] = w
         for k in range(count - 1, -1, -1):
@@ -306,7 +306,7 @@ def paths_of_flights(plant: Plant, flights: Trajectories) -> list[ReferencePath]
     return paths
 
 
-def left_unstable(monodromy: Array) -> Array:
+def unstable_left_subspace(monodromy: Array) -> Array:
     """Return orthonormal rows (m, n) that span the left unstable invariant subspace.
 
     Parameters

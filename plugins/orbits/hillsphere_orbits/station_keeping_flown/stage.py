@@ -16,9 +16,9 @@ from hillsphere_orbits.fidelity_ladder.products import FidelityLadder
 from hillsphere_orbits.nonlinear_stability.stage import clopper_pearson
 from hillsphere_orbits.spatial_qso_families.products import StationKeepingIndex
 from hillsphere_orbits.station_keeping_flown.closed_loop import ClosedLoop
-from hillsphere_orbits.station_keeping_flown.held import Sources, held_of
 from hillsphere_orbits.station_keeping_flown.presentation import present_flown
 from hillsphere_orbits.station_keeping_flown.products import StationKeepingFlown
+from hillsphere_orbits.station_keeping_flown.references import Sources, references_of
 from hillsphere_orbits.station_keeping_flown.specs import StationKeepingFlownSpec
 
 __all__ = ["StationKeepingFlownStage"]
@@ -87,7 +87,7 @@ class StationKeepingFlownStage:
         """
         spec = self.spec
         sources = Sources(orbits, flights, ladder, spec.rung, spec.members)
-        held = held_of(self.plant, sources, spec.duration_s)
+        held = references_of(self.plant, sources, spec.duration_s)
         loop = ClosedLoop(self.plant, spec, [h.path for h in held if h.path is not None])
         period = np.array([h.period_s for h in held])
         stable = np.array([h.stable for h in held], dtype=bool)

@@ -134,7 +134,7 @@ class NearestPointLaw:
         system = self.path.flow.system
         seen = y / system.unit[:, None]
         phase = self.path.nearest(seen, (t_s + slip_s) / system.time_unit_s)
-        return phase, seen - self.path.interpolated(phase)[0]
+        return phase, seen - self.path.interpolate(phase)[0]
 
 
 class FloquetMode(NearestPointLaw):
@@ -251,12 +251,12 @@ def floquet_mode(sampling: Sampling, weights: Weights) -> Compensator:
 
 def target_point(sampling: Sampling, weights: Weights) -> Compensator:
     """Return the schedule of `target_point_gains`."""
-    return _scheduled(sampling, target_point_gains(sampling, weights))
+    return _gain_schedule(sampling, target_point_gains(sampling, weights))
 
 
 def periodic_lqr(sampling: Sampling, weights: Weights) -> Compensator:
     """Return the schedule of `periodic_lqr_gains`."""
-    return _scheduled(sampling, periodic_lqr_gains(sampling, weights))
+    return _gain_schedule(sampling, periodic_lqr_gains(sampling, weights))
 
 
 def phase_free_target_point(sampling: Sampling, weights: Weights) -> Compensator:
@@ -281,7 +281,7 @@ STRATEGIES: Mapping[str, Callable[[Sampling, Weights], Compensator]] = {
 """By the name that a mission writes."""
 
 
-def _scheduled(sampling: Sampling, gains: Array) -> GainSchedule:
+def _gain_schedule(sampling: Sampling, gains: Array) -> GainSchedule:
     unit = sampling.path.flow.system.unit
     wide = np.zeros((len(gains), 3, len(unit)))
     wide[:, :, :6] = gains * (unit[3:6, None] / unit[:6])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from hillsphere_orbits.station_keeping_flown.sampling import Weights
 
-__all__ = ["IMPULSE_FACTORS", "REGULATORS", "TUNABLE", "Tuned", "count_candidates", "tune"]
+__all__ = ["IMPULSE_FACTORS", "REGULATORS", "TUNABLE", "TuningResult", "count_candidates", "tune"]
 
 IMPULSE_FACTORS = (1.0, 0.1, 0.3, 3.0)
 """Of the tolerable impulse. Only its ratio to the tolerable position matters; half-decades, because
@@ -21,7 +21,7 @@ TUNABLE = _TARGET_POINTS + REGULATORS
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TuningResult:
     """Weights chosen for a strategy at an interval.
 
     Parameters
@@ -44,7 +44,9 @@ def count_candidates(strategy: str, weights: Weights) -> int:
     return len(IMPULSE_FACTORS) + len(_second(strategy, weights))
 
 
-def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, float]]) -> Tuned:
+def tune(
+    strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, float]]
+) -> TuningResult:
     """Choose the weights with the most survivors, of these those with the least cost.
 
     First over the tolerable impulse; then, with the best of these, over the tolerable velocity of a
@@ -61,7 +63,7 @@ def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, fl
 
     Returns
     -------
-    Tuned
+    TuningResult
         The first of equals.
     """
     tried: list[tuple[tuple[int, float], Weights]] = []
@@ -74,7 +76,7 @@ def tune(strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, fl
 
     _, chosen = best([replace(weights, impulse=f * weights.impulse) for f in IMPULSE_FACTORS])
     score, chosen = best(_second(strategy, chosen))
-    return Tuned(chosen, score[0], len(tried))
+    return TuningResult(chosen, score[0], len(tried))
 
 
 def _second(strategy: str, weights: Weights) -> list[Weights]:

@@ -14,7 +14,7 @@ from hillsphere_orbits.flow import Flow, flow_of
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 
-__all__ = ["AXES", "Known", "Swing", "at_positions", "swing_problem"]
+__all__ = ["AXES", "FamilyTangents", "Swing", "at_positions", "swing_problem"]
 
 AXES = {"x": "xz", "y": "yz"}
 """Axis that an orbit crosses perpendicularly → the mirror plane that this keeps."""
@@ -72,12 +72,12 @@ def at_positions(problem: Shooting, branch: Branch, u: Array) -> Array:
         return branch.z[:, :0]
     guess, planes = branch.guess(u)
     what, names = "orbit between two others", [f"position {value:.3f}" for value in u]
-    z = correct(problem, guess, planes, tolerance=_ACCEPTED).checked(what, names)
+    z = correct(problem, guess, planes, tolerance=_ACCEPTED).require_converged(what, names)
     return branch.near(u, z, what, names)
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class FamilyTangents:
     """What `Swing` has worked out of a family of N orbits, for another one to take up.
 
     Parameters
@@ -135,7 +135,7 @@ class Swing:
     def problem(self, family: int) -> Shooting:
         """Return the equations of a family's orbits, with sub-steps to rounding."""
         if family not in self._problems:
-            self._problems[family] = self._tried(family)
+            self._problems[family] = self._validate_problem(family)
         return self._problems[family]
 
     def branch(self, family: int) -> Branch:
@@ -148,11 +148,11 @@ class Swing:
             )
         return self._branches[family]
 
-    def known(self, family: int) -> Known:
+    def tangents(self, family: int) -> FamilyTangents:
         """Return what it takes long to work out of a family."""
-        return Known(self.problem(family).steps, self.branch(family).tangent)
+        return FamilyTangents(self.problem(family).steps, self.branch(family).tangent)
 
-    def learn(self, family: int, known: Known) -> None:
+    def learn(self, family: int, known: FamilyTangents) -> None:
         """Take up what another one has worked out of a family."""
         if family in self._branches:
             return
@@ -168,7 +168,7 @@ class Swing:
     def _chain(self, family: int, z: Array, tangent: Array) -> Branch:
         return Branch(z, tangent, ("it branches off", self.product.ends[family]))
 
-    def _tried(self, family: int) -> Shooting:
+    def _validate_problem(self, family: int) -> Shooting:
         """Return the equations of a family's orbits, tried on some of them."""
         mirror = self.product.symmetry[family] != "none"
         problem = self._equations(family)
@@ -208,4 +208,4 @@ class Swing:
     def exact(self, family: int, z: Array) -> Array:
         """Return the unknowns (m, N) corrected with the shortest step, from near guesses."""
         found = correct(self.problem(family), z, tolerance=_ACCEPTED)
-        return found.checked(f"orbit of {self.product.name(family)}")
+        return found.require_converged(f"orbit of {self.product.name(family)}")

@@ -16,13 +16,13 @@ from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.shooting import Shooting, SymmetricShooting
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import Surveyor
-from hillsphere_orbits.swing_qso_families.families import flown
+from hillsphere_orbits.swing_qso_families.families import integration_time
 
 __all__ = [
+    "concatenate",
     "distances",
     "errors",
     "integral_of",
-    "joined",
     "largest_multiplier",
     "orbits_of",
     "period_of",
@@ -67,7 +67,7 @@ def position_on(branch: Branch, z: Array) -> float:
     return float(k + part[k])
 
 
-def joined(parts: Sequence[Array]) -> Array:
+def concatenate(parts: Sequence[Array]) -> Array:
     """Return arrays (N,) one after the other, perhaps none."""
     return np.concatenate(parts) if parts else np.empty(0)
 
@@ -75,7 +75,7 @@ def joined(parts: Sequence[Array]) -> Array:
 def errors(surveyor: Surveyor, problem: Shooting, z: Array) -> tuple[Array, Array]:
     """Return half-period residual and closure (N,), by the surveyor's propagator."""
     x, period = problem.state(z), problem.period(z)
-    end = surveyor.propagate(x, flown(problem, z))
+    end = surveyor.propagate(x, integration_time(problem, z))
     if not isinstance(problem, SymmetricShooting):
         change = end - x
         return np.max(np.abs(change), axis=0), np.linalg.norm(change, axis=0)
@@ -97,7 +97,7 @@ def orbits_of(
     n = len(system.states)
     pairs = [(p, each) for p, each in zip(problems, z, strict=True) if each.shape[1]]
     x = np.concatenate([np.empty((n, 0)), *(p.state(each) for p, each in pairs)], axis=1)
-    period = joined([p.period(each) for p, each in pairs])
+    period = concatenate([p.period(each) for p, each in pairs])
     if closure is None:
         closure = [errors(surveyor, p, each)[1] for p, each in pairs]
     if monodromy is None:
@@ -109,7 +109,7 @@ def orbits_of(
         period_s=period * system.time_unit_s,
         integral=surveyor.integral(x) if x.shape[1] else np.empty(0),
         monodromy=np.concatenate([np.empty((n, n, 0)), *monodromy], axis=2),
-        residual=joined(closure),
+        residual=concatenate(closure),
         labels=tuple(labels),
         length_m=scales.length_m,
         time_s=scales.time_s,
@@ -141,7 +141,7 @@ def stable(monodromy: Array) -> NDArray[np.bool_]:
 
 def distances(problem: Shooting, z: Array) -> tuple[Array, Array]:
     """Return least and largest distance from the centre (N,) along each orbit, normalised."""
-    way = problem.flow.trajectory(problem.state(z), flown(problem, z), problem.steps)
+    way = problem.flow.trajectory(problem.state(z), integration_time(problem, z), problem.steps)
     radius = np.sqrt(np.sum(way[:3] ** 2, axis=0))
     return np.min(radius, axis=0), np.max(radius, axis=0)
 
@@ -156,7 +156,9 @@ def _track(problem: Shooting, z: Array) -> Array:
     """Return states (n, P, N); what the problem solves once is not propagated farther."""
     points = _HALF_TRACK if isinstance(problem, SymmetricShooting) else 2 * _HALF_TRACK
     thin = -(-problem.steps // points)
-    way = problem.flow.trajectory(problem.state(z), flown(problem, z), thin * points)[:, ::thin]
+    way = problem.flow.trajectory(problem.state(z), integration_time(problem, z), thin * points)[
+        :, ::thin
+    ]
     if not isinstance(problem, SymmetricShooting):
         return way
     # the second half is the mirror image of the first, run backwards

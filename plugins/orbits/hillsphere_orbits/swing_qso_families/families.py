@@ -21,7 +21,7 @@ from hillsphere_orbits.swing_qso_families.curves import at_positions, swing_prob
 from hillsphere_orbits.swing_qso_families.starts import Start
 from hillsphere_orbits.winding import turns
 
-__all__ = ["Chain", "Limits", "flown", "follow", "groups_of"]
+__all__ = ["Chain", "Limits", "follow", "groups_of", "integration_time"]
 
 _CONTROL = StepControl(first=0.03, largest=0.4, turn=0.3, members=200)
 _FOLLOWED = 1e-6  # error of the flow while following; what is returned is better
@@ -98,7 +98,7 @@ class Chain:
         return swing_problem(flow, self.start.axis, mirror=mirror).with_steps(self.steps)
 
 
-def flown(problem: Shooting, z: Array) -> Array:
+def integration_time(problem: Shooting, z: Array) -> Array:
     """Return the time (N,) over which a problem integrates: half a period, or a whole one."""
     period = problem.period(z)
     return 0.5 * period if isinstance(problem, SymmetricShooting) else period
@@ -180,7 +180,7 @@ class _Follower:
         mirror = isinstance(self.problem, SymmetricShooting)
         self._error = _FOLLOWED if mirror else _WITHOUT_MIRROR
         self.problem = self.problem.with_steps(_steps(self.problem, z, self._error))
-        way = self._way(self.problem.state(origin), flown(self.problem, origin))
+        way = self._way(self.problem.state(origin), integration_time(self.problem, origin))
         reach = np.max(np.abs(way[0]), axis=0)
         self.farthest = (
             3.0 * reach if limits.farthest is None else np.full(z.shape[1], limits.farthest)
@@ -212,7 +212,7 @@ class _Follower:
                 break
             self.problem = self.problem.with_steps(needed)
         return [
-            Chain(start, exact.steps, self._wound(k, exact, self._ended(k, exact, branch)))
+            Chain(start, exact.steps, self._wound(k, exact, self._trim_at_end(k, exact, branch)))
             for k, (start, branch) in enumerate(zip(self.starts, branches, strict=True))
         ]
 
@@ -223,10 +223,8 @@ class _Follower:
         across one is no longer the same.
         """
         z = branch.z
-        way = self._map.trajectory(
-            problem.state(z), flown(problem, z), max(problem.steps, _LOOKS * int(self.n[lane])),
-            strict=False,
-        )  # fmt: skip
+        time, steps = integration_time(problem, z), max(problem.steps, _LOOKS * int(self.n[lane]))
+        way = self._map.trajectory(problem.state(z), time, steps, strict=False)
         number = turns(way)
         # half a symmetric orbit winds by half the whole number
         other = np.flatnonzero(np.abs(number - number[0]) > 0.25)
@@ -270,7 +268,7 @@ class _Follower:
         return np.array([surface, radius - self.limits.nearest, self.farthest[lanes] - reach])
 
     def _done(self, z: Array, lanes: NDArray[np.intp]) -> list[str]:
-        x, duration, cases = self.problem.state(z), flown(self.problem, z), z.shape[1]
+        x, duration, cases = self.problem.state(z), integration_time(self.problem, z), z.shape[1]
         beside = x + _APART * np.array([[0.5], [0.5], [0.0], [0.5], [0.5], [0.0]])
         both = self._way(np.concatenate([x, beside], axis=1), np.tile(duration, 2))
         room = self._room(both[:, :, :cases], lanes)
@@ -287,12 +285,12 @@ class _Follower:
                 else FAR if room[2, k] < 0.0
                 else UNSTABLE if not growth[k] <= self.limits.growth
                 else LONG if self._length[lane] > self.limits.length
-                else self._returned(int(lane), gap[:, k], z[:, k])
+                else self._return_reason(int(lane), gap[:, k], z[:, k])
             )  # fmt: skip
             self._last[:, lane] = z[:, k]
         return reasons
 
-    def _returned(self, lane: int, gap: Array, z: Array) -> str:
+    def _return_reason(self, lane: int, gap: Array, z: Array) -> str:
         """Say whether a lane has come back to orbits of one revolution, or to its own start."""
         before, self._gap[lane] = self._gap[lane], gap
         size = float(np.linalg.norm(gap))
@@ -309,7 +307,7 @@ class _Follower:
         self._ahead[lane] = passed
         return LOOP if closes else ""
 
-    def _ended(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
+    def _trim_at_end(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
         """Put the family's last member where it ends, or leave out one that lies beyond."""
         reason = branch.ends[1]
         edges = (SURFACE, CLOSE, FAR)
@@ -321,7 +319,7 @@ class _Follower:
 
             def room(u: Array) -> Array:
                 z = at_positions(problem, branch, u)
-                way = self._way(problem.state(z), flown(problem, z))
+                way = self._way(problem.state(z), integration_time(problem, z))
                 return np.asarray(self._room(way, np.array([lane]))[row])
 
             low, high = np.array([last - 1.0]), np.array([last])
@@ -362,7 +360,7 @@ def _steps(problem: Shooting, z: Array, tolerance: float, least: int = 32) -> in
     Where no number of steps meets it (an orbit dips into the body, where the gravity gradient is
     not smooth) the least is returned: such an orbit is beyond the end of its family.
     """
-    flow, x, duration = problem.flow, problem.state(z), flown(problem, z)
+    flow, x, duration = problem.flow, problem.state(z), integration_time(problem, z)
     try:
         coarse = flow.map.choose_steps(x, duration, max(tolerance, 1e-6), most=_MOST)
         if tolerance >= 1e-6:

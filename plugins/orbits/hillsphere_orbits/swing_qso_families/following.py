@@ -19,11 +19,11 @@ from hillsphere_orbits.swing_qso_families.description import distances, errors, 
 from hillsphere_orbits.swing_qso_families.families import Chain, Limits, follow
 from hillsphere_orbits.swing_qso_families.starts import Start
 
-__all__ = ["Followed", "Following", "Surveyed", "surveyor_of"]
+__all__ = ["FollowedGroup", "Following", "SurveyedFamily", "surveyor_of"]
 
 
 @dataclass(frozen=True)
-class Surveyed:
+class SurveyedFamily:
     """A family that keeps the accuracy, with what was found along it.
 
     Parameters
@@ -56,7 +56,7 @@ class Surveyed:
 
 
 @dataclass
-class Followed:
+class FollowedGroup:
     """What became of a group of starts.
 
     Parameters
@@ -69,7 +69,7 @@ class Followed:
         What else is to be said, by the start's place.
     """
 
-    families: dict[int, Surveyed] = field(default_factory=dict)
+    families: dict[int, SurveyedFamily] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
     remarks: dict[int, str] = field(default_factory=dict)
 
@@ -95,19 +95,19 @@ class Following:
     accuracy: float
     secondary: bool
 
-    def prepare(self) -> Callable[[Sequence[Start]], Followed]:
+    def prepare(self) -> Callable[[Sequence[Start]], FollowedGroup]:
         """Return the function that follows a group of starts."""
         plant = self.compiled.plant
         flow = flow_of(plant)
         surveyor = surveyor_of(plant, flow)
 
-        def followed(starts: Sequence[Start]) -> Followed:
+        def followed(starts: Sequence[Start]) -> FollowedGroup:
             chains, faults = follow(flow, starts, self.limits)
-            found = Followed(faults=faults)
+            found = FollowedGroup(faults=faults)
             places = {id(start): place for place, start in enumerate(starts)}
             for chain in chains:
                 place, name = places[id(chain.start)], chain.start.name
-                family = self._surveyed(flow, surveyor, chain)
+                family = self._survey(flow, surveyor, chain)
                 if family is None:
                     found.remarks[place] = (
                         f"{chain.start.d}:{chain.start.n} from the {chain.start.axis} axis: its "
@@ -124,7 +124,7 @@ class Following:
 
         return followed
 
-    def _surveyed(self, flow: Flow, surveyor: Surveyor, chain: Chain) -> Surveyed | None:
+    def _survey(self, flow: Flow, surveyor: Surveyor, chain: Chain) -> SurveyedFamily | None:
         """Cut a family where it does not keep the accuracy any more, and look along it."""
         problem, z = chain.problem(flow), chain.branch.z
         half, closure = errors(surveyor, problem, z)
@@ -156,7 +156,7 @@ class Following:
             except (ConvergenceError, PropagationError) as error:
                 unsearched = str(error)
         near, far = distances(problem, branch.z)
-        return Surveyed(
+        return SurveyedFamily(
             chain, end, half[:kept], closure[:kept], near, far, monodromy[:, :, :kept], events,
             unsearched,
         )  # fmt: skip

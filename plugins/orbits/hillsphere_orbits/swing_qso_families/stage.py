@@ -16,12 +16,11 @@ from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.qso.specs import read_resonance
 from hillsphere_orbits.stability import stability_indices
 from hillsphere_orbits.survey import LockedMoon, Surveyor
-from hillsphere_orbits.swing_qso_families.asked import orbits_asked
 from hillsphere_orbits.swing_qso_families.breaking import starts_of_breaking
 from hillsphere_orbits.swing_qso_families.curves import at_positions
 from hillsphere_orbits.swing_qso_families.description import (
+    concatenate,
     errors,
-    joined,
     orbits_of,
     spectrum_of,
     stable,
@@ -29,11 +28,12 @@ from hillsphere_orbits.swing_qso_families.description import (
 )
 from hillsphere_orbits.swing_qso_families.families import Limits, groups_of
 from hillsphere_orbits.swing_qso_families.following import (
-    Followed,
+    FollowedGroup,
     Following,
-    Surveyed,
+    SurveyedFamily,
     surveyor_of,
 )
+from hillsphere_orbits.swing_qso_families.prescribed_members import orbits_asked
 from hillsphere_orbits.swing_qso_families.presentation import present_swing
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 from hillsphere_orbits.swing_qso_families.specs import SwingFamiliesSpec
@@ -106,7 +106,7 @@ class SwingFamiliesStage:
                 "planar orbits of several revolutions need gravity with the mirror plane xy; this "
                 "plant's has none (harmonics of odd degree minus order, a tilted body)"
             )
-        chosen = self._chosen(bifurcations)
+        chosen = self._select_bifurcations(bifurcations)
         there = set(symmetries.axes or ("asymmetric",))
         if not there & set(self.spec.symmetries):
             raise InputError(
@@ -123,13 +123,13 @@ class SwingFamiliesStage:
             self.spec.secondary or asymmetric,
         )
         with Workers(ctx, work) as workers:
-            families, more = _followed(ctx, workers, starts, "followed")
+            families, more = _follow_families(ctx, workers, starts, "followed")
             notes += more
             examined = 0
             while asymmetric and examined < len(families):
                 children = self._children(ctx, flow, families, examined)
                 examined = len(families)
-                found, more = _followed(ctx, workers, children, "without a mirror")
+                found, more = _follow_families(ctx, workers, children, "without a mirror")
                 families += found
                 notes += more
         if not families:
@@ -151,7 +151,7 @@ class SwingFamiliesStage:
         """Show members, ends, secondary bifurcations, orbits and the families in (C, x)."""
         return present_swing(product, family, self.spec.label)
 
-    def _chosen(self, bifurcations: Bifurcations) -> list[int]:
+    def _select_bifurcations(self, bifurcations: Bifurcations) -> list[int]:
         """Return the numbers of the bifurcations to start from, in the order asked for."""
         pairs = list(zip(bifurcations.d, bifurcations.n, strict=True))
         planar = [
@@ -207,12 +207,12 @@ class SwingFamiliesStage:
             found, lost = starts_at(
                 flow, symmetries, x[:, k], float(period[k]), bifurcations.d[i], bifurcations.n[i]
             )
-            starts += [start for start in found if self._wanted(start)]
+            starts += [start for start in found if self._has_listed_symmetry(start)]
             notes += lost
             advance(1)
         return starts, notes
 
-    def _wanted(self, start: Start) -> bool:
+    def _has_listed_symmetry(self, start: Start) -> bool:
         asked = self.spec.symmetries
         if start.symmetry == "none":
             return "asymmetric" in asked
@@ -228,7 +228,7 @@ class SwingFamiliesStage:
         return Limits(nearest, farthest, spec.curve_length)
 
     def _children(
-        self, ctx: Context, flow: Flow, families: Sequence[Surveyed], first: int
+        self, ctx: Context, flow: Flow, families: Sequence[SurveyedFamily], first: int
     ) -> list[Start]:
         """Return first members of families that begin where a mirror of a newer one breaks."""
         starts: list[Start] = []
@@ -250,7 +250,7 @@ class SwingFamiliesStage:
         return starts
 
     def _product(
-        self, surveyor: Surveyor, families: Sequence[Surveyed], notes: list[str]
+        self, surveyor: Surveyor, families: Sequence[SurveyedFamily], notes: list[str]
     ) -> SwingFamilies:
         unit, flow = self.plant.scales.length_m, flow_of(self.plant)
         asked = orbits_asked(
@@ -309,17 +309,17 @@ class SwingFamiliesStage:
             member_multipliers=spectrum_of(members.monodromy),
             member_stable=stable(members.monodromy),
             curve_stable=stable(curve.monodromy),
-            member_half_residual=joined(half),
-            curve_half_residual=joined([family.half for family in families]),
-            curve_least_m=joined([family.nearest for family in families]) * unit,
-            curve_largest_m=joined([family.farthest for family in families]) * unit,
+            member_half_residual=concatenate(half),
+            curve_half_residual=concatenate([family.half for family in families]),
+            curve_least_m=concatenate([family.nearest for family in families]) * unit,
+            curve_largest_m=concatenate([family.farthest for family in families]) * unit,
             event_family=np.repeat(np.arange(len(families)), count).astype(np.int64),
             event_kind=tuple(kind for family in families for kind in family.events.kind),
             event_plane=tuple(plane for family in families for plane in family.events.plane),
             event_orbits=events,
             tracks_m=tracks_of(problems, z) * unit,
             family_tracks_m=tracks_of(all_problems, middle) * unit,
-            family_jacobi=joined(
+            family_jacobi=concatenate(
                 [
                     surveyor.integral(p.state(each))
                     for p, each in zip(all_problems, middle, strict=True)
@@ -335,9 +335,12 @@ class SwingFamiliesStage:
         )
 
 
-def _followed(
-    ctx: Context, workers: Workers[Sequence[Start], Followed], starts: Sequence[Start], what: str
-) -> tuple[list[Surveyed], list[str]]:
+def _follow_families(
+    ctx: Context,
+    workers: Workers[Sequence[Start], FollowedGroup],
+    starts: Sequence[Start],
+    what: str,
+) -> tuple[list[SurveyedFamily], list[str]]:
     """Follow families, in the order of their starts; what is to be said of them comes second."""
     if not starts:
         return [], []
@@ -345,13 +348,13 @@ def _followed(
     groups = groups_of(starts)
     # what takes longest goes first, so that no worker is left alone with it
     order = sorted(range(len(groups)), key=lambda g: -sum(starts[k].n for k in groups[g]))
-    done: dict[int, Followed] = {}
+    done: dict[int, FollowedGroup] = {}
     for g, one in zip(
         order, workers.map([[starts[k] for k in groups[g]] for g in order]), strict=True
     ):
         done[g] = one
         advance(len(groups[g]))
-    families: dict[int, Surveyed] = {}
+    families: dict[int, SurveyedFamily] = {}
     remarks: dict[int, str] = {}
     for g, group in enumerate(groups):
         families |= {group[place]: family for place, family in done[g].families.items()}

@@ -150,7 +150,7 @@ def starts_at(
             if not found[k]:
                 lost.append(key)
                 continue
-            own, symmetry = _owned(flow, symmetries, points, axis, z[:, k])
+            own, symmetry = _equivalent_starts(flow, symmetries, points, axis, z[:, k])
             seen |= {key, *own}
             starts.append(Start(d, n, axis, key[2], symmetry, -1, crossing.point.z, z[:, k]))
     notes = [
@@ -210,14 +210,16 @@ def _crossings(
     steps = 2 * _STEPS_PER_REVOLUTION
     start = x[:, None]
     if axis == "y":
-        start = _met(flow.map.locate(flow.system.x[0], start, period, steps, direction=0))
+        start = _crossing_states(
+            flow.map.locate(flow.system.x[0], start, period, steps, direction=0)
+        )
     if symmetries.half_turn:
         return [start[:, 0]]
     other = flow.with_matrix(start, np.array([0.5 * period]), steps)[0]
     return [start[:, 0], other[:, 0]]
 
 
-def _owned(
+def _equivalent_starts(
     flow: Flow,
     symmetries: Symmetries,
     points: dict[tuple[str, int], _Crossing],
@@ -271,7 +273,7 @@ def _without_mirror(
         own = [float(np.angle(normal @ (z[:, k] - point.z)))]
         if symmetries.half_turn:
             image = np.array(_HALF_TURN)[:, None] * crossing.problem.state(z[:, [k]])
-            there = _returned(flow, crossing, image, 0.2)
+            there = _next_crossing(flow, crossing, image, 0.2)
             own.append(float(np.angle(normal @ (there - point.z))))
         apart = [_circular(new - old, 2.0 * np.pi / n) for new in own for old in angles]
         if min(apart, default=np.inf) < _SAME * np.pi / n:
@@ -289,7 +291,7 @@ def _circular(angle: float, period: float) -> float:
     return abs((angle + 0.5 * period) % period - 0.5 * period)
 
 
-def _returned(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
+def _next_crossing(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
     """Return the unknowns (m,) where an orbit next meets the section as the first one does."""
     whole = crossing.point.z[-1]
     turn = np.array([whole / crossing.n])
@@ -298,10 +300,10 @@ def _returned(flow: Flow, crossing: _Crossing, x: Array, after: float) -> Array:
         flow.system.x[1], x, 1.5 * turn, 3 * _STEPS_PER_REVOLUTION,
         direction=-1 if fall < 0.0 else 1, after=after * turn,
     )  # fmt: skip
-    return crossing.problem.unknowns_at(_met(met), np.array([whole]))[:, 0]
+    return crossing.problem.unknowns_at(_crossing_states(met), np.array([whole]))[:, 0]
 
 
-def _met(crossing: Crossing) -> Array:
+def _crossing_states(crossing: Crossing) -> Array:
     """Return the states of crossings.
 
     Whether an earlier one is excluded does not matter: these orbits meet an axis twice a turn, and
@@ -325,7 +327,9 @@ def _normal_coordinate(flow: Flow, crossing: _Crossing) -> NDArray[np.complex128
     columns = []
     for way in point.kernel.T:
         ends = [
-            _returned(flow, crossing, crossing.problem.state((point.z + h * way)[:, None]), 0.6)
+            _next_crossing(
+                flow, crossing, crossing.problem.state((point.z + h * way)[:, None]), 0.6
+            )
             for h in (_NUDGE, -_NUDGE)
         ]
         columns.append(dual @ (ends[0] - ends[1]) / (2.0 * _NUDGE))

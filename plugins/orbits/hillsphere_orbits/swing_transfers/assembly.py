@@ -18,7 +18,7 @@ from hillsphere_orbits.transfers.endtoend import Leg, verify
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.meetings import Meetings, meetings
 
-__all__ = ["Choice", "Pair", "assembled", "joined", "none", "selected"]
+__all__ = ["Choice", "Pair", "assemble_transfers", "join_transfers", "none", "select_transfers"]
 
 _TOUCH = 1e-9  # largest gap of corrected orbits that touch, relative to the distance
 
@@ -75,7 +75,9 @@ class Pair:
     integrals: tuple[float, float]
 
 
-def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice]) -> Transfers:
+def assemble_transfers(
+    chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice]
+) -> Transfers:
     """Make transfers of a leg from the swing orbits chosen, corrected and flown anew.
 
     Parameters
@@ -112,7 +114,7 @@ def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice
     period = strands.h * (strands.way.shape[1] - 1)
     met = (meetings(pair.start, strands, _TOUCH), meetings(pair.end, strands, _TOUCH))
     ways = passages(*met, period)
-    chosen = _chosen(ways, met, period, choices)
+    chosen = _choose_passages(ways, met, period, choices)
     kept = np.flatnonzero(chosen >= 0)
     way = chosen[kept]
     first, last = ways.departure[way], ways.arrival[way]
@@ -149,10 +151,10 @@ def assembled(chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice
         closure_m_s=np.zeros(kept.size),
         altitude_m=np.zeros(kept.size),
     )
-    return _flown(plant, pair, made, leave * unit, after * unit)
+    return _fly_transfers(plant, pair, made, leave * unit, after * unit)
 
 
-def _chosen(
+def _choose_passages(
     ways: Passages, met: tuple[Meetings, Meetings], period: Array, choices: Sequence[Choice]
 ) -> NDArray[np.intp]:
     """Return the passage of every choice: the cheapest, or that nearest to its phases."""
@@ -179,7 +181,9 @@ def _integral(chains: Chains, x: Array) -> Array:
     return np.asarray(system.function(system.integral)(x, system.parameters(None, x.shape[1]))[0])
 
 
-def _flown(plant: Plant, pair: Pair, made: Transfers, leave: Array, after: Array) -> Transfers:
+def _fly_transfers(
+    plant: Plant, pair: Pair, made: Transfers, leave: Array, after: Array
+) -> Transfers:
     """Fly transfers from the departure orbit's start to a full revolution on the arrival orbit."""
     if not made.size:
         return made
@@ -195,10 +199,10 @@ def _flown(plant: Plant, pair: Pair, made: Transfers, leave: Array, after: Array
     made = replace(
         made, closure_km=seen.closure_km, closure_m_s=seen.closure_m_s, altitude_m=seen.altitude_m
     )
-    return made if not seen.impact.any() else selected(made, np.flatnonzero(~seen.impact))
+    return made if not seen.impact.any() else select_transfers(made, np.flatnonzero(~seen.impact))
 
 
-def selected(transfers: Transfers, which: NDArray[np.intp]) -> Transfers:
+def select_transfers(transfers: Transfers, which: NDArray[np.intp]) -> Transfers:
     """Return some of the transfers, in the order of their numbers."""
     parts = {
         field.name: np.ascontiguousarray(getattr(transfers, field.name)[..., which])
@@ -208,7 +212,7 @@ def selected(transfers: Transfers, which: NDArray[np.intp]) -> Transfers:
     return Transfers(kind=tuple(transfers.kind[k] for k in which.tolist()), **parts)
 
 
-def joined(parts: Sequence[Transfers]) -> Transfers:
+def join_transfers(parts: Sequence[Transfers]) -> Transfers:
     """Return all transfers of several sets in one."""
     arrays = {
         field.name: np.concatenate([getattr(part, field.name) for part in parts], axis=-1)

@@ -16,7 +16,7 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.meetings import Meetings, Strands, meetings
 
-__all__ = ["Chains", "Scan", "fly", "interpolated", "least_of", "scan"]
+__all__ = ["Chains", "Scan", "fly", "interpolate_unknowns", "least_of", "scan"]
 
 
 class Chains(Protocol):
@@ -122,7 +122,7 @@ def scan(chains: Chains, family: int, orbits: Mapping[str, PolarOrbit], coarse: 
     return Scan(family, chains.problem(family).period(z), met)
 
 
-def interpolated(chains: Chains, family: NDArray[np.intp], u: Array) -> list[Array]:
+def interpolate_unknowns(chains: Chains, family: NDArray[np.intp], u: Array) -> list[Array]:
     """Return the unknowns at positions u (K,) of families (K,), interpolated on their chains."""
     return [
         chains.branch(int(f)).guess(np.array([place]))[0][:, 0]

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
 from hillsphere_orbits.flow import Compiled, flow_of
-from hillsphere_orbits.swing_qso_families.curves import Known, Swing
+from hillsphere_orbits.swing_qso_families.curves import FamilyTangents, Swing
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
 from hillsphere_orbits.swing_transfers.assembly import (
     Choice,
     Pair,
-    assembled,
-    joined,
+    assemble_transfers,
+    join_transfers,
     none,
-    selected,
+    select_transfers,
 )
 from hillsphere_orbits.swing_transfers.chains import Scan, scan
 from hillsphere_orbits.swing_transfers.passages import Passages, passages
@@ -75,7 +75,7 @@ class Leg:
     number: int
     names: tuple[str, str]
     scans: Sequence[Scan]
-    known: Sequence[Known]
+    known: Sequence[FamilyTangents]
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ class ScannedFamily:
     ----------
     scan : Scan
         What its members meet.
-    known : Known
+    known : FamilyTangents
         What was worked out for it, which the search of a leg need not do again.
     """
 
     scan: Scan
-    known: Known
+    known: FamilyTangents
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class _Searching:
     def __call__(self, piece: int | Leg) -> ScannedFamily | SearchedLeg:
         if isinstance(piece, int):
             scanned = scan(self._chains, piece, self._orbits, _COARSE)
-            return ScannedFamily(scanned, self._chains.known(piece))
+            return ScannedFamily(scanned, self._chains.tangents(piece))
         for family, known in enumerate(piece.known):
             self._chains.learn(family, known)
         (a, b), scans = piece.names, piece.scans
@@ -192,7 +192,7 @@ class _Searching:
         if not coarse:
             return none(), []
         pieces, found = least_along(chains, names, orbits, coarse)
-        made = self._assembled(pieces, pair, found)
+        made = self._assemble(pieces, pair, found)
         own = made.family.tolist()
         positions = [pieces.position(k, u) for k, u in zip(own, made.position, strict=True)]
         made = replace(
@@ -208,9 +208,9 @@ class _Searching:
             "there on a finer look; the best of its members stands in its place"
             for choice in spare
         ]
-        return joined([made, assembled(chains, self._plant, pair, spare)]), notes
+        return join_transfers([made, assemble_transfers(chains, self._plant, pair, spare)]), notes
 
-    def _assembled(self, pieces: Pieces, pair: Pair, found: Sequence[Minimum]) -> Transfers:
+    def _assemble(self, pieces: Pieces, pair: Pair, found: Sequence[Minimum]) -> Transfers:
         """Return the transfers of minima.
 
         An orbit that just touches another one misses it if rounding, magnified by the flow, has
@@ -223,17 +223,17 @@ class _Searching:
             kind = m.kind if m.kind in (INTERIOR, END) else f"touches {m.kind}"
             return Choice(m.family, min(max(m.u + aside, 0.0), last), kind)
 
-        made = assembled(pieces, self._plant, pair, [choice(m, 0.0) for m in found])
+        made = assemble_transfers(pieces, self._plant, pair, [choice(m, 0.0) for m in found])
         for aside in _ASIDE:
             dv = dict(zip(made.family.tolist(), made.total_m_s / speed, strict=True))
             missed = [m for m in found if not dv.get(m.family, np.inf) < m.dv + _AGREES]
             if not missed:
                 break
             more = [choice(m, side) for m in missed for side in (-aside, aside)]
-            every = joined([made, assembled(pieces, self._plant, pair, more)])
+            every = join_transfers([made, assemble_transfers(pieces, self._plant, pair, more)])
             order = np.lexsort((every.total_m_s, every.family))
             first = np.unique(every.family[order], return_index=True)[1]
-            made = selected(every, order[first])
+            made = select_transfers(every, order[first])
         return made
 
     def _front(
@@ -267,11 +267,11 @@ class _Searching:
                 float(s.met[names[1]].time[w.arrival[i]] / s.period[lane]),
             )
             choices.append(Choice(s.family, float(lane), "member", phases))
-        every = joined([least, assembled(chains, self._plant, pair, choices)])
+        every = join_transfers([least, assemble_transfers(chains, self._plant, pair, choices)])
         dear = limit * chains.flow.system.unit[3] * (1.0 + 1e-9)
         cost = np.where(every.total_m_s <= dear, every.total_m_s, np.inf)
         on = np.flatnonzero(front(cost, every.tof_s))
-        return selected(every, on[np.argsort(every.tof_s[on])])
+        return select_transfers(every, on[np.argsort(every.tof_s[on])])
 
 
 def _best_member(scanned: Scan, names: tuple[str, str]) -> Choice:

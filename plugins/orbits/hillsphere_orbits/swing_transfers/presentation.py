@@ -16,7 +16,7 @@ from hillsphere.show.tables import (
     take_or_blank,
     text_column,
 )
-from hillsphere_orbits.qso.presentation import named
+from hillsphere_orbits.qso.presentation import label_identifier
 from hillsphere_orbits.swing_transfers.figures import (
     draw_along,
     draw_fronts,
@@ -94,9 +94,13 @@ def present_transfers(
         ),
     }  # fmt: skip
     return Presentation(
-        metrics={named(name, label): metric for name, metric in _metrics(product).items()},
-        tables={named(name, label): table for name, table in tables.items()},
-        figures={named(name, label): figure for name, figure in _figures(product).items()},
+        metrics={
+            label_identifier(name, label): metric for name, metric in _metrics(product).items()
+        },
+        tables={label_identifier(name, label): table for name, table in tables.items()},
+        figures={
+            label_identifier(name, label): figure for name, figure in _figures(product).items()
+        },
         verdict=_verdict(product),
     )
 
@@ -113,11 +117,11 @@ def _metrics(product: SwingTransfers) -> dict[str, Metric]:
             "transfer_closure_speed_max": Metric(
                 float(max(t.closure_m_s.max() for t in both if t.size)), "m/s"
             ),
-            "above_energy_bound_min": Metric(float(min(margins)), "m/s"),
+            "min_above_energy_bound": Metric(float(min(margins)), "m/s"),
         }
         if not np.isnan(product.least.altitude_m).any():
             lowest = min(float(t.altitude_m.min()) for t in both if t.size)
-            metrics["transfer_altitude_min"] = Metric(lowest / 1e3, "km")
+            metrics["min_transfer_altitude"] = Metric(lowest / 1e3, "km")
     return metrics
 
 

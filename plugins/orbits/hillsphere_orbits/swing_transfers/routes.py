@@ -12,10 +12,10 @@ from hillsphere_orbits.swing_transfers.products import SwingRoutes, Transfers
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.endtoend import Leg, verify
 
-__all__ = ["flown_routes"]
+__all__ = ["fly_routes"]
 
 
-def flown_routes(
+def fly_routes(
     plant: Plant,
     orbits: Mapping[str, PolarOrbit],
     legs: Sequence[tuple[str, str]],
@@ -54,7 +54,7 @@ def flown_routes(
         if None in best:
             rows.append([np.nan] * 5)
             continue
-        rows.append(_flown(plant, orbits, route, least, [k for k in best if k is not None]))
+        rows.append(_fly_route(plant, orbits, route, least, [k for k in best if k is not None]))
     table = np.array(rows, dtype=float).reshape(len(routes), 5).T
     return SwingRoutes(
         name=tuple(", ".join(route) for route in routes),
@@ -72,7 +72,7 @@ def _cheapest(least: Transfers, leg: int) -> int | None:
     return int(own[np.argmin(least.total_m_s[own])]) if own.size else None
 
 
-def _flown(
+def _fly_route(
     plant: Plant,
     orbits: Mapping[str, PolarOrbit],
     route: Sequence[str],

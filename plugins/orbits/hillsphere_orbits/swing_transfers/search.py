@@ -18,8 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere_orbits.swing_transfers.chains import Chains, Scan, fly, interpolated, least_of
-from hillsphere_orbits.swing_transfers.touch import MARGIN, Touch
+from hillsphere_orbits.swing_transfers.chains import (
+    Chains,
+    Scan,
+    fly,
+    interpolate_unknowns,
+    least_of,
+)
+from hillsphere_orbits.swing_transfers.tangency import MARGIN, Tangency
 from hillsphere_orbits.transfers.curves import PolarOrbit
 from hillsphere_orbits.transfers.meetings import meetings
 
@@ -65,7 +71,7 @@ def cost(
     coarse: int,
 ) -> Array:
     """Return the least cost (K,) of a leg by way of interpolated orbits; infinite without one."""
-    strands = fly(chains, family, interpolated(chains, family, u), coarse)
+    strands = fly(chains, family, interpolate_unknowns(chains, family, u), coarse)
     first, second = (least_of(meetings(orbit, strands, _TOUCH), u.size) for orbit in legs)
     return first + second
 
@@ -75,7 +81,7 @@ def minima(
     scans: Sequence[Scan],
     names: tuple[str, str],
     orbits: Mapping[str, PolarOrbit],
-    touches: Mapping[str, Sequence[Touch]],
+    touches: Mapping[str, Sequence[Tangency]],
     width: float,
     coarse: int,
 ) -> list[Minimum]:
@@ -91,7 +97,7 @@ def minima(
         Departure and arrival orbit.
     orbits : mapping of str to PolarOrbit
         Orbits by name.
-    touches : mapping of str to sequence of Touch
+    touches : mapping of str to sequence of Tangency
         For both orbits what `touching` found.
     width : float
         To which a minimum in u is narrowed; the cost is flat there, to the square of this.
@@ -163,7 +169,7 @@ def _candidates(
     scanned: Scan,
     names: tuple[str, str],
     pair: tuple[PolarOrbit, PolarOrbit],
-    touches: Mapping[str, Sequence[Touch]],
+    touches: Mapping[str, Sequence[Tangency]],
     coarse: int,
 ) -> list[_Candidate]:
     """Return every local minimum of the samples, members that just touch an orbit among them."""

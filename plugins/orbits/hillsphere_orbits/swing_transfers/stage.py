@@ -17,15 +17,15 @@ from hillsphere.show.reference import ReferenceTable
 from hillsphere_orbits.flow import Compiled, Flow, flow_of
 from hillsphere_orbits.qso.products import QsoFamily
 from hillsphere_orbits.survey import LockedMoon
-from hillsphere_orbits.swing_qso_families.curves import Known
+from hillsphere_orbits.swing_qso_families.curves import FamilyTangents
 from hillsphere_orbits.swing_qso_families.products import SwingFamilies
-from hillsphere_orbits.swing_transfers.assembly import joined, none
+from hillsphere_orbits.swing_transfers.assembly import join_transfers, none
 from hillsphere_orbits.swing_transfers.chains import Scan
 from hillsphere_orbits.swing_transfers.flights import flights_of
 from hillsphere_orbits.swing_transfers.legs import Leg, LegSearch, ScannedFamily, SearchedLeg
 from hillsphere_orbits.swing_transfers.presentation import present_transfers
 from hillsphere_orbits.swing_transfers.products import SwingTransfers, Transfers
-from hillsphere_orbits.swing_transfers.routes import flown_routes
+from hillsphere_orbits.swing_transfers.routes import fly_routes
 from hillsphere_orbits.transfers.curves import PolarOrbit, step_map_of
 from hillsphere_orbits.transfers.energy import least_dv
 from hillsphere_orbits.transfers.ranks import rank_correlations
@@ -95,7 +95,7 @@ class SwingTransfersStage:
         )
         advance = ctx.track("swing transfers", len(families) + len(legs) + 1)
         scans: list[Scan] = []
-        known: list[Known] = []
+        known: list[FamilyTangents] = []
         found: list[SearchedLeg] = []
         with Workers(ctx, work) as workers:
             for scanned in workers.map(families):
@@ -111,8 +111,8 @@ class SwingTransfersStage:
                 advance(1)
         least = [leg.least for leg in found]
         members = [leg.members for leg in found]
-        every = joined(least) if least else none()
-        routes = flown_routes(self.plant, orbits, legs, [tuple(r) for r in self.spec.routes], every)
+        every = join_transfers(least) if least else none()
+        routes = fly_routes(self.plant, orbits, legs, [tuple(r) for r in self.spec.routes], every)
         best = _cheapest_of_legs(every, len(legs))
         tracks = _tracks(flow, every, best)
         advance(1)
@@ -120,7 +120,7 @@ class SwingTransfersStage:
         of_least = [
             rank_correlations(t.total_m_s, np.mean(t.angle_rad, axis=0), t.integral) for t in least
         ]
-        front_of_legs = joined([leg.front for leg in found]) if found else none()
+        front_of_legs = join_transfers([leg.front for leg in found]) if found else none()
         order = list(names)
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
         speed = float(flow.system.unit[3])
@@ -203,7 +203,9 @@ class SwingTransfersStage:
         return {name: PolarOrbit(flow, x[:, i], period[i], name) for name, i in names.items()}
 
 
-def _leg(number: int, names: tuple[str, str], scans: Sequence[Scan], known: Sequence[Known]) -> Leg:
+def _leg(
+    number: int, names: tuple[str, str], scans: Sequence[Scan], known: Sequence[FamilyTangents]
+) -> Leg:
     """Return a leg with what it needs of scans: what is met of its two orbits."""
     own = [replace(scan, met={name: scan.met[name] for name in names}) for scan in scans]
     return Leg(number, names, own, known)

@@ -18,7 +18,7 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.swing_qso_families.curves import at_positions
 from hillsphere_orbits.swing_transfers.chains import Chains, Scan, scan
 from hillsphere_orbits.swing_transfers.search import END, Minimum, minima
-from hillsphere_orbits.swing_transfers.touch import bracketed, touching
+from hillsphere_orbits.swing_transfers.tangency import bracket_tangencies, tangent_members
 from hillsphere_orbits.transfers.curves import PolarOrbit
 
 __all__ = ["Pieces", "least_along", "search"]
@@ -119,8 +119,11 @@ def search(
         See `minima`.
     """
     touches = {
-        one: touching(
-            chains, [t for s in scans for t in bracketed(s, one, other)], orbits[one], coarse
+        one: tangent_members(
+            chains,
+            [t for s in scans for t in bracket_tangencies(s, one, other)],
+            orbits[one],
+            coarse,
         )
         for one, other in (names, names[::-1])
     }

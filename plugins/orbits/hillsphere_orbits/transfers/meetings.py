@@ -206,7 +206,9 @@ def meetings(curve: PolarOrbit, strands: Strands, touch: float = _TOUCH) -> Meet
     above[touching] = least[touching]
     k = np.flatnonzero((above[1:] != above[:-1]) & (lanes[1:] == lanes[:-1]))
     end = np.where(step[k + 1] == step[k], parts[k + 1], h[lanes[k]])
-    root = _refined(curve, strands, 0, step[k], lanes[k], parts[k], end, value[k], value[k + 1])
+    root = _refine_roots(
+        curve, strands, 0, step[k], lanes[k], parts[k], end, value[k], value[k + 1]
+    )
 
     found = np.concatenate([k, touching])
     time = step[found] * h[lanes[found]] + np.concatenate([root, parts[touching]])
@@ -244,7 +246,7 @@ def _bends(
     part = s * h
     near: NDArray[np.intp] = np.flatnonzero(np.abs(value) <= _NEAR)
     step, own, zero = i[near], lane[near], np.zeros(near.size)
-    part[near] = _refined(
+    part[near] = _refine_roots(
         curve, strands, 1, step, own, zero, strands.h[own], rate[step, own], rate[step + 1, own]
     )
     base = np.ascontiguousarray(strands.way[:, step, own])
@@ -252,7 +254,7 @@ def _bends(
     return i, lane, part, value
 
 
-def _refined(
+def _refine_roots(
     curve: PolarOrbit, strands: Strands, which: int, step: NDArray[np.intp],
     lane: NDArray[np.intp], begin: Array, end: Array, first: Array, last: Array,
 ) -> Array:  # fmt: skip

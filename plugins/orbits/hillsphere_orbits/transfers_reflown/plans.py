@@ -74,7 +74,7 @@ class Plan:
         )
 
     @property
-    def held(self) -> list[str]:
+    def patch_orbits(self) -> list[str]:
         """Orbit on which each patch point stays; empty where there is none."""
         return [a.name if a.stays else b.name if b.stays else "" for a, b in pairwise(self.pieces)]
 
@@ -233,7 +233,7 @@ class _Maker:
         shift = 0.0
         for k, coast in enumerate(coasts):
             begin = float(coast.t_s[0] - zero) + shift
-            if k and not self._joined(pieces[-1], coast, begin - float(pieces[-1].t_s[-1])):
+            if k and not self._join(pieces[-1], coast, begin - float(pieces[-1].t_s[-1])):
                 stay = self._between(pieces[-1], coast, begin - float(pieces[-1].t_s[-1]))
                 if stay is None:
                     away = np.linalg.norm(coast.hill[:3, 0] - pieces[-1].hill[:3, -1]) / 1e3
@@ -251,7 +251,7 @@ class _Maker:
             pieces.append(self._stay(last[0], last[1], span, float(pieces[-1].t_s[-1])))
         return Plan(name, tuple(pieces))
 
-    def _joined(self, before: Piece, coast: Piece, idle: float) -> bool:
+    def _join(self, before: Piece, coast: Piece, idle: float) -> bool:
         gap = np.linalg.norm((coast.hill[:3, 0] - before.hill[:3, -1]) / self.unit[:3])
         size = max(1.0, float(np.linalg.norm(coast.hill[:3, 0] / self.unit[:3])))
         return bool(gap <= _MEETS * size and abs(idle) <= _MEETS * self.clock)

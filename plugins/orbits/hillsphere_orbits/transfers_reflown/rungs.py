@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.fidelity_ladder.rung import Rung
 from hillsphere_orbits.flow import flow_of
-from hillsphere_orbits.multiple_shooting import Flown, reconverge
+from hillsphere_orbits.multiple_shooting import ContinuousFlights, reconverge
 from hillsphere_orbits.transfers.endtoend import heights_m
 from hillsphere_orbits.transfers_reflown.plans import Plan
 
@@ -107,9 +107,9 @@ class Reflier:
             rung = Rung(self.plant, piece.t_s, self.anomaly)
             sought = piece.hill
             if not piece.stays:
-                sought = sought + _displaced(plan, i, hill)
+                sought = sought + _node_displacement(plan, i, hill)
             nodes = rung.states(sought[:, :, None], slice(0, piece.t_s.size))
-            made = self._found(rung, nodes, held=not piece.stays)
+            made = self._find_flight(rung, nodes, held=not piece.stays)
             if isinstance(made, str):
                 where = "orbit" if piece.stays else "coast"
                 found.status = f"not converged: {where} {piece.name!r}: {made}"
@@ -131,7 +131,7 @@ class Reflier:
         found.gap = max(gaps)
         return found
 
-    def _found(self, rung: Rung, nodes: Array, *, held: bool) -> Flown | str:
+    def _find_flight(self, rung: Rung, nodes: Array, *, held: bool) -> ContinuousFlights | str:
         """Return the flight of the plant near nodes (n, K + 1, 1), or why there is none."""
         points = nodes.shape[1]
         freedom = np.ones((6, points))
@@ -149,7 +149,7 @@ class Reflier:
                 return f"it ends {np.max(missed) / 1e3:.3g} km from where it should"
         return made
 
-    def _fly(self, found: Reflight, name: str, rung: Rung, made: Flown) -> None:
+    def _fly(self, found: Reflight, name: str, rung: Rung, made: ContinuousFlights) -> None:
         """Fly a coast from its first state, and take its heights."""
         system = self.flow.system
         unit, clock = system.unit[:, None], system.time_unit_s
@@ -192,7 +192,7 @@ class Reflier:
         return heights
 
 
-def _displaced(plan: Plan, i: int, hill: dict[int, Array]) -> Array:
+def _node_displacement(plan: Plan, i: int, hill: dict[int, Array]) -> Array:
     """Return by how much the nodes of a coast move (6, K + 1) with the orbits at its ends."""
     t = plan.pieces[i].t_s
     part = (t - t[0]) / (t[-1] - t[0])

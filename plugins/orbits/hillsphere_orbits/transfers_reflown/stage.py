@@ -11,7 +11,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet, OrbitSet, Trajectories
-from hillsphere_orbits.fidelity_ladder.rung import described, named_rungs
+from hillsphere_orbits.fidelity_ladder.rung import describe_plant, name_rungs
 from hillsphere_orbits.flow import flow_of
 from hillsphere_orbits.sources import members_of
 from hillsphere_orbits.transfers_reflown.plans import Plan, Stays, plans_of
@@ -74,13 +74,13 @@ class TransfersReflownStage:
             flows = [threads.submit(flow_of, plant) for plant in self.plants]
             flows[0].result()
             stays = Stays(first, members_of(*orbits) if orbits else None)
-            plans = self._chosen(
+            plans = self._select_plans(
                 [plans_of(first, one.flights, stays, spec.revolutions) for one in flights]
             )
             for flow in flows:
                 flow.result()
         refliers = [Reflier(plant, first, anomaly) for plant in self.plants]
-        names = named_rungs([ref.name for ref in spec.rungs], self.plants)
+        names = name_rungs([ref.name for ref in spec.rungs], self.plants)
         advance = ctx.track("transfers reflown", len(plans) * len(refliers))
         found: list[list[Reflight]] = []
         for name, reflier in zip(names, refliers, strict=True):
@@ -101,7 +101,7 @@ class TransfersReflownStage:
         """Show a row per plan and plant, the patch points, and the impulses side by side."""
         return present_reflown(product, self.spec.label)
 
-    def _chosen(self, products: list[list[Plan]]) -> list[Plan]:
+    def _select_plans(self, products: list[list[Plan]]) -> list[Plan]:
         """Return the plans that are asked for."""
         every = [plan for plans in products for plan in plans]
         if self.spec.plans:
@@ -151,7 +151,7 @@ class TransfersReflownStage:
         return TransfersReflown(
             flights=_flights(self.plants[-1], plans, found[-1]),
             rungs=names,
-            rung_plants=tuple(described(plant) for plant in self.plants),
+            rung_plants=tuple(describe_plant(plant) for plant in self.plants),
             plans=tuple(plan.name for plan in plans),
             tof_s=np.array([plan.tof_s for plan in plans]),
             stay_s=np.array([plan.stay_s for plan in plans]),
@@ -162,13 +162,13 @@ class TransfersReflownStage:
             displacement_m=table("displacement_m"),
             closure_m=table("closure_m"),
             closure_m_s=table("closure_m_s"),
-            altitude_min_m=table("altitude_m"),
+            min_altitude_m=table("altitude_m"),
             gap=table("gap"),
             iterations=table("iterations").astype(np.int64),
             status=tuple(one.status for rung in found for one in rung),
             patch_plan=np.repeat(np.arange(len(plans)), [dv.size for dv in planned]),
             patches=tuple(patches),
-            patch_held=tuple(orbit or _PLACE for plan in plans for orbit in plan.held),
+            patch_held=tuple(orbit or _PLACE for plan in plans for orbit in plan.patch_orbits),
             patch_plan_dv_m_s=np.concatenate([np.empty(0), *planned]),
             patch_dv_m_s=np.stack(dv, axis=1),
             coast_plan=np.array([q for q, _ in coasts], dtype=np.int64),

@@ -13,7 +13,7 @@ from hillsphere.interfaces import Array, Variable
 from hillsphere.products import PeriodicOrbits
 from hillsphere_orbits.stability import multipliers
 
-__all__ = ["Retraced", "require_states", "retrace"]
+__all__ = ["SampledOrbits", "require_states", "retrace"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _SAME_EQUATIONS = 1e-7
@@ -25,7 +25,7 @@ _DOUBLINGS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Retraced:
+class SampledOrbits:
     """M orbits along one period, normalised.
 
     Parameters
@@ -67,7 +67,7 @@ def require_states(states: Sequence[Variable], what: str) -> None:
         )
 
 
-def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Retraced:
+def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> SampledOrbits:
     """Fly orbits once around.
 
     Parameters
@@ -81,7 +81,7 @@ def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Re
 
     Returns
     -------
-    Retraced
+    SampledOrbits
         Their states on the way.
 
     Raises
@@ -111,4 +111,4 @@ def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> Re
             f"(frame {system.frame}; {orbits.labels[worst]!r} closes to {error[worst]:.1e}); give "
             "the plant with which they were computed"
         )
-    return Retraced(way, period)
+    return SampledOrbits(way, period)

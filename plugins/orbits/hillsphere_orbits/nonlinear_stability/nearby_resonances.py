@@ -12,14 +12,14 @@ from scipy.interpolate import CubicSpline
 from hillsphere.interfaces import Array
 from hillsphere_orbits.qso.products import QsoFamily
 
-__all__ = ["Nearby", "nearby_resonances"]
+__all__ = ["NearbyResonance", "nearby_resonances"]
 
 _FEWEST = 4
 _PLANES = ("planar", "vertical")
 
 
 @dataclass(frozen=True)
-class Nearby:
+class NearbyResonance:
     """A resonance near a member.
 
     Parameters
@@ -49,7 +49,7 @@ class Nearby:
     vy_offset_m_s: float
 
 
-def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[Nearby]:
+def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[NearbyResonance]:
     """Find every resonance of low order near a member of a family.
 
     Parameters
@@ -64,7 +64,7 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
 
     Returns
     -------
-    list of Nearby
+    list of NearbyResonance
         By member, the nearest first.
     """
     x0, members = family.curve.x0[0], family.members
@@ -84,7 +84,7 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
                     reached = has_integral and square >= 0.0
                     change = np.copysign(np.sqrt(square), vy) - vy if reached else np.nan
                     found.append(
-                        Nearby(
+                        NearbyResonance(
                             int(i), plane, d, n, float(place),
                             float(place - members.x0[0, i]), float(change * speed),
                         )

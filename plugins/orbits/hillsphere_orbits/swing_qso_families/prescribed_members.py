@@ -18,13 +18,13 @@ from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.swing_qso_families.description import integral_of, period_of, position_on
 from hillsphere_orbits.swing_qso_families.families import Chain
 
-__all__ = ["Asked", "orbits_asked"]
+__all__ = ["PrescribedMembers", "orbits_asked"]
 
 _TOLERANCE = 1e-9  # residual; Newton takes one more step from there
 
 
 @dataclass(frozen=True)
-class Asked:
+class PrescribedMembers:
     """Orbits asked for, by family and position on its chain.
 
     Parameters
@@ -54,7 +54,7 @@ def orbits_asked(
     jacobi_constants: Sequence[float],
     periods_s: Sequence[float],
     time_s: float,
-) -> Asked:
+) -> PrescribedMembers:
     """Find every orbit of every family at the values asked for.
 
     Parameters
@@ -72,7 +72,7 @@ def orbits_asked(
 
     Returns
     -------
-    Asked
+    PrescribedMembers
         Perhaps none.
 
     Raises
@@ -100,7 +100,7 @@ def orbits_asked(
                 for i in brackets(along, float(value)):
                     met.add(k)
                     u = i + (value - along[i]) / (along[i + 1] - along[i])
-                    z = _held(problem, chain.branch, quantity, float(value), float(u))
+                    z = _correct_at_value(problem, chain.branch, quantity, float(value), float(u))
                     if z is None:
                         lost.append(f"{label}: Newton's iteration did not converge")
                     else:
@@ -117,7 +117,7 @@ def orbits_asked(
     if absent and not rows and not lost:
         raise InputError("; ".join(absent))
     rows.sort(key=lambda row: row[:2])
-    return Asked(
+    return PrescribedMembers(
         [row[0] for row in rows],
         _different([row[2] for row in rows]),
         [row[3] for row in rows],
@@ -126,7 +126,7 @@ def orbits_asked(
     )
 
 
-def _held(
+def _correct_at_value(
     problem: Shooting, branch: Branch, quantity: Quantity, value: float, u: float
 ) -> Array | None:
     """Return the orbit (m, 1) at which a quantity has a value, near a position, if there is one."""

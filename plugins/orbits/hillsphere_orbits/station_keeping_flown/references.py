@@ -20,14 +20,14 @@ from hillsphere_orbits.station_keeping_flown.reference_path import (
     paths_of_orbits,
 )
 
-__all__ = ["FLOWN", "Held", "Sources", "held_of"]
+__all__ = ["FLOWN", "Reference", "Sources", "references_of"]
 
 FLOWN = "flown"
 _ENDS = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class Reference:
     """A reference that is to be held.
 
     Parameters
@@ -81,12 +81,12 @@ class Sources:
     rung: str
     members: tuple[str, ...]
 
-    def taken(self, labels: tuple[str, ...]) -> list[int]:
+    def select(self, labels: tuple[str, ...]) -> list[int]:
         """Return the numbers of those taken."""
         return [i for i, name in enumerate(labels) if not self.members or name in self.members]
 
 
-def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
+def references_of(plant: Plant, sources: Sources, duration_s: float) -> list[Reference]:
     """Return all that is to be held.
 
     Parameters
@@ -100,7 +100,7 @@ def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
 
     Returns
     -------
-    list of Held
+    list of Reference
         In order.
 
     Raises
@@ -110,15 +110,15 @@ def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
     InputError
         If the ladder has no such rung, or nothing has a name that is asked for.
     """
-    found: list[Held] = []
+    found: list[Reference] = []
     known: list[str] = []
     if sources.orbits:
         members = members_of(*sources.orbits)
         known += members.labels
-        found += _of_orbits(plant, members, sources.taken(members.labels))
+        found += _of_orbits(plant, members, sources.select(members.labels))
     for product in sources.flights:
         known += product.flights.labels
-        chosen = _chosen(product.flights, sources.taken(product.flights.labels))
+        chosen = _select_flights(product.flights, sources.select(product.flights.labels))
         found += _of_flights(plant, chosen, duration_s)
     if sources.ladder is not None:
         known += sources.ladder.members
@@ -132,7 +132,7 @@ def held_of(plant: Plant, sources: Sources, duration_s: float) -> list[Held]:
     return found
 
 
-def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[Held]:
+def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[Reference]:
     if not which:
         return []
     some = replace(
@@ -149,11 +149,11 @@ def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[H
     for i, path in enumerate(paths_of_orbits(plant, some)):
         period = float(some.period_s[i])
         e_folding = period / float(growth[i]) if path.unstable else inf
-        found.append(Held(some.labels[i], path, FLOWN, period, e_folding))
+        found.append(Reference(some.labels[i], path, FLOWN, period, e_folding))
     return found
 
 
-def _chosen(flights: Trajectories, which: list[int]) -> Trajectories:
+def _select_flights(flights: Trajectories, which: list[int]) -> Trajectories:
     return replace(
         flights,
         plans=tuple(flights.plans[i] for i in which),
@@ -163,32 +163,32 @@ def _chosen(flights: Trajectories, which: list[int]) -> Trajectories:
     )
 
 
-def _of_flights(plant: Plant, flights: Trajectories, duration_s: float) -> list[Held]:
+def _of_flights(plant: Plant, flights: Trajectories, duration_s: float) -> list[Reference]:
     time = flow_of(plant).system.time_unit_s
     found = []
     for label, path in zip(flights.labels, paths_of_flights(plant, flights), strict=True):
         if path.length * time < duration_s * (1.0 - _ENDS):
             days = path.length * time / 86400.0
-            found.append(Held(label, None, f"not flown: it lasts {days:.4g} days only"))
+            found.append(Reference(label, None, f"not flown: it lasts {days:.4g} days only"))
         else:
-            found.append(Held(label, path))
+            found.append(Reference(label, path))
     return found
 
 
 def _of_ladder(
     plant: Plant, ladder: FidelityLadder, sources: Sources, duration_s: float
-) -> list[Held]:
+) -> list[Reference]:
     if sources.rung not in ladder.rungs:
         raise InputError(
             f"rung: the ladder has no rung {sources.rung!r}; it has {', '.join(ladder.rungs)}"
         )
     r = ladder.rungs.index(sources.rung)
     found = []
-    for i in sources.taken(ladder.members):
+    for i in sources.select(ladder.members):
         label = ladder.members[i]
         if not ladder.converged[i, r]:
             why = ladder.status[r * len(ladder.members) + i]
-            found.append(Held(label, None, f"not flown: {why}"))
+            found.append(Reference(label, None, f"not flown: {why}"))
             continue
         t, x = ladder.reference(sources.rung, label)
         found += _of_flights(plant, _flight(plant, ladder.frames[r], label, t, x), duration_s)
