@@ -24,10 +24,13 @@ _NEARLY, _GAIN, _IDLE = 1e-3, 1e-2, 3
 """or with gaps this small, if the distance from the target shrank by this part in so many steps."""
 _ABOUT = 1e-5
 """Gaps, normalised, up to which the first arcs are closed alone."""
-_FIRST_STEPS, _MOST_STEPS = 8, 2048
+_FIRST_STEPS = 8
+"""Sub-steps of an arc that are tried first; they are doubled until the error is small enough."""
+_MOST_STEPS = 2048
+"""Sub-steps beyond which an arc counts as one through a singularity, and its flight is given up."""
 _STEP_ERROR = 3e-9
-"""Sub-steps of an arc that are tried, and how far half as many may be off: the error of an eighth-
-order formula is 256 times smaller."""
+"""Largest difference, relative, between an arc in some sub-steps and in twice as many. The formula
+is of eighth order, so that the arc in twice as many errs by a 256th of it, 1e-11."""
 _LONGEST = 0.1
 """Longest move of a node in one step, of its distance and speed: farther arcs are not linear."""
 _ALONG = 400.0

@@ -14,7 +14,12 @@ from hillsphere.dynamics import ArrayFunction, StepMap, System, Taylor, system
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 
-__all__ = ["Compiled", "Flow", "flow_of"]
+__all__ = ["XY_MIRROR", "Z_HALF_TURN", "Compiled", "Flow", "flow_of"]
+
+XY_MIRROR = (1, 1, -1, 1, 1, -1)
+"""Signs of x, y, z, vx, vy, vz under the mirror xy; planar orbits need equations that keep it."""
+Z_HALF_TURN = (-1, -1, 1, -1, -1, 1)
+"""The same under half a turn about z: Hill's equations keep it, the three-body problem does not."""
 
 _LOCAL_ERROR = 1e-13
 """Of a step that chooses its length, natural units: a few hundred of them err by 1e-12 or so, which

@@ -43,6 +43,8 @@ __all__ = [
 ]
 
 _COARSE = 1e-6
+"""Tolerance of a first flight that only measures how much the transition matrix magnifies
+errors."""
 _ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
 
 

@@ -12,7 +12,10 @@ from hillsphere.interfaces import Array
 __all__ = ["brackets", "extrema"]
 
 _GOLDEN = 0.6180339887498949
+"""(√5 − 1)/2: each new point of a golden-section search divides the bracket in this ratio."""
 _BESIDE = 0.05
+"""Distance, in samples, of an extra point from each end. It shows an extremum that lies farther
+than about half of it from the end; nearer to the end its difference would drown in rounding."""
 
 
 def brackets(values: Array, target: float) -> NDArray[np.intp]:

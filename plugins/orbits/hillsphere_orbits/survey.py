@@ -27,6 +27,7 @@ __all__ = [
 ]
 
 _TRACK_POINTS = 240
+"""Points of a stored track, about: a smooth curve in a figure, and a small product."""
 NEARLY_PLANAR = 0.05
 """Of an orbit's largest extent: one that leaves the plane by less has no limit of |z|. Gravity
 without the mirror plane xy lifts every orbit by some metres, and twice that bounds nothing."""

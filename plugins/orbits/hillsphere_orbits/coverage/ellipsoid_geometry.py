@@ -14,7 +14,11 @@ from hillsphere.interfaces import Array
 __all__ = ["cell_areas", "is_hidden", "nearest_point", "normals"]
 
 _MOST = 60
+"""Most steps of Newton's method. It starts within a factor √3 of the root and rises to it, so that
+a handful are enough; the bound only excludes an endless loop."""
 _NODES = 8
+"""Gauss-Legendre nodes of a cell in each direction: exact for polynomials of degree 15, so that
+areas of cells of a few degrees are right to rounding."""
 
 
 def nearest_point(r: Array, axes: Array) -> Array:

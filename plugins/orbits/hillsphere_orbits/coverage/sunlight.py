@@ -9,6 +9,7 @@ from hillsphere.interfaces import Array
 __all__ = ["declinations", "obscuration", "sun_directions"]
 
 _GOLDEN = 0.6180339887498949
+"""(√5 − 1)/2: the irrational number whose multiples, modulo 1, are spread most evenly."""
 
 
 def declinations(largest: float, seasons: int) -> Array:

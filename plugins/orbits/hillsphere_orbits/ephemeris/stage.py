@@ -29,6 +29,8 @@ from hillsphere_orbits.sources import members_of
 __all__ = ["Ephemerides", "EphemerisStage"]
 
 _MOST_STATES = 2_000_000
+"""Most states of one orbit, about 0.3 GB of text: a step that is too small by mistake is refused
+before the disk is full."""
 
 
 @dataclass(frozen=True)

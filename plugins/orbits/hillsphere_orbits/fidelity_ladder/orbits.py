@@ -19,10 +19,16 @@ _Lanes: TypeAlias = NDArray[np.intp]
 _SPACING = 0.02
 """Longest step of the table, natural units: the interpolation errs by 1e-9 of the orbit."""
 _NEWTON = 4
+"""Steps of Gauss and Newton's iteration for the nearest phase. Their number is fixed, so that a
+flight does not depend on the others of its batch; the phase of the last iteration is near."""
 _LONGEST = 0.3
 """Longest change of a phase at once, natural units."""
 _SAME_EQUATIONS = 1e-8
+"""Largest closure beside the growth of errors over half a period, natural units, of orbits that
+count as solutions of this plant's equations. They were computed to 1e-9 or better; other equations
+(another gravity model, say) give far more."""
 _TRACK_POINTS = 1200
+"""Points of a stored track, about: a smooth curve in a figure."""
 
 
 class OrbitCurves:

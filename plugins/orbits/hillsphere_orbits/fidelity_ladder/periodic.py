@@ -12,16 +12,19 @@ from hillsphere.interfaces import Array
 from hillsphere.products import PeriodicOrbits
 from hillsphere_orbits.correction import correct, fix_component
 from hillsphere_orbits.fidelity_ladder.rung import Rung
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 
 __all__ = ["PeriodicCounterparts", "periodic_on"]
 
 _ZERO = 1e-9
+"""Normalised components below which a state lies in a plane: first states of given orbits lie there
+to rounding."""
 _CLOSED = 1e-9
 """Closure, natural units, beside the growth over a period."""
 _MIRRORS = ((1, -1, 1, -1, 1, -1), (1, -1, -1, -1, 1, 1))
-_PLANE = (1, 1, -1, 1, 1, -1)
+"""Signs of x, y, z, vx, vy, vz under time reversal: the mirror plane xz, and the half turn about
+x."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ def _problem(flow: Flow, x: Array) -> tuple[Shooting, str] | None:
     """Return equations for an orbit from its first state, and the coordinate that is kept."""
     samples = _samples(x)
     planar = abs(x[2]) < _ZERO and abs(x[5]) < _ZERO
-    flat = planar and flow.keeps(_PLANE, samples, reverses_time=False)
+    flat = planar and flow.keeps(XY_MIRROR, samples, reverses_time=False)
     frozen = ("z", "vz") if flat else ()
     for mirror in _MIRRORS:
         on_it = all(abs(x[i]) < _ZERO for i in range(6) if mirror[i] < 0)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["present_ladder"]
 
-_DAY = 86400.0
 _PARTS = 60
+"""Parts of the time in the figure of departures: fewer hide the growth, more show every swing."""
 _DRAWN = 6  # members in a figure: as many as colours that tell apart
 _COLOURS = [PALETTE[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky")]
 
@@ -40,7 +41,7 @@ def present_ladder(product: FidelityLadder, label: str) -> Presentation:
         Tables ``fidelity_ladder`` (a row per rung and member), ``fidelity_rungs`` and
         ``fidelity_periodic``, figures ``fidelity_departures`` and ``fidelity_flights``.
     """
-    days = product.times_s[-1] / _DAY
+    days = product.times_s[-1] / DAY_S
     notes = [
         f"Departure: distance from the nearest point of the orbit of the first rung, over {days:g} "
         "days; along the orbit the flight may slip, by the time given.",
@@ -167,7 +168,7 @@ def _rungs(product: FidelityLadder) -> list[FilledColumn]:
 
 
 def _verdict(product: FidelityLadder) -> list[str]:
-    days = product.times_s[-1] / _DAY
+    days = product.times_s[-1] / DAY_S
     found = []
     for r, rung in enumerate(product.rungs):
         good = product.converged[:, r]
@@ -213,7 +214,9 @@ def _draw_departures(figure: Canvas, product: FidelityLadder) -> None:
     drawn = _spread(np.arange(len(product.members)))
     # the largest of each part of the time: the departure swings with every revolution
     ends = np.unique(np.linspace(0, len(product.times_s), _PARTS + 1).astype(int))
-    days = product.times_s[np.minimum((ends[:-1] + ends[1:]) // 2, len(product.times_s) - 1)] / _DAY
+    days = (
+        product.times_s[np.minimum((ends[:-1] + ends[1:]) // 2, len(product.times_s) - 1)] / DAY_S
+    )
     for r, ax in zip(rungs, axes, strict=True):
         for colour, m in zip(_COLOURS, drawn, strict=False):
             if product.converged[m, r]:

@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
@@ -38,7 +39,7 @@ class FidelityLadderSpec(StageSpec):
         "plant", "plants from the simplest, which the orbits solve, to the truest"
     )
     members: tuple[str, ...] = option("names of the orbits carried over; left out: all", default=())
-    duration_s: float = quantity("time", "length of the flights", default=30 * 86400.0, gt=0)
+    duration_s: float = quantity("time", "length of the flights", default=30 * DAY_S, gt=0)
     segments: int | None = option(
         "arcs of a flight; left out: so many that one takes 1.5/n, n the mean motion",
         default=None,

@@ -26,6 +26,8 @@ UNPROVED = "that no crossing of theirs was missed is not proved"
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
 _NEWTON = 4
+"""Steps from the zero of the interpolating cubic: Newton's method doubles its digits with each, and
+zeros that have not converged by then are bracketed."""
 
 
 class Watch:

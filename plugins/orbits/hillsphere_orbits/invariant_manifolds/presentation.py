@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
@@ -36,7 +37,7 @@ def present_manifolds(product: Manifolds, spec: InvariantManifoldsSpec) -> Prese
         Table ``manifolds``, one figure ``manifold_tubes_…`` per orbit, counts as metrics.
     """
     label = spec.label
-    days = spec.duration_s / 86400.0
+    days = spec.duration_s / DAY_S
     impacts = sum(name == "impact" for name in product.ended_by)
     metrics = {
         "trajectories": Metric(len(product.ended_by)),

@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, StageSpec, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
@@ -54,7 +55,7 @@ class InvariantManifoldsSpec(StageSpec):
     duration_s: float = quantity(
         "time",
         "how long a trajectory is followed after it has left the orbit",
-        default=5 * 86400.0,
+        default=5 * DAY_S,
         gt=0,
     )
     distance: float = option(

@@ -39,10 +39,15 @@ __all__ = [
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _SAME_EQUATIONS = 1e-8
+"""Largest closure beside the growth of errors over a period, natural units, of orbits that count as
+solutions of this plant's equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _ACCURACY = 1e-4  # of a state after a period, relative to where trajectories start
 _TRACKS = 16  # per side of a manifold
 _TRACK_POINTS = 480
+"""Intervals of a stored trajectory: a smooth curve in a figure through many revolutions."""
 _ORBIT_POINTS = 800
+"""Intervals of a drawn orbit."""
 
 
 class InvariantManifoldsStage:

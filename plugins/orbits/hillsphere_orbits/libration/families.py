@@ -11,7 +11,7 @@ from hillsphere.errors import ConvergenceError, InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, follow
 from hillsphere_orbits.correction import correct, fix_component
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.libration.ends import BRANCHING, branching, ends_of, up_to
 from hillsphere_orbits.libration.points import CollinearPoint, collinear_point
 from hillsphere_orbits.libration.specs import HaloSpec, LyapunovSpec
@@ -22,10 +22,11 @@ from hillsphere_orbits.shooting import SymmetricShooting
 __all__ = ["Halo", "LibrationFamily", "Lyapunov"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
-_FLAT = (1, 1, -1, 1, 1, -1)
 _SMALL = 1e-3  # first amplitude, in distances of the point from the body
 _PASSES = 4  # of continuation, each with the sub-steps that the last one's orbits need
 _COARSE = 1e-6
+"""Tolerance of a first flight that only measures how much the transition matrix magnifies
+errors."""
 _FOLLOWED = 1e-10  # of half a period while a family is followed; what is returned is exact
 _ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
 
@@ -265,7 +266,7 @@ def _shooting(flow: Flow, *, frozen: bool) -> SymmetricShooting:
     if (
         mirror is None
         or not flow.keeps(mirror, samples, reverses_time=True)
-        or not flow.keeps(_FLAT, samples, reverses_time=False)
+        or not flow.keeps(XY_MIRROR, samples, reverses_time=False)
     ):
         raise InputError(
             "libration orbits need equations that keep the mirror planes xy and xz; this plant's "

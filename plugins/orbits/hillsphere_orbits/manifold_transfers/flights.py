@@ -22,6 +22,8 @@ _LANES = 16
 batch."""
 _STEPS_PER_UNIT = 120  # sub-steps of the matrix per revolution of the primary's motion
 _CORRECTIONS = 3
+"""Most corrections of a first state. Its rounding limits the miss: further ones only change the
+last digit."""
 _ENOUGH = 1e-7  # normalised: a leg that misses by no more is not corrected
 
 

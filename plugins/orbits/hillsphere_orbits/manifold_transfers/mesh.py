@@ -26,10 +26,17 @@ _FAR = 0.25  # natural units: passages farther apart are not known to be neighbo
 _TORN = 1.0  # and a sign change between passages this far apart is none
 _TOUCH = 1e-3  # a minimum of |g| is followed until passages are this near to one another
 _LEAST_P = 1e-9
+"""Narrowest interval of p, which goes from 0 to 1, that is divided: manifolds magnify the rounding
+of p, so that trajectories closer together are not in order any more."""
 _MOST_PARTS = 16
+"""Most parts of an interval in one round: it may be far apart in one place only, and a later round
+sees where."""
 _EDGE_PARTS = 16
+"""Parts of an interval in which trajectories begin or cease to hit the body: passages end there, so
+that nothing tells how far apart its ends are."""
 _EDGE = 1.0  # natural units of time between impacts of neighbours
 _ROUNDS = 16
+"""Most rounds of division; a strand that is folded without end would be divided for ever."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Integers
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Printed, Table
 from hillsphere.show.reference import ReferenceTable
@@ -26,7 +27,6 @@ from hillsphere_orbits.qso.presentation import format_count, label_identifier
 
 __all__ = ["present_transfers"]
 
-_DAY = 86400.0
 _SAME_KM = 1e-6  # a published amplitude is a round number
 _BESIDE = (
     Column("connects_paper", "", "connects, paper"),
@@ -88,7 +88,8 @@ def present_transfers(
                 f"{name.replace('_', ' ').capitalize()} {names}",
                 lambda figure, q=q: draw_transfer(figure, product, q),  # type: ignore[misc]
                 f"Through {product.orbits.labels[product.transfer_member[q]]}: "
-                f"{product.transfer_dv_m_s[q]:.2f} m/s in {product.transfer_tof_s[q] / _DAY:.2f} d."
+                f"{product.transfer_dv_m_s[q]:.2f} m/s "
+                f"in {product.transfer_tof_s[q] / DAY_S:.2f} d."
                 " Dashed: cylinders over the planar orbits. Equal axes.",
                 size_in=(8.0, 7.0),
             )
@@ -102,7 +103,7 @@ def present_transfers(
 
 
 def _notes(product: ManifoldTransfers, spec: ManifoldTransfersSpec) -> list[str]:
-    days = product.leg_limit_s / _DAY
+    days = product.leg_limit_s / DAY_S
     legs = (
         "Legs to the unstable orbit are mirror images of legs along its unstable manifold."
         if product.mirrored
@@ -254,7 +255,7 @@ def _beside(
             own = product.transfer_member == i
             row["dominated"] = bool(
                 np.any(
-                    own & (product.transfer_dv_m_s <= dv) & (product.transfer_tof_s <= tof * _DAY)
+                    own & (product.transfer_dv_m_s <= dv) & (product.transfer_tof_s <= tof * DAY_S)
                 )
             )
             bettered.append(
@@ -305,7 +306,7 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
         metrics["closure_max_km"] = Metric(float(np.max(product.leg_closure_km[kept])), "km")
         metrics["closure_max_m_s"] = Metric(float(np.max(product.leg_closure_m_s[kept])), "m/s")
         metrics["least_dv_m_s"] = Metric(float(np.min(product.transfer_dv_m_s)), "m/s")
-        metrics["least_tof_d"] = Metric(float(np.min(product.transfer_tof_s)) / _DAY, "d")
+        metrics["least_tof_d"] = Metric(float(np.min(product.transfer_tof_s)) / DAY_S, "d")
     if product.checked:
         metrics["convergence_moved_m_s"] = Metric(float(np.max(product.check_shift_m_s)), "m/s")
     return metrics
@@ -313,11 +314,11 @@ def _metrics(product: ManifoldTransfers) -> dict[str, Metric]:
 
 def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
     count = sum(status == "connected" for status in product.status)
-    limit = f"with legs of {product.leg_limit_s / _DAY:g} d at most"
+    limit = f"with legs of {product.leg_limit_s / DAY_S:g} d at most"
     whole = format_count(count, "orbit", of=len(product.status))
     sentences = [f"{whole} connect{'s' if count == 1 else ''} {names} {limit}."]
     if product.transfer_legs.shape[1]:
-        dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / _DAY
+        dv, tof = product.transfer_dv_m_s, product.transfer_tof_s / DAY_S
         for what, q in (("The least impulse", np.argmin(dv)), ("The quickest", np.argmin(tof))):
             name = product.orbits.labels[int(product.transfer_member[q])]
             sentences.append(f"{what}: {dv[q]:.2f} m/s in {tof[q]:.2f} d through {name}.")

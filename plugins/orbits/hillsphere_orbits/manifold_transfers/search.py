@@ -26,6 +26,8 @@ from hillsphere_orbits.transfers.pareto import front
 __all__ = ["Legs", "Search", "join_legs", "ladder"]
 
 _MOVES = 4
+"""Times that a bracket which lost its root is moved; it lies a few widths away or does not
+exist."""
 _BEYOND = 2.0  # natural units of time: partners of passages just within the limit are flown to
 _GAP = 1e-11  # of g at a polished root
 

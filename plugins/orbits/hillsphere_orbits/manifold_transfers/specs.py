@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -72,7 +73,7 @@ class ManifoldTransfersSpec(StageSpec):
         "names of the orbits to go through; left out: all", default=()
     )
     leg_limit_s: float = quantity(
-        "time", "longest time of flight of each leg", default=5 * 86400.0, gt=0
+        "time", "longest time of flight of each leg", default=5 * DAY_S, gt=0
     )
     distance: float = option(
         "distance from the unstable orbit where times of flight begin and end; normalised",

@@ -25,7 +25,9 @@ Judge: TypeAlias = Callable[[NDArray[np.intp], Array], Fates]
 
 _AT_ONCE = 4  # offsets of a row flown together: beyond a loss the larger ones were for nothing
 _SECTIONS = 4
+"""Equal parts into which a round divides the gap; its three inner offsets fly in one batch."""
 _ROUNDS = 2
+"""Rounds: the gap shrinks to a sixteenth, which the docstring of `first_losses` promises."""
 
 
 @dataclass(frozen=True, eq=False)

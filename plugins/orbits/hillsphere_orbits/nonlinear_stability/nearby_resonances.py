@@ -15,6 +15,7 @@ from hillsphere_orbits.qso.products import QsoFamily
 __all__ = ["NearbyResonance", "nearby_resonances"]
 
 _FEWEST = 4
+"""Fewest members of a stretch: a not-a-knot cubic spline needs four points."""
 _PLANES = ("planar", "vertical")
 
 

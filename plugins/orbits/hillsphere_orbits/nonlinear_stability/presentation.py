@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import Figure, Metric, Presentation
 from hillsphere.show.tables import (
     FieldColumns,
@@ -40,7 +41,7 @@ def present_stability(product: NonlinearStability, label: str) -> Presentation:
         ``survival_edges`` and ``survival_probability``.
     """
     rule, errors = rule_of(product), _errors(product)
-    days = product.duration_s / 86400.0
+    days = product.duration_s / DAY_S
     tables = {
         "nonlinear_stability": tabulate(
             f"Nonlinear stability over {days:g} days", _summary(product),
@@ -100,7 +101,7 @@ def rule_of(product: NonlinearStability) -> str:
         axes += " (planar orbits, to a twentieth of their extent: |x| or |y|)"
     surface = ", or meets the surface of the body" if product.has_surface else ""
     return (
-        f"An orbit is lost if within {product.duration_s / 86400.0:g} days it goes beyond "
+        f"An orbit is lost if within {product.duration_s / DAY_S:g} days it goes beyond "
         f"{product.limit:g} times its own largest {axes}{surface}. Another rule changes the "
         "hours rather than the verdicts."
     )
@@ -246,7 +247,7 @@ def _nearby(product: NonlinearStability) -> list[FilledColumn]:
 
 
 def _verdict(product: NonlinearStability) -> list[str]:
-    days, sentences = product.duration_s / 86400.0, []
+    days, sentences = product.duration_s / DAY_S, []
     share = np.min(product.counts[Fate.SURVIVES], axis=1) / product.draws
     risky = [
         f"{name} ({100 * p:.3g} %)"

@@ -17,11 +17,17 @@ __all__ = ["SampledOrbits", "require_states", "retrace"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _SAME_EQUATIONS = 1e-7
+"""Largest closure beside the growth of errors over a period, natural units, of orbits that count as
+solutions of this plant's equations. It also bounds the error of the samples, which the step below
+keeps well under it."""
 _STEP = 0.05
 """Of a unit of time: for the eighth-order map well below `_SAME_EQUATIONS` about a moon that
 fills a good part of its Hill sphere, where the shortest period is about 3."""
 _LEAST = 240
+"""Least number of steps of a period: the amplitude is the largest of the samples, right to 1e-4."""
 _DOUBLINGS = 4
+"""Times that the steps are tried, doubled each time, before the orbits count as those of other
+equations."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import Ref, StageSpec, Vector3, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 from hillsphere_orbits.source_specs import OrbitNeeds
@@ -43,7 +44,7 @@ class NonlinearStabilitySpec(StageSpec):
     needs: OrbitNeeds = option("products of earlier stages: whose members are tried")
     plant: Ref = reference("plant", "equations of motion, those of the orbits")
     duration_s: float = quantity(
-        "time", "for how long an orbit must not be lost", default=30 * 86400.0, gt=0
+        "time", "for how long an orbit must not be lost", default=30 * DAY_S, gt=0
     )
     limit: float = option(
         "an orbit is lost beyond so many times its own largest |x|, |y| or, in space, |z|",

@@ -34,6 +34,8 @@ __all__ = ["NonlinearStabilityStage", "clopper_pearson"]
 
 _AXES = ("x", "y", "z", "vx", "vy", "vz")
 _REACH = 0.5
+"""Largest offset of the search without a limit of the mission, in amplitudes of the orbit: beyond
+it a flight is no perturbation of that orbit any more."""
 _ON_ORBIT = 1e-9  # natural units: how exactly a place on an orbit is known
 
 

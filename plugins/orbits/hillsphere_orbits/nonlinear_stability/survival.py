@@ -27,10 +27,18 @@ _STRIDE = 0.4
 """Step times the rate of the fastest local motion: 18 to 28 steps per revolution of a
 quasi-satellite orbit, for errors of 1e-8 of its size."""
 _GROWTH = 1.1
+"""Factor by which a halved stride may grow again in each step. A larger one makes steps alternate
+between halving and growing; with a smaller one a passage near the body slows all that follows."""
 _LEAST_STRIDE = 1e-3
+"""Stride below which a flight is given up as unresolved: halving it 400-fold did not keep the
+integral of motion, so that a singularity is near."""
 _LAST_STRIDE = 0.05
+"""Stride below which a step across a limit is accepted although the integral of motion changes:
+beyond the surface other equations hold. Its place is then known to a small part of a step."""
 _SHARE = 2e-3  # of the accuracy of a flight, for one step
 _SLOWEST = 1e-3
+"""Least rate, per unit of time, of which steps are made: where the gravity gradient vanishes, far
+from all bodies, the step stays finite."""
 _FASTEST = 1e4  # per unit of time: nearer to a singularity nothing is resolved
 _LIMITS = ("limit:x", "limit:y", "limit:z")
 _WIDTH = 8

@@ -23,6 +23,7 @@ from hillsphere_orbits.qso.families import Family
 __all__ = ["Arrival", "continue_members", "keep_members"]
 
 _TRACK_POINTS = 240
+"""Intervals of a stored track: a smooth curve in a figure, and a small product."""
 _REACHED = "reached"
 
 

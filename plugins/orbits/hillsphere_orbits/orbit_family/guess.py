@@ -10,15 +10,16 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Plant
 from hillsphere_orbits.continuation import Boundary, StepControl, continue_both
 from hillsphere_orbits.correction import correct, fix_component
-from hillsphere_orbits.flow import flow_of
+from hillsphere_orbits.flow import XY_MIRROR, flow_of
 from hillsphere_orbits.qso.families import Family
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
 
 __all__ = ["GuessedFamily"]
 
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
-_FLAT = (1, 1, -1, 1, 1, -1)
 _PASSES = 4
+"""Most times that the family is followed: each pass takes the sub-steps which the orbits of the
+last one need, and the result of the last pass stands."""
 
 
 class GuessedFamily:
@@ -59,7 +60,7 @@ class GuessedFamily:
         """The shooting problem that suits equations and guess, and in words why."""
         flow = flow_of(self.plant)
         samples = _samples()
-        flat = flow.keeps(_FLAT, samples, reverses_time=False) and not (
+        flat = flow.keeps(XY_MIRROR, samples, reverses_time=False) and not (
             {"z", "vz"} & set(self.guess)
         )
         frozen = ("z", "vz") if flat else ()

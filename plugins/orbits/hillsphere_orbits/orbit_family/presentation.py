@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE, Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, take_or_blank
@@ -196,7 +197,7 @@ def _draw_ways(figure: Canvas, product: FollowedFamily) -> None:
     panels = figure.subplots(1, 3)
     rows = (
         ("x at the start (km)", product.way_x0[0] / 1e3),
-        ("period (h)", product.way_period_s / 3600.0),
+        ("period (h)", product.way_period_s / HOUR_S),
         ("integral of motion (natural units)", product.way_integral),
     )
     for axes, (name, values) in zip(panels, rows, strict=True):

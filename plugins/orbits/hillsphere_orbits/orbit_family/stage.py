@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
@@ -215,8 +216,8 @@ class OrbitFamilyStage:
             )  # fmt: skip
         if spec.periods_s:
             asked.append(
-                ("period", "T", " h", scales.time_s / 3600.0, family.period,
-                 tuple(t / 3600.0 for t in spec.periods_s))
+                ("period", "T", " h", scales.time_s / HOUR_S, family.period,
+                 tuple(t / HOUR_S for t in spec.periods_s))
             )  # fmt: skip
         if spec.jacobi_constants:
             asked.append(("jacobi", "C", "", 1.0, family.integral, spec.jacobi_constants))

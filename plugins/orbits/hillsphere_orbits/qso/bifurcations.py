@@ -37,6 +37,9 @@ from hillsphere_orbits.survey import Surveyor, require_accuracy
 __all__ = ["BifurcationStage", "resonances_up_to"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest residual, natural units, of orbits of the family that count as solutions of this plant's
+equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _RESOLUTION = 1e-4  # of the index: extrema this shallow are seen
 _PLANES = ("planar", "vertical")
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import PALETTE
 from hillsphere.products import Bifurcations
@@ -30,15 +31,15 @@ def _other_name(product: QsoFamily, compare: QsoFamily) -> str:
 def draw_periods(figure: Figure, product: QsoFamily, compare: QsoFamily | None) -> None:
     """Draw the period against the amplitude."""
     axes = figure.add_subplot()
-    axes.axhline(2.0 * np.pi * product.curve.time_s / 3600.0, color="#666666", ls=":", lw=1.2,
+    axes.axhline(2.0 * np.pi * product.curve.time_s / HOUR_S, color="#666666", ls=":", lw=1.2,
                  label="orbital period of the moon")  # fmt: skip
     if compare is not None:
-        axes.plot(_amplitudes(compare), compare.curve.period_s / 3600.0, "--",
+        axes.plot(_amplitudes(compare), compare.curve.period_s / HOUR_S, "--",
                   color=PALETTE["orange"], label=_other_name(product, compare))  # fmt: skip
-    axes.plot(_amplitudes(product), product.curve.period_s / 3600.0, color=PALETTE["blue"],
+    axes.plot(_amplitudes(product), product.curve.period_s / HOUR_S, color=PALETTE["blue"],
               label=product.name)  # fmt: skip
     members = product.members
-    axes.plot(members.x0[0] / 1e3, members.period_s / 3600.0, "o", color=PALETTE["black"],
+    axes.plot(members.x0[0] / 1e3, members.period_s / HOUR_S, "o", color=PALETTE["black"],
               label="orbits asked for")  # fmt: skip
     axes.set_xlabel("x at the crossing of the x axis (km)")
     axes.set_ylabel("period (h)")

@@ -14,6 +14,8 @@ from hillsphere_orbits.stability import determinant_error
 __all__ = ["format_count", "label_identifier", "present_family"]
 
 _SAME_ORBIT_KM = 1e-6
+"""Amplitudes of a printed orbit and ours that are equal: ours is prescribed, so that only rounding,
+far below this millimetre, separates them."""
 _BEYOND_HILL = 0.1  # part of the distance to the primary
 
 

@@ -7,6 +7,7 @@ from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
@@ -205,8 +206,8 @@ class QsoFamilyStage:
         asked: list[tuple[str, str, float, Quantity, tuple[float, ...]]] = [
             ("x", " km", scales.length_m / 1e3, family.amplitude,
              tuple(x / 1e3 for x in spec.x_amplitudes_m)),
-            ("T", " h", scales.time_s / 3600.0, family.period,
-             tuple(t / 3600.0 for t in spec.periods_s)),
+            ("T", " h", scales.time_s / HOUR_S, family.period,
+             tuple(t / HOUR_S for t in spec.periods_s)),
         ]  # fmt: skip
         if spec.jacobi_constants:
             asked.append(("C", "", 1.0, family.integral, spec.jacobi_constants))

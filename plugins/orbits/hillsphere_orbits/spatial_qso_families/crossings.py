@@ -24,6 +24,8 @@ from hillsphere_orbits.spatial_qso_families.members import CLOSED, Members, join
 __all__ = ["count_connected"]
 
 _HALVINGS = 12
+"""Halvings of an interval in which the sense changes: to a 4096th of the distance of two members,
+where families that avoid each other are told from those that cross."""
 
 
 def count_connected(spatial: Spatial) -> list[int]:

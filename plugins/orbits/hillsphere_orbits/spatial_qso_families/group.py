@@ -25,6 +25,7 @@ LEAPS = "another family comes near, and the orbits beyond are not on one curve w
 BETWEEN = "beyond, orbits between two of the family could not be computed"
 _NO_FIRST = "no orbit near the plane was found"
 _TRACK_POINTS = 1600
+"""Sub-steps of half a track; every second state is stored."""
 
 
 @dataclass(frozen=True)

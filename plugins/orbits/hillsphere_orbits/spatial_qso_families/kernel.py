@@ -27,14 +27,13 @@ import numpy as np
 
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
-from hillsphere_orbits.flow import Flow
+from hillsphere_orbits.flow import XY_MIRROR, Z_HALF_TURN, Flow
 from hillsphere_orbits.spatial_qso_families.shooting import MIRRORS
 
 __all__ = ["Start", "starts_of", "symmetries_of"]
 
-_PLANE = (1, 1, -1, 1, 1, -1)
-_HALF_TURN = (-1, -1, 1, -1, -1, 1)
 _INVERSION = (-1, -1, -1, -1, -1, -1)
+"""Signs of the states under inversion, the product of the mirror xy and the half turn about z."""
 _SAME = 0.05  # of the angle between axes: a start is on an axis to rounding, or the plane is wrong
 
 
@@ -73,7 +72,7 @@ def symmetries_of(flow: Flow, samples: Array) -> tuple[tuple[int, ...], ...]:
         If the equations do not keep the mirrors xy and, reversing time, xz: there are no such
         families then.
     """
-    if not flow.keeps(_PLANE, samples, reverses_time=False) or not flow.keeps(
+    if not flow.keeps(XY_MIRROR, samples, reverses_time=False) or not flow.keeps(
         MIRRORS["position"], samples, reverses_time=True
     ):
         raise InputError(
@@ -81,8 +80,8 @@ def symmetries_of(flow: Flow, samples: Array) -> tuple[tuple[int, ...], ...]:
             "gravity does not (harmonics with S terms or of odd degree minus order, a tilted body)"
         )
     if flow.keeps(MIRRORS["y_position"], samples, reverses_time=True):
-        return (_PLANE, _HALF_TURN, _INVERSION)
-    return (_PLANE,)
+        return (XY_MIRROR, Z_HALF_TURN, _INVERSION)
+    return (XY_MIRROR,)
 
 
 def starts_of(

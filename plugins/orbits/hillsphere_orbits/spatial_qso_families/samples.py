@@ -31,6 +31,8 @@ __all__ = ["Families", "Samples", "sample_families"]
 
 _NEAR = 6.0  # index up to which an interval is looked into in any case
 _PASSES = 9
+"""Most rounds of new samples. Each about halves the intervals in doubt, so that the last ones reach
+the narrowest interval (`_NARROW`), a 2⁻¹⁰th."""
 _TRUST = 2.0  # times the last error of the spline
 _FINE = 1e-7  # error of the spline below which it is as good as the index itself
 _NARROW = 1e-3  # width of an interval, in distances of two members of the branch

@@ -33,6 +33,7 @@ the plane yz with z ≠ 0.
 _WIDTH = 8  # lanes that compiled code takes at once; what is left over costs as much one by one
 _ORDER = 8.0  # of the step map's formula
 _MOST = 100_000
+"""Most sub-steps of half a period: beyond these an orbit takes seconds and gains no digit."""
 
 
 @dataclass(frozen=True)

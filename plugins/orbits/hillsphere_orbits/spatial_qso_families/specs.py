@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.spec import (
     DataPath,
     Ref,
@@ -125,7 +126,7 @@ class StationKeepingSpec(StageSpec):
     )
     sigmas: float = option("how many standard deviations are covered", default=3.0, gt=0)
     duration_s: float = quantity(
-        "time", "over which the corrections are added up", default=30 * 86400.0, gt=0
+        "time", "over which the corrections are added up", default=30 * DAY_S, gt=0
     )
     reference: DataPath | None = data_path(
         "cited CSV of published costs with the columns n, Az_km and v_cm_m_s, shown beside ours; "

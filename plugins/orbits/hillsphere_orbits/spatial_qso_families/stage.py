@@ -25,6 +25,9 @@ from hillsphere_orbits.survey import LockedMoon, Surveyor
 __all__ = ["SpatialFamiliesStage"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest closure, natural units, of bifurcating orbits that count as solutions of this plant's
+equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 
 

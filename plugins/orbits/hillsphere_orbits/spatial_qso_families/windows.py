@@ -21,6 +21,8 @@ __all__ = ["Event", "bifurcations", "windows"]
 
 _WIDTH = 1e-7  # of a root's place
 _ROOT_STEPS = 8
+"""Most steps of the secant method for a root's place; from the spline's root it needs two or
+three."""
 _SOUGHT = 1e-9  # residual of the orbits of bifurcations
 _TURN = 0.05  # distance of a fold from where the integral turns: both are found by splines
 

@@ -9,6 +9,7 @@ from math import ceil, nan
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array, Compensator, Integers, Plant
 from hillsphere.simulation import (
     BLOCK,
@@ -44,9 +45,15 @@ __all__ = ["ClosedLoop", "Outcome"]
 _ACCURACY = 1e-6
 """Of a flight over `_PROBE`, both in natural units: centimetres where navigation errs by metres."""
 _PROBE = 2.0
+"""Duration of the trial flight that sets the sub-steps, natural units: a third of a revolution of
+the primary (2π), long enough to pass the place nearest to the body."""
 _ENDS = 1e-9
+"""Relative slack of durations: the quotient of two durations, rounded, must not add a
+correction."""
 _MOST_BYTES = 100_000_000
-_COAST_S = 86400.0
+"""Memory for the histories of the cases that fly at once; a smaller value costs no accuracy, only
+more calls of the simulator."""
+_COAST_S = DAY_S
 """Between the samples of a flight without corrections."""
 _STREAM = "station_keeping_flown"
 _TUNING = "station_keeping_tuning"

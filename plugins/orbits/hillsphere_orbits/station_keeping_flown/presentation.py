@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.interfaces import Integers
 from hillsphere.presentation import Figure, Metric, Presentation
 from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
@@ -44,7 +45,7 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         Tables ``station_keeping_flown`` and ``station_keeping_longest``, figures
         ``station_keeping_survival`` and ``station_keeping_cost``.
     """
-    days = f"{product.duration_s / 86400.0:g} days"
+    days = f"{product.duration_s / DAY_S:g} days"
     rows, many = max(len(product.labels), 2), len(product.labels) > MOST_ORBITS
     survival = Figure(
         f"Survival of {days}",
@@ -256,7 +257,7 @@ def _longest_notes(product: StationKeepingFlown) -> list[str]:
 def _verdict(product: StationKeepingFlown) -> list[str]:
     total, longest = len(product.labels), product.longest()
     refused = sum(status != FLOWN for status in product.status)
-    days = f"{product.duration_s / 86400.0:g} days"
+    days = f"{product.duration_s / DAY_S:g} days"
     said = []
     free = product.uncorrected_survival
     survive = np.asarray(free >= product.survival_required)
@@ -278,7 +279,7 @@ def _verdict(product: StationKeepingFlown) -> list[str]:
         sentence = f"Strategy {name} holds {whole} flown for {days} with "
         sentence += f"{100 * product.survival_required:g} % survival"
         if held.any():
-            hours = longest[held, s] / 3600.0
+            hours = longest[held, s] / HOUR_S
             span = f"{hours.min():.4g}"
             if hours.max() > hours.min():
                 span += f" to {hours.max():.4g}"

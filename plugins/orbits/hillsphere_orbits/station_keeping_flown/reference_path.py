@@ -21,12 +21,22 @@ _PIECE = 0.5
 """Longest piece, natural units, over which a matrix is integrated: its elements stay of order one
 to a hundred, and longer ones are products of such, never inverted."""
 _SPACING = 0.05
+"""Longest step of the table of states, natural units: Hermite's cubic errs by its fourth power over
+384, about 2e-8 of the orbit."""
 _ACCURACY = 1e-11
+"""Error of the flow over one piece, natural units: below that of the interpolation."""
 _NEWTON = 5
+"""Steps of Gauss and Newton's iteration for the nearest point. Their number is fixed, so that a
+case does not depend on the others of its batch; from the last correction's phase these are
+enough."""
 _LONGEST = 0.3
 """Longest change of a time at once, natural units."""
 _SAME_EQUATIONS = 1e-6
+"""Largest gap, natural units, between one state of a flight and the next one propagated from it. It
+is wider than for periodic orbits: flights may come from other programs, in fewer digits."""
 _UNSTABLE = 1.0 + 1e-6
+"""Modulus of a multiplier from which its direction is unstable. The double multiplier 1 of a
+periodic orbit splits by the root of rounding, some 1e-7, and must not count."""
 _GROWS = 10.0
 """Growth from which a direction of an aperiodic reference counts as unstable, over its first half,
 after it has turned to the direction of fastest growth along the second. The shear along an orbit,

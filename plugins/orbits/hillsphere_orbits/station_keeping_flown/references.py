@@ -7,6 +7,7 @@ from math import inf, nan
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.errors import InputError, StageError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.products import FlightSet, OrbitSet, PeriodicOrbits, Trajectories
@@ -24,6 +25,7 @@ __all__ = ["FLOWN", "Reference", "Sources", "references_of"]
 
 FLOWN = "flown"
 _ENDS = 1e-9
+"""Relative slack of durations: a flight just as long as asked must not fail by rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ def _of_flights(plant: Plant, flights: Trajectories, duration_s: float) -> list[
     found = []
     for label, path in zip(flights.labels, paths_of_flights(plant, flights), strict=True):
         if path.length * time < duration_s * (1.0 - _ENDS):
-            days = path.length * time / 86400.0
+            days = path.length * time / DAY_S
             found.append(Reference(label, None, f"not flown: it lasts {days:.4g} days only"))
         else:
             found.append(Reference(label, path))

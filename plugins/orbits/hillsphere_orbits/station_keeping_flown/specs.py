@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
 from hillsphere_orbits.options import label
 
@@ -79,7 +80,7 @@ class StationKeepingFlownSpec(StageSpec):
         "names of the orbits and flights that are held; left out: all", default=()
     )
     duration_s: float = quantity(
-        "time", "for how long every orbit is held", default=30 * 86400.0, gt=0
+        "time", "for how long every orbit is held", default=30 * DAY_S, gt=0
     )
     strategies: tuple[
         Literal[
@@ -108,7 +109,7 @@ class StationKeepingFlownSpec(StageSpec):
     intervals_s: tuple[float, ...] = quantity(
         "time",
         "times between corrections that are tried",
-        default=(6 * 3600.0, 12 * 3600.0, 24 * 3600.0, 48 * 3600.0),
+        default=(6 * HOUR_S, 12 * HOUR_S, 24 * HOUR_S, 48 * HOUR_S),
         ge=600.0,
     )
     once_per_period: bool = option(

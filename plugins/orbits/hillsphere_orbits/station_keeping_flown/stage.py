@@ -7,6 +7,7 @@ from math import nan
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Context, Plant
 from hillsphere.presentation import Presentation
@@ -92,7 +93,7 @@ class StationKeepingFlownStage:
         period = np.array([h.period_s for h in held])
         stable = np.array([h.stable for h in held], dtype=bool)
         interval = np.tile(np.array(spec.intervals_s, dtype=float), (len(held), 1))
-        names = [f"{value / 3600.0:g} h" for value in spec.intervals_s]
+        names = [f"{value / HOUR_S:g} h" for value in spec.intervals_s]
         if spec.once_per_period:
             interval = np.column_stack([interval, period])
             names.append("period")

@@ -43,7 +43,9 @@ __all__ = [
 ]
 
 _SWEEPS = 500
+"""Most rounds of the periodic Riccati recursion, one period each; the last one stands."""
 _CONVERGED = 1e-10
+"""Relative change of the cost matrix in one round: the gains follow to about as many digits."""
 
 
 class GainSchedule:

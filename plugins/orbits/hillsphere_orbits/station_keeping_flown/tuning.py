@@ -13,6 +13,8 @@ IMPULSE_FACTORS = (1.0, 0.1, 0.3, 3.0)
 """Of the tolerable impulse. Only its ratio to the tolerable position matters; half-decades, because
 the cost goes about as its root. The weights as written come first, so that they win ties."""
 _VELOCITY_FACTORS = (0.3, 3.0)
+"""Of the tolerable velocity: half a decade to either side; the factor 1 was tried with the
+impulse."""
 _TARGET_POINTS = ("target_point", "phase_free_target_point")
 REGULATORS = ("periodic_lqr", "phase_free_lqr")
 """Strategies that weigh velocities too."""

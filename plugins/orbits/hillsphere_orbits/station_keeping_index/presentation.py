@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.presentation import (
     PALETTE,
     Cell,
@@ -57,7 +58,7 @@ def present_index(
     Presentation
         Tables ``table_3`` and ``table_3_differences``, figure ``station_keeping``.
     """
-    days = spec.duration_s / 86400.0
+    days = spec.duration_s / DAY_S
     notes = [
         f"v_cm is an index, not a cost that can be flown: it nulls the unstable component once "
         f"per period, adds up {spec.sigmas:g}σ of it over {days:g} days, and takes the state to "

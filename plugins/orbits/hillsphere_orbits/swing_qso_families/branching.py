@@ -37,9 +37,13 @@ __all__ = ["BranchPoint", "branch_point", "first_members"]
 _NULL = 1e-6  # of the largest singular value: what is smaller is null
 _STEP = 1e-4  # of the differences that give Q: dF/dz is good to 1e-11
 _DISTANCES = (0.06, 0.03, 0.015, 0.0075, 0.004)
+"""Distances ε from the branch point at which first members are sought, the largest first: farther
+out the branches differ more clearly. Too far out Newton's method reaches other orbits, so that
+nearer ones follow, halved each time."""
 _CLOSE = 2.0  # distance from z_b, in ε, beyond which Newton has gone elsewhere
 _APART = 0.03  # from the parent, in ε, below which it has gone back to it
 _TOLERANCE = 1e-10
+"""Newton's tolerance for first members: far below 1e-4, their least distance from the parent."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ AXES = {"x": "xz", "y": "yz"}
 
 _FROZEN = ("z", "vz")
 _SAME_EQUATIONS = 1e-7
+"""Largest residual, natural units, of orbits that count as solutions of this plant's equations. An
+orbit of several revolutions magnifies the rounding of its stored state, so that this is ten times
+wider than for simple orbits."""
 _ACCEPTED = 1e-9  # residual; Newton takes one more step from there
 _ROUNDING = 1e-12  # accuracy of the flow that members are corrected with
 

@@ -33,6 +33,8 @@ __all__ = [
 ]
 
 _HALF_TRACK = 600
+"""Sub-steps of half a track: an orbit of several revolutions needs more points than a simple
+one."""
 _CIRCLE = 1e-8  # of an index: orbits with two mirrors touch −2 and turn back
 
 

@@ -27,13 +27,18 @@ _CONTROL = StepControl(first=0.03, largest=0.4, turn=0.3, members=200)
 _FOLLOWED = 1e-6  # error of the flow while following; what is returned is better
 _WITHOUT_MIRROR = 1e-10  # the same where only the map itself tells the branches apart
 _RETURNED = 1e-11
+"""Error of the flow over the time that is solved, for the members that are returned."""
 _MARGIN = 1.5  # of the sub-steps that meet the tolerance: it divides the error by 25
 _EDGE = 1e-3  # of the distance of two orbits: where the last one lies
 _LOOKS = 64  # per revolution, at the distance from the body
 _APART = 1e-7  # of two orbits by which the growth of errors is judged
 _MOST = 1 << 12
+"""Most sub-steps. An orbit that needs more passes through the body or next to a singularity: it
+lies beyond the end of its family."""
 _ROUNDING = 3e-14  # of the matrix: what no number of steps improves on
 _PASSES = 3
+"""Most times that a group is followed: each pass takes the sub-steps which the ends of the last one
+need, and the result of the last pass stands."""
 _SIMILAR = 1.6  # largest ratio of the revolutions of families that share their sub-steps
 _RETURNS = 0.3  # of the largest closure after one revolution: below it the parent is near
 _CLEARANCE = 1e-9  # of an event: on the surface itself the gravity gradient is ambiguous

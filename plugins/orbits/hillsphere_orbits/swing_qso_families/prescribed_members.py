@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.continuation import Branch
@@ -84,7 +85,7 @@ def orbits_asked(
     if jacobi_constants:
         wanted.append(("C", "", 1.0, integral_of, np.array(jacobi_constants)))
     if periods_s:
-        wanted.append(("T", " h", time_s / 3600.0, period_of, np.array(periods_s) / time_s))
+        wanted.append(("T", " h", time_s / HOUR_S, period_of, np.array(periods_s) / time_s))
     rows: list[tuple[int, float, str, Array]] = []
     lost: list[str] = []
     absent: list[str] = []

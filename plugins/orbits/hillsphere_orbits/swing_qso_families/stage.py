@@ -42,6 +42,9 @@ from hillsphere_orbits.swing_qso_families.starts import Start, Symmetries, start
 __all__ = ["SwingFamiliesStage"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest closure, natural units, of bifurcating orbits that count as solutions of this plant's
+equations. By default they are
+computed to 1e-10 or better; other equations (another gravity model, say) give far more."""
 _STATES = ("x", "y", "z", "vx", "vy", "vz")
 _NEAR = 0.1  # natural units: where the families of a body without surface end by default
 

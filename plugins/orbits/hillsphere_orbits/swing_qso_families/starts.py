@@ -17,18 +17,20 @@ from hillsphere.dynamics import Crossing
 from hillsphere.errors import PropagationError
 from hillsphere.interfaces import Array
 from hillsphere_orbits.correction import correct, tangents
-from hillsphere_orbits.flow import Flow
+from hillsphere_orbits.flow import XY_MIRROR, Z_HALF_TURN, Flow
 from hillsphere_orbits.shooting import Shooting
 from hillsphere_orbits.swing_qso_families.branching import BranchPoint, branch_point, first_members
 from hillsphere_orbits.swing_qso_families.curves import AXES, swing_problem
 
 __all__ = ["Start", "Symmetries", "starts_at"]
 
-_HALF_TURN = (-1, -1, 1, -1, -1, 1)
-_PLANE = (1, 1, -1, 1, 1, -1)
 _STEPS_PER_REVOLUTION = 64  # enough near a bifurcation; chains choose their own
 _PERPENDICULAR = 1e-6
+"""Normalised components below which a crossing of an axis is perpendicular. Corrected orbits come
+to 1e-10, orbits without the symmetry differ by the 4e-3 or more that first members lie off."""
 _NUDGE = 1e-5
+"""Step of the central differences, normalised: their own error is its square, 1e-10, and that of
+the located crossings, about 1e-13, grows to 1e-8 by the division."""
 _SAME = 0.25  # of π/n, the angle between the rays of two families: nearer members are one
 
 _Key = tuple[str, int, int]
@@ -62,8 +64,8 @@ class Symmetries:
                 for axis, plane in AXES.items()
                 if plane in mirrors and flow.keeps(mirrors[plane], samples, reverses_time=True)
             ),
-            flow.keeps(_HALF_TURN, samples, reverses_time=False),
-            flow.keeps(_PLANE, samples, reverses_time=False),
+            flow.keeps(Z_HALF_TURN, samples, reverses_time=False),
+            flow.keeps(XY_MIRROR, samples, reverses_time=False),
         )
 
 
@@ -244,7 +246,7 @@ def _equivalent_starts(
         place = 0 if name == "x" else 1
         side = 0 if points[(name, 0)].sign * state[place, 0] > 0.0 else 1
         if side and symmetries.half_turn:
-            state, side = np.array(_HALF_TURN)[:, None] * state, 0
+            state, side = np.array(Z_HALF_TURN)[:, None] * state, 0
         crossing = points[(name, side)]
         there = crossing.problem.unknowns_at(state, period)
         sense = crossing.sense(there - crossing.point.z[:, None])
@@ -272,7 +274,7 @@ def _without_mirror(
     for k in np.flatnonzero(found):
         own = [float(np.angle(normal @ (z[:, k] - point.z)))]
         if symmetries.half_turn:
-            image = np.array(_HALF_TURN)[:, None] * crossing.problem.state(z[:, [k]])
+            image = np.array(Z_HALF_TURN)[:, None] * crossing.problem.state(z[:, [k]])
             there = _next_crossing(flow, crossing, image, 0.2)
             own.append(float(np.angle(normal @ (there - point.z))))
         apart = [_circular(new - old, 2.0 * np.pi / n) for new in own for old in angles]

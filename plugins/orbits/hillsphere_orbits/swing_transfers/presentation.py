@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.interfaces import Array
 from hillsphere.presentation import Column, Figure, Metric, Presentation, Table
 from hillsphere.show.reference import PAPER_SUFFIX, ReferenceTable
@@ -28,7 +29,6 @@ from hillsphere_orbits.swing_transfers.products import SwingTransfers, Transfers
 
 __all__ = ["present_transfers"]
 
-_DAY = 86400.0
 _CERTAIN = 0.01  # p-value below which a correlation is taken for one
 _LESS_PAPER = {
     "dv_m_s": Column("dv_less_paper_m_s", "m/s", "ΔV less the paper's", 4),
@@ -281,7 +281,7 @@ def _verdict(product: SwingTransfers) -> list[str]:
             continue
         least = product.least
         sentences.append(
-            f"{name}: {least.total_m_s[k]:.4f} m/s in {least.tof_s[k] / _DAY:.3f} d by way of "
+            f"{name}: {least.total_m_s[k]:.4f} m/s in {least.tof_s[k] / DAY_S:.3f} d by way of "
             f"{product.families[least.family[k]]} ({least.kind[k]}); no orbit in between could do "
             f"with less than {product.bound_m_s[leg]:.3f} m/s."
         )
@@ -289,10 +289,10 @@ def _verdict(product: SwingTransfers) -> list[str]:
     routes = product.routes
     for r, name in enumerate(routes.name):
         if len(routes.legs[r]) > 1 and np.isfinite(routes.total_m_s[r]):
-            days = (routes.tof_s[r] + routes.waiting_s[r]) / _DAY
+            days = (routes.tof_s[r] + routes.waiting_s[r]) / DAY_S
             sentences.append(
                 f"Route {name}: {routes.total_m_s[r]:.4f} m/s in {days:.3f} d, "
-                f"{routes.waiting_s[r] / _DAY:.3f} d of it between the legs."
+                f"{routes.waiting_s[r] / DAY_S:.3f} d of it between the legs."
             )
     if product.least.size:
         sentences.append(

@@ -33,6 +33,7 @@ __all__ = ["END", "INTERIOR", "Minimum", "minima"]
 
 INTERIOR, END = "interior", "end of the family"
 _GOLDEN = 0.6180339887498949
+"""(√5 − 1)/2: each new point of a golden-section search divides the bracket in this ratio."""
 _CLOSE = 2e-3  # of the cost, normalised: minima of one family this close are all looked into
 _APART = 0.1  # distance in u of minima that are two
 _ASIDE = 1e-3  # distance in u at which a touching member is compared with its neighbours

@@ -34,7 +34,10 @@ from hillsphere_orbits.transfers.specs import SwingTransfersSpec
 __all__ = ["SwingTransfersStage", "energy_bound"]
 
 _SAME_EQUATIONS = 1e-8
+"""Largest closure, natural units, of orbits that count as solutions of this plant's equations. They
+were computed to 1e-9 or better; other equations (another gravity model, say) give far more."""
 _TRACK_STEPS = 720
+"""Intervals of a drawn transfer: a smooth curve through several revolutions."""
 
 
 class SwingTransfersStage:

@@ -24,6 +24,8 @@ from hillsphere_orbits.transfers.curves import PolarOrbit
 __all__ = ["Pieces", "least_along", "search"]
 
 _MEMBERS = 5
+"""Members of a piece: it spans a quarter of the distance of two members of the chain, in which a
+minimum that the coarse search found lies well inside."""
 _SPACING = 1 / 16  # of the members of a piece, in positions on the family's chain
 _MOVES = 4  # times that a piece is moved on if the minimum lies at its end
 _CHAIN, _PIECE = (1e-2, 4), (1e-3, 2)

@@ -26,6 +26,8 @@ __all__ = ["EndToEnd", "Leg", "heights_m", "least_heights_m", "verify"]
 
 _SURFACE, _APSIS = "surface", "apsis"
 _NEWTON = 60
+"""Most steps of Newton's iteration. From t = 0 a step makes a_i² + t at most half as large again,
+so that these reach places 1e10 semi-axes away."""
 _PROPAGATORS: WeakKeyDictionary[Plant, Taylor] = WeakKeyDictionary()
 
 

@@ -21,9 +21,15 @@ _MEETS = 2e-3
 """Distance, natural units, within which places are the same: what sensitive coasts are off by."""
 _NEAR = 0.02
 """Distance of a state from an orbit, relative to its size, within which a coast arrives on it."""
-_SAME_EQUATIONS, _TRIAL = 1e-6, 1e-2
+_SAME_EQUATIONS = 1e-6
+"""Largest relative gap between one state of a coast and the next one propagated from it. It is
+wider than for periodic orbits: coasts along manifolds magnify the rounding of their states."""
+_TRIAL = 1e-2
+"""Part of that gap which the propagation itself may err by."""
 _THIN = 4  # of the table of orbits, for a first guess
 _NEWTON = 8
+"""Steps of Newton's iteration for the nearest phase, from the nearest entry of the thinned
+table."""
 
 
 @dataclass(frozen=True, eq=False)
