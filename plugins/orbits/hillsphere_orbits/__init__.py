@@ -66,14 +66,14 @@ def hillsphere_components() -> list[Component]:
             "invariant_manifolds",
             "hillsphere_orbits.invariant_manifolds.stage:InvariantManifoldsStage",
             "hillsphere_orbits.invariant_manifolds.specs:InvariantManifoldsSpec",
-            "invariant manifolds of unstable orbits and what their trajectories meet",
+            "invariant manifolds of unstable orbits and the crossings of their trajectories",
         ),
         Component(
             "stage",
             "nonlinear_stability",
             "hillsphere_orbits.nonlinear_stability.stage:NonlinearStabilityStage",
             "hillsphere_orbits.nonlinear_stability.specs:NonlinearStabilitySpec",
-            "offsets that periodic orbits bear, survival of injection errors, resonances nearby",
+            "largest offsets that orbits survive, survival of injection errors, nearby resonances",
         ),
         Component(
             "orbit_family",
@@ -115,14 +115,14 @@ def hillsphere_components() -> list[Component]:
             "swing_transfers",
             "hillsphere_orbits.swing_transfers.stage:SwingTransfersStage",
             "hillsphere_orbits.transfers.specs:SwingTransfersSpec",
-            "transfers in the plane by way of orbits of several revolutions",
+            "transfers in the plane through orbits of several revolutions",
         ),
         Component(
             "stage",
             "fidelity_ladder",
             "hillsphere_orbits.fidelity_ladder.stage:FidelityLadderStage",
             "hillsphere_orbits.fidelity_ladder.specs:FidelityLadderSpec",
-            "periodic orbits carried over to truer equations by multiple shooting",
+            "periodic orbits continued to higher-fidelity equations by multiple shooting",
         ),
         Component(
             "stage",
@@ -143,6 +143,6 @@ def hillsphere_components() -> list[Component]:
             "transfers_reflown",
             "hillsphere_orbits.transfers_reflown.stage:TransfersReflownStage",
             "hillsphere_orbits.transfers_reflown.specs:TransfersReflownSpec",
-            "transfers flown again on truer equations: what their impulses become",
+            "transfers and their impulses recomputed on higher-fidelity equations",
         ),
     ]

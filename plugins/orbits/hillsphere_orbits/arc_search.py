@@ -19,9 +19,10 @@ from hillsphere_orbits.flow import Flow, flow_of
 __all__ = ["ArcSearch", "ContinuousFlights", "Effort", "FreeFlights", "Target"]
 
 _AT_REST = 1e-3
-"""Longest move of a node, normalised, from which on only the gaps are closed;"""
+"""If no node moves farther than this, normalised, only the gaps are closed from then on."""
 _NEARLY, _GAIN, _IDLE = 1e-3, 1e-2, 3
-"""or with gaps this small, if the distance from the target shrank by this part in so many steps."""
+"""The same holds with gaps below the first number if the distance from the target has shrunk by
+less than the second, relative, over the third number of steps."""
 _ABOUT = 1e-5
 """Gaps, normalised, up to which the first arcs are closed alone."""
 _FIRST_STEPS = 8
@@ -163,7 +164,7 @@ class ArcSearch:
         return np.array([i for i, why in enumerate(self.reasons) if not why], dtype=np.intp)
 
     def _sub_steps(self) -> int:
-        """Return sub-steps that are enough for an arc; give flights up for which none are.
+        """Return the sub-steps that resolve every arc; give up flights that need too many.
 
         The number is common to all arcs, so that one that passes the moon's centre must not set it.
         """
@@ -213,12 +214,12 @@ class ArcSearch:
         return FreeFlights(self.restart(best), best.x, best.slip, best.distance)
 
     def restart(self, flights: FreeFlights) -> _Lanes:
-        """Put those of the flights that were given up back on their nodes, and return them."""
+        """Put the flights that were given up back on their nodes, and return their numbers."""
         lanes = [k for k in flights.lanes if self.reasons[k] and np.isfinite(flights.distance[k])]
         for k in lanes:
             self.reasons[k] = ""
         self.x[:, :, lanes], self.slip[:, lanes] = flights.x[:, :, lanes], flights.slip[:, lanes]
-        # what is held stays where it was given, wherever a free flight went
+        # fixed components keep their given values, whatever the free flight reached
         back = np.ix_(self.moves, np.arange(self.x.shape[1]), lanes)
         there = self.given[back] / self.unit[self.moves]
         self.x[back] = np.where(self.freedom[:, :, lanes] == 0.0, there, self.x[back])

@@ -214,7 +214,7 @@ def _evaluate(problem: Problem, z: Array) -> tuple[Array, Array]:
 
 
 def _rows(values: Array, rows: int) -> Array:
-    """Give a lane without values as many equations as the others have."""
+    """Pad the equations of a lane without values to the number of the other lanes."""
     missing = rows - len(values)
     return np.concatenate([values, np.full((missing, *values.shape[1:]), np.nan)])
 

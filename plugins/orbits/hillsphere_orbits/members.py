@@ -1,7 +1,8 @@
 """Members of a family at prescribed values, all corrected in lockstep.
 
-`members_at` takes a quantity with a gradient (an amplitude, the period, an integral) and lets
-Newton hold it; `members_where` takes any function of a member (a stability index) and brackets it.
+`members_at` takes a quantity with a gradient (an amplitude, the period, an integral) as a further
+equation of Newton's method; `members_where` takes any function of a member (a stability index) and
+brackets its roots.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class MembersAtValues:
     z: Array
 
     def missing(self, targets: int) -> list[int]:
-        """Return the targets, of so many, that were not met."""
+        """Return the numbers, out of `targets`, of those without a member."""
         return sorted(set(range(targets)) - set(self.target.tolist()))
 
 

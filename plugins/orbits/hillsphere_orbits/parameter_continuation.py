@@ -45,7 +45,7 @@ __all__ = [
 _COARSE = 1e-6
 """Tolerance of a first flight that only measures how much the transition matrix magnifies
 errors."""
-_ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
+_ROUNDING = 1e-14  # rounding, relative to the largest element of the matrix
 
 
 @runtime_checkable
@@ -175,7 +175,7 @@ class ParameterProblem:
     Parameters
     ----------
     base : Conditions
-        The orbits' equations; what they say of the flow is replaced by `flow`.
+        The orbits' equations, evaluated on `flow` instead of their own flow.
     flow : ParameterFlow
         Of the same plant, with the parameters of `path`.
     path : ParameterPath

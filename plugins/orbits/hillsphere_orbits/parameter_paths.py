@@ -196,7 +196,7 @@ def _natural(
         new = slope.copy()
         if good.any():
             new[:, good] = _slopes(problem, found[:, good], held)
-        # Newton's iteration may have met another family: the slopes tell, they do not fit the chord
+        # Newton's method may have met another family: then its slopes do not fit the chord
         chord, mean = found - old, 0.5 * (there - here) * (slope + new)
         good &= np.linalg.norm(chord - mean, axis=0) <= _ASTRAY * np.linalg.norm(chord, axis=0)
         if not good.all() and step > _SMALLEST:

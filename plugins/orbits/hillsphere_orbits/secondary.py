@@ -2,7 +2,8 @@
 
 Besides 1, 1 the multipliers of an orbit are two pairs λ, 1/λ with the stability indices
 b = λ + 1/λ. Along a family the kinds of bifurcation are roots of smooth functions of M alone, so
-that no multiplier need be told from another: with P(β) = (β − b₁)(β − b₂) = β² − σβ + τ,
+that the multipliers need not be matched from orbit to orbit. With
+P(β) = (β − b₁)(β − b₂) = β² − σβ + τ,
 
 ========================  ===============================================================
 ``fold``, ``branching``   P(2) = 0, a pair 1, 1: a fold if the integral of motion turns
@@ -44,7 +45,7 @@ from hillsphere_orbits.stability import is_decoupled, stability_indices
 
 __all__ = ["Secondary", "secondary"]
 
-_NOISE = 1e-8  # of an index: what is nearer to a root has no sign
+_NOISE = 1e-8  # of an index: values nearer to a root than this count as without sign
 _LINEAR, _SQUARE = 1e-11, 1e-13  # rounding of traces of M and of M², relative to its elements
 _PASSES = 3  # of the parabola through a near miss
 _BESIDE = 1e-2  # of the distance of two samples: where the integral is looked at
@@ -108,7 +109,7 @@ def secondary(
     Returns
     -------
     Secondary
-        All that were found, perhaps none.
+        All bifurcations, in the order of position; possibly empty.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def secondary(
         for k in np.unique(which):
             own = which == k
             out[own] = tests[k][2](matrices[:, :, own])
-        # without a certain sign: as near to the root as rounding lets
+        # without a certain sign the root is known as closely as rounding permits
         return np.where(np.isfinite(out), out, 0.0)
 
     u = bracketed_roots(values_at, low, high, f_low, f_high, np.full(low.shape, width))
@@ -251,7 +252,7 @@ def _classify_tangent_bifurcations(
     u: Array,
     last: float,
 ) -> list[str]:
-    """Tell folds from branchings by whether the integral turns at the root."""
+    """Separate folds from branchings: at a fold the integral of motion has an extremum."""
     found = list(kinds)
     pairs = [k for k, kind in enumerate(kinds) if kind == "tangent"]
     # The integral is the coordinate of the plane's own family: it cannot turn out of the plane.

@@ -8,7 +8,7 @@ __all__ = ["OrbitNeeds"]
 
 
 class OrbitNeeds(Spec):
-    """Stages whose orbits are taken, whatever the family."""
+    """Stages whose orbits are used, of any family."""
 
     examples = ({"orbits": ["family"]}, {"orbits": ["family", "families"]})
 

@@ -1,4 +1,4 @@
-"""Everything that is said of a family's members: states, stability, extent, and checks."""
+"""Survey of a family's members: states, stability, extent, and checks."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ without the mirror plane xy lifts every orbit by some metres, and twice that bou
 
 @runtime_checkable
 class LockedMoon(Contract, Protocol):
-    """What a plant may tell of the moon that stands still in its frame."""
+    """Optional data of a plant's moon, which is fixed in its frame."""
 
     body_name: str
     primary_distance_m: float

@@ -43,7 +43,7 @@ _SENSITIVE = 1e-12 / float(np.finfo(float).eps)
 """Largest element of the matrix of the flight that is solved: rounding grows to what Newton's
 iteration is to meet, so that members beyond could not be told from their neighbours."""
 _SAME_MOTION = 1e-8
-"""Farthest way from its start, relative to its size, of what is an equilibrium or has no period:
+"""Largest distance from its start, relative to its size, of an equilibrium or vanishing orbit:
 Newton's iteration meets these to 1e-12, and the smallest orbits that are followed are 1e-4."""
 _LOOKS = 256  # of a period: neighbouring directions of a resolved orbit are less than π apart
 _WHOLE = 0.1  # revolutions: a closed orbit winds a whole number of times, but for rounding

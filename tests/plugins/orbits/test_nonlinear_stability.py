@@ -425,7 +425,7 @@ def test_an_unstable_orbit_bears_nothing(
     assert rows[unstable]["radius_position_m"] == 0.0
     assert rows[stable]["radius_position_fate"] == "not lost"
     assert rows[LA]["nearest_resonance"] == "planar 1:3"
-    assert any("Lost without any offset" in sentence for sentence in shown.verdict)
+    assert any("Lost even without an offset" in sentence for sentence in shown.verdict)
     assert (
         "|x|, |y| or |z| (planar orbits, to a twentieth of their extent: |x|"
         in shown.tables["survival_edges"].notes[0]

@@ -297,7 +297,7 @@ def test_leg_that_no_family_connects(plant: Any, family: QsoFamily, swing: Swing
     check_product(found)
     shown = made.present(found, family=family, swing=swing)
     check_presentation(shown)
-    assert any("no transfer by way of swing orbits" in sentence for sentence in shown.verdict)
+    assert any("no transfer through swing orbits" in sentence for sentence in shown.verdict)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Tables, figures and sentences about what orbits see."""
+"""Tables, figures and sentences about the coverage of the surface."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _RANGE = {"min": "least", "mean": "mean", "max": "largest"}
 
 
 def present_coverage(product: Coverage, label: str) -> Presentation:
-    """Show what the orbits see.
+    """Show coverage, altitudes, eclipses and light.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The stage ``coverage``: what members of families see of the body, and in what light."""
+"""The stage ``coverage``: surface coverage, altitudes, eclipses and lighting."""
 
 from __future__ import annotations
 

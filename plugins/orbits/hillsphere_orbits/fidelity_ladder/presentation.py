@@ -21,7 +21,7 @@ __all__ = ["present_ladder"]
 
 _PARTS = 60
 """Parts of the time in the figure of departures: fewer hide the growth, more show every swing."""
-_DRAWN = 6  # members in a figure: as many as colours that tell apart
+_DRAWN = 6  # members in a figure: one per distinguishable colour
 _COLOURS = [PALETTE[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky")]
 
 

@@ -1,4 +1,4 @@
-"""What the stage ``fidelity_ladder`` hands on."""
+"""Product of the stage ``fidelity_ladder``."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class FidelityLadder(FlightSet):
     """Angle from away from the primary to its longitude 0, in the mean."""
 
     def reference(self, rung: str, member: str) -> tuple[Array, Array]:
-        """Return the flight of a member on a rung, for what shall follow it.
+        """Return the flight of a member on a rung, as a reference to follow.
 
         Parameters
         ----------

@@ -100,7 +100,7 @@ def name_rungs(given: Sequence[str], plants: Sequence[Plant]) -> tuple[str, ...]
 
 
 def describe_plant(plant: Plant) -> str:
-    """Say what a plant is: its class in words, its gravity, and how its moon turns."""
+    """Describe a plant in words: its class, its gravity model and the rotation of its moon."""
     words = [type(plant).__name__]
     if isinstance(plant, LockedMoon):
         words.append(plant.gravity_name)

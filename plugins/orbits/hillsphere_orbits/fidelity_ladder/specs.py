@@ -1,4 +1,4 @@
-"""Spec of the stage ``fidelity_ladder``: what a mission may write."""
+"""Spec of the stage ``fidelity_ladder``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["FidelityLadderSpec"]
 
 
 class FidelityLadderSpec(StageSpec):
-    """Periodic orbits carried over to truer equations, plant by plant.
+    """Periodic orbits continued to higher-fidelity equations, plant by plant.
 
     On each plant the continuous flight nearest to the orbit is found by multiple shooting, and
     flown on its own from its first state.
@@ -50,7 +50,7 @@ class FidelityLadderSpec(StageSpec):
         "angle", "true anomaly of the moon at the start, where its orbit is an ellipse", default=0.0
     )
     limit: float = option(
-        "a flight without correction is lost beyond so many times the orbit's largest |x|, |y| or, "
+        "an uncorrected flight is lost beyond this many times the orbit's largest |x|, |y| or "
         "in space, |z|",
         default=2.0,
         gt=1,

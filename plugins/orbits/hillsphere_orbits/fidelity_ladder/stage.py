@@ -1,4 +1,4 @@
-"""The stage ``fidelity_ladder``: periodic orbits carried over to truer equations."""
+"""The stage ``fidelity_ladder``: periodic orbits continued to higher-fidelity equations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _BETWEEN = 12
 
 
 class FidelityLadderStage:
-    """Periodic orbits carried over to truer equations.
+    """Periodic orbits continued to higher-fidelity equations.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from hillsphere_orbits.flow import Flow, flow_of
 
 __all__ = ["survival"]
 
-_PIECES = 2  # per arc: what is lost is lost at the end of one of them
+_PIECES = 2  # per arc: a loss is dated to the end of its part
 _STEP = 1.0 / 16.0
 """Longest step over which surface and limits are looked for, natural units. The surface is then
 mostly proved without halving; a cubic errs by ω⁴/384 of it, 3e-6 of an orbit with a period of 2."""

@@ -22,7 +22,7 @@ from hillsphere.symbolic import Expr, gradient, sum_of, variable_names
 __all__ = ["UNPROVED", "FlightEnds", "Watch", "Zeros", "fly"]
 
 UNPROVED = "that no crossing of theirs was missed is not proved"
-"""What is said of flights that are not resolved."""
+"""Remark about flights that are not resolved."""
 
 _CHUNK = 64  # sub-steps between two looks: long enough that Python's share is small
 _NEWTON = 4
@@ -103,7 +103,7 @@ class Zeros:
 
 @dataclass(frozen=True, eq=False)
 class FlightEnds:
-    """Ends of N flights and what was met on the way.
+    """Ends of N flights and the zeros of the watched functions on the way.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def fly(
     most: int,
     ends: tuple[str, ...] = (),
 ) -> FlightEnds:
-    """Fly lanes until each is told to stop, or falls through a function that ends it.
+    """Fly lanes until each is stopped, or a function that ends flights falls through zero.
 
     Parameters
     ----------

@@ -165,7 +165,7 @@ def finish_space(axes: Any) -> None:
 def _draw(figure: Canvas, product: Manifolds, spec: InvariantManifoldsSpec, i: int) -> None:
     trajectory = product.track_trajectory
     orbit = product.orbit_tracks_m[:, :, i] / 1e3
-    # what flies far beyond the cylinders would make all else small
+    # trajectories far beyond the cylinders would shrink all else
     reach = 1.3 * max(float(np.max(np.abs(orbit))), *(r / 1e3 for r in spec.cylinders_m), 0.0)
     height = float(np.max(np.abs(orbit[2])))
     angle = np.linspace(0.0, 2.0 * np.pi, 97)

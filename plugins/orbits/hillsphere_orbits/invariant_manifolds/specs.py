@@ -1,4 +1,4 @@
-"""Spec of the stage ``invariant_manifolds``: what a mission may write."""
+"""Spec of the stage ``invariant_manifolds``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["InvariantManifoldsSpec"]
 
 
 class InvariantManifoldsSpec(StageSpec):
-    """Invariant manifolds of unstable periodic orbits, with what their trajectories meet.
+    """Invariant manifolds of unstable periodic orbits, with the crossings of their trajectories.
 
     Distances from an orbit are Euclidean norms of the difference of normalised states at the same
     time. Stable orbits, and those whose unstable multipliers are complex, are listed as such.
@@ -40,7 +40,7 @@ class InvariantManifoldsSpec(StageSpec):
     )
 
     needs: OrbitNeeds = option("products of earlier stages whose members are taken")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    plant: Ref = reference("plant", "equations of motion of the orbits")
     members: tuple[str, ...] = option("names of the orbits; left out: all", default=())
     directions: tuple[Literal["unstable", "stable"], ...] = option(
         "which manifolds", default=("unstable", "stable"), min_length=1
@@ -65,7 +65,7 @@ class InvariantManifoldsSpec(StageSpec):
         le=0.1,
     )
     start_distance: float = option(
-        "largest distance at which a trajectory is taken up from the linear motion; normalised",
+        "largest distance from the orbit at which trajectories start, normalised",
         default=1e-5,
         ge=1e-9,
         le=1e-3,

@@ -1,4 +1,4 @@
-"""The stage ``invariant_manifolds``: manifolds of unstable orbits and what they meet."""
+"""The stage ``invariant_manifolds``: manifolds of unstable orbits and their crossings."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ class InvariantManifoldsStage:
         Returns
         -------
         Manifolds
-            Trajectories and what they meet.
+            Trajectories and their crossings.
 
         Raises
         ------
         InputError
-            If a member is asked for that there is not.
+            If a requested member does not exist.
         StageError
             If the orbits belong to other equations.
         """
@@ -129,7 +129,7 @@ class InvariantManifoldsStage:
         return self._product(flow, given, x0, kinds, multiplier, one_side, names, parts)
 
     def present(self, product: Manifolds, orbits: tuple[OrbitSet, ...]) -> Presentation:
-        """Show what is met, and the tubes with the cylinders and the body."""
+        """Show the crossings, and the tubes with the cylinders and the body."""
         return present_manifolds(product, self.spec)
 
     def _watch(self, flow: Flow) -> tuple[tuple[str, ...], Watch, tuple[str, ...]]:

@@ -27,8 +27,8 @@ _PASSES = 4  # of continuation, each with the sub-steps that the last one's orbi
 _COARSE = 1e-6
 """Tolerance of a first flight that only measures how much the transition matrix magnifies
 errors."""
-_FOLLOWED = 1e-10  # of half a period while a family is followed; what is returned is exact
-_ROUNDING = 1e-14  # times the largest element of the matrix: what no number of steps improves on
+_FOLLOWED = 1e-10  # of half a period while following; returned orbits are exact
+_ROUNDING = 1e-14  # rounding, relative to the largest element of the matrix
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class CollinearPoint:
 
 
 def collinear_point(flow: Flow, name: str) -> CollinearPoint:
-    """Find L1 or L2: where the body's attraction and what the frame adds to it balance.
+    """Find L1 or L2, where the body's attraction balances the other accelerations of the frame.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def collinear_point(flow: Flow, name: str) -> CollinearPoint:
     Raises
     ------
     InputError
-        If there is none, or no planar oscillation beside it.
+        If there is no such point, or no planar oscillation about it.
     """
     side = {"L1": -1.0, "L2": 1.0}.get(name)
     if side is None:

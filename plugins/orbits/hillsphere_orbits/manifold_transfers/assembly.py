@@ -99,7 +99,7 @@ def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> M
     Returns
     -------
     ManifoldTransfers
-        All legs flown anew; transfers that none through the same orbit betters.
+        All legs verified; the transfers on the Pareto front of each orbit.
     """
     system, scales = case.flow.system, case.plant.scales
     unit, speed = system.unit[:, None], scales.length_m / scales.time_s
@@ -214,7 +214,7 @@ def _verify_legs(
 def _put_together(
     case: Case, legs: Legs, arrives: NDArray[np.bool_], flown: Iterator[VerifiedFlights]
 ) -> _VerifiedLegs:
-    """Take what belongs to a set of legs."""
+    """Take the verified flights of a set of legs from an iterator."""
 
     def taken(lanes: int) -> VerifiedFlights:
         parts = [next(flown)]

@@ -122,7 +122,7 @@ def _parts(lanes: int) -> Iterator[slice]:
 
 
 class LegFlights:
-    """Flies pieces, with what is compiled for all of them.
+    """Verifies pieces of legs with one compiled propagator.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from hillsphere_orbits.transfers.pareto import front
 __all__ = ["Mesh", "Roots", "partners"]
 
 _FAR = 0.25  # natural units: passages farther apart are not known to be neighbours
-_TORN = 1.0  # and a sign change between passages this far apart is none
+_TORN = 1.0  # a sign change between passages farther apart than this is no root
 _TOUCH = 1e-3  # a minimum of |g| is followed until passages are this near to one another
 _LEAST_P = 1e-9
 """Narrowest interval of p, which goes from 0 to 1, that is divided: manifolds magnify the rounding
@@ -41,7 +41,7 @@ _ROUNDS = 16
 
 @dataclass(frozen=True, eq=False)
 class Roots:
-    """Intervals of p over which g changes sign, with what they promise.
+    """Intervals of p over which g changes sign, with a bound on the gain of their roots.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Roots:
 
     @classmethod
     def join(cls, parts: list[Roots]) -> Roots:
-        """Return those of several targets as one set."""
+        """Return the roots of several targets as one set."""
         names = cls.__annotations__
         return cls(
             *(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names)
@@ -278,7 +278,7 @@ class Mesh:
 
     def _divisions(self, new: Array) -> Array:
         """Return places that divide the intervals beside new trajectories, where that is needed."""
-        # dips are told by three trajectories: two neighbours to either side decide
+        # three trajectories show a dip: two neighbours to either side decide
         at = np.searchsorted(self._p, new)
         around = np.unique(np.clip(at + np.arange(-2, 3)[:, None], 0, self._p.size - 1))
         q, lane = self._subset(self._p[around])
@@ -317,7 +317,7 @@ class Mesh:
             return np.asarray(first[np.abs(ends[0] - ends[1]) > _EDGE])
 
     def _doubtful(self, q: _Passages, pairs: _Pairs, k: int) -> NDArray[np.intp]:
-        """Return the pairs between which a target may be met, by what is known, worthwhile."""
+        """Return the pairs between which a target may be met at a cost worth resolving."""
         a, b, g = pairs.a, pairs.b, q.g[k]
         changes = g[a] * g[b] <= 0.0
         nearest = np.minimum(np.abs(g[a]), np.abs(g[b]))
@@ -344,7 +344,7 @@ class Mesh:
         return np.asarray(chosen[worth])
 
     def _learn(self, known: Roots, k: int) -> None:
-        """Keep the front of what is surely there: times of flight and impulses."""
+        """Keep the Pareto front, time of flight against impulse, of certain meetings."""
         tof = np.concatenate([self._sure[k][0], known.tof])
         dv = np.concatenate([self._sure[k][1], known.dv + known.doubt])
         best = np.flatnonzero(front(dv, tof))

@@ -100,7 +100,7 @@ class OrbitSearch:
 
 
 class _Searching:
-    """Searches through orbits and flies their legs, with what is compiled for all of them."""
+    """Searches through orbits and flies their legs with one compiled flow."""
 
     def __init__(
         self, work: OrbitSearch, flow: Flow, departure: PolarOrbit, arrival: PolarOrbit

@@ -67,7 +67,7 @@ def present_transfers(
         own = np.flatnonzero(product.transfer_member == i)
         if own.size:
             tables[f"ladder_{_identifier(label)}"] = tabulate(
-                f"Transfers through {label} that none betters", _ladder(product, own)
+                f"Pareto-optimal transfers through {label}", _ladder(product, own)
             )
     if product.checked:
         tables["transfer_convergence"] = tabulate(
@@ -75,8 +75,8 @@ def present_transfers(
         )
     figures = {"transfer_front": Figure(
         "Time of flight against impulse", lambda figure: draw_front(figure, product, reference),
-        "Transfers through each orbit that no other through it betters; colours tell n, markers "
-        "the amplitude z.", size_in=(8.0, 5.5),
+        "Pareto-optimal transfers through each orbit; the colour shows n, the marker the "
+        "amplitude z.", size_in=(8.0, 5.5),
     )}  # fmt: skip
     if product.transfer_legs.shape[1]:
         best = {
@@ -125,7 +125,7 @@ def _notes(product: ManifoldTransfers, spec: ManifoldTransfersSpec) -> list[str]
 
 
 def _impulses(product: ManifoldTransfers, index: list[int], digits: int) -> list[FilledColumn]:
-    """Return what both legs of transfers cost and take; blank for an index of −1."""
+    """Return cost and time of flight of both legs; blank for an index of −1."""
     a, b = product.transfer_legs
     dv, tof = product.leg_dv_m_s, product.leg_tof_s
     return [
@@ -217,7 +217,7 @@ def _convergence(product: ManifoldTransfers) -> list[FilledColumn]:
 def _beside(
     table: Table, product: ManifoldTransfers, reference: ReferenceTable | None
 ) -> tuple[Table, list[str]]:
-    """Put published values beside the cells; return also what is to be said of them."""
+    """Put published values beside the cells; return the table and notes on the comparison."""
     if reference is None:
         return table, []
     rows = [dict(row) for row in table.rows]

@@ -141,7 +141,7 @@ class Search:
         self.samples, self.gain = samples, gain
 
     def legs(self, targets: list[PolarOrbit]) -> tuple[list[Legs], NDArray[np.int64]]:
-        """Find the legs to planar orbits that no other betters.
+        """Find the Pareto-optimal legs to planar orbits.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ class Search:
                     found[k] = join_legs([found[k], legs])
 
     def _promising(self, roots: Roots, mask: NDArray[np.bool_], done: Legs) -> NDArray[np.intp]:
-        """Return the roots among those of a mask that may be on the front with what is done."""
+        """Return the masked roots that may be on the front, given the roots polished so far."""
         dv = np.concatenate([done.dv + self.gain, (roots.dv - roots.doubt)[mask]])
         tof = np.concatenate([done.tof, roots.tof[mask]])
         return np.flatnonzero(mask)[front(dv, tof)[done.dv.size :]]
@@ -291,7 +291,7 @@ class Search:
 
 
 def _snap_roots_to_zero(g: Array) -> Array:
-    """Return g with zero for what is a root: nothing is gained by going on."""
+    """Return g with roots set to zero exactly, so that the bracketing stops at them."""
     return np.where(np.abs(g) <= _GAP, 0.0, g)
 
 

@@ -1,4 +1,4 @@
-"""Spec of the stage ``manifold_transfers``: what a mission may write."""
+"""Spec of the stage ``manifold_transfers``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ManifoldTransferNeeds(Spec):
         "hillsphere_orbits.qso.products:QsoFamily", "has the orbits of departure and arrival"
     )
     orbits: tuple[Ref, ...] = need(
-        "hillsphere.products:OrbitSet", "families whose members are gone through", min_length=1
+        "hillsphere.products:OrbitSet", "families to search for transfers", min_length=1
     )
 
 
@@ -66,7 +66,7 @@ class ManifoldTransfersSpec(StageSpec):
     )
 
     needs: ManifoldTransferNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits")
+    plant: Ref = reference("plant", "equations of motion of the orbits")
     departure: str = option("name of the planar orbit that is left", min_length=1)
     arrival: str = option("name of the planar orbit that is reached", min_length=1)
     members: tuple[str, ...] = option(
@@ -82,7 +82,7 @@ class ManifoldTransfersSpec(StageSpec):
         le=0.1,
     )
     start_distance: float = option(
-        "largest distance at which a trajectory is taken up from the linear motion; normalised",
+        "largest distance from the orbit at which trajectories start, normalised",
         default=1e-4,
         ge=1e-9,
         le=1e-3,

@@ -80,7 +80,7 @@ class ManifoldTransfersStage:
         Raises
         ------
         InputError
-            If an orbit is asked for that there is not, or a planar one is no closed curve.
+            If a requested orbit does not exist, or a planar one is not a closed curve.
         StageError
             If the orbits belong to other equations.
         """
@@ -166,7 +166,7 @@ def _start_of(flow: Flow, orbit: PeriodicOrbits) -> tuple[str, Array, float]:
 def _coordinates(
     members: PeriodicOrbits, orbits: tuple[OrbitSet, ...]
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return revolutions and amplitude of each orbit, where its product tells."""
+    """Return revolutions and amplitude of each orbit, where its product has them."""
     revolutions = np.zeros(len(members.labels), dtype=np.int64)
     z_m = np.full(len(members.labels), np.nan)
     for families in orbits:

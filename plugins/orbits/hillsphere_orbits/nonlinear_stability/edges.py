@@ -21,7 +21,7 @@ from hillsphere_orbits.nonlinear_stability.survival import Fate, Fates
 __all__ = ["Edges", "Judge", "first_losses"]
 
 Judge: TypeAlias = Callable[[NDArray[np.intp], Array], Fates]
-"""(rows (N,), offsets (N,)) → what becomes of each."""
+"""(rows (N,), offsets (N,)) → fates of the flights."""
 
 _AT_ONCE = 4  # offsets of a row flown together: beyond a loss the larger ones were for nothing
 _SECTIONS = 4
@@ -41,7 +41,7 @@ class Edges:
     lost : ndarray, shape (R,)
         Offset of the first loss; infinite if no offset was lost.
     fate : ndarray of int, shape (R,)
-        What became of that one.
+        Its fate.
     time : ndarray, shape (R,)
         When; normalised.
     flights : int
@@ -116,7 +116,7 @@ class _Search:
             rows, offsets = rows[going], offsets[going]
 
     def edges(self) -> Edges:
-        """Return what is known so far."""
+        """Return the edges found so far."""
         lost = self._fate != Fate.SURVIVES
         least = np.full(self._rows, np.inf)
         np.minimum.at(least, self._row[lost], self._offset[lost])

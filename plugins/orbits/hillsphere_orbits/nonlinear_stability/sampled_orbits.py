@@ -1,4 +1,4 @@
-"""Orbits that other stages hand on, flown once around on the equations of this one."""
+"""Orbits of earlier stages, propagated over one period with this stage's equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage ``nonlinear_stability``: offsets that orbits bear, flown."""
+"""The stage ``nonlinear_stability``: largest offsets that orbits survive."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def _near(orbits: tuple[OrbitSet, ...], spec: NonlinearStabilitySpec) -> list[Ne
 
 
 class _Trial:
-    """The orbits of a run with their limits, and what was flown of them so far."""
+    """The orbits of a run with their limits and a propagator for batches of offsets."""
 
     def __init__(
         self,
@@ -215,7 +215,7 @@ class _Trial:
         self.start = np.ascontiguousarray(self.around.way[:, 0])
         amplitude = self.around.amplitude
         self.limits = spec.limit * amplitude
-        # in the plane, or nearly so, nothing is said of z
+        # nearly planar orbits have no limit on z
         self.limits[2, amplitude[2] <= NEARLY_PLANAR * np.max(amplitude, axis=0)] = np.inf
         self.flights = 0
         self.drift = 0.0 if self.survival.has_integral else float("nan")
@@ -239,7 +239,7 @@ class _Trial:
         if phase == 0.0:
             return self.start
         fly, states = self.survival.map, []
-        # each alone, with sub-steps of its own: none may depend on the others
+        # each alone, with its own sub-steps: no result may depend on the other orbits
         for i in range(self.start.shape[1]):
             one, span = self.start[:, [i]], phase * self.around.period[[i]]
             states.append(fly.propagate(one, span, fly.choose_steps(one, span, _ON_ORBIT)))
@@ -269,7 +269,7 @@ class _Trial:
             orbit, k = np.divmod(row, count)
             return self.fly(orbit, self.start[:, orbit] + step[:, k] * offset)
 
-        # what is lost without an offset bears none
+        # an orbit that is lost without an offset has the radius zero
         keeps = np.repeat(~reference.lost, count)
         rows = np.flatnonzero(keeps)
         found = first_losses(
@@ -309,7 +309,7 @@ def _draws(spec: NonlinearStabilitySpec, ctx: Context, stream: str) -> Array:
 
 
 def _prescribed_offsets(spec: NonlinearStabilitySpec) -> Array:
-    """Return the offsets that were asked for (6, Q), SI."""
+    """Return the offsets given in the mission (6, Q), SI."""
     zero = (0.0, 0.0, 0.0)
     rows = [(*r, *zero) for r in spec.position_offsets_m]
     rows += [(*zero, *v) for v in spec.velocity_offsets_m_s]

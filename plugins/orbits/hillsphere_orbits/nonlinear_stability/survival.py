@@ -49,7 +49,7 @@ _LOOKS = np.linspace(0.0, 1.0, 17)
 
 
 class Fate(IntEnum):
-    """What became of a flight."""
+    """Fate of a flight."""
 
     SURVIVES = 0
     ESCAPE = 1
@@ -69,14 +69,14 @@ class Fate(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Fates:
-    """What became of N flights.
+    """Fates of N flights.
 
     Parameters
     ----------
     fate : ndarray of int, shape (N,)
         A `Fate` each.
     time : ndarray, shape (N,)
-        When a lost one was lost, normalised; the whole duration for the others.
+        Time of the loss, normalised; the whole duration for survivors.
     drift : ndarray, shape (N,)
         Change of the integral of motion, normalised; NaN where there is none.
     """
@@ -137,7 +137,7 @@ class Survival:
 
     @property
     def has_integral(self) -> bool:
-        """Whether an integral of motion tells how accurate a flight was."""
+        """Whether the plant has an integral of motion; its drift measures the error."""
         return self._energy is not None or self._array is not None
 
     def integral(self, x: Array) -> Array:
@@ -163,7 +163,7 @@ class Survival:
         duration : float
             Normalised.
         tick : callable
-            Told the number of lanes that have ended, now and then; what it raises goes through.
+            Called at intervals with the number of ended lanes; its exceptions pass through.
 
         Returns
         -------
@@ -201,10 +201,10 @@ class Survival:
     def _march(
         self, flock: _ActiveLanes, duration: float, out: Fates, tick: Callable[[int], None]
     ) -> None:
-        """Fly lanes and write what became of them into `out`."""
+        """Fly lanes and write their fates into `out`."""
         # per step, so that a whole flight keeps the accuracy
         allowed = _SHARE * self.accuracy
-        # without an integral nothing tells of coarse steps: half the step throughout
+        # without an integral no check of the step exists: half the step throughout
         longest = _STRIDE if self.has_integral else 0.5 * _STRIDE
         flock.stride[:] = longest
         which = np.argmin(flock.margin, axis=0)
@@ -230,7 +230,7 @@ class Survival:
             lost = np.isfinite(part)
             value = self.integral(there)
             again = (np.abs(value - flock.value) > allowed * flock.size) & ~bad
-            # beyond a surface the equations are others: of a short step across it nothing is asked
+            # beyond a surface other equations hold: a short step across it is not checked
             again &= ~lost | (flock.stride > _LAST_STRIDE)
             lost &= ~again
             flock.stride = np.where(
@@ -273,16 +273,16 @@ class _ActiveLanes:
         return np.maximum(1.0, np.abs(self.first))
 
     def end(self, done: NDArray[np.bool_], fate: NDArray[np.int64], out: Fates) -> int:
-        """Write down what became of lanes; returns their number."""
+        """Write the fates of ended lanes into `out`; return their number."""
         own = self.owner[done]
         out.fate[own], out.time[own] = fate[done], self.t[done]
         out.drift[own] = ((self.value - self.first) / self.size)[done]
         return int(np.unique(own).size)
 
     def without(self, done: NDArray[np.bool_]) -> _ActiveLanes:
-        """Return the others."""
+        """Return the lanes that are not done."""
         keep = np.flatnonzero(~done)
-        # copies that filled the flock up end with what they are copies of
+        # padding copies end together with their originals
         keep = _pad_lanes(keep[np.unique(self.owner[keep], return_index=True)[1]])
         return _ActiveLanes(*(getattr(self, field.name)[..., keep] for field in fields(self)))
 

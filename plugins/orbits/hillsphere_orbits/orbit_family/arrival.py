@@ -1,4 +1,4 @@
-"""Members carried along a path of parameters in legs, and all that is said of their way."""
+"""Members continued along a path of parameters in legs, with a description of their way."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class FamilyProvider(Contract, Protocol):
 
 
 class _Absent(NamedTuple):
-    """An orbit asked for that the family does not have: its name, what it keeps, and why."""
+    """A requested orbit that the family does not have: its name, the held quantity, and why."""
 
     name: str
     kind: str
@@ -202,7 +202,7 @@ class OrbitFamilyStage:
     def _find_members(
         self, family: Family
     ) -> tuple[Array, tuple[str, ...], list[str], list[_Absent]]:
-        """Find every orbit asked for: unknowns, names, and what each is asked for by.
+        """Find the requested orbits: unknowns, names, and the quantity that selects each.
 
         Those that are missing come last, by name with what there is instead; if all are, they are
         named in one error.

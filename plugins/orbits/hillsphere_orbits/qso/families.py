@@ -96,7 +96,7 @@ class Family:
     def _array_integral(self) -> Quantity:
         """Return the integral of a plant with array gravity; its gradient by differences.
 
-        Newton corrects what the gradient lacks: 1e-9 of it costs no iteration.
+        Newton's method tolerates an error of 1e-9 in the gradient without a further iteration.
         """
         surveyor, problem = Surveyor(self.plant, self.problem), self.problem
         if not isinstance(self.plant, ArrayConserved):
@@ -227,7 +227,7 @@ class Qso:
         return Winding(-1, 0, primary_distance(self.plant))
 
     def _lowest(self) -> float:
-        """Return the amplitude, normalised, below which nothing is asked for by default."""
+        """Return the least amplitude of the family by default, normalised."""
         if "impact" in self.flow.system.events:
             return 0.0
         series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
@@ -261,7 +261,7 @@ class Qso:
                 )
 
     def _close_start(self, problem: Shooting) -> Array:
-        """Return a member near the retrograde Kepler circle, as close in as the surface lets."""
+        """Return a member near the retrograde Kepler circle, close to the surface."""
         unit, x = self.plant.scales.length_m, problem.unknowns.index("x")
         surface, distance = self._grazing(problem), self.winding.distance
         series = self.plant.series_radius_m if isinstance(self.plant, LockedMoon) else None
@@ -352,7 +352,7 @@ class Qso:
         return self._before_turn(branch, x)
 
     def _resolution_boundaries(self, problem: Shooting) -> list[Boundary]:
-        """Return the ends of what is resolved: passages of a centre, and almost no period."""
+        """Return boundaries of resolution: close passages of a centre, vanishing periods."""
         ends = []
         if "impact" not in self.flow.system.events:
             ends.append(
@@ -372,7 +372,7 @@ class Qso:
         return ends
 
     def _before_turn(self, branch: Branch, x: int) -> Branch:
-        """Cut the branch where its amplitude stops falling: what follows is another family."""
+        """Cut the branch where its amplitude stops falling: another family follows."""
         turned = np.flatnonzero(branch.tangent[x] >= 0.0)
         if not turned.size:
             return branch

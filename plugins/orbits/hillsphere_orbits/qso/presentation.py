@@ -20,7 +20,7 @@ _BEYOND_HILL = 0.1  # part of the distance to the primary
 
 
 def label_identifier(identifier: str, label: str) -> str:
-    """Return an identifier with the label that tells two stages apart."""
+    """Return an identifier with the label of its stage appended."""
     return f"{identifier}_{label}" if label else identifier
 
 
@@ -133,7 +133,8 @@ def _verdict(product: QsoFamily) -> list[str]:
         sentences.append(f"Not linearly stable: {', '.join(names)}.")
     else:
         sentences.append(
-            "All members are linearly stable; that says nothing of how large an error they bear."
+            "All members are linearly stable. How large an offset they survive is a question of "
+            "nonlinear stability."
         )
     if product.primary_distance_m:
         share = float(np.max(product.y_max_m)) / product.primary_distance_m

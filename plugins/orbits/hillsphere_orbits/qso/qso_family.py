@@ -1,4 +1,4 @@
-"""The stage ``qso_family``: the family, its members at prescribed values, and what is shown."""
+"""The stage ``qso_family``: the family and its members at prescribed values."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ tide; and of the primary's distance, since orbits that reach farther pass it eve
 
 @runtime_checkable
 class QuasiSatelliteFamily(Contract, Protocol):
-    """What stages need of a family of quasi-satellite orbits; `Qso` says what is what.
+    """Interface of a family of quasi-satellite orbits for stages; `Qso` documents the members.
 
     The shooting problem (`hillsphere.interfaces.OrbitFamily.problem`) is needed too, but not looked
     for, which would compile its equations.
@@ -76,7 +76,7 @@ def family_of(plant: object | None, family: object | None, accuracy: float) -> Q
 
 
 def _snap(x_m: Array, asked_m: Sequence[float]) -> None:
-    """Put amplitudes that were asked for in place of those that differ by scaling's rounding."""
+    """Replace amplitudes by the requested ones, which differ by the rounding of scaling."""
     for value in asked_m:
         x_m[np.abs(x_m - value) <= 4.0 * np.spacing(value)] = value
 
@@ -201,7 +201,7 @@ class QsoFamilyStage:
         return low, high
 
     def _members(self, family: Family) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
-        """Find every member asked for, and say of all that are missing what there is instead."""
+        """Find the requested members; report the missing ones with the family's nearest values."""
         spec, scales = self.spec, self.qso.plant.scales
         asked: list[tuple[str, str, float, Quantity, tuple[float, ...]]] = [
             ("x", " km", scales.length_m / 1e3, family.amplitude,

@@ -57,7 +57,7 @@ def count_connected(spatial: Spatial) -> list[int]:
         guess = np.concatenate(
             [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
         )
-        # a sign is asked for, which no further digits change
+        # only a sign is needed, which further digits do not change
         found = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
         before = _sense(spatial, found, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)

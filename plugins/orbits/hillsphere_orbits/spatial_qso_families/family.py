@@ -136,7 +136,7 @@ class Spatial:
         followed = follow_lanes(
             state, z, direction, done=state.done, control=_CONTROL, finish=False
         )
-        # the orbit that meets the body is none of the family's
+        # an orbit that meets the body does not belong to the family
         followed = [_without_last(b) if f in state.dropped else b for f, b in enumerate(followed)]
         grid = np.array(
             [b.z[:, np.linspace(0, b.size - 1, _GRID).round().astype(int)] for b in followed]

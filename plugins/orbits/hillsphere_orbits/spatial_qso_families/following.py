@@ -17,10 +17,10 @@ BIRTH = 0.01
 """z or ż, natural units, of the first member: beyond it the kernel's plane is left."""
 
 FOLLOWED = 1e-6
-"""Error of half a period while following; what is returned is better."""
+"""Error of half a period while following; returned orbits are corrected further."""
 
 HALF = 1e-10
-"""By the other integrator: what every orbit returned keeps after half a period."""
+"""Largest half-period residual by the other integrator of any returned orbit."""
 
 _APART = 1e-7  # of two orbits by which the growth of errors is judged
 _ROUNDING = np.finfo(float).eps  # of the largest state: it cannot be known better

@@ -30,12 +30,12 @@ _TRACK_POINTS = 1600
 
 @dataclass(frozen=True)
 class OrbitDescriptions:
-    """Orbits of families with all that is said of them, normalised; last axis: orbits.
+    """Orbits of families with their stability and accuracy, normalised; last axis: orbits.
 
     Parameters
     ----------
     family : ndarray of int
-        Number of the family, in the order asked for.
+        Number of the family, in the requested order.
     place : ndarray
         Position along it.
     x, period, integral, monodromy : ndarray
@@ -95,7 +95,7 @@ class Group:
     families : Families
         Those that could be followed.
     number : ndarray of int, shape (F,)
-        Their numbers in the order asked for.
+        Their numbers in the requested order.
     ends : mapping of int to str
         Why each family, by number, was followed no further.
     curve : OrbitDescriptions
@@ -170,7 +170,7 @@ class Group:
                     samples.maps,
                 )  # fmt: skip
                 if not np.all(curve.half <= HALF):
-                    # what the other integrator does not confirm is not returned, nor what lies
+                    # orbits that the other integrator does not confirm are not returned, nor any
                     # beyond
                     spatial = spatial.cut(_good(spatial, samples, curve.half))
                     continue

@@ -25,7 +25,7 @@ _NEWTON = 12  # evaluations
 
 @dataclass(frozen=True)
 class Members:
-    """Orbits of families, with what half a period makes of them.
+    """Orbits of families, with their states and matrices after half a period.
 
     Parameters
     ----------

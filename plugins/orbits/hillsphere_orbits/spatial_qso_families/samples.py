@@ -70,7 +70,7 @@ class Samples:
         return z
 
     def rows(self, own: NDArray[np.intp]) -> list[tuple[str, Array, tuple[float, ...]]]:
-        """Return (name, values, edges) of the smooth functions that tell stability of a family.
+        """Return (name, values, edges) of the smooth functions that decide on stability.
 
         With a second pair 1, 1 it is the other index, else the characteristic polynomial at the
         edges, the product of both indices' distances, and the discriminant.

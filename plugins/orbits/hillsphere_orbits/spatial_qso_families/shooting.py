@@ -30,7 +30,7 @@ MIRRORS = {
 the plane yz with z ≠ 0.
 """
 
-_WIDTH = 8  # lanes that compiled code takes at once; what is left over costs as much one by one
+_WIDTH = 8  # lanes per SIMD call; the lanes of a remainder cost as much each
 _ORDER = 8.0  # of the step map's formula
 _MOST = 100_000
 """Most sub-steps of half a period: beyond these an orbit takes seconds and gains no digit."""
@@ -129,7 +129,7 @@ class SpatialShooting:
         return *self.conditions(z, end, phi), end, phi
 
     def conditions(self, z: Array, end: Array, phi: Array) -> tuple[Array, Array]:
-        """Return F and dF/dz from what half a period makes of z: states and matrices."""
+        """Return F and dF/dz from the states and matrices after half a period."""
         return self._common.conditions(self.state(z), end, phi, self.flow.rate(end))
 
     def residual(self, z: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Specs of the stages on families of orbits in space: what a mission may write."""
+"""Specs of the stages on families of orbits in space: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SpatialFamiliesSpec(StageSpec):
     )
 
     needs: SpatialFamiliesNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the bifurcations")
+    plant: Ref = reference("plant", "equations of motion of the bifurcations")
     resonances: tuple[str, ...] = option(
         "which vertical bifurcations d:n to start from; left out: all that were found", default=()
     )

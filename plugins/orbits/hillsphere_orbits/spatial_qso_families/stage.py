@@ -185,7 +185,7 @@ class SpatialFamiliesStage:
         return present_families(product, self.spec.label)
 
     def _select_bifurcations(self, bifurcations: Bifurcations) -> list[int]:
-        """Return the numbers of the bifurcations to start from, in the order asked for."""
+        """Return the numbers of the bifurcations to start from, in the requested order."""
         pairs = list(zip(bifurcations.d, bifurcations.n, strict=True))
         vertical = [i for i, plane in enumerate(bifurcations.plane) if plane == "vertical"]
         wanted = [pair for text in self.spec.resonances if (pair := read_resonance(text))]
@@ -230,7 +230,7 @@ class SpatialFamiliesStage:
         resonances: list[str],
         ends: list[str],
     ) -> tuple[str, ...]:
-        """Say which families have no member of which amplitudes; raise if there is none at all."""
+        """Return sentences on families without requested amplitudes; raise if no member exists."""
         met = set(zip(members.family.tolist(), target.tolist(), strict=True))
         faults = []
         for f in np.unique(curve.family).tolist():

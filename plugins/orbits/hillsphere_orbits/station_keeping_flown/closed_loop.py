@@ -62,7 +62,7 @@ _TUNING = "station_keeping_tuning"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the flights of one combination.
+    """Survival and cost of the flights of one combination.
 
     Parameters
     ----------
@@ -251,10 +251,10 @@ class ClosedLoop:
         return sigma
 
     def _limits(self, path: ReferencePath, flight_s: float) -> list[Limit]:
-        """Return what ends a flight beside the plant's events."""
+        """Return the limits that end a flight, beside the plant's events."""
         spec, system = self.spec, self.flow.system
         box = spec.limit_factor * path.amplitude * system.unit[:3]
-        # in the plane, or nearly so, nothing is said of z
+        # nearly planar orbits have no limit on z
         box[2] = np.inf if box[2] <= NEARLY_PLANAR * np.max(box) else box[2]
         n = len(self.plant.states)
         steep = np.concatenate([1.0 / box, np.zeros(n - 3)])
@@ -286,7 +286,7 @@ class ClosedLoop:
 
 
 def _within(box: Array, t_s: Array, x: Array, cases: Integers) -> Array:
-    """Return what is left, as a part, of the limits (3, 1) of |x|, |y| and |z|."""
+    """Return the margins 1 − |x_i|/limit_i of the limits (3, 1) of |x|, |y| and |z|."""
     return np.asarray(1.0 - np.maximum.reduce(np.abs(x[:3]) / box, axis=0))
 
 
@@ -316,7 +316,7 @@ class _Survivors:
             self._places += gap[0].size
 
     def outcome(self) -> Outcome:
-        """Return what became of them all."""
+        """Return survival and cost of all flights."""
         counts, dv = list(self._counts.values()), np.concatenate(self._dv)
         if not dv.size:
             return Outcome(counts)

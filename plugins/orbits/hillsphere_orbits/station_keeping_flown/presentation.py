@@ -62,7 +62,7 @@ def present_flown(product: StationKeepingFlown, label: str) -> Presentation:
         lambda canvas: draw_cost(canvas, product),
         "Mean Δv of the flights that survived, and its 95th percentile (bar), against the time "
         f"between corrections. Full marks: at least {100 * product.survival_required:g} % "
-        "survived; open marks: fewer did, and the cost is that of the lucky ones."
+        "survived; open marks: fewer did, so that the cost is of a favourable selection."
         + (f" {MOST_ORBITS} of the {len(product.labels)} orbits." if many else ""),
         size_in=(9.0, 3.8 + 0.06 * min(rows, MOST_ORBITS)),
     )
@@ -102,7 +102,7 @@ def _grid(product: StationKeepingFlown) -> list[FilledColumn]:
     free_ends, free_other = _ends(product.uncorrected_counts, product)
 
     def both(values: Any, there: Any = flown, uncorrected: Any = None) -> list[Any]:
-        """Return cells of all rows: blank where not flown, and where nothing is to be told."""
+        """Return cells of all rows: blank where not flown or not applicable."""
         first = _where(np.isfinite(free), uncorrected) if uncorrected is not None else free * np.nan
         return [*first, *_where(there, values).ravel()]
 
@@ -210,21 +210,21 @@ def _notes(product: StationKeepingFlown) -> list[str]:
     sure = (0.5 * (1.0 - product.confidence)) ** (1.0 / product.cases)
     return [
         f"{product.cases} flights of each combination. One standard deviation per axis: at the "
-        f"start {product.injection_m:g} m and {100 * product.injection_m_s:g} cm/s; of what is "
-        f"known at each correction {product.navigation_m:g} m and "
+        f"start {product.injection_m:g} m and {100 * product.injection_m_s:g} cm/s; of the "
+        f"navigation at each correction {product.navigation_m:g} m and "
         f"{100 * product.navigation_m_s:g} cm/s, independent each time. Impulses err by "
         f"{100 * product.execution_magnitude:g} % in size and "
         f"{np.degrees(product.execution_pointing_rad):.3g}° in direction; below "
-        f"{1e3 * product.minimum_impulse_m_s:g} mm/s none is made.",
+        f"{1e3 * product.minimum_impulse_m_s:g} mm/s no impulse is made.",
         f"A flight is lost beyond {limit}, or when it meets the body.",
         f"Strategy {UNCORRECTED}: the same cases without any correction. Where they survive and "
         "corrected ones do not, the errors of navigation and execution do the harm.",
-        "Δv and deviation are those of the flights that survived; where none did, there are none. "
+        "Δv and deviation are of the flights that survived; blank where none did. "
         "The deviation is the distance at the corrections: for the Floquet mode and the phase-free "
-        "strategies from the nearest point of the reference, else from where that is then.",
+        "strategies from the nearest point of the reference, else from its point at that time.",
         _tuning_note(product),
-        f"The range of the probability holds it with {100 * product.confidence:g} % confidence "
-        f"(Clopper and Pearson): if all {product.cases} survive it is at least {sure:.3f}.",
+        f"The interval contains the probability with {100 * product.confidence:g} % confidence "
+        f"(Clopper and Pearson): if all {product.cases} survive, its lower end is {sure:.3f}.",
     ]
 
 
@@ -248,8 +248,8 @@ def _longest_notes(product: StationKeepingFlown) -> list[str]:
     ]
     if np.isfinite(product.index_m_s).any():
         notes.append(
-            "v_cm is an index, not a flown cost: it takes the state to be known perfectly and "
-            "corrects once per period; compare it with what one correction per period does here."
+            "v_cm is an analytic index, not a simulated cost: it assumes perfect navigation and "
+            "one correction per period. Compare it with the rows of one correction per period."
         )
     return notes
 

@@ -317,7 +317,7 @@ def paths_of_flights(plant: Plant, flights: Trajectories) -> list[ReferencePath]
 
 
 def unstable_left_subspace(monodromy: Array) -> Array:
-    """Return orthonormal rows (m, n) that span the left unstable invariant subspace.
+    """Return orthonormal rows (m, n) that span the unstable subspace of left eigenvectors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is to be held, gathered from the products of earlier stages."""
+"""References for station-keeping, from the products of earlier stages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ENDS = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A reference that is to be held.
+    """A reference orbit or trajectory for station-keeping.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Sources:
     rung : str
         Name of its rung.
     members : tuple of str
-        Names of those that are taken; empty for all.
+        Names of the members to take; empty for all.
     """
 
     orbits: tuple[OrbitSet, ...]
@@ -84,12 +84,12 @@ class Sources:
     members: tuple[str, ...]
 
     def select(self, labels: tuple[str, ...]) -> list[int]:
-        """Return the numbers of those taken."""
+        """Return the numbers of the members to take."""
         return [i for i, name in enumerate(labels) if not self.members or name in self.members]
 
 
 def references_of(plant: Plant, sources: Sources, duration_s: float) -> list[Reference]:
-    """Return all that is to be held.
+    """Return the references of all sources.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def references_of(plant: Plant, sources: Sources, duration_s: float) -> list[Ref
             f"members: nothing is called {unknown[0]!r}; there are: {', '.join(known) or 'none'}"
         )
     if not found:
-        raise StageError("the stages named in needs hand on nothing to hold")
+        raise StageError("the stages named in needs provide no reference to hold")
     return found
 
 

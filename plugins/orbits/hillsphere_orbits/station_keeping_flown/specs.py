@@ -1,4 +1,4 @@
-"""Spec of the stage ``station_keeping_flown``: what a mission may write."""
+"""Spec of the stage ``station_keeping_flown``: the keys of a mission."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class StationKeepingFlownNeeds(Spec):
     )
     index: Ref | None = need(
         "hillsphere_orbits.spatial_qso_families.products:StationKeepingIndex",
-        "analytic index, shown beside what is flown",
+        "analytic index, shown beside the simulated cost",
         default=None,
     )
 
@@ -72,7 +72,7 @@ class StationKeepingFlownSpec(StageSpec):
     )
 
     needs: StationKeepingFlownNeeds = option("products of earlier stages")
-    plant: Ref = reference("plant", "equations of motion, those of the orbits and flights")
+    plant: Ref = reference("plant", "equations of motion of the orbits and flights")
     rung: str = option(
         "with needs.ladder: name of the rung whose flights are held, that of the plant", default=""
     )
@@ -96,7 +96,7 @@ class StationKeepingFlownSpec(StageSpec):
         "'target_point' weighs the impulse against the deviations at later times; 'periodic_lqr' "
         "is the linear-quadratic regulator along the orbit; 'phase_free_target_point' and "
         "'phase_free_lqr' do the same with the deviation from the nearest point of the orbit, "
-        "and ignore what lies along it",
+        "and ignore deviations along it",
         default=(
             "floquet_mode",
             "target_point",
@@ -124,13 +124,13 @@ class StationKeepingFlownSpec(StageSpec):
     )
     navigation_position_m: float = quantity(
         "length",
-        "standard deviation per axis of what is known of the position at each correction",
+        "standard deviation per axis of the navigation error in position at each correction",
         default=30.0,
         ge=0,
     )
     navigation_velocity_m_s: float = quantity(
         "speed",
-        "standard deviation per axis of what is known of the velocity at each correction",
+        "standard deviation per axis of the navigation error in velocity at each correction",
         default=0.01,
         ge=0,
     )
@@ -148,7 +148,7 @@ class StationKeepingFlownSpec(StageSpec):
         "speed", "a smaller impulse is not done", default=0.001, ge=0
     )
     limit_factor: float = option(
-        "a flight is lost beyond so many times the reference's largest |x|, |y| or, in space, |z|",
+        "a flight is lost beyond this many times the reference's largest |x|, |y| or |z|",
         default=2.0,
         gt=1,
         le=1000,

@@ -70,7 +70,7 @@ class StationKeepingFlownStage:
         ladder : FidelityLadder, optional
             Orbits carried over to this plant, to be held.
         index : StationKeepingIndex, optional
-            Shown beside what is flown, by the names of the members.
+            Analytic indices, shown beside the simulated cost, matched by name.
 
         Returns
         -------

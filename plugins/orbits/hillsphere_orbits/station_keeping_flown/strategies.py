@@ -56,7 +56,7 @@ class GainSchedule:
     period_s : float
         Time between corrections.
     gains : ndarray, shape (K, p, q)
-        One per correction, from what is seen (q rows, SI) to the Δv (p, m/s).
+        One per correction, from the estimated deviation (q rows, SI) to the Δv (p, m/s).
 
     Raises
     ------
@@ -165,7 +165,7 @@ class FloquetMode(NearestPointLaw):
 
 
 class Uncorrected:
-    """No impulse at all: what corrections are compared with.
+    """No impulse at all: the baseline for comparison.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ from hillsphere_orbits.correction import Problem, correct, on_planes
 
 __all__ = ["BranchPoint", "branch_point", "first_members"]
 
-_NULL = 1e-6  # of the largest singular value: what is smaller is null
+_NULL = 1e-6  # of the largest singular value: smaller ones count as zero
 _STEP = 1e-4  # of the differences that give Q: dF/dz is good to 1e-11
 _DISTANCES = (0.06, 0.03, 0.015, 0.0075, 0.004)
 """Distances ε from the branch point at which first members are sought, the largest first: farther

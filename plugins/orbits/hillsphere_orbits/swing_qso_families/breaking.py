@@ -49,7 +49,7 @@ def starts_of_breaking(flow: Flow, chain: Chain, number: int, u: float) -> list[
         as where the pair only seems to pass 1.
     """
     start, problem = chain.start, chain.problem(flow)
-    # at the branching itself Newton's equations are singular: its neighbours tell where it is
+    # at the branching itself Newton's equations are singular: its neighbours bracket it
     last = chain.branch.size - 1.0
     z = at_positions(
         problem, chain.branch, np.clip(u, 3.0 * _BESIDE, last - 3.0 * _BESIDE) + _NODES

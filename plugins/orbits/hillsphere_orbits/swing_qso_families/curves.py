@@ -1,4 +1,4 @@
-"""Families of planar orbits of several revolutions, taken up again from a product."""
+"""Families of planar orbits of several revolutions, rebuilt from a product."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def at_positions(problem: Shooting, branch: Branch, u: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FamilyTangents:
-    """What `Swing` has worked out of a family of N orbits, for another one to take up.
+    """Results of `Swing` for a family of N orbits that are costly, for another process to reuse.
 
     Parameters
     ----------
@@ -152,11 +152,11 @@ class Swing:
         return self._branches[family]
 
     def tangents(self, family: int) -> FamilyTangents:
-        """Return what it takes long to work out of a family."""
+        """Return the costly results for a family: sub-steps and tangents."""
         return FamilyTangents(self.problem(family).steps, self.branch(family).tangent)
 
     def learn(self, family: int, known: FamilyTangents) -> None:
-        """Take up what another one has worked out of a family."""
+        """Reuse the results that another process computed for a family."""
         if family in self._branches:
             return
         problem = self._equations(family).with_steps(known.steps)

@@ -1,4 +1,4 @@
-"""Everything that is said of orbits of several revolutions: states, stability, extent, checks."""
+"""Description of orbits of several revolutions: states, stability, extent, checks."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def position_on(branch: Branch, z: Array) -> float:
 
 
 def concatenate(parts: Sequence[Array]) -> Array:
-    """Return arrays (N,) one after the other, perhaps none."""
+    """Return the concatenation of arrays (N,); empty without any."""
     return np.concatenate(parts) if parts else np.empty(0)
 
 
@@ -155,7 +155,7 @@ def tracks_of(problems: Sequence[Shooting], z: Sequence[Array]) -> Array:
 
 
 def _track(problem: Shooting, z: Array) -> Array:
-    """Return states (n, P, N); what the problem solves once is not propagated farther."""
+    """Return states (n, P, N) over the time that the problem integrates."""
     points = _HALF_TRACK if isinstance(problem, SymmetricShooting) else 2 * _HALF_TRACK
     thin = -(-problem.steps // points)
     way = problem.flow.trajectory(problem.state(z), integration_time(problem, z), thin * points)[

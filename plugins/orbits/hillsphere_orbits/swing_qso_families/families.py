@@ -24,8 +24,8 @@ from hillsphere_orbits.winding import turns
 __all__ = ["Chain", "Limits", "follow", "groups_of", "integration_time"]
 
 _CONTROL = StepControl(first=0.03, largest=0.4, turn=0.3, members=200)
-_FOLLOWED = 1e-6  # error of the flow while following; what is returned is better
-_WITHOUT_MIRROR = 1e-10  # the same where only the map itself tells the branches apart
+_FOLLOWED = 1e-6  # error of the flow while following; returned members are corrected further
+_WITHOUT_MIRROR = 1e-10  # the same where no mirror separates the branches
 _RETURNED = 1e-11
 """Error of the flow over the time that is solved, for the members that are returned."""
 _MARGIN = 1.5  # of the sub-steps that meet the tolerance: it divides the error by 25
@@ -35,7 +35,7 @@ _APART = 1e-7  # of two orbits by which the growth of errors is judged
 _MOST = 1 << 12
 """Most sub-steps. An orbit that needs more passes through the body or next to a singularity: it
 lies beyond the end of its family."""
-_ROUNDING = 3e-14  # of the matrix: what no number of steps improves on
+_ROUNDING = 3e-14  # of the matrix: rounding, below which no number of steps helps
 _PASSES = 3
 """Most times that a group is followed: each pass takes the sub-steps which the ends of the last one
 need, and the result of the last pass stands."""
@@ -137,7 +137,7 @@ def follow(flow: Flow, starts: Sequence[Start], limits: Limits) -> tuple[list[Ch
             found = _Follower(flow, [starts[k] for k in some], limits).chains()
         except (ConvergenceError, PropagationError) as error:
             if len(some) > 1:
-                # one that fails must not take the others along
+                # the failure of one family must not stop the others
                 todo += [[k] for k in some]
                 continue
             start = starts[some[0]]
@@ -222,7 +222,7 @@ class _Follower:
         ]
 
     def _wound(self, lane: int, problem: Shooting, branch: Branch) -> Branch:
-        """Leave out what lies beyond a member that winds otherwise about the body than the first.
+        """Cut the branch before the first member that winds differently about the body.
 
         In the plane that number changes only in a collision, so that a family which a step took
         across one is no longer the same.
@@ -261,7 +261,7 @@ class _Follower:
         return self._map.trajectory(x, duration, steps, strict=False)
 
     def _room(self, way: Array, lanes: NDArray[np.intp]) -> Array:
-        """Return what is left of the surface, the least and the largest distance, (3, N)."""
+        """Return least clearance of the surface, least and largest distance, (3, N)."""
         states, points, cases = way.shape
         surface = np.ones(cases)
         if self._impact is not None:

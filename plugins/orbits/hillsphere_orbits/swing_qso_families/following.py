@@ -24,7 +24,7 @@ __all__ = ["FollowedGroup", "Following", "SurveyedFamily", "surveyor_of"]
 
 @dataclass(frozen=True)
 class SurveyedFamily:
-    """A family that keeps the accuracy, with what was found along it.
+    """A family as far as it keeps the accuracy, with its stability and extent.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class SurveyedFamily:
 
 @dataclass
 class FollowedGroup:
-    """What became of a group of starts.
+    """Families followed from a group of starts.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class FollowedGroup:
     faults : list of str
         Which could not be followed, and why.
     remarks : dict of int to str
-        What else is to be said, by the start's place.
+        Further remarks, by the start's place.
     """
 
     families: dict[int, SurveyedFamily] = field(default_factory=dict)
@@ -163,5 +163,5 @@ class Following:
 
 
 def surveyor_of(plant: Plant, flow: Flow) -> Surveyor:
-    """Return what describes planar orbits of several revolutions of a plant."""
+    """Return the surveyor of planar orbits of several revolutions of a plant."""
     return Surveyor(plant, swing_problem(flow, "x", mirror=False))

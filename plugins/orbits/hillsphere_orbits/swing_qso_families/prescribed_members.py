@@ -26,7 +26,7 @@ _TOLERANCE = 1e-9  # residual; Newton takes one more step from there
 
 @dataclass(frozen=True)
 class PrescribedMembers:
-    """Orbits asked for, by family and position on its chain.
+    """Members at prescribed values, by family and position on its chain.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def orbits_asked(
     periods_s: Sequence[float],
     time_s: float,
 ) -> PrescribedMembers:
-    """Find every orbit of every family at the values asked for.
+    """Find every orbit of every family at the prescribed values.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def orbits_asked(
     Returns
     -------
     PrescribedMembers
-        Perhaps none.
+        Possibly empty.
 
     Raises
     ------

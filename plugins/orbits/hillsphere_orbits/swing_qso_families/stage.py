@@ -155,7 +155,7 @@ class SwingFamiliesStage:
         return present_swing(product, family, self.spec.label)
 
     def _select_bifurcations(self, bifurcations: Bifurcations) -> list[int]:
-        """Return the numbers of the bifurcations to start from, in the order asked for."""
+        """Return the numbers of the bifurcations to start from, in the requested order."""
         pairs = list(zip(bifurcations.d, bifurcations.n, strict=True))
         planar = [
             i for i, plane in enumerate(bifurcations.plane)
@@ -344,12 +344,12 @@ def _follow_families(
     starts: Sequence[Start],
     what: str,
 ) -> tuple[list[SurveyedFamily], list[str]]:
-    """Follow families, in the order of their starts; what is to be said of them comes second."""
+    """Follow families; return them in the order of their starts, and remarks about them."""
     if not starts:
         return [], []
     advance = ctx.track(f"orbits of several revolutions: {what}", len(starts))
     groups = groups_of(starts)
-    # what takes longest goes first, so that no worker is left alone with it
+    # the longest tasks go first, so that no worker ends up alone with one
     order = sorted(range(len(groups)), key=lambda g: -sum(starts[k].n for k in groups[g]))
     done: dict[int, FollowedGroup] = {}
     for g, one in zip(

@@ -309,7 +309,7 @@ def _crossing_states(crossing: Crossing) -> Array:
     """Return the states of crossings.
 
     Whether an earlier one is excluded does not matter: these orbits meet an axis twice a turn, and
-    what starts there is corrected until it is perpendicular and closed.
+    orbits that start there are corrected until they cross perpendicularly and close.
 
     Raises
     ------

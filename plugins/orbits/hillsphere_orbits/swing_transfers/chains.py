@@ -1,4 +1,4 @@
-"""Families of planar periodic orbits between their members, and what their orbits meet."""
+"""Families of planar periodic orbits between their members, and meetings with other orbits."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _whole(problem: Shooting, z: Array) -> int:
 
 
 def scan(chains: Chains, family: int, orbits: Mapping[str, PolarOrbit], coarse: int) -> Scan:
-    """Find what the members of a family's chain meet.
+    """Find the meetings of the members of a family's chain with the orbits.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Figures of transfers by way of swing orbits; one panel per leg."""
+"""Figures of transfers through swing orbits; one panel per leg."""
 
 from __future__ import annotations
 

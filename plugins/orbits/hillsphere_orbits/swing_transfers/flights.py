@@ -1,4 +1,4 @@
-"""Transfers by way of swing orbits as flights, for stages that write them or fly them again."""
+"""Transfers through swing orbits as flights, for stages that write them or fly them again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search of one leg by way of all families, as pieces for the workers of a run."""
+"""The search of one leg through all families, as pieces for the workers of a run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from hillsphere_orbits.transfers.pareto import front
 __all__ = ["Leg", "LegSearch", "Members", "ScannedFamily", "SearchedLeg"]
 
 _ASIDE = (1e-6, 1e-5, 1e-4, 1e-3)  # on a piece
-_AGREES = 1e-5  # of the cost, normalised: what a touching orbit may cost more than its estimate
+_AGREES = 1e-5  # normalised cost by which a tangent orbit may exceed its estimate
 _COARSE = 2  # times fewer sub-steps than for rounding: errors of 3e-10
 
 
@@ -101,13 +101,13 @@ class SearchedLeg:
     Parameters
     ----------
     least : Transfers
-        The least one by way of every family.
+        The cheapest transfer through every family.
     front : Transfers
-        Those that none betters in cost and time.
+        The Pareto front in cost and time.
     members : Members
         Every member that connects the orbits.
     notes : list of str
-        What is to be told.
+        Sentences for the report.
     """
 
     least: Transfers
@@ -153,7 +153,7 @@ class LegSearch:
 
 
 class _Searching:
-    """Scans families and searches legs, with what is compiled for all of them."""
+    """Scans families and searches legs with one compiled flow."""
 
     def __init__(self, work: LegSearch) -> None:
         self._plant, self._dearest = work.compiled.plant, work.dearest
@@ -244,7 +244,7 @@ class _Searching:
         ways: Sequence[Passages],
         least: Transfers,
     ) -> Transfers:
-        """Return the transfers of a leg that none betters in cost and time, up to a cost."""
+        """Return the Pareto front of a leg in cost and time, up to a cost."""
         chains = self._chains
         total = np.concatenate([w.total for w in ways]) if ways else np.empty(0)
         limit = self._dearest * float(np.min(least.total_m_s, initial=np.inf))

@@ -39,7 +39,7 @@ class Passages:
     angle: Array
 
     def cheapest(self, lanes: int) -> NDArray[np.intp]:
-        """Return the number of the cheapest passage of each of so many lanes; −1 without one.
+        """Return the number of the cheapest passage of each lane; −1 for a lane without one.
 
         Of those that cost the same (mirror images do) it is the quickest.
         """

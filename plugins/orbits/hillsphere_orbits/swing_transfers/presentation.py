@@ -1,4 +1,4 @@
-"""Tables, metrics and sentences about transfers by way of swing orbits."""
+"""Tables, metrics and sentences about transfers through swing orbits."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def present_transfers(
             "Least cost of each family", _transfers(product, product.least), [unit]
         ),
         "swing_front": tabulate(
-            "Transfers that none betters in cost and time", _transfers(product, product.front),
+            "Pareto front of cost and time of flight", _transfers(product, product.front),
             [unit, "From the members of all families' chains and the minima along them; of mirror "
              "images one stands for both."],
         ),
@@ -144,7 +144,7 @@ def _figures(product: SwingTransfers) -> dict[str, Figure]:
         "swing_front": Figure(
             "Cost and time",
             lambda figure: draw_fronts(figure, product),
-            "Transfers that no other one betters in both, and the least cost of each family.",
+            "Pareto-optimal transfers, and the least cost of each family.",
             size_in=wide,
         ),
         "swing_tangency": Figure(
@@ -277,7 +277,7 @@ def _verdict(product: SwingTransfers) -> list[str]:
     for leg, name in enumerate(product.legs):
         k = _best(product, leg)
         if k is None:
-            sentences.append(f"{name}: no transfer by way of swing orbits, {product.status[leg]}.")
+            sentences.append(f"{name}: no transfer through swing orbits, {product.status[leg]}.")
             continue
         least = product.least
         sentences.append(

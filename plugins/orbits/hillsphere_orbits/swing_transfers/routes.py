@@ -91,7 +91,7 @@ def _fly_route(
                          least.place_m[0, :, k]))  # fmt: skip
         legs.append(_leg(f"to {target}", float(least.tof_s[k]), least.impulse_m_s[1, :, k],
                          orbits[target], least.place_m[1, :, k]))  # fmt: skip
-        # what follows the first impulse is the swing orbit, not the orbit that is left
+        # the first impulse leads onto the swing orbit
         legs[-2].end[3:, 0] += least.impulse_m_s[0, :, k]
         since = float(least.on_arrival_s[k])
     seen = verify(plant, (first.x0 * unit)[:, None], legs)

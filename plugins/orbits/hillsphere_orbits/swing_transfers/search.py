@@ -1,4 +1,4 @@
-"""Least speed change from one orbit to another by way of families of swing orbits.
+"""Least speed change from one orbit to another through families of swing orbits.
 
 A swing orbit that meets both the departure and the arrival orbit carries a transfer: an impulse
 where it meets the first, a coast along it, an impulse where it meets the second. Along a family the
@@ -38,7 +38,7 @@ _CLOSE = 2e-3  # of the cost, normalised: minima of one family this close are al
 _APART = 0.1  # distance in u of minima that are two
 _ASIDE = 1e-3  # distance in u at which a touching member is compared with its neighbours
 _TOUCH = 1e-6  # largest gap of interpolated members that touch
-_FLAT = 1e-6  # of the cost: what a member must gain to take another one's place
+_FLAT = 1e-6  # of the cost: least gain for which a member replaces another
 _NOISE = 2e-5  # the same right beside a touching member
 
 
@@ -71,7 +71,7 @@ def cost(
     u: Array,
     coarse: int,
 ) -> Array:
-    """Return the least cost (K,) of a leg by way of interpolated orbits; infinite without one."""
+    """Return the least cost (K,) of a leg through interpolated orbits; infinite without one."""
     strands = fly(chains, family, interpolate_unknowns(chains, family, u), coarse)
     first, second = (least_of(meetings(orbit, strands, _TOUCH), u.size) for orbit in legs)
     return first + second
@@ -134,7 +134,7 @@ def minima(
     found: dict[int, list[Minimum]] = {}
     for k, c in enumerate(lanes):
         one = Minimum(c.family, c.u, c.dv, c.kind)
-        # next to a touching member a little less is what the interpolation lacks
+        # next to a tangent member a slightly lower cost is an error of the interpolation
         gain = _NOISE if c.kind != INTERIOR and abs(at[k] - c.u) <= 2.0 * width else _FLAT
         if value[k] < dv[k] - gain:
             one = Minimum(c.family, float(at[k]), float(value[k]), INTERIOR)

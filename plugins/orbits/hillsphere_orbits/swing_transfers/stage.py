@@ -1,4 +1,4 @@
-"""The stage ``swing_transfers``: between planar orbits by way of families of swing orbits."""
+"""The stage ``swing_transfers``: between planar orbits through families of swing orbits."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _TRACK_STEPS = 720
 
 
 class SwingTransfersStage:
-    """Transfers between planar orbits by way of families of swing orbits.
+    """Transfers between planar orbits through families of swing orbits.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class SwingTransfersStage:
         Returns
         -------
         SwingTransfers
-            Legs that no family connects are said to be so; they are not an error.
+            A leg that no family connects is reported; it is not an error.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class SwingTransfersStage:
     def present(
         self, product: SwingTransfers, family: QsoFamily, swing: SwingFamilies
     ) -> Presentation:
-        """Show costs beside published ones, fronts, routes and what makes a transfer cheap."""
+        """Show costs beside published ones, Pareto fronts, routes and rank correlations."""
         return present_transfers(product, self.reference, self.spec.label)
 
     def _orbits(self, family: QsoFamily) -> dict[str, int]:
@@ -209,7 +209,7 @@ class SwingTransfersStage:
 def _leg(
     number: int, names: tuple[str, str], scans: Sequence[Scan], known: Sequence[FamilyTangents]
 ) -> Leg:
-    """Return a leg with what it needs of scans: what is met of its two orbits."""
+    """Return a leg with the scanned meetings of its two orbits."""
     own = [replace(scan, met={name: scan.met[name] for name in names}) for scan in scans]
     return Leg(number, names, own, known)
 

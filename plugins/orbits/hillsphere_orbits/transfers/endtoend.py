@@ -72,7 +72,7 @@ class EndToEnd:
     distance_m : ndarray, shape (N,)
         Least distance from the centre of the body.
     altitude_m : ndarray, shape (N,)
-        Least height above its surface; NaN if the plant tells of none, zero after an impact.
+        Least height above its surface; NaN if the plant has no surface, zero after an impact.
     impact : ndarray of bool, shape (N,)
         Whether the flight met the surface.
     places_m : ndarray, shape (3, P)

@@ -1,4 +1,4 @@
-"""Rank correlation of a cost with what may explain it."""
+"""Rank correlation of a cost with possible explanations."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ __all__ = ["Piece", "Plan", "Stays", "plans_of"]
 _ARC = 1.5
 """Length of an arc, natural units: gaps of neighbouring flights stay linear over it."""
 _MEETS = 2e-3
-"""Distance, natural units, within which places are the same: what sensitive coasts are off by."""
+"""Distance, natural units, within which places count as equal: the error of sensitive coasts."""
 _NEAR = 0.02
 """Distance of a state from an orbit, relative to its size, within which a coast arrives on it."""
 _SAME_EQUATIONS = 1e-6

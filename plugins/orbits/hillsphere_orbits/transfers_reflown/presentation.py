@@ -188,7 +188,7 @@ def _draw_paths(figure: Canvas, product: TransfersReflown) -> None:
     rungs = np.flatnonzero(np.isfinite(product.dv_m_s[plan]))
     coasts = np.flatnonzero(product.coast_plan == plan)
     away = np.nanmax(np.abs(product.coast_m[:, :, coasts]), axis=(1, 2, 3))
-    # truer gravity lifts planar coasts by metres, which nobody would see
+    # gravity out of the plane lifts planar coasts by metres, which no one would see
     views = ((1, 0),) if away[2] < NEARLY_PLANAR * np.max(away) else ((1, 0), (1, 2))
     for axes, (right, up) in zip(
         figure.subplots(len(views), 1, squeeze=False)[:, 0], views, strict=True

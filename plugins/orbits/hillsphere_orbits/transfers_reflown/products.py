@@ -1,4 +1,4 @@
-"""What the stage ``transfers_reflown`` hands on."""
+"""Product of the stage ``transfers_reflown``."""
 
 from __future__ import annotations
 

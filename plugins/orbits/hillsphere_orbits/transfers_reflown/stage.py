@@ -1,4 +1,4 @@
-"""The stage ``transfers_reflown``: transfers flown again on truer equations."""
+"""The stage ``transfers_reflown``: transfers flown again on higher-fidelity equations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PLACE = "place of the plan"
 
 
 class TransfersReflownStage:
-    """Transfers flown again on truer equations.
+    """Transfers flown again on higher-fidelity equations.
 
     Parameters
     ----------
