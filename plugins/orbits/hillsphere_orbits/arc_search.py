@@ -180,6 +180,7 @@ class ArcSearch:
             finer = self.flow.plain.propagate(
                 np.ascontiguousarray(start[:, left]), duration[left], 2 * count, strict=False
             )
+            # Richardson: the difference of n and 2n steps is the error of n
             error = np.max(np.abs(finer - end)[self.moves], axis=0)
             needed[left[error <= _STEP_ERROR * size[left]]] = 2 * count
             end, count = finer[:, np.isinf(needed[left])], 2 * count
@@ -318,6 +319,7 @@ class ArcSearch:
                 end = self.flow.taylor.fly(start, duration, strict=False).x
             else:
                 end = self.flow.map.propagate(start, duration, 2 * self.steps, strict=False)[0]
+            # gaps by an integrator that the search did not use
             jumps = end.reshape(n, points - 1, good.size) - self.x[:, 1:, good]
             gap[good] = np.max(np.abs(jumps), axis=(0, 1))
             for lane in good[~(gap[good] <= tolerance)]:
@@ -351,6 +353,8 @@ class ArcSearch:
         self.slip[np.ix_(np.arange(len(self.slip))[nodes], lanes)] = slip
         away = (x - target / self.unit)[self.moves]
         distance = np.sqrt(np.mean(np.sum(away**2, axis=0), axis=0))
+        # at rest the nodes move by the shortest way that closes the gaps, no longer towards the
+        # target
         away = np.where(resting, 0.0, away)
         m = len(self.moves)
         width = np.zeros((m, *away.shape))
@@ -358,8 +362,12 @@ class ArcSearch:
         if along is not None:
             sense = (along / self.unit)[self.moves]
             sense = sense / np.sqrt(np.sum(sense**2, axis=0))
+            # a node may slip along its target curve at little cost: large variance in that
+            # direction
             width += _ALONG * sense[:, None] * sense[None, :]
+        # linear constraints A·move = gaps of all arcs, minimising (move + away)ᵀ W⁻¹ (move + away)
         rhs = gaps + away[:, 1:] - np.einsum("ijkN,jkN->ikN", phi, away[:, :-1])
+        # Lagrange multipliers λ of the arcs; the move is W Aᵀ λ − away
         multiplier = _solve(phi, width, rhs)
         pull = np.zeros_like(away)
         pull[:, 1:] += multiplier
@@ -368,6 +376,7 @@ class ArcSearch:
         size = np.sqrt(np.sum(x[self.moves] ** 2, axis=0))
         length = np.sqrt(np.sum(move**2, axis=0))
         with np.errstate(divide="ignore", invalid="ignore"):
+            # one factor per flight: all its nodes are shortened alike, which keeps the direction
             factor = np.min(_LONGEST * size / length, axis=0)
         return move * np.fmin(1.0, factor), distance
 

@@ -130,6 +130,7 @@ def correct(
             more, more_slopes = constraint(z)
             values = np.concatenate([values, more])
             slopes = np.concatenate([slopes, more_slopes])
+        # lanes share the iterations, so that each keeps its best iterate
         size = np.max(np.abs(values), axis=0)
         better = size < error
         best[:, better], error[better] = z[:, better], size[better]
@@ -137,6 +138,7 @@ def correct(
             break
         bound = tolerance * np.maximum(1.0, np.max(np.abs(best), axis=0))
         if bool(np.all(error <= bound)):
+            # quadratic convergence: one more step goes from the tolerance to rounding
             used, polishing = count, True
         elif count == iterations:
             break
@@ -152,6 +154,7 @@ def _least_squares(slopes: Array, values: Array) -> Array:
             return np.asarray(np.linalg.solve(matrix, rhs)[:, :, 0].T)
         except np.linalg.LinAlgError:
             pass  # one lane is singular: the pseudo-inverse below still gives a finite step
+    # least squares for redundant equations, the shortest step for missing ones
     return np.asarray((np.linalg.pinv(matrix) @ rhs)[:, :, 0].T)
 
 

@@ -134,6 +134,7 @@ def follow_lanes(
     active = np.arange(z.shape[1])
     while active.size:
         own = [lanes[k] for k in active]
+        # one Newton step of every lane per pass: a lane corrects, accepts or retries independently
         z[:, active] = _advance(_of(problem, active), z[:, active], own, control)
         _ask(done, lanes, active)
         active = np.array([k for k in active if not lanes[k].end], dtype=np.intp)
@@ -159,6 +160,7 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
     usable = np.isfinite(error) & np.all(np.isfinite(slopes), axis=(0, 1))
     new, tangents = z.copy(), lines.copy()
     if np.any(usable):
+        # bordered system [F'; tᵀ] of pseudo-arclength, regular at turning points too
         matrix = np.concatenate([slopes, normal])[:, :, usable]
         rhs = np.concatenate([values, plane])[:, usable]
         new[:, usable] -= (np.linalg.pinv(np.moveaxis(matrix, 2, 0)) @ rhs.T[:, :, None])[:, :, 0].T
@@ -167,6 +169,8 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
     for k, lane in enumerate(lanes):
         converged = bool(usable[k] and error[k] <= max(_COARSE, control.tolerance))
         turned = cosine[k] < np.cos(control.turn)
+        # `new` is one Newton step beyond the accepted residual, so that its error is the square of
+        # it
         if converged and not turned:
             easy = lane.newton <= _EASY and cosine[k] > np.cos(_QUICK * control.turn)
             lane.accept(new[:, k], tangents[:, k])
@@ -176,6 +180,7 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
                 lane.end = f"stopped after {control.members} members"
             continue
         lane.newton += 1
+        # the tangent turned too far, the flow left its domain, or Newton stalls: halve the step
         if converged or not usable[k] or lane.newton > _MOST:
             lane.step, lane.newton = 0.5 * lane.step, 0
             new[:, k] = lane.ahead
@@ -221,6 +226,7 @@ def _rows(values: Array, rows: int) -> Array:
 
 def _null_vectors(slopes: Array, along: Array) -> Array:
     """Return unit null vectors (m, N) of dF/dz (k, m, N), in the sense of `along`."""
+    # the right singular vector of the smallest singular value spans the null space
     found = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
     return np.asarray(np.where(np.sum(found * along, axis=0) < 0.0, -found, found))
 

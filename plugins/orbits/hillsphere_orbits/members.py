@@ -95,6 +95,7 @@ def members_at(
     """
     targets = np.atleast_1d(np.asarray(targets, dtype=float))
     values, _ = quantity(branch.z)
+    # linear interpolation gives the guess, Newton's method the member itself
     which, u = _positions(values, targets)
     if not which.size:
         return MembersAtValues(which, np.empty((branch.z.shape[0], 0)))
@@ -144,6 +145,7 @@ def insert_members(
         left = np.flatnonzero(coarse)
         if not left.size:
             break
+        # a corrected member half-way; its value against the mean measures the curvature
         middle = Branch(z, tangent, branch.ends).at(problem, np.asarray(left, dtype=float) + 0.5)
         between = function(middle)
         gap = np.abs(between - 0.5 * (values[left] + values[left + 1]))

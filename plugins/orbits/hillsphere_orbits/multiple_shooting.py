@@ -85,6 +85,7 @@ def reconverge(
     search = ArcSearch(plant, t_s, given, aim, freedom)
     whole = slice(0, given.shape[1])
     search.close(whole, Effort(_SETTLE, _CLOSE, tolerance))
+    # flights that failed start again from free flights near the target
     begun = search.begin_freely()
     search.close(whole, Effort(_SETTLE, _CLOSE, tolerance), begun.lanes)
     # Where the way to the nearest flight is too bent for it, any flight near by will do.

@@ -225,6 +225,7 @@ class ParameterProblem:
         start, p = self.state(z), self.path.at(z[-1])
         end, phi = self.flow.map.propagate(start, z[-2], self.base.steps, p)
         n = len(end)
+        # chain rule: dx/ds = Σ ∂x/∂p_k · dp_k/ds, the column of the fraction
         along = np.einsum("ikN,k->iN", phi[:, n:], self.path.change)[:, None]
         wide = np.concatenate([phi[:, :n], along], axis=1)
         return self.base.conditions(start, end, wide, self.flow.rate(end, p))
@@ -232,6 +233,7 @@ class ParameterProblem:
     def monodromy(self, z: Array) -> Array:
         """Return the state transition matrices over one period (n, n, N)."""
         x, period = self.state(z), self.period(z)
+        # problems that shoot over half a period need twice the sub-steps for a whole one
         whole = max(1, round(float(np.max(period / z[-2], initial=1.0))))
         _, phi = self.flow.map.propagate(x, period, whole * self.base.steps, self.path.at(z[-1]))
         return np.ascontiguousarray(phi[:, : len(x)])
@@ -246,8 +248,10 @@ class ParameterProblem:
         """Return sub-steps that keep a tolerance, or rounding where that is more; with a margin."""
         x, p, choose = self.state(z), self.path.at(z[-1]), self.flow.map.choose_steps
         _, phi = self.flow.map.propagate(x, z[-2], choose(x, z[-2], _COARSE, p), p)
+        # an unstable orbit magnifies rounding by its matrix: a tolerance below that cannot be met
         floor = _ROUNDING * float(np.max(np.abs(phi[:, : len(x)])))
         size = max(1.0, float(np.max(np.abs(x))))
+        # twice as many: other members of the branch may pass closer than those tried
         return 2 * choose(x, z[-2], max(tolerance * size, floor), p)
 
     def orbits(self, z: Array, labels: tuple[str, ...]) -> PeriodicOrbits:
@@ -306,6 +310,7 @@ def hold_integral(problem: ParameterProblem) -> HeldQuantity:
 
     def held(z: Array) -> tuple[Array, Array]:
         found = compiled(problem.state(z), problem.path.at(z[-1]))
+        # derivative of the integral by the fraction, through the parameters
         along = np.einsum("kN,k->N", found[1 + len(names) :], problem.path.change)
         slopes = [found[rows], np.zeros((1, z.shape[1])), along[None]]
         return found[0], np.concatenate(slopes)

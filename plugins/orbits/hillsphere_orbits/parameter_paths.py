@@ -163,6 +163,8 @@ def _follow_by_arclength(
         return start, f"not followed: {error}", start[:, None]
     way, reason = branch.z, branch.ends[1]
     if reason == _REACHED:
+        # the boundary is located to rounding of the fraction; set it to 1 exactly and correct once
+        # more
         last = way[:, -1:].copy()
         last[-1] = 1.0
         found = correct(problem, last, _both(held, np.array([wanted]), 1.0))
@@ -188,8 +190,10 @@ def _natural(
     status = [_REACHED] * z.shape[1]
     active = np.arange(z.shape[1])
     while active.size and here < 1.0:
+        # a remainder of less than a hundredth of a step is added to this one
         there = 1.0 if here + 1.01 * step >= 1.0 else here + step
         old, slope = z[:, active], slopes[:, active]
+        # Euler predictor along dz/ds; the fraction itself is prescribed
         guess = old + (there - here) * slope
         guess[-1] = there
         found, good = _correct_lanes(problem, guess, held, wanted[active], there)
@@ -197,6 +201,7 @@ def _natural(
         if good.any():
             new[:, good] = _slopes(problem, found[:, good], held)
         # Newton's method may have met another family: then its slopes do not fit the chord
+        # trapezoidal rule with the slopes at both ends against the step taken
         chord, mean = found - old, 0.5 * (there - here) * (slope + new)
         good &= np.linalg.norm(chord - mean, axis=0) <= _ASTRAY * np.linalg.norm(chord, axis=0)
         if not good.all() and step > _SMALLEST:
@@ -220,6 +225,7 @@ def _slopes(problem: ParameterProblem, z: Array, held: HeldQuantity) -> Array:
     """Return dz/ds (m, N) at constant held quantity; its last row is one."""
     _, slopes = problem.residual(z)
     matrix = np.concatenate([slopes, held(z)[1][None]])
+    # implicit function theorem: dz/ds = −(∂G/∂z)⁻¹ ∂G/∂s with the held quantity among G
     inner, along = np.moveaxis(matrix[:, :-1], 2, 0), matrix[:, -1].T[:, :, None]
     change = -(np.linalg.pinv(inner) @ along)[:, :, 0].T
     return np.concatenate([change, np.ones((1, z.shape[1]))])

@@ -66,6 +66,8 @@ def extrema(
     p, q = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     fp, fq = sign * function(p), sign * function(q)
     while float(np.max(high - low)) > width:
+        # keep the side of the smaller inner value; one inner point of the new bracket is known
+        # already
         left = fp < fq
         low, high = np.where(left, low, p), np.where(left, q, high)
         new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))

@@ -157,6 +157,7 @@ def secondary(
 def _tests(monodromy: Array, resonances: Sequence[tuple[int, int]]) -> list[tuple[str, str, _Test]]:
     """Return (kind, plane, test function) of everything that is sought."""
     targets = [("tangent", 2.0), ("doubling", -2.0)]
+    # multipliers exp(±2πi d/n) have the index 2 cos(2π d/n)
     targets += [(f"{d}:{n}", 2.0 * cos(2.0 * pi * d / n)) for d, n in resonances]
     if monodromy.shape[0] == 4 or bool(np.all(is_decoupled(monodromy))):
         planes = ("planar", "vertical")[: 1 if monodromy.shape[0] == 4 else 2]
@@ -182,6 +183,7 @@ def _of_pairs(target: float) -> _Test:
     def test(monodromy: Array) -> Array:
         first, second = pair_indices(monodromy)
         size = np.max(np.abs(monodromy), axis=(0, 1))
+        # P(β) = (β − b₁)(β − b₂), real also for a complex pair
         values = ((target - first) * (target - second)).real
         values = _sure(values, _NOISE * (1.0 + np.abs(first)) + _SQUARE * size**2)
         # the sign of a pair that cannot be told from 1, 1 is rounding: `_beside_neutral` looks on
@@ -200,6 +202,7 @@ def _beside_neutral(monodromy: Array) -> Array:
 def _collision(monodromy: Array) -> Array:
     first, second = pair_indices(monodromy)
     size = np.max(np.abs(monodromy), axis=(0, 1))
+    # (b₁ − b₂)² = σ² − 4τ: negative under complex instability
     gap = ((first - second) ** 2).real
     return _sure(gap, _NOISE * (1.0 + np.abs(first) ** 2) + _SQUARE * size**2)
 
@@ -233,6 +236,8 @@ def _with_turns(
             bend = (last - first) / (r - p)
             vertex = 0.5 * (p + q - first / bend)
             least = a + (vertex - p) * (first + bend * (vertex - q))
+            # sample the vertex if the parabola passes zero there, or comes to less than half the
+            # value
             near = toward & np.isfinite(least) & ((least > 0.0) != (b > 0.0))
             near |= toward & np.isfinite(least) & (np.abs(least) < 0.5 * np.abs(b))
         near &= np.min(np.abs(places - vertex[:, None]), axis=1) > 1e-6 * (r - p)
@@ -267,6 +272,7 @@ def _classify_tangent_bifurcations(
     # the vertex of the parabola lies −slope/(2 bend) of the spacing from the middle
     place = middle - u[asked]
     for k, s, b, shift in zip(asked, slope, bend, place, strict=True):
+        # at a fold the integral has its extremum at the root; at a branching it passes with a slope
         offset = abs(shift - 0.5 * _BESIDE * s / b) if b != 0.0 else np.inf
         found[k] = "fold" if offset < _TURNS * _BESIDE else "branching"
     return found

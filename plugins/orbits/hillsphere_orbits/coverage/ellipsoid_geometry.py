@@ -58,6 +58,7 @@ def nearest_point(r: Array, axes: Array) -> Array:
     # each term alone is no more than the whole sum: where one is 1 the sum is 1 or more
     t = np.maximum(np.max(np.abs(reach) - squares, axis=0), 0.0)
     for _ in range(_MOST):
+        # Σ (a_i r_i/(a_i² + t))² − 1 and half its slope, with the sign reversed
         part = reach / (squares + t)
         value = np.sum(part * part, axis=0) - 1.0
         step = 0.5 * value / np.sum(part * part / (squares + t), axis=0)

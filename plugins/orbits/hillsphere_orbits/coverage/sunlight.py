@@ -28,6 +28,7 @@ def declinations(largest: float, seasons: int) -> Array:
     ndarray, shape (seasons,)
         asin(sin ε sin λ), rad, at the middles of equal parts of λ from −90° to 90°.
     """
+    # midpoints: every sample stands for an equal part of the Sun's longitude
     turn = np.pi * ((np.arange(seasons) + 0.5) / seasons - 0.5)
     return np.asarray(np.arcsin(np.sin(largest) * np.sin(turn)))
 

@@ -89,6 +89,7 @@ class OrbitCurves:
         """Return states and rates (n, k, L), normalised, at phases (k, L) in units of time."""
         h = self.step[lanes]
         place = np.mod((phase + 0.5 * self.period[lanes]) / h, self.table.shape[1] - 1)
+        # interval of the table, periodic in the phase
         i = np.minimum(place.astype(np.intp), self.table.shape[1] - 2)
         s = place - i
         a, b = self.table[:, i, lanes], self.table[:, i + 1, lanes]
@@ -102,6 +103,7 @@ class OrbitCurves:
         """Return the phases (k, L), near to given ones, at which orbits come nearest to x."""
         for _ in range(_NEWTON):
             here, rate = self.at(phase, lanes)
+            # Gauss and Newton: project the gap on the rate along the orbit
             change = np.sum((x - here) * rate, axis=0) / np.sum(rate**2, axis=0)
             phase = phase + np.clip(change, -_LONGEST, _LONGEST)
         return phase

@@ -249,10 +249,12 @@ def _refine_brackets(step_map: StepMap, watch: Watch, found: list[_Brackets], h:
     at = x
     for _ in range(_NEWTON):
         at = step_map.step(x, tau, strict=False)
+        # Newton's step with the exact rate of the watched function along the motion
         value, rate = (q[b.event, pick] for q in watch(at))
         with np.errstate(divide="ignore", invalid="ignore"):
             change = value / rate
         new = tau - change
+        # a step out of the bracket is not taken; such a zero is bracketed below
         ok = np.isfinite(new) & ((new - low) * (new - high) <= 0.0)
         tau, change = np.where(ok, new, tau), np.where(ok, change, np.inf)
         if np.all(np.abs(change) <= 1e-13 * abs(h)):
@@ -270,6 +272,7 @@ def _refine_brackets(step_map: StepMap, watch: Watch, found: list[_Brackets], h:
         )
     at = step_map.step(x, tau, strict=False)
     time = b.begin + tau
+    # by lane, then by time since the start, also for flights backwards
     order = np.lexsort((np.abs(time), b.lane))
     rising = b.values[1] > b.values[0]
     return Zeros(b.lane[order], b.event[order], time[order], rising[order], at[:, order])

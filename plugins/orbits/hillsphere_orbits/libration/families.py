@@ -193,6 +193,8 @@ class Lyapunov:
     def _first(self, problem: SymmetricShooting, amplitude: float) -> Array:
         """Return the orbit of a small amplitude (3, 1), from the linear oscillation."""
         point = self.point
+        # linear solution ξ = a cos ωt, η = −ratio·a sin ωt, started on the x axis, for half a
+        # period
         a = point.side * amplitude
         guess = np.array(
             [[point.x + a], [-a * point.ratio * point.frequency], [np.pi / point.frequency]]
@@ -244,12 +246,14 @@ class Halo:
         problem, method = self.problem
         problem = problem.with_steps(flat.steps)
         small = _SMALL * abs(self.point.x)
+        # bifurcation along z: to first order the other unknowns keep their values
         guess = np.array([[z[0]], [self.sign * small], [z[1]], [z[2]]])
         index = problem.unknowns.index("z")
         start = correct(problem, guess, fix_component(index, guess[index])).require_converged(
             "first halo orbit"
         )
         amplitude = _offset(index, self.sign, 0.0)
+        # follow away from the plane, towards the chosen branch
         direction = self.sign * np.eye(4)[index]
         problem, branch = _compute_branch(
             self.planar, problem, start, direction, amplitude, low_m, high_m
@@ -279,6 +283,7 @@ def _samples() -> Array:
     """States around the body at which symmetries are tried, shape (6, 48), normalised."""
     rng = np.random.default_rng(20)
     direction = rng.normal(size=(3, 48))
+    # from near the body to well beyond the libration points, in all directions
     place = np.geomspace(0.7, 4.0, 48) * direction / np.linalg.norm(direction, axis=0)
     return np.concatenate([place, rng.normal(size=(3, 48))])
 
@@ -339,6 +344,7 @@ def _compute_branch(
         branch = follow(problem, begin, direction, boundaries=ends, control=control)
         if branch.size < 2:
             raise ConvergenceError(f"the family has a single member: {branch.ends[1]}")
+        # orbits at the far end of the branch may pass closer to the body than the first one
         needed = _steps(problem, branch.z, _FOLLOWED)
         if needed <= problem.steps:
             break
@@ -355,6 +361,7 @@ def _tall(amplitude: Quantity, branch: Branch) -> float:
 def _steps(problem: SymmetricShooting, z: Array, tolerance: float) -> int:
     """Return sub-steps of half a period that keep a tolerance, or rounding where that is more."""
     x, flow = problem.state(z), problem.flow
+    # a coarse flight is enough to measure the magnification of rounding
     coarse = flow.map.choose_steps(x, z[-1], _COARSE)
     _, half = flow.with_matrix(x, z[-1], coarse)
     floor = _ROUNDING * float(np.max(np.abs(half)))

@@ -82,6 +82,7 @@ def collinear_point(flow: Flow, name: str) -> CollinearPoint:
         return np.asarray(side * flow.rate(_at_rest(side * r))[3])
 
     pull = outward(distance)
+    # the body attracts nearby, the other terms repel farther out: the balance changes its sign
     turns = np.flatnonzero((pull[:-1] < 0.0) & (pull[1:] >= 0.0))
     if not turns.size:
         raise InputError(
@@ -90,10 +91,12 @@ def collinear_point(flow: Flow, name: str) -> CollinearPoint:
     i = turns[:1]
     r = bracketed_roots(outward, distance[i], distance[i + 1], pull[i], pull[i + 1], np.zeros(1))
     x = side * float(r[0])
+    # linearised planar motion: eigenvalues ±λ (real, saddle) and ±iω (the oscillation)
     slopes = Derivatives(flow.system).both(_at_rest(np.array([x])))[1][:, :, 0]
     values, vectors = np.linalg.eig(slopes[_PLANE])
     k = int(np.argmax(values.imag))
     frequency = float(values[k].imag)
+    # a real part beyond rounding means that the modes are not separate
     if frequency <= 0.0 or abs(values[k].real) > 1e-6 * frequency:
         raise InputError(f"there is no planar oscillation beside {name}, so no Lyapunov orbits")
     # the eigenvector's η is imaginary where its ξ is real, as the mirror xz wants it

@@ -173,6 +173,7 @@ class LegFlights:
                 break
             if back is None:
                 _, back = self._flow.with_matrix(np.ascontiguousarray(end), -tof, piece.steps)
+            # linear correction: the matrix of the flight backwards maps the miss to the first state
             tried = best - np.einsum("ijk,jk->ik", back, miss)
             other = taylor.propagate(tried, tof) - end
             better = (size > _ENOUGH) & (np.linalg.norm(other, axis=0) < size)

@@ -41,7 +41,7 @@ class UnstableOrbit:
     monodromy : ndarray, shape (6, 6)
         Matrix of one revolution.
     kind : str
-        What it is: without an unstable manifold (see `classified`) nothing is searched.
+        Kind of its manifold, see `classify_manifolds`; without an unstable one nothing is searched.
     check : bool
         Whether to search again with twice the samples.
     """

@@ -224,6 +224,7 @@ class Search:
             if not lost.size:
                 break
             x, y, f, g = begin[lost], end[lost], ends[0, lost], ends[1, lost]
+            # secant through both ends
             guess = np.where(f == g, y, x - f * (y - x) / np.where(f == g, 1.0, g - f))
             reach = np.minimum(np.abs(guess - 0.5 * (x + y)), 10.0 * (y - x))
             guess = np.clip(guess, 0.5 * (x + y) - reach, 0.5 * (x + y) + reach)
@@ -233,6 +234,7 @@ class Search:
         held = np.flatnonzero(ends[0] * ends[1] <= 0.0)
         x, y, f, g = begin[held], end[held], ends[0, held], ends[1, held]
         # rounding of the first state moves it along the manifold, which steep strands feel
+        # a change of p below this moves the first state by less than rounding
         least = np.finfo(float).eps * np.max(np.abs(self.local.orbit)) / self.start
         least /= np.log(self.local.growth)
         p = bracketed_roots(

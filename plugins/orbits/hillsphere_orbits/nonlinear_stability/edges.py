@@ -79,7 +79,9 @@ def first_losses(judge: Judge, largest: Array, doublings: int, scan: int) -> Edg
     search = _Search(judge, largest.size)
     every = np.arange(largest.size)
     powers = 0.5 ** np.arange(doublings, -1, -1.0)
+    # upwards by factors of two, from the smallest
     search.sweep(every, largest[:, None] * powers)
+    # losses need not begin at one edge: scan evenly below the first one found
     top = np.minimum(search.edges().lost, largest)
     search.sweep(every, top[:, None] * (np.arange(1, scan) / scan))
     inner = np.arange(1, _SECTIONS) / _SECTIONS

@@ -195,6 +195,8 @@ class Survival:
     def _strides(self, y: Array, time: Array) -> Array:
         """Return steps (N,) for a stride of 1: one over the rate of the fastest local motion."""
         a = self._derivatives.both(y, None, time)[1][3:, :3]
+        # gravity gradient A (3 × 3): the fastest local frequency is about √|A|, the root of its
+        # norm
         rate = np.sqrt(np.sqrt(np.sum(a * a, axis=(0, 1))))
         return np.where(rate < _FASTEST, 1.0 / np.maximum(rate, _SLOWEST), np.nan)
 
@@ -226,8 +228,10 @@ class Survival:
             bad |= ~np.isfinite(there).all(axis=0)
             there = np.where(bad, y, there)
             margin, slope = np.split(self._margins(there, flock.limits), 2)
+            # cubics through margins and slopes: a loss within the step is seen, not only at its end
             part, which = _first_loss(flock.margin, flock.slope, margin, slope, h)
             lost = np.isfinite(part)
+            # the change of the integral in this step measures its error
             value = self.integral(there)
             again = (np.abs(value - flock.value) > allowed * flock.size) & ~bad
             # beyond a surface other equations hold: a short step across it is not checked

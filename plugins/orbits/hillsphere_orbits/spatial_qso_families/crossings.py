@@ -53,6 +53,7 @@ def count_connected(spatial: Spatial) -> list[int]:
     sense = _sense(spatial, members.of(np.arange(0, 2 * family.size, 2)), chord)
     apart = np.zeros(family.size, dtype=bool)
     for _ in range(_HALVINGS):
+        # bisection on the sense: its change stays within the interval
         u = 0.5 * (begin + end)
         guess = np.concatenate(
             [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
@@ -62,6 +63,8 @@ def count_connected(spatial: Spatial) -> list[int]:
         before = _sense(spatial, found, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)
         low, high = np.where(before, found.z, low), np.where(before, high, found.z)
+        # members of one curve approach each other along the chord; families that avoid each other
+        # stay apart beside it
         ahead = np.sum(chord * (high - low), axis=0)
         aside = np.linalg.norm(high - low - ahead * chord, axis=0)
         apart |= ~(found.error <= CLOSED) | ~(aside <= ahead)

@@ -111,7 +111,9 @@ def starts_of(
     start = np.repeat(x[:, None], 4, axis=1)
     places, phi = flow.with_matrix(start, times, flow.steps_for(start, times))
     # displacement and velocity along z, in coordinates in which a revolution is a rotation
+    # planar orbit: the motion along z is linear and separate, a 2 × 2 matrix
     vertical = phi[np.ix_([2, 5], [2, 5])]
+    # scales z so that the matrix of one revolution becomes a rotation by 2π d/n
     stretch = np.sqrt(np.abs(vertical[1, 0, 3] / vertical[0, 1, 3]))
 
     def phase(row: int, place: int) -> float:
@@ -119,6 +121,7 @@ def starts_of(
         z, vz = np.linalg.solve(vertical[:, :, place], np.eye(2)[row])
         return float(np.arctan2(vz, stretch * z))
 
+    # number of symmetry axes on the circle of phases, by the order of the dihedral group [1]
     turns = 2 * n if doubly or n % 2 else n
     candidates = [
         ("velocity", 0, phase(1, 0)),

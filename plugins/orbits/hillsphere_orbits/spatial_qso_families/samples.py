@@ -101,7 +101,7 @@ class Families:
     spatial : Spatial
         The families.
     symmetries : sequence of tuple of int
-        Spatial symmetries of the equations, see `spatial_kernel.symmetries_of`.
+        Spatial symmetries of the equations, see `kernel.symmetries_of`.
     """
 
     def __init__(self, spatial: Spatial, symmetries: Sequence[tuple[int, ...]]) -> None:
@@ -166,6 +166,7 @@ def _places(
         known = np.isfinite(values)
         if np.count_nonzero(known) < 4:
             continue
+        # arsinh tames indices that grow exponentially and keeps the sign of small ones
         curve = CubicSpline(u[known], np.arcsinh(values[known]))
         middles, last = errors.get((f, name), (np.empty(0), np.empty(0)))
         for i in range(u.size - 1):
@@ -183,6 +184,7 @@ def _places(
             error = float(last[looked[-1]])
             if error < _FINE:
                 continue
+            # the error of a spline falls to zero at its samples: a parabola bounds it in between
             doubt = _TRUST * error * 4.0 * _LOOKS * (1.0 - _LOOKS)
             ends = np.arcsinh(values[[i, i + 1]])
             for edge in np.arcsinh(edges):

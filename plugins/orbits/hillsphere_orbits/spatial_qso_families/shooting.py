@@ -189,7 +189,9 @@ def sub_steps(
         # a difference that no longer shrinks is rounding: more steps cannot better it
         stalled[todo] += error > 0.5 * best[todo]
         best[todo] = np.minimum(best[todo], error)
+        # error ∝ steps⁻⁸: factor by which the steps must grow to meet the tolerance
         growth = np.where(np.isfinite(error), (error / tolerance) ** (1.0 / _ORDER), 2.0)
+        # 5 % of margin; at most fourfold, since a large error is not yet asymptotic
         raised = np.ceil(counts[todo] * np.clip(1.05 * growth, 1.02, 4.0)).astype(np.int64)
         again = ~found[todo] & (stalled[todo] < 2) & (raised <= _MOST)
         counts[todo[again]] = raised[again]

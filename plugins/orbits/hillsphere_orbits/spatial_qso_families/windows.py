@@ -60,7 +60,7 @@ def bifurcations(
     families : Families
         The families.
     found : Samples
-        From `sampled`.
+        From `sample_families`.
     integral : ndarray, shape (K,)
         Integral of motion of the samples: a family turns back in it at a fold.
 
@@ -88,6 +88,7 @@ def bifurcations(
         moved = (u[todo] != before[todo]) & (off[todo] != last[todo])
         own = todo[moved]
         slope[own] = (off[own] - last[own]) / (u[own] - before[own])
+        # secant step of each root; members are corrected anew at every place
         step = np.where(np.isfinite(off[todo]), off[todo] / slope[todo], 0.0)
         todo, step = todo[np.abs(step) > _WIDTH], step[np.abs(step) > _WIDTH]
         if not todo.size:
@@ -189,7 +190,7 @@ def windows(found: Samples, events: Sequence[Event]) -> list[tuple[int, int, int
     Parameters
     ----------
     found : Samples
-        From `sampled`, K of them.
+        From `sample_families`, K of them.
     events : list of Event
         From `bifurcations`.
 

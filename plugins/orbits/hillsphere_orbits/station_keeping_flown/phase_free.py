@@ -92,13 +92,16 @@ def phase_free_target_point_gains(sampling: Sampling, weights: Weights) -> Phase
     rows = [np.zeros((count, 3, 6))]
     total = np.broadcast_to(np.eye(6), (count, 6, 6))
     for i in range(1, last + 1):
+        # Φ(τ + iT, τ), built up interval by interval
         total = grid.transitions[(i - 1) * m : (i - 1) * m + count] @ total
         if i in weights.targets:
             across = grid.projectors[i * m : i * m + count] @ total
             rows.append(across[:, :3] / weights.position)
     seen = np.concatenate(rows, axis=1)
     by_impulse = seen[:, :, 3:].copy()
+    # the first three rows penalise the impulse itself
     by_impulse[:, :3] = np.eye(3) / weights.impulse
+    # least squares by the pseudo-inverse: Δv = −G δ minimises the weighted sum of squares
     gains = np.linalg.pinv(by_impulse) @ seen @ grid.projectors[:count]
     return PhaseGains(grid.t[:count], gains, sampling.path.period)
 
@@ -126,6 +129,7 @@ def phase_free_lqr_gains(sampling: Sampling, weights: Weights) -> PhaseGains:
     grid = _grid(sampling, 1)
     count, m, period = grid.count, grid.per_interval, sampling.path.period
     across = grid.projectors[:count]
+    # transition of the deviation across the orbit: its part along the orbit is projected out
     steps = grid.projectors[m : m + count] @ grid.transitions[:count]
     size = np.diag(np.repeat([weights.position, weights.velocity], 3) ** -2.0)
     q, r = across @ size @ across, np.eye(3) / weights.impulse**2
@@ -150,6 +154,7 @@ def phase_free_lqr_gains(sampling: Sampling, weights: Weights) -> PhaseGains:
 def _riccati(steps: Array, q: Array, r: Array, ahead: Array) -> tuple[Array, Array]:
     """Return gains (K, 3, 6) and cost matrices (K, 6, 6) one interval before those `ahead`."""
     cost = np.swapaxes(steps, 1, 2) @ ahead @ steps  # of the state after the impulse
+    # G = (R + BᵀPB)⁻¹ BᵀP with B = [0; I]
     gains = np.asarray(np.linalg.solve(r + cost[:, 3:, 3:], cost[:, 3:]), dtype=float)
     # Joseph's form: a sum of squares, which stays positive
     kept = np.repeat(np.eye(6)[None], len(steps), axis=0)
@@ -190,6 +195,7 @@ def _products(each: Array, m: int) -> Array:
     power, done, total = each, 0, None
     length = 1
     while m:
+        # binary exponentiation over a sliding window: log₂ m products instead of m
         if m & 1:
             if total is None:
                 total = power
@@ -208,6 +214,7 @@ def _products(each: Array, m: int) -> Array:
 
 def _projectors(path: ReferencePath, t: Array) -> Array:
     """Return Π (K, 6, 6) at times (K,)."""
+    # Π = I − f fᵀ/|f|²: projects on the deviations across the direction of motion
     f = path.flow.rate(path.states(t))[:6]
     f = f / np.linalg.norm(f, axis=0)
     return np.asarray(np.eye(6) - np.einsum("iK,jK->Kij", f, f))

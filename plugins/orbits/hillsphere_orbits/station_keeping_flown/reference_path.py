@@ -92,11 +92,12 @@ class ReferencePath:
         s = np.minimum((here - self._t[left]) / h, 1.0)
         a, b = self._x[:, left], self._x[:, left + 1]
         da, db = self._rate[:, left] * h, self._rate[:, left + 1] * h
+        # Hermite's cubic in s = (t − t_left)/h, and its derivative
         c2, c3 = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
         return a + s * (da + s * (c2 + s * c3)), (da + s * (2.0 * c2 + 3.0 * s * c3)) / h
 
     def fastest(self, unit: Array) -> float:
-        """Return an upper bound of the speed of `interpolated`, positions in units (3,) of SI.
+        """Return an upper bound of the speed of `interpolate`, positions in units (3,) of SI.
 
         The slope of a cubic is at most the largest of its Bernstein coefficients: those at the
         nodes and one between.
@@ -114,6 +115,7 @@ class ReferencePath:
         """
         for _ in range(_NEWTON):
             here, rate = self.interpolate(t)
+            # minimum of |x − x_ref(t)|²: the change is the projection of the gap on the rate
             gap, rate = (x - here)[:6], rate[:6]
             change = np.sum(gap * rate, axis=0) / np.sum(rate**2, axis=0)
             t = np.clip(t + np.clip(change, -_LONGEST, _LONGEST), -np.inf, self.length)
@@ -143,6 +145,7 @@ class ReferencePath:
         each = np.moveaxis(each.reshape(n, n, pieces, t.size), (2, 3), (0, 1))
         total = each[0]
         for piece in each[1:]:
+            # Φ(t, t + T) as a product of short pieces, each of moderate size
             total = piece @ total
         return np.ascontiguousarray(np.moveaxis(total, 0, 2))
 
@@ -165,6 +168,7 @@ class ReferencePath:
         right = np.clip(np.searchsorted(times, here, side="left"), 0, times.size - 1)
         ahead = np.maximum(times[right] - here, 0.0)
         phi = np.moveaxis(self.transitions(here, ahead), 2, 0)
+        # W(t) = W(t₁) Φ(t₁, t): carried backwards, in the direction in which the rows grow
         rows = table[right] @ phi
         return np.ascontiguousarray(np.moveaxis(_orthonormal(rows), 0, 2))
 
@@ -177,6 +181,7 @@ class ReferencePath:
         w = np.moveaxis(self.unstable_rows(self._t), 2, 0)
         if not w.shape[1]:
             return np.zeros((3, w.shape[2], self._t.size))
+        # least impulse with W (δ + B Δv) = 0: Δv = −W_v⁺ W δ
         return np.ascontiguousarray(np.moveaxis(np.linalg.pinv(w[:, :, 3:6]) @ w, 0, 2))
 
     @property
@@ -196,6 +201,7 @@ class ReferencePath:
         rows = np.empty((count + 1, *w.shape))
         rows[-1] = w
         for k in range(count - 1, -1, -1):
+            # orthonormalised after each piece: otherwise all rows turn to the fastest-growing one
             rows[k] = _orthonormal((rows[k + 1] @ matrices[k])[None])[0]
         return times, rows
 
@@ -204,6 +210,8 @@ class ReferencePath:
         n = matrices.shape[1]
         w, growth = np.eye(n), np.zeros(n)
         for k in range(len(matrices) - 1, -1, -1):
+            # Benettin's method: the logarithms of the diagonal of R sum to the growth of each
+            # direction
             q, r = np.linalg.qr((w @ matrices[k]).T)
             w = q.T
             if 2 * k < len(matrices):

@@ -232,6 +232,7 @@ def periodic_lqr_gains(sampling: Sampling, weights: Weights) -> Array:
     p = q.copy()
     gains = np.empty((len(steps), 3, 6))
     for _ in range(rounds):
+        # backwards in time through one cycle of corrections
         before = p
         for k in range(len(steps) - 1, -1, -1):
             cost = steps[k].T @ p @ steps[k]  # of the state after the impulse

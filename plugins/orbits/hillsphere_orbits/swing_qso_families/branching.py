@@ -98,6 +98,7 @@ def branch_point(
     """
     tangent = tangent / np.linalg.norm(tangent)
     _, slopes = problem.residual(z[:, None])
+    # null vectors of F' (kernel) and of its transpose (cokernel)
     left, size, right = np.linalg.svd(slopes[:, :, 0])
     rank = int(np.count_nonzero(size > null * size[0]))
     cokernel = left[:, rank:]
@@ -112,7 +113,9 @@ def branch_point(
     ways = np.concatenate([tangent[:, None], kernel], axis=1)
     both = np.concatenate([z[:, None] + _STEP * ways, z[:, None] - _STEP * ways], axis=1)
     _, around_z = problem.residual(both)
+    # second derivatives Q of F along the tangent and the kernel, by central differences
     second = (around_z[:, :, : ways.shape[1]] - around_z[:, :, ways.shape[1] :]) / (2.0 * _STEP)
+    # bifurcation equation, projected on the cokernel: 2α Q(t, κ) + Q(κ, κ) = 0
     along_t = cokernel.T @ second[:, :, 0] @ kappa
     weights = kernel.T @ kappa
     along_k = np.einsum("ck,cmr,mj,rj->kj", cokernel, second[:, :, 1:], kappa, weights)

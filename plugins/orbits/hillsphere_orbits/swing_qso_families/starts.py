@@ -334,6 +334,7 @@ def _normal_coordinate(flow: Flow, crossing: _Crossing) -> NDArray[np.complex128
             )
             for h in (_NUDGE, -_NUDGE)
         ]
+        # central difference of the map of one revolution, in coordinates of the kernel
         columns.append(dual @ (ends[0] - ends[1]) / (2.0 * _NUDGE))
     values, left = np.linalg.eig(np.array(columns))  # rows of the transpose: left eigenvectors
     return np.asarray(left[:, int(np.argmax(values.imag))] @ dual)

@@ -99,7 +99,7 @@ def minima(
     orbits : mapping of str to PolarOrbit
         Orbits by name.
     touches : mapping of str to sequence of Tangency
-        For both orbits what `touching` found.
+        The tangencies with both orbits, from `tangent_members`.
     width : float
         To which a minimum in u is narrowed; the cost is flat there, to the square of this.
     coarse : int
@@ -190,7 +190,9 @@ def _candidates(
     least = float(np.min(dv))
     if not np.isfinite(least):
         return []
+    # the ends of a family count as minima if their only neighbour is larger
     around = np.concatenate([[np.inf], dv, [np.inf]])
+    # no larger than both neighbours, and not far above the least of the family
     bottom = (dv <= around[:-2]) & (dv <= around[2:]) & (dv <= MARGIN * least)
     low, high = np.concatenate([u[:1], u[:-1]]), np.concatenate([u[1:], u[-1:]])
     return [

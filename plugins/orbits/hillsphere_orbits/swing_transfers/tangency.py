@@ -67,6 +67,7 @@ def bracket_tangencies(scanned: Scan, name: str, other: str) -> list[Tangency]:
     value, phase, dv = _pad_extrema(bends, scanned.period, members)
     # the same extremum of the next member: each the other's nearest in phase, once around
     away = np.abs(phase[:-1, :, None] - phase[1:, None, :])
+    # phases are in periods: the distance is at most half a period
     away = np.fmin(away, 1.0 - away)
     away = np.where(np.isfinite(away), away, np.inf)
     i, j = np.nonzero(np.isfinite(phase[:-1]))

@@ -33,7 +33,7 @@ _CHAIN, _PIECE = (1e-2, 4), (1e-3, 2)
 
 
 class Pieces:
-    """Pieces of families as chains of their own; see `swing_chains.Chains`.
+    """Pieces of families as chains of their own; see `chains.Chains`.
 
     Parameters
     ----------

@@ -143,14 +143,17 @@ def verify(plant: Plant, start: Array, legs: Sequence[Leg]) -> EndToEnd:
         if leg.end.shape != flown.shape or leg.impulse_m_s.shape != (3, cases):
             raise InputError(f"leg {leg.name!r}: {cases} transfers, but {leg.end.shape} ends")
         go = np.flatnonzero(~impact)
+        # a leg starts from where the last one really ended, so that misses add up
         flight = taylor.fly(flown[:, go] / unit, leg.duration_s[go] / clock)
         impact[go] = [why is not None for why in flight.ended_by]
         flown[:, go] = flight.x * unit
         near.append(flown[:3, go])
         whose.append(go)
+        # stationary points of the distance and of the height along the way: the least is among them
         for met in flight.crossings.values():
             near += [states[:3] * unit[:3] for _, states in met]
             whose += [np.full(states.shape[1], i) for i, (_, states) in zip(go, met, strict=True)]
+        # the planned impulse, not one that corrects the miss
         flown[3:6] += leg.impulse_m_s
         miss = np.where(impact, np.inf, flown - leg.end)
         position[k] = np.linalg.norm(miss[:3], axis=0) / 1e3
@@ -220,6 +223,7 @@ def heights_m(plant: Plant, places: Array) -> Array:
     if axes is None or not isinstance(plant, LockedMoon):
         return np.full(places.shape[1], np.nan)
     c, s = np.cos(plant.prime_meridian_rad), np.sin(plant.prime_meridian_rad)
+    # into the axes of the body, turned by its prime meridian
     body = np.array([c * places[0] + s * places[1], c * places[1] - s * places[0], places[2]])
     squares = np.array(axes)[:, None] ** 2
     t = np.zeros(places.shape[1])
