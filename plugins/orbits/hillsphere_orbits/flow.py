@@ -1,4 +1,4 @@
-"""The compiled flow of a plant, as the orbit tools use it."""
+"""The normalised flow of a plant with its state transition matrix, compiled once."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Flow:
 
     @cached_property
     def plain(self) -> StepMap:
-        """The same map without the matrix: seven times as fast, for flights of many lanes."""
+        """The step map without the matrix: seven times as fast, for flights of many lanes."""
         return StepMap(self.system, method="dop853")
 
     @cached_property
@@ -103,7 +103,7 @@ class Flow:
 
     @cached_property
     def taylor(self) -> Taylor:
-        """Its Taylor series, which an `ExternalInputs` plant does not have."""
+        """Propagator by Taylor series; an `ExternalInputs` plant has none."""
         return Taylor(self.system)
 
     @cached_property
@@ -131,7 +131,7 @@ class Flow:
         return self.map.trajectory(x, duration, steps)
 
     def at_once(self, x: Array, h: Array) -> Array:
-        """Return the states (n, N) one sub-step of length h (N,) later."""
+        """Return the states (n, N) after one sub-step of length h (N,)."""
         end: Array = self.map.step(x, h)[0]
         return end
 

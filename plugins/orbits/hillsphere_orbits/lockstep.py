@@ -40,7 +40,7 @@ _QUICK = 0.35  # part of the largest turn up to which the next step may be longe
 
 @runtime_checkable
 class LaneProblem(Problem, Contract, Protocol):
-    """Equations that are solved with other settings in every lane (sub-steps, parameters)."""
+    """Equations with settings of their own in every lane (sub-steps, parameters)."""
 
     def of(self, lanes: NDArray[np.intp]) -> Problem:
         """Return the problem of some of the lanes."""
@@ -49,7 +49,7 @@ class LaneProblem(Problem, Contract, Protocol):
 
 @dataclass
 class _Lane:
-    """What one family has done so far."""
+    """State of the continuation of one family."""
 
     step: float
     members: list[Array] = field(default_factory=list)
@@ -190,7 +190,7 @@ def _advance(problem: Problem, z: Array, lanes: list[_Lane], control: StepContro
 
 
 def _ask(done: Done, lanes: list[_Lane], active: NDArray[np.intp]) -> None:
-    """Ask whether the lanes that have just found a member end there."""
+    """Call `done` for the lanes that have just accepted a member, and end them accordingly."""
     fresh = np.array(
         [k for k in active if lanes[k].newton == 0 and len(lanes[k].members) > 1], dtype=np.intp
     )

@@ -1,4 +1,4 @@
-r"""Multiple shooting: the flight nearest to a given one that solves other equations.
+r"""Multiple shooting: the solution of other equations that is nearest to a given flight.
 
 A flight is given by its states at K + 1 times, the nodes. Of all flights of the new equations that
 are continuous at the nodes, the one is sought whose nodes are nearest to their targets r,

@@ -1,4 +1,4 @@
-"""What the Specs of several stages say alike: a label."""
+"""The option `label`, common to the Specs of several stages."""
 
 from __future__ import annotations
 

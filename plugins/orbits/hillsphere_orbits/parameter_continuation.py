@@ -1,4 +1,4 @@
-"""Continuation in the parameters of the equations: orbits carried along as gravity or rate change.
+"""Continuation of periodic orbits in the parameters of the equations (gravity, rates).
 
 The parameters move along a straight line, p(s) = p₀ + s (p₁ − p₀), and its fraction s joins the
 unknowns z of an orbit. With one quantity Q held (an integral, the period, an amplitude) the

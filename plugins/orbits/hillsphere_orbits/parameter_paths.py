@@ -1,4 +1,4 @@
-"""Members of a family carried from one set of parameters to another, with a quantity held.
+"""Continuation of members from one set of parameters to another at a held quantity.
 
 Natural steps advance all members in lockstep; pseudo-arclength follows each by itself, through the
 folds at which the parameters turn back.
@@ -149,7 +149,7 @@ def carry(
 def _follow_by_arclength(
     problem: ParameterProblem, start: Array, held: HeldQuantity, wanted: float
 ) -> tuple[Array, str, Array]:
-    """Follow one orbit by pseudo-arclength: its end, why there, and the way."""
+    """Follow one orbit by pseudo-arclength; return its end, the reason, and the way."""
     curve = HeldProblem(problem, held, wanted)
     boundaries = [
         Boundary(_REACHED, lambda z: 1.0 - z[-1]),

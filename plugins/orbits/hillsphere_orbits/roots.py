@@ -1,4 +1,4 @@
-"""Where a function passes a value along a chain of samples, and where it turns."""
+"""Brackets of roots and extrema of a function along a chain of samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Secondary bifurcations along a curve of periodic orbits: where they are, and of which kind.
+"""Secondary bifurcations along a curve of periodic orbits: location and classification.
 
 Besides 1, 1 the multipliers of an orbit are two pairs λ, 1/λ with the stability indices
 b = λ + 1/λ. Along a family the kinds of bifurcation are roots of smooth functions of M alone, so
@@ -155,7 +155,7 @@ def secondary(
 
 
 def _tests(monodromy: Array, resonances: Sequence[tuple[int, int]]) -> list[tuple[str, str, _Test]]:
-    """Return (kind, plane, test function) of everything that is sought."""
+    """Return (kind, plane, test function) of all bifurcations sought."""
     targets = [("tangent", 2.0), ("doubling", -2.0)]
     # multipliers exp(±2πi d/n) have the index 2 cos(2π d/n)
     targets += [(f"{d}:{n}", 2.0 * cos(2.0 * pi * d / n)) for d, n in resonances]
@@ -193,7 +193,7 @@ def _of_pairs(target: float) -> _Test:
 
 
 def _beside_neutral(monodromy: Array) -> Array:
-    """Return 2 − b of the dominant pair where the other one cannot be told from 1, 1."""
+    """Return 2 − b of the dominant pair where the other one is 1, 1 to rounding."""
     first, second = pair_indices(monodromy)
     values = _sure(2.0 - first.real, _NOISE * (1.0 + np.abs(first)))
     return np.where(second == 2.0, values, np.inf)

@@ -30,7 +30,7 @@ __all__ = ["PeriodicShooting", "Shooting", "SymmetricShooting"]
 
 
 class Shooting(OrbitProblem, Protocol):
-    """What both problems offer beside being the problem of an orbit family."""
+    """Interface of a shooting problem, beyond that of an orbit family's problem."""
 
     @property
     def flow(self) -> Flow:

@@ -1,4 +1,4 @@
-"""What the stages that judge periodic orbits take: members of families of any kind."""
+"""Input of the stages on periodic orbits: members of families of any kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which family an orbit belongs to: how often it winds about the bodies, and whether it is one.
+"""Winding numbers of orbits about the bodies, which identify their family.
 
 A solution of the shooting equations is periodic, but need not be of the family that was meant:
 Newton's iteration also ends on orbits about the other body, on equilibria, and on flights of no
@@ -186,7 +186,7 @@ def require_smooth(indices: Array, x: Array, unit_m: float) -> None:
 
 
 def resolution(problem: Shooting, plant: Plant) -> Boundary:
-    """Return where orbits pass a centre of attraction too closely for as many sub-steps as we take.
+    """Return the boundary at which a close passage needs more sub-steps than are taken.
 
     The sub-steps of an orbit are equal, so that the closest approach decides how many it needs: a
     quarter of √(d³/GM) each. The last orbit of the family that is resolved is the one that needs
@@ -223,7 +223,7 @@ def resolution(problem: Shooting, plant: Plant) -> Boundary:
 
 
 def sensitivity(problem: Shooting, size: float = 1.0) -> Boundary:
-    """Return where rounding errors grow, over the flight solved, to Newton's tolerance.
+    """Return the boundary at which rounding grows to Newton's tolerance over the flight.
 
     Parameters
     ----------

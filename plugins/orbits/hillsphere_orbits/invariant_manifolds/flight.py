@@ -31,7 +31,7 @@ zeros that have not converged by then are bracketed."""
 
 
 class Watch:
-    """Functions of the state that are watched, with their rates along the flow.
+    """Functions of the state whose zeros are sought along flights, with their rates.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class Zeros:
-    """Where lanes meet watched functions, by lane and time.
+    """Zeros of the watched functions, by lane and time.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _brackets(
 
 
 def _refine_brackets(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
-    """Refine brackets to zeros, by Newton's method from the cubic, bracketed where it fails."""
+    """Refine brackets to zeros by Newton's method, and by bracketing where it fails."""
     n = len(step_map.system.x)
     if not found:
         empty = np.zeros(0, dtype=np.intp)

@@ -35,7 +35,7 @@ _SAME = 1e-6  # of states that a symmetry maps on one another, relative to their
 
 
 def classify_manifolds(monodromy: Array) -> tuple[str, ...]:
-    """Say of orbits whether they have manifolds that `LocalManifold` can take.
+    """Classify orbits by their largest multiplier: whether `LocalManifold` can treat them.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def leaves(
 
 
 def _leaving(local: LocalManifold, x: Array, step: NDArray[np.int64], distance: float) -> Array:
-    """Return the part of a sub-step (N,) after which the distance from the orbit is ε."""
+    """Return the time within a sub-step (N,) at which the distance from the orbit reaches ε."""
     h, flow = local.h, local.flow
     orbit = np.ascontiguousarray(local.on_orbit(step))
 

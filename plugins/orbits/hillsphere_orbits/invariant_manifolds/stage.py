@@ -330,7 +330,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """What a side gives to the product: times from ε on, normalised, cut at the duration."""
+    """Rows of the product for one side: times from ε on, normalised, cut at the duration."""
 
     end: Array
     end_time: Array

@@ -1,4 +1,4 @@
-"""Legs made into transfers: bounds, flights anew, fronts."""
+"""Transfers from pairs of legs: lower bounds, verification by propagation, Pareto fronts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Fly: TypeAlias = Callable[[Sequence[Coasts | Waits]], Iterable[VerifiedFlights]]
 
 @dataclass(frozen=True, eq=False)
 class OrbitTransfers:
-    """What was found through one orbit, normalised.
+    """Result of the search through one orbit, normalised.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class OrbitTransfers:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What all transfers have in common; see `ManifoldTransfers`."""
+    """Data common to all transfers; see `ManifoldTransfers`."""
 
     plant: Plant
     flow: Flow
@@ -179,7 +179,7 @@ def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> M
 
 @dataclass(frozen=True, eq=False)
 class _VerifiedLegs:
-    """What legs were like when they were flown anew."""
+    """Legs with the misses and altitudes of their verification."""
 
     legs: Legs
     closure_km: Array
@@ -195,7 +195,7 @@ class _VerifiedLegs:
 def _verify_legs(
     case: Case, sets: Sequence[tuple[Legs, NDArray[np.bool_]]], fly: Fly
 ) -> list[_VerifiedLegs]:
-    """Correct sets of legs in the flow of the Taylor propagator, and fly them anew in it.
+    """Correct sets of legs with the Taylor propagator, and verify them with it.
 
     With every set goes which of its legs arrive.
     """
@@ -255,7 +255,7 @@ def _put_together(
 def _front(
     found: Sequence[OrbitTransfers], legs: Legs, good: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """Return the pairs of legs that no pair through the same orbit betters."""
+    """Return the Pareto-optimal pairs of legs of each orbit."""
     pairs = [np.zeros((2, 0), dtype=np.int64)]
     first = 0
     for one in found:
@@ -305,7 +305,7 @@ def _checks(
 
 
 def _flights(case: Case, product: ManifoldTransfers) -> Trajectories:
-    """Return of each connected orbit the cheapest and the quickest transfer as coasts."""
+    """Return the cheapest and the quickest transfer of each connected orbit as coasts."""
     system, member = case.flow.system, product.transfer_member
     dv, tof = product.transfer_dv_m_s, product.transfer_tof_s
     plans: list[str] = []

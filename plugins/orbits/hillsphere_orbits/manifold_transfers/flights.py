@@ -1,4 +1,4 @@
-"""Legs corrected and flown anew by Taylor series, as pieces for the workers of a run."""
+"""Verification of legs by Taylor series, in pieces for the workers of a run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ENOUGH = 1e-7  # normalised: a leg that misses by no more is not corrected
 
 @dataclass(frozen=True, eq=False)
 class Coasts:
-    """K legs to be corrected and flown anew, normalised, in the direction of flight.
+    """K legs to be corrected and verified, normalised, in the direction of flight.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Coasts:
 
 @dataclass(frozen=True, eq=False)
 class Waits:
-    """A planar orbit to be flown from its own first state to K meetings.
+    """A planar orbit to be propagated from its first state to K meetings.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Waits:
 
 @dataclass(frozen=True, eq=False)
 class VerifiedFlights:
-    """What K coasts or waits were like when they were flown anew.
+    """Verified states, misses and altitudes of K coasts or waits.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class VerifiedFlights:
 
     @classmethod
     def join(cls, parts: Sequence[VerifiedFlights]) -> VerifiedFlights:
-        """Return the lanes of one part or more, one after the other."""
+        """Return the lanes of all parts, concatenated."""
         first = np.cumsum([0, *(part.impact.size for part in parts)])
         return cls(
             np.concatenate([part.start for part in parts], axis=1),

@@ -1,4 +1,4 @@
-"""A mesh of trajectories of a manifold, fine where it may meet planar orbits.
+"""A mesh of trajectories of a manifold, refined where it may meet planar orbits.
 
 Trajectories make a one-parameter set p; their passages through the plane z = 0, followed from one
 trajectory to the next, make curves. A meeting with a planar orbit r = R(θ) is a root of
@@ -80,7 +80,7 @@ class Roots:
 
 @dataclass(frozen=True, eq=False)
 class _Passages:
-    """E passages through the plane, in any order."""
+    """Passages through the plane, E of them in any order."""
 
     p: Array
     node: NDArray[np.int64]
@@ -307,7 +307,7 @@ class Mesh:
         )
 
     def _edges(self, at: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return those trajectories whose successors meet the surface at another time, or not.
+        """Return the trajectories whose successors hit the surface at another time, or not at all.
 
         The curves of passages break off between such neighbours, and may hold roots up to there.
         """
@@ -352,7 +352,7 @@ class Mesh:
         self._sure[k] = (tof[best], dv[best])
 
     def _bar(self, tof: Array, k: int) -> Array:
-        """Return the least impulse (N,) that is sure for no more than these times (N,)."""
+        """Return the least impulse (N,) certainly available within these times (N,)."""
         times, impulses = self._sure[k]
         best = np.append(np.inf, impulses)
         return np.asarray(best[np.searchsorted(times, tof, side="right")])

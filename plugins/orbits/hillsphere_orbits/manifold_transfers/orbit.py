@@ -55,7 +55,7 @@ class UnstableOrbit:
 
 @dataclass(frozen=True, eq=False)
 class OrbitSearch:
-    """What the searches through all orbits have in common; see `hillsphere.runs.workers.Divisible`.
+    """Data common to the searches through all orbits; see `hillsphere.runs.workers.Divisible`.
 
     Its pieces are orbits, and then the legs that were found through them, to be flown anew.
 

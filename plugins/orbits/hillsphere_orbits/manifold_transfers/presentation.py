@@ -335,12 +335,12 @@ def _verdict(product: ManifoldTransfers, names: str) -> list[str]:
 
 
 def _too_sensitive(product: ManifoldTransfers) -> int:
-    """Return how many legs miss by so much, flown anew, that they make no transfer."""
+    """Return the number of legs whose verified miss exceeds the limit."""
     return int(np.count_nonzero(~(product.leg_closure_km * 1e3 <= product.closure_limit_m)))
 
 
 def _closure(product: ManifoldTransfers) -> str:
-    """Say how well the transfers close, and how many legs were not taken because they do not."""
+    """Return a sentence on the closure of transfers and on legs rejected for their miss."""
     out = (
         f"set aside as too sensitive (missing by more than {product.closure_limit_m:g} m): "
         f"{format_count(_too_sensitive(product), 'leg', of=len(product.leg_member))}"

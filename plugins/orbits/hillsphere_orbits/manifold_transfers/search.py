@@ -89,7 +89,7 @@ def join_legs(parts: list[Legs]) -> Legs:
 
 
 def ladder(legs: Legs, gain: float) -> Legs:
-    """Return the legs that better every quicker one by a gain at least, quickest first."""
+    """Return the Pareto front, quickest first; each leg gains at least `gain` on quicker ones."""
     best = np.flatnonzero(front(legs.dv, legs.tof))
     best = best[np.argsort(legs.tof[best], kind="stable")]
     # strands of a manifold that is folded many times lie so close that they make the same leg
@@ -170,7 +170,7 @@ class Search:
         )
 
     def _polish_candidates(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
-        """Polish the roots that may be on the fronts, until those not polished cannot be."""
+        """Polish roots until no other root can be on the fronts."""
         found = [Legs.none() for _ in targets]
         waiting = [np.ones(r.low.size, dtype=bool) for r in roots]
         while True:
@@ -255,7 +255,7 @@ class Search:
         return x, when + sense * late
 
     def _final(self, p: Array, node: NDArray[np.int64], clock: Array, target: PolarOrbit) -> Legs:
-        """Return the legs at roots: flown once more as a whole, for time and impact."""
+        """Return the legs at roots, propagated as a whole for their time and impacts."""
         local, flow = self.local, self.local.flow
         flown = leaves(
             local, self.watch, p, self.side, start=self.start, distance=self.distance,
@@ -298,7 +298,7 @@ def _snap_roots_to_zero(g: Array) -> Array:
 
 
 def _to_plane(flow: Flow, x: Array, most: float) -> tuple[Array, Array]:
-    """Return the states of the nearest passages through z = 0, and how much later they are."""
+    """Return the states of the nearest passages through z = 0, and their time offsets."""
     late = np.zeros(x.shape[1])
     for _ in range(5):
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -94,7 +94,7 @@ def first_losses(judge: Judge, largest: Array, doublings: int, scan: int) -> Edg
 
 
 class _Search:
-    """Everything that was flown, and the edges that follow from it."""
+    """Fates of all offsets flown so far, and the edges that follow from them."""
 
     def __init__(self, judge: Judge, rows: int) -> None:
         self._judge, self._rows = judge, rows

@@ -94,7 +94,7 @@ _REACH_NOTE = (
 
 
 def rule_of(product: NonlinearStability) -> str:
-    """Say when a flight counts as lost."""
+    """Return the sentence on when a flight counts as lost."""
     planar = np.isinf(product.limit_m[2])
     axes = "|x| or |y|" if planar.all() else "|x|, |y| or |z|"
     if planar.any() and not planar.all():

@@ -74,7 +74,7 @@ def require_states(states: Sequence[Variable], what: str) -> None:
 
 
 def retrace(stepper: StepMap, orbits: PeriodicOrbits, step: float = _STEP) -> SampledOrbits:
-    """Fly orbits once around.
+    """Propagate orbits over one period and check that they close.
 
     Parameters
     ----------

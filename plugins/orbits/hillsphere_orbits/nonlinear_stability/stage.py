@@ -235,7 +235,7 @@ class _Trial:
         return fates
 
     def at_phase(self, phase: float) -> Array:
-        """Return the states (6, M) of the orbits so much of their period after the start."""
+        """Return the states (6, M) of the orbits at a phase, in parts of their period."""
         if phase == 0.0:
             return self.start
         fly, states = self.survival.map, []
@@ -286,7 +286,7 @@ class _Trial:
 
 
 def _directions(drawn: int, rng: np.random.Generator) -> tuple[tuple[str, ...], Array]:
-    """Return names and unit vectors (6, D): the axes to either side, and directions drawn."""
+    """Return names and unit vectors (6, D): both senses of each axis, and random directions."""
     names: list[str] = []
     vectors: list[Array] = []
     for first, what in ((0, "position"), (3, "velocity")):

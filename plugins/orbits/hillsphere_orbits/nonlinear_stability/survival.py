@@ -1,4 +1,4 @@
-"""Flights that end when they are lost: how long an orbit stays near the one that was meant.
+"""Survival of perturbed flights: propagation until a limit, a surface or the duration.
 
 Lanes fly in lockstep by the step map, each with a step of its own in proportion to the local time
 scale, so that a close pass is resolved while the others stride on; a lane that is lost leaves the
@@ -58,12 +58,12 @@ class Fate(IntEnum):
 
     @property
     def text(self) -> str:
-        """The word for it in tables."""
+        """Its word in tables."""
         return self.name.lower()
 
     @property
     def plural(self) -> str:
-        """The word for a number of them."""
+        """Its heading in tables of counts."""
         return ("survivors", "escapes", "impacts", "unresolved")[self]
 
 
@@ -87,12 +87,12 @@ class Fates:
 
     @property
     def lost(self) -> NDArray[np.bool_]:
-        """Whether each flight did not last."""
+        """Whether each flight was lost."""
         return np.asarray(self.fate != Fate.SURVIVES)
 
 
 class Survival:
-    """Flies lanes until they are lost.
+    """Propagates batches of flights until they are lost.
 
     A lane is lost where |x|, |y| or |z| passes its limit, or where it meets an event of the plant
     (the surface; a distance of escape). Both are looked for inside each step, on the cubic through
@@ -179,7 +179,7 @@ class Survival:
         return fates
 
     def _flock(self, x: Array, limits: Array, own: NDArray[np.intp]) -> _ActiveLanes:
-        """Return lanes ready to fly."""
+        """Return the initial state of the lanes."""
         owner = _pad_lanes(own)
         y, box = np.ascontiguousarray(x[:, owner]), np.ascontiguousarray(limits[:, owner])
         margin, slope = np.split(self._margins(y, box), 2)

@@ -29,7 +29,7 @@ _REACHED = "reached"
 
 @dataclass(frozen=True)
 class Arrival:
-    """Where M orbits got to: those N that arrived, and the ways of all; normalised.
+    """Continuation of M orbits: the N that arrived, and the ways of all; normalised.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def continue_members(
     accuracy: float,
     advance: Callable[[int], None],
 ) -> Arrival:
-    """Carry members along paths of the same parameters, one after the other.
+    """Continue members along paths of the same parameters, one path after the other.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ __all__ = ["FollowedFamily"]
 
 @dataclass(frozen=True)
 class FollowedFamily(OrbitSet):
-    """A family of periodic orbits, the members asked for, and how parameters carried them.
+    """A family of periodic orbits, its requested members, and their continuation in parameters.
 
     Where parameters change, the members are those that arrived, at the end of their way.
     """

@@ -1,4 +1,4 @@
-"""The stage ``orbit_family``: a family followed, and members carried along other parameters."""
+"""The stage ``orbit_family``: a family of periodic orbits, continued in parameters."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TAYLOR = "re-propagated by Taylor series, independent of the step map that foun
 
 @runtime_checkable
 class FamilyProvider(Contract, Protocol):
-    """A family that knows where it begins and how it is followed."""
+    """Interface of a family that can compute itself between two amplitudes."""
 
     @property
     def plant(self) -> Plant:
@@ -53,7 +53,7 @@ class _Absent(NamedTuple):
 
 
 class OrbitFamilyStage:
-    """A family of periodic orbits, its members at prescribed values, carried along parameters.
+    """A family of periodic orbits and its members at prescribed values, continued in parameters.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class OrbitFamilyStage:
         )
 
     def _paths(self) -> tuple[ParameterPath, ...]:
-        """Return the path, and before it the way to its start if that is not the plant as it is."""
+        """Return the path, preceded by the one from the plant's own parameters to its start."""
         if not self.spec.vary:
             return ()
         plant = self.source.plant

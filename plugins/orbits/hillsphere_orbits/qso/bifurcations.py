@@ -56,7 +56,7 @@ def resonances_up_to(d_max: int, n_max: int) -> list[tuple[int, int]]:
 
 
 class BifurcationStage:
-    """Where other families branch off a family.
+    """Bifurcations along a family, at which other families branch off.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class BifurcationStage:
         return list(dict.fromkeys(pairs))
 
     def _branch(self, family: QsoFamily) -> tuple[Shooting, Branch]:
-        """Take the family's curve up again on this stage's own equations."""
+        """Rebuild the family's curve on this stage's own equations."""
         qso: Qso = self.qso
         problem, _ = qso.problem
         system, curve = problem.flow.system, family.curve

@@ -1,4 +1,4 @@
-"""Quasi-satellite orbits as a family: where it starts, how it is corrected, where it ends."""
+"""The family of quasi-satellite orbits: its start, its correction, its ends."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ class Qso:
         return (series or 0.0) / self.plant.scales.length_m
 
     def _start(self, problem: Shooting, low: float) -> Array:
-        """Return a member clear of the body, from the limit of the family that holds."""
+        """Return a member clear of the body, from the analytic limit that applies."""
         distance = self.winding.distance
         if distance is None or max(_FAR, low) <= _FAR_SHARE * distance:
             return self._far_start(problem, max(_FAR, low))

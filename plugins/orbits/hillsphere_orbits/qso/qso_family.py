@@ -243,7 +243,7 @@ class QsoFamilyStage:
         )
 
     def _label_members(self, x_km: Array, labels: list[str]) -> tuple[str, ...]:
-        """Return the published names where there are some, else the labels, made different."""
+        """Return the published names where available, else the labels, made unique."""
         published: Mapping[int, str] = {}
         if self.reference is not None and {"x0_km", "name"} <= set(self.reference.columns):
             rows = (self.reference.match("x0_km", float(x), _SAME_ORBIT_KM) for x in x_km)

@@ -53,7 +53,7 @@ class QsoSpec(Spec):
 
 
 class _OfFamily(StageSpec):
-    """What the stages have in common: the family's equations."""
+    """Options common to the stages: the family's equations."""
 
     plant: Ref | None = reference(
         "plant", "equations of motion; their quasi-satellite orbits are meant", default=None

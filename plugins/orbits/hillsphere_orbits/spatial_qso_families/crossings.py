@@ -1,4 +1,4 @@
-"""Where the chain of a family's members leaps to another family that comes near.
+"""Detection of leaps from a family to another one nearby along a chain of members.
 
 Two families that nearly meet avoid each other: each turns off along the other. A chain whose steps
 are longer than the gap goes straight on and is from there on the other family's. Neither a residual
@@ -74,7 +74,7 @@ def count_connected(spatial: Spatial) -> list[int]:
 
 
 def _changes(spatial: Spatial, f: int) -> list[int]:
-    """Return the members of a family behind which the sense of the equations changes."""
+    """Return the members of a family after which the sense of the equations changes."""
     members = spatial.members[f]
     chords = np.diff(members.z, axis=1)
     each = np.arange(members.error.size)

@@ -88,7 +88,7 @@ def first_members(
 
 @dataclass(frozen=True)
 class Spatial:
-    """Families in space that start alike, computed.
+    """Computed families in space that share the kind of their start.
 
     Parameters
     ----------

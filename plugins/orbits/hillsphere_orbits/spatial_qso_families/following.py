@@ -1,4 +1,4 @@
-"""What is looked at while families in space are followed: sub-steps, surface, amplitude."""
+"""Checks while families in space are followed: sub-steps, surface, amplitude."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class Following:
     def _refine(
         self, problem: SpatialShooting, z: Array, lanes: NDArray[np.intp], exact: Array
     ) -> Array:
-        """Give more sub-steps to lanes whose error has grown, and return the growth of errors.
+        """Raise the sub-steps of lanes whose error has grown; return the growth of errors.
 
         That is by how much half a period magnifies one of the states, in those that vanish.
         """

@@ -1,4 +1,4 @@
-"""Families in space that start on the same mirror: followed, described and judged together."""
+"""Families in space that start on the same mirror, computed and described together."""
 
 from __future__ import annotations
 

@@ -51,14 +51,14 @@ class Members:
         )
 
     def with_lanes(self, lanes: NDArray[np.intp], others: Members) -> Members:
-        """Return these with other ones in some lanes."""
+        """Return a copy with other members in some lanes."""
         z, end, phi, error = (a.copy() for a in (self.z, self.end, self.phi, self.error))
         z[:, lanes], end[:, lanes] = others.z, others.end
         phi[:, :, lanes], error[lanes] = others.phi, others.error
         return Members(z, end, phi, error)
 
     def require_converged(self, family: NDArray[np.intp], u: Array) -> Members:
-        """Return these, or raise `LostMembersError` if some were not found.
+        """Return itself, or raise `LostMembersError` if a member was not found.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class LostMembersError(ConvergenceError):
         self.family, self.u = family, u
 
     def among(self, family: int, interval: int) -> bool:
-        """Whether one is lost of a family's interval between two members."""
+        """Whether a lost member lies in an interval of a family."""
         return bool(np.any((self.family == family) & (np.floor(self.u) == interval)))
 
     def good(self, sizes: Sequence[int]) -> list[int]:

@@ -1,4 +1,4 @@
-"""Samples along families, dense enough that no change of stability hides between them.
+"""Samples along families, dense enough to resolve every change of stability.
 
 Between neighbouring members a spline through the index says where it may come near an edge of
 stability; an orbit is computed there, and by how much the spline erred says how far it can be
@@ -158,7 +158,7 @@ def sample_families(families: Families) -> Samples:
 def _places(
     found: Samples, f: int, errors: dict[tuple[int, str], tuple[Array, Array]]
 ) -> list[float]:
-    """Return where a family is to be sampled next."""
+    """Return the positions at which a family needs further samples."""
     own = np.flatnonzero(found.family == f)
     u = found.u[own]
     places: dict[int, float] = {}
@@ -212,7 +212,7 @@ def _learn(
     u: Array,
     errors: dict[tuple[int, str], tuple[Array, Array]],
 ) -> None:
-    """Note at the places of new samples by how much the spline through the old ones erred."""
+    """Record the error of the old spline at the positions of new samples."""
     for f in np.unique(family):
         old, new = (np.flatnonzero(s.family == f) for s in (before, after))
         fresh = np.isin(after.u[new], u[family == f])

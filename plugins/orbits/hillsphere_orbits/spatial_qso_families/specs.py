@@ -112,7 +112,7 @@ class StationKeepingNeeds(Spec):
 
 
 class StationKeepingSpec(StageSpec):
-    """What it costs to null the unstable component once per period, knowing it perfectly."""
+    """Analytic cost of nulling the unstable component once per period."""
 
     produces = "hillsphere_orbits.spatial_qso_families.products:StationKeepingIndex"
     examples = ({"needs": {"families": "families"}},)

@@ -145,7 +145,7 @@ class ReturnMaps:
 
     @property
     def neutral(self) -> NDArray[np.bool_]:
-        """Whether the second pair cannot be told from 1, 1 (K,)."""
+        """Whether the second pair is 1, 1 to within rounding (K,)."""
         return np.asarray(self.indices[1] == 2.0)
 
 

@@ -113,7 +113,7 @@ def bifurcations(
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A value passed by a smooth function between two samples, as a spline sees it."""
+    """A crossing of a value by the spline of a smooth function between two samples."""
 
     family: int
     name: str

@@ -85,7 +85,7 @@ class Outcome:
 
 
 class ClosedLoop:
-    """Flies references with the errors that a Spec states.
+    """Simulates the station-keeping of references with the errors of a Spec.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ class ClosedLoop:
         cases: int | None = None,
         stream: str = _STREAM,
     ) -> Outcome:
-        """Fly the cases with a law, those asked for or some of another stream of errors."""
+        """Fly cases with a law: those of the mission, or others of another stream of errors."""
         spec, system, path = self.spec, self.flow.system, sampling.path
         corrections, interval_s = sampling.count, law.period_s
         reference = path.states(sampling.times) * system.unit[:, None]
@@ -300,7 +300,7 @@ class _Survivors:
         self._square, self._places = 0.0, 0
 
     def add(self, found: Flights) -> None:
-        """Take some flights into account."""
+        """Add the results of some flights."""
         for status, count in found.counts().items():
             self._counts[status] += count
         survived = np.flatnonzero(np.array(found.status) == "completed")

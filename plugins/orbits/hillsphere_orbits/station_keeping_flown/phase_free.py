@@ -1,4 +1,4 @@
-r"""Gains by phase: target points and the linear-quadratic regulator of an orbit, not of a time.
+r"""Gains by phase, independent of time: target points and linear-quadratic regulator.
 
 A deviation :math:`\delta` is taken from the nearest point of the orbit, so that it is orthogonal to
 the rate f of the orbit there. With the projector :math:`\Pi = 1 - f f^T/|f|^2` (over positions and
@@ -44,7 +44,7 @@ _CONVERGED = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PhaseGains:
-    """Gains at phases of a path, lines between them.
+    """Gains at phases of a path, with linear interpolation between them.
 
     Parameters
     ----------

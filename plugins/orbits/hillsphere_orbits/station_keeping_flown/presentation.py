@@ -146,14 +146,14 @@ def _grid(product: StationKeepingFlown) -> list[FilledColumn]:
 
 
 def _where(there: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.object_]:
-    """Return values, None where they are not there: counts stay whole numbers."""
+    """Return values, None where absent; an object array keeps counts integers."""
     cells = np.full(np.shape(values), None, dtype=object)
     cells[there] = values[there]
     return cells
 
 
 def _ends(counts: Integers, product: StationKeepingFlown) -> tuple[dict[str, Integers], Integers]:
-    """Return the counts by name, and those of losses that have no column of their own."""
+    """Return the counts by name, and the counts of losses without a column."""
     ends = dict(zip(product.statuses, counts, strict=True))
     return ends, counts.sum(axis=0) - ends["completed"] - ends["impact"] - ends["escape"]
 

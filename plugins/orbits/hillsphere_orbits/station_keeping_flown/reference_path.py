@@ -1,4 +1,4 @@
-"""References that are to be followed: states at any time, and how deviations from them grow."""
+"""Reference orbits and trajectories: states at any time, and the growth of deviations."""
 
 from __future__ import annotations
 
@@ -349,7 +349,7 @@ def unstable_left_subspace(monodromy: Array) -> Array:
 
 
 def _orthonormal(rows: Array) -> Array:
-    """Return rows (K, m, n) that span the same as given ones and are orthonormal."""
+    """Return orthonormal rows (K, m, n) that span the same spaces as the given ones."""
     if not rows.shape[1]:
         return rows
     q, _ = np.linalg.qr(np.swapaxes(rows, 1, 2))

@@ -61,7 +61,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Where references come from.
+    """Products that provide references, and the members to take.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The orbit at the corrections of a strategy, and the weights that its gains come from."""
+"""The reference sampled at the corrections, and the weights of a strategy's gains."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ numbers, far below any tolerance of a correction."""
 
 @dataclass(frozen=True)
 class Weights:
-    """What deviations and impulses are weighed by: one over the square of a tolerable size [1]_.
+    """Weights of deviations and impulses: one over the square of a tolerable size [1]_.
 
     Normalised.
 

@@ -49,7 +49,7 @@ _CONVERGED = 1e-10
 
 
 class GainSchedule:
-    """Impulses −G_k (seen − reference), the gain by the number of the correction.
+    """Impulses −G_k (estimate − reference), with a gain per number of the correction.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Choice of the weights of a strategy on flights of their own."""
+"""Choice of the weights of a strategy on separate flights."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def count_candidates(strategy: str, weights: Weights) -> int:
 def tune(
     strategy: str, weights: Weights, fly: Callable[[Weights], tuple[int, float]]
 ) -> TuningResult:
-    """Choose the weights with the most survivors, of these those with the least cost.
+    """Choose the weights with the most survivors; among equals, the least cost.
 
     First over the tolerable impulse; then, with the best of these, over the tolerable velocity of a
     regulator or over fewer targets of target points.

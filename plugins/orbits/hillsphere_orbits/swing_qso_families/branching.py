@@ -1,4 +1,4 @@
-"""Where a family of orbits of n revolutions leaves its parent: one routine for every symmetry.
+"""Branches of orbits of n revolutions from their parent, for every symmetry.
 
 At the bifurcating orbit the equations of n revolutions, F(z) = 0 in the unknowns of a shooting
 problem, have besides the tangent t of the parent family further null vectors: the kernel of the

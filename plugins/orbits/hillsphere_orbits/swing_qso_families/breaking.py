@@ -1,4 +1,4 @@
-"""Families that begin where a mirror breaks along a symmetric family.
+"""Symmetry-breaking bifurcations along a symmetric family, and the families that begin there.
 
 At a secondary bifurcation of the kind ``branching`` a pair of planar multipliers passes 1 although
 the integral does not turn there: orbits of the same period and less symmetry begin. Those that keep

@@ -1,4 +1,4 @@
-"""Families of orbits of several revolutions, followed from their first members to their ends."""
+"""Continuation of families of orbits of several revolutions from first members to their ends."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def _map_of(flow: Flow) -> StepMap:
 
 
 class _Follower:
-    """Lanes of families with the same equations."""
+    """Continuation of families with the same equations, one per lane."""
 
     def __init__(self, flow: Flow, starts: list[Start], limits: Limits) -> None:
         self.flow, self.starts, self.limits = flow, starts, limits

@@ -1,4 +1,4 @@
-"""Families followed and looked at in full, group by group, as pieces for the workers of a run."""
+"""Continuation and survey of families, group by group, for the workers of a run."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class FollowedGroup:
 
 @dataclass(frozen=True)
 class Following:
-    """What all groups have in common; see `hillsphere.runs.workers.Divisible`.
+    """Data common to all groups; see `hillsphere.runs.workers.Divisible`.
 
     Parameters
     ----------

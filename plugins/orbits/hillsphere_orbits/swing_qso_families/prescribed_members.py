@@ -1,4 +1,4 @@
-"""The orbits that a mission asks for: members of the families at prescribed values."""
+"""Members of the families at prescribed values."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def _correct_at_value(
 
 
 def _different(labels: Sequence[str]) -> list[str]:
-    """Return the labels with a number where one stands more than once."""
+    """Return unique labels, numbered where one occurs more than once."""
     names: list[str] = []
     for label in labels:
         count = sum(other.split(" #")[0] == label for other in names)

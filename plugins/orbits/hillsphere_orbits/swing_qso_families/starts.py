@@ -166,7 +166,7 @@ def starts_at(
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A perpendicular crossing of the bifurcating orbit, with the equations that start there."""
+    """A perpendicular crossing of the bifurcating orbit, with the shooting problem from there."""
 
     problem: Shooting
     point: BranchPoint
@@ -228,7 +228,7 @@ def _equivalent_starts(
     axis: str,
     z: Array,
 ) -> tuple[set[_Key], str]:
-    """Return all starts from which one finds this orbit or its image, and its symmetry."""
+    """Return all starts that yield this orbit or its mirror image, and its symmetry."""
     problem = points[(axis, 0)].problem
     x, period = problem.state(z[:, None]), problem.period(z[:, None])
     quarters = [x]

@@ -1,4 +1,4 @@
-"""Transfers in full from the swing orbits that were chosen, flown anew from end to end."""
+"""Transfers from chosen swing orbits, corrected and verified from end to end."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TOUCH = 1e-9  # largest gap of corrected orbits that touch, relative to the dis
 
 @dataclass(frozen=True)
 class Choice:
-    """A swing orbit that was chosen for a leg.
+    """A swing orbit chosen for a leg.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Pair:
 def assemble_transfers(
     chains: Chains, plant: Plant, pair: Pair, choices: Sequence[Choice]
 ) -> Transfers:
-    """Make transfers of a leg from the swing orbits chosen, corrected and flown anew.
+    """Make transfers of a leg from chosen swing orbits, corrected and verified.
 
     Parameters
     ----------

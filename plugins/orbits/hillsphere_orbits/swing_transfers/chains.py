@@ -49,7 +49,7 @@ class Chains(Protocol):
 
 @dataclass(frozen=True)
 class Scan:
-    """What the members of one family's chain meet.
+    """Meetings of the members of one family's chain with the orbits.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class ScannedFamily:
-    """What was found of a family.
+    """Scan of one family.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class ScannedFamily:
 
 @dataclass(frozen=True)
 class SearchedLeg:
-    """What was found for a leg.
+    """Result of the search of one leg.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class SearchedLeg:
 
 @dataclass(frozen=True, eq=False)
 class LegSearch:
-    """What the searches of all legs have in common; see `hillsphere.runs.workers.Divisible`.
+    """Data common to the searches of all legs; see `hillsphere.runs.workers.Divisible`.
 
     Its pieces are numbers of families, whose members are scanned, and then the legs.
 

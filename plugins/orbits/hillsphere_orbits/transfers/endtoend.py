@@ -1,4 +1,4 @@
-"""Transfers flown anew from their first state, to see whether the pieces fit and clear the body.
+"""Verification of transfers by propagation from their first state: closure and clearance.
 
 A search finds a transfer in pieces (an arc of an orbit, a strand of a manifold), each with
 states of its own. Here only the first state is taken over: every coast starts where the last one
@@ -55,7 +55,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class EndToEnd:
-    """What N transfers of K legs were like when they were flown.
+    """Misses and altitudes of N transfers of K legs.
 
     Parameters
     ----------

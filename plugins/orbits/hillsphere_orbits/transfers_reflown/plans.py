@@ -1,4 +1,4 @@
-"""Plans of transfers in full: their coasts, and the periodic orbits before, between and after."""
+"""Plans of transfers: their coasts, and the periodic orbits before, between and after them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One plan on one plant: its orbits re-converged, its coasts between them, its impulses."""
+"""Recomputation of one plan on one plant: orbits, coasts and impulses."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Reflight:
 
 
 class Reflier:
-    """Flies plans again on one plant.
+    """Recomputes plans on one plant.
 
     Parameters
     ----------
