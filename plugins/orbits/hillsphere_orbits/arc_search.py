@@ -398,9 +398,9 @@ def _solve(phi: Array, width: Array, rhs: Array) -> Array:
             band[m + i - j, :, :-1, j] = below[i, j].T
     flat = band.reshape(2 * m, -1)
     try:
-        found = solveh_banded(flat, rhs.transpose(2, 1, 0).reshape(-1), lower=True)
+        solution = solveh_banded(flat, rhs.transpose(2, 1, 0).reshape(-1), lower=True)
     except LinAlgError as fault:
         raise InputError(
             "no flight can be continuous with so many states held: give the nodes more freedom"
         ) from fault
-    return np.asarray(found.reshape(cases, arcs, m).transpose(2, 1, 0))
+    return np.asarray(solution.reshape(cases, arcs, m).transpose(2, 1, 0))

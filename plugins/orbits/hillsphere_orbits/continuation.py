@@ -253,23 +253,23 @@ def _advance(
     # Euler predictor; the corrector stays in the plane normal to the tangent (Keller 1977)
     ahead = z + step * tangent
     try:
-        found = correct(
+        corrected = correct(
             problem, ahead, on_planes(tangent, ahead), tolerance=control.tolerance, iterations=8
         )
-        if not bool(found.converged[0]):
+        if not bool(corrected.converged[0]):
             return None, None, False
         # a branch that turns by at most `turn` leaves its tangent by about turn·step/2; a
         # correction farther off has met another branch
-        if np.linalg.norm(found.z - ahead) > control.turn * step:
+        if np.linalg.norm(corrected.z - ahead) > control.turn * step:
             return None, None, False
-        line = tangents(problem, found.z, tangent)
+        line = tangents(problem, corrected.z, tangent)
     except PropagationError:
         return None, None, False
     cosine = float(np.sum(line * tangent))
     # the tangent turns too far for a linear prediction
     if cosine < np.cos(control.turn):
         return None, None, False
-    return found.z, line, found.iterations <= 3 and cosine > np.cos(0.4 * control.turn)
+    return corrected.z, line, corrected.iterations <= 3 and cosine > np.cos(0.4 * control.turn)
 
 
 def _first_crossed(

@@ -227,8 +227,8 @@ def _rows(values: Array, rows: int) -> Array:
 def _null_vectors(slopes: Array, along: Array) -> Array:
     """Return unit null vectors (m, N) of dF/dz (k, m, N), in the sense of `along`."""
     # the right singular vector of the smallest singular value spans the null space
-    found = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
-    return np.asarray(np.where(np.sum(found * along, axis=0) < 0.0, -found, found))
+    vectors = np.linalg.svd(np.moveaxis(slopes, 2, 0))[2][:, -1, :].T
+    return np.asarray(np.where(np.sum(vectors * along, axis=0) < 0.0, -vectors, vectors))
 
 
 def _correct_members(

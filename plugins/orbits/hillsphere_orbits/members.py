@@ -203,10 +203,10 @@ def members_where(
     places = np.concatenate([np.arange(branch.size), u_bend])
     order = np.argsort(places, kind="stable")
     places, values = places[order], np.concatenate([values, f_bend])[order]
-    found = [(k, i) for k, target in enumerate(targets) for i in brackets(values, float(target))]
-    if not found:
+    hits = [(k, i) for k, target in enumerate(targets) for i in brackets(values, float(target))]
+    if not hits:
         return MembersAtValues(np.empty(0, dtype=np.intp), np.empty((branch.z.shape[0], 0)))
-    which, i = (np.array(column, dtype=np.intp) for column in zip(*found, strict=True))
+    which, i = (np.array(column, dtype=np.intp) for column in zip(*hits, strict=True))
     wanted = targets[which]
     u = bracketed_roots(
         lambda u: at(u) - wanted,

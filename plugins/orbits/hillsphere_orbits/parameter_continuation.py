@@ -158,11 +158,11 @@ class ParameterFlow:
     @cached_property
     def integral(self) -> ArrayFunction | None:
         """Integral of motion and its derivatives by states and parameters; None without one."""
-        found = self.system.integral
-        if found is None:
+        expression = self.system.integral
+        if expression is None:
             return None
         by = [*self.system.x, *(parameter(name) for name in self.system.run_time_names)]
-        return self.system.function(found, *gradient(found, by))
+        return self.system.function(expression, *gradient(expression, by))
 
 
 @dataclass(frozen=True)
@@ -309,10 +309,10 @@ def hold_integral(problem: ParameterProblem) -> HeldQuantity:
     rows = [1 + names.index(name) for name in problem.base.unknowns[:-1]]
 
     def held(z: Array) -> tuple[Array, Array]:
-        found = compiled(problem.state(z), problem.path.at(z[-1]))
+        values = compiled(problem.state(z), problem.path.at(z[-1]))
         # derivative of the integral by the fraction, through the parameters
-        along = np.einsum("kN,k->N", found[1 + len(names) :], problem.path.change)
-        slopes = [found[rows], np.zeros((1, z.shape[1])), along[None]]
-        return found[0], np.concatenate(slopes)
+        along = np.einsum("kN,k->N", values[1 + len(names) :], problem.path.change)
+        slopes = [values[rows], np.zeros((1, z.shape[1])), along[None]]
+        return values[0], np.concatenate(slopes)
 
     return held

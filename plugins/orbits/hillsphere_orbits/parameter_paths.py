@@ -167,10 +167,10 @@ def _follow_by_arclength(
         # more
         last = way[:, -1:].copy()
         last[-1] = 1.0
-        found = correct(problem, last, _both(held, np.array([wanted]), 1.0))
-        way[:, -1:] = found.z
-        if not found.converged[0]:
-            reason = f"not_converged: residual {found.error[0]:.1e} at the end of the path"
+        corrected = correct(problem, last, _both(held, np.array([wanted]), 1.0))
+        way[:, -1:] = corrected.z
+        if not corrected.converged[0]:
+            reason = f"not_converged: residual {corrected.error[0]:.1e} at the end of the path"
     else:
         reason += f" (last fraction {way[-1, -1]:.4g}, largest {way[-1].max():.4g})"
     return way[:, -1], reason, way
@@ -196,13 +196,13 @@ def _natural(
         # Euler predictor along dz/ds; the fraction itself is prescribed
         guess = old + (there - here) * slope
         guess[-1] = there
-        found, good = _correct_lanes(problem, guess, held, wanted[active], there)
+        corrected, good = _correct_lanes(problem, guess, held, wanted[active], there)
         new = slope.copy()
         if good.any():
-            new[:, good] = _slopes(problem, found[:, good], held)
+            new[:, good] = _slopes(problem, corrected[:, good], held)
         # Newton's method may have met another family: then its slopes do not fit the chord
         # trapezoidal rule with the slopes at both ends against the step taken
-        chord, mean = found - old, 0.5 * (there - here) * (slope + new)
+        chord, mean = corrected - old, 0.5 * (there - here) * (slope + new)
         good &= np.linalg.norm(chord - mean, axis=0) <= _ASTRAY * np.linalg.norm(chord, axis=0)
         if not good.all() and step > _SMALLEST:
             step *= 0.5
@@ -212,7 +212,7 @@ def _natural(
             if advance is not None:
                 advance(1)
         active = active[good]
-        z[:, active], slopes[:, active] = found[:, good], new[:, good]
+        z[:, active], slopes[:, active] = corrected[:, good], new[:, good]
         for k in active:
             ways[k].append(z[:, k].copy())
         here, step = there, min(_LARGEST, 2.0 * step)
@@ -243,8 +243,8 @@ def _correct_lanes(
             return None
 
     lanes = np.arange(guess.shape[1])
-    if (found := attempt(lanes)) is not None:
-        return found.z, found.converged
+    if (together := attempt(lanes)) is not None:
+        return together.z, together.converged
     z, good = guess.copy(), np.zeros(guess.shape[1], dtype=bool)
     for k in lanes:
         if (one := attempt(lanes[k : k + 1])) is not None:

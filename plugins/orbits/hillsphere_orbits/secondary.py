@@ -258,14 +258,14 @@ def _classify_tangent_bifurcations(
     last: float,
 ) -> list[str]:
     """Separate folds from branchings: at a fold the integral of motion has an extremum."""
-    found = list(kinds)
+    classified = list(kinds)
     pairs = [k for k, kind in enumerate(kinds) if kind == "tangent"]
     # The integral is the coordinate of the plane's own family: it cannot turn out of the plane.
     for k in [k for k in pairs if planes[k] == "vertical"]:
-        found[k] = "branching"
+        classified[k] = "branching"
     asked = [k for k in pairs if planes[k] != "vertical"]
     if integral is None or not asked:
-        return found
+        return classified
     middle = np.clip(u[asked], _BESIDE, last - _BESIDE)
     before, here, after = (integral(middle + step) for step in (-_BESIDE, 0.0, _BESIDE))
     slope, bend = after - before, after - 2.0 * here + before
@@ -274,8 +274,8 @@ def _classify_tangent_bifurcations(
     for k, s, b, shift in zip(asked, slope, bend, place, strict=True):
         # at a fold the integral has its extremum at the root; at a branching it passes with a slope
         offset = abs(shift - 0.5 * _BESIDE * s / b) if b != 0.0 else np.inf
-        found[k] = "fold" if offset < _TURNS * _BESIDE else "branching"
-    return found
+        classified[k] = "fold" if offset < _TURNS * _BESIDE else "branching"
+    return classified
 
 
 def _indices(monodromy: Array) -> NDArray[np.complex128]:

@@ -70,14 +70,14 @@ def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> PeriodicCou
         The status gives the reason where no periodic orbit was found.
     """
     cases = len(orbits.labels)
-    found = PeriodicCounterparts(
+    periodic = PeriodicCounterparts(
         np.full((6, cases), np.nan),
         np.full(cases, np.nan),
         np.full(cases, np.nan),
         ("the equations are not autonomous",) * cases,
     )
     if rung.anomaly is not None:
-        return found
+        return periodic
     flow = flow_of(rung.plant)
     unit = flow.system.unit[:, None]
     x, period = orbits.x0 / unit, orbits.period_s / flow.system.time_unit_s
@@ -92,23 +92,27 @@ def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> PeriodicCou
             groups.setdefault(group, []).append(i)
     for (problem, held), lanes in groups.items():
         try:
-            _correct(found, problem, held, x[:, lanes], begin[:, lanes], period[lanes], lanes)
+            _correct(periodic, problem, held, x[:, lanes], begin[:, lanes], period[lanes], lanes)
         except PropagationError:
             # one of the group has left; each is tried alone
             for lane in lanes:
                 try:
                     one = [lane]
-                    _correct(found, problem, held, x[:, one], begin[:, one], period[one], one)
+                    _correct(periodic, problem, held, x[:, one], begin[:, one], period[one], one)
                 except PropagationError:
                     status[lane] = "the correction leaves every bound"
     growth = np.maximum(1.0, np.max(np.abs(orbits.monodromy), axis=(0, 1)))
     for i in range(cases):
         if not status[i]:
-            good = found.closure[i] <= _CLOSED * growth[i]
+            good = periodic.closure[i] <= _CLOSED * growth[i]
             status[i] = "periodic" if good else "the correction does not converge"
             if not good:
-                found.x0[:, i], found.period_s[i], found.closure[i] = np.nan, np.nan, np.nan
-    return PeriodicCounterparts(found.x0, found.period_s, found.closure, tuple(status))
+                periodic.x0[:, i], periodic.period_s[i], periodic.closure[i] = (
+                    np.nan,
+                    np.nan,
+                    np.nan,
+                )
+    return PeriodicCounterparts(periodic.x0, periodic.period_s, periodic.closure, tuple(status))
 
 
 def _problem(flow: Flow, x: Array) -> tuple[Shooting, str] | None:
@@ -140,7 +144,7 @@ def _samples(x: Array) -> Array:
 
 
 def _correct(
-    found: PeriodicCounterparts,
+    periodic: PeriodicCounterparts,
     problem: Shooting,
     held: str,
     x: Array,
@@ -162,6 +166,6 @@ def _correct(
         end = Taylor(flow.system).fly(start, span, strict=False).x
     else:
         end = flow.adaptive.propagate(start, span, 1, strict=False)
-    found.x0[:, lanes] = start * flow.system.unit[:, None]
-    found.period_s[lanes] = span * flow.system.time_unit_s
-    found.closure[lanes] = np.linalg.norm(end - start, axis=0)
+    periodic.x0[:, lanes] = start * flow.system.unit[:, None]
+    periodic.period_s[lanes] = span * flow.system.time_unit_s
+    periodic.closure[lanes] = np.linalg.norm(end - start, axis=0)

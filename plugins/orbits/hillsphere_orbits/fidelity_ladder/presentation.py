@@ -169,7 +169,7 @@ def _rungs(product: FidelityLadder) -> list[FilledColumn]:
 
 def _verdict(product: FidelityLadder) -> list[str]:
     days = product.times_s[-1] / DAY_S
-    found = []
+    sentences = []
     for r, rung in enumerate(product.rungs):
         good = product.converged[:, r]
         text = (
@@ -185,15 +185,15 @@ def _verdict(product: FidelityLadder) -> list[str]:
                 f", at most {np.min(largest) / 1e3:.3g} to {np.max(largest) / 1e3:.3g} km from the "
                 f"orbit; {alone} {'survives' if alone == 1 else 'survive'} without correction"
             )
-        found.append(text + ".")
+        sentences.append(text + ".")
     if failed := [
         f"{member} on {rung}"
         for r, rung in enumerate(product.rungs)
         for m, member in enumerate(product.members)
         if not product.converged[m, r]
     ]:
-        found.append(f"Not converged: {', '.join(failed)}.")
-    return found
+        sentences.append(f"Not converged: {', '.join(failed)}.")
+    return sentences
 
 
 def _apart(product: FidelityLadder) -> list[int]:

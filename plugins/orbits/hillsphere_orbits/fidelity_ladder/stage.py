@@ -81,36 +81,36 @@ class FidelityLadderStage:
         rungs = [Rung(plant, t, anomaly) for plant in self.plants]
         moon = self.plants[0] if isinstance(self.plants[0], LockedMoon) else None
         advance = ctx.track("rungs", len(rungs))
-        found, recurring = [], []
+        results, recurring = [], []
         for name, rung in zip(names, rungs, strict=True):
             one = self._climb(rung, curves)
             recurring.append(periodic_on(rung, given, _at_start(one, rung, curves)))
             for member, status in zip(given.labels, one.status, strict=True):
                 if status != "converged":
                     ctx.info(f"{member} on {name}: {status}")
-            found.append(one)
+            results.append(one)
             advance(1)
         return FidelityLadder(
-            flights=_flights(rungs[-1], given.labels, found[-1]),
+            flights=_flights(rungs[-1], given.labels, results[-1]),
             rungs=names,
             plants=tuple(describe_plant(plant) for plant in self.plants),
             frames=tuple(plant.frame for plant in self.plants),
             state_counts=tuple(rung.n for rung in rungs),
             members=given.labels,
             times_s=t,
-            x=np.stack([one.x for one in found], axis=-1),
-            hill=np.stack([one.hill for one in found], axis=-1),
-            departure_m=np.stack([one.departure for one in found], axis=-1),
-            converged=np.stack([one.flown.converged for one in found], axis=-1),
-            iterations=np.stack([one.flown.iterations for one in found], axis=-1),
-            gap=np.stack([one.flown.gap for one in found], axis=-1),
-            departure_max_m=np.stack([one.largest for one in found], axis=-1),
-            departure_rms_m=np.stack([one.rms for one in found], axis=-1),
-            slip_s=np.stack([one.slip for one in found], axis=-1) * curves.time_unit_s,
-            min_altitude_m=np.stack([one.altitude for one in found], axis=-1),
-            survival_s=np.stack([one.survival for one in found], axis=-1),
-            fate=tuple(fate for one in found for fate in one.fate),
-            status=tuple(status for one in found for status in one.status),
+            x=np.stack([one.x for one in results], axis=-1),
+            hill=np.stack([one.hill for one in results], axis=-1),
+            departure_m=np.stack([one.departure for one in results], axis=-1),
+            converged=np.stack([one.flown.converged for one in results], axis=-1),
+            iterations=np.stack([one.flown.iterations for one in results], axis=-1),
+            gap=np.stack([one.flown.gap for one in results], axis=-1),
+            departure_max_m=np.stack([one.largest for one in results], axis=-1),
+            departure_rms_m=np.stack([one.rms for one in results], axis=-1),
+            slip_s=np.stack([one.slip for one in results], axis=-1) * curves.time_unit_s,
+            min_altitude_m=np.stack([one.altitude for one in results], axis=-1),
+            survival_s=np.stack([one.survival for one in results], axis=-1),
+            fate=tuple(fate for one in results for fate in one.fate),
+            status=tuple(status for one in results for status in one.status),
             periodic_x0_m=np.stack([one.x0 for one in recurring], axis=-1),
             periodic_s=np.stack([one.period_s for one in recurring], axis=-1),
             periodic_closure=np.stack([one.closure for one in recurring], axis=-1),
@@ -256,9 +256,9 @@ def _at_start(made: _RungResult, rung: Rung, curves: OrbitCurves) -> Array:
     return states * flow.system.unit[:, None]
 
 
-def _flights(rung: Rung, members: tuple[str, ...], found: _RungResult) -> Trajectories:
+def _flights(rung: Rung, members: tuple[str, ...], result: _RungResult) -> Trajectories:
     """Return the flights of a rung that converged and keep clear of the body."""
-    good = [m for m, status in enumerate(found.status) if status == "converged"]
+    good = [m for m, status in enumerate(result.status) if status == "converged"]
     names = tuple(members[m] for m in good)
     return Trajectories(
         frame=rung.plant.frame,
@@ -266,7 +266,7 @@ def _flights(rung: Rung, members: tuple[str, ...], found: _RungResult) -> Trajec
         plans=names,
         labels=names,
         t_s=np.repeat(rung.t_s[:, None], len(good), axis=1),
-        x=np.ascontiguousarray(found.x[: rung.n][:, :, good]),
+        x=np.ascontiguousarray(result.x[: rung.n][:, :, good]),
     )
 
 

@@ -87,7 +87,7 @@ def _farthest(x: Array, h: float) -> Array:
     a, b, s, t = x[:3, :-1], x[:3, 1:], h * x[3:6, :-1], h * x[3:6, 1:]
     # d/du of a + s u + (3(b − a) − 2s − t) u² + (2(a − b) + s + t) u³
     p, q = 3.0 * (2.0 * (a - b) + s + t), 3.0 * (b - a) - 2.0 * s - t
-    found = np.max(np.abs(x[:3]), axis=1)
+    largest = np.max(np.abs(x[:3]), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(q * q - p * s)
         # p u² + 2 q u + s = 0, either root in the form that does not cancel
@@ -96,8 +96,8 @@ def _farthest(x: Array, h: float) -> Array:
     for u in turns:
         at = a + u * (s + u * (q + u * p / 3.0))
         inside = (u > 0.0) & (u < 1.0)
-        found = np.maximum(found, np.max(np.where(inside, np.abs(at), 0.0), axis=1))
-    return np.asarray(found)
+        largest = np.maximum(largest, np.max(np.where(inside, np.abs(at), 0.0), axis=1))
+    return np.asarray(largest)
 
 
 class _Series:

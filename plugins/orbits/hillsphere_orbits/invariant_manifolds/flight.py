@@ -178,7 +178,7 @@ def fly(
     cases = x.shape[1]
     lanes = np.arange(cases)
     end, last = x.copy(), np.zeros(cases, dtype=np.intp)
-    found: list[_Brackets] = []
+    parts: list[_Brackets] = []
     resolved = np.ones(cases, dtype=bool)
     killers = [watch.names.index(name) for name in ends]
     now, done = np.ascontiguousarray(x), 0
@@ -196,12 +196,12 @@ def fly(
         alive = length == steps + 1
         alive[brackets.lane[falls]] = False
         brackets.lane = lanes[brackets.lane]
-        found.append(brackets)
+        parts.append(brackets)
         at = np.maximum(length - 1, 0)
         end[:, lanes] = way[:, at, np.arange(lanes.size)]
         last[lanes] = done + at
         now, lanes, done = np.ascontiguousarray(way[:, -1, alive]), lanes[alive], done + steps
-    zeros = _refine_brackets(step_map, watch, found, h)
+    zeros = _refine_brackets(step_map, watch, parts, h)
     time, ended = np.asarray(last * h, float), np.full(cases, -1, dtype=np.intp)
     for i in np.flatnonzero(np.isin(zeros.event, killers) & ~zeros.rising)[::-1]:
         lane = zeros.lane[i]  # zeros are in order: the first of each lane is seen last
@@ -228,13 +228,13 @@ def _brackets(
     return _Brackets(b.lane, b.function, begin, base, ends, values, slopes), b.resolved
 
 
-def _refine_brackets(step_map: StepMap, watch: Watch, found: list[_Brackets], h: float) -> Zeros:
+def _refine_brackets(step_map: StepMap, watch: Watch, brackets: list[_Brackets], h: float) -> Zeros:
     """Refine brackets to zeros by Newton's method, and by bracketing where it fails."""
     n = len(step_map.system.x)
-    if not found:
+    if not brackets:
         empty = np.zeros(0, dtype=np.intp)
         return Zeros(empty, empty, np.zeros(0), empty.astype(bool), np.zeros((n, 0)))
-    b = _join_brackets(found)
+    b = _join_brackets(brackets)
     pick = np.arange(b.lane.size)
     x = np.ascontiguousarray(b.x)
     low, high = b.ends

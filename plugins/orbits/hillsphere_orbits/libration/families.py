@@ -199,8 +199,8 @@ class Lyapunov:
         guess = np.array(
             [[point.x + a], [-a * point.ratio * point.frequency], [np.pi / point.frequency]]
         )
-        found = correct(problem, guess, fix_component(0, guess[0]))
-        return found.require_converged(f"Lyapunov orbit beside {self.point_name}")
+        corrected = correct(problem, guess, fix_component(0, guess[0]))
+        return corrected.require_converged(f"Lyapunov orbit beside {self.point_name}")
 
 
 class Halo:

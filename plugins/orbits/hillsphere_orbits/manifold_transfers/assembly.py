@@ -84,14 +84,14 @@ class Case:
     closure_limit_m: float
 
 
-def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> ManifoldTransfers:
+def assemble_product(case: Case, results: Sequence[OrbitTransfers], fly: Fly) -> ManifoldTransfers:
     """Make the product.
 
     Parameters
     ----------
     case : Case
         What the transfers have in common.
-    found : sequence of OrbitTransfers, length M
+    results : sequence of OrbitTransfers, length M
         Per orbit.
     fly : callable
         Flies pieces of legs, in order; see `hillsphere_orbits.manifold_transfers.flights`.
@@ -103,14 +103,14 @@ def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> M
     """
     system, scales = case.flow.system, case.plant.scales
     unit, speed = system.unit[:, None], scales.length_m / scales.time_s
-    ladders = [legs for one in found for legs in (one.departure, one.arrival)]
+    ladders = [legs for one in results for legs in (one.departure, one.arrival)]
     legs = join_legs([Legs.none(), *ladders])
     sizes = [part.p.size for part in ladders]
-    member = np.repeat(np.arange(2 * len(found)) // 2, sizes).astype(np.int64)
-    arrives = np.repeat(np.arange(2 * len(found)) % 2 == 1, sizes)
+    member = np.repeat(np.arange(2 * len(results)) // 2, sizes).astype(np.int64)
+    arrives = np.repeat(np.arange(2 * len(results)) % 2 == 1, sizes)
     again = [
         (ladder, np.full(ladder.p.size, k == 1))
-        for one in found
+        for one in results
         for k, ladder in enumerate(one.again or ())
     ]
     flown, *flown_again = _verify_legs(case, [(legs, arrives), *again], fly)
@@ -124,8 +124,8 @@ def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> M
         np.linalg.norm(legs.target[3:], axis=0), of[arrives.astype(int)], energy[member]
     )
     good = flown.good(case)
-    pairs = _front(found, legs, good)
-    entries, shift = _checks(case, found, legs, good, flown_again)
+    pairs = _front(results, legs, good)
+    entries, shift = _checks(case, results, legs, good, flown_again)
     moon = case.plant if isinstance(case.plant, LockedMoon) else None
     product = ManifoldTransfers(
         flights=Trajectories(
@@ -134,12 +134,12 @@ def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> M
         departure=case.planar[0],
         arrival=case.planar[1],
         orbits=case.orbits,
-        status=tuple(one.status for one in found),
+        status=tuple(one.status for one in results),
         revolutions=case.revolutions,
         z_m=case.z_m,
-        multiplier=np.array([one.multiplier for one in found]),
+        multiplier=np.array([one.multiplier for one in results]),
         bound_m_s=np.array(bound).reshape(2, -1) * speed,
-        trajectories=np.array([one.trajectories for one in found], dtype=np.int64),
+        trajectories=np.array([one.trajectories for one in results], dtype=np.int64),
         leg_member=member,
         leg_arrives=arrives,
         leg_side=legs.side,
@@ -158,7 +158,7 @@ def assemble_product(case: Case, found: Sequence[OrbitTransfers], fly: Fly) -> M
         transfer_legs=pairs,
         checked=tuple(
             label
-            for label, one in zip(case.orbits.labels, found, strict=True)
+            for label, one in zip(case.orbits.labels, results, strict=True)
             if one.again is not None
         ),
         check_entries=entries,
@@ -253,12 +253,12 @@ def _put_together(
 
 
 def _front(
-    found: Sequence[OrbitTransfers], legs: Legs, good: NDArray[np.bool_]
+    results: Sequence[OrbitTransfers], legs: Legs, good: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
     """Return the Pareto-optimal pairs of legs of each orbit."""
     pairs = [np.zeros((2, 0), dtype=np.int64)]
     first = 0
-    for one in found:
+    for one in results:
         middle, last = first + one.departure.p.size, first + one.arrival.p.size
         last += one.departure.p.size
         out = np.arange(first, middle)[good[first:middle]]
@@ -274,7 +274,7 @@ def _front(
 
 def _checks(
     case: Case,
-    found: Sequence[OrbitTransfers],
+    results: Sequence[OrbitTransfers],
     legs: Legs,
     good: NDArray[np.bool_],
     again: Sequence[_VerifiedLegs],
@@ -284,7 +284,7 @@ def _checks(
     shifts: list[float] = []
     others = iter(again)
     first = 0
-    for one in found:
+    for one in results:
         count, shift = np.zeros(2, dtype=np.int64), 0.0
         for ladder in (one.departure, one.arrival):
             own = np.arange(first, first + ladder.p.size)

@@ -149,10 +149,10 @@ class LegFlights:
     def _verify(self, name: str, start: Array, duration: Array, end: Array) -> VerifiedFlights:
         unit, clock = self._flow.system.unit[:, None], self._flow.system.time_unit_s
         flight = Flight(name, duration * clock, np.zeros((3, duration.size)), end * unit)
-        found = verify(self._plant, start * unit, [flight])
+        flown = verify(self._plant, start * unit, [flight])
         return VerifiedFlights(
-            start, found.closure_km, found.closure_m_s, found.impact, found.places_m,
-            found.place_lane,
+            start, flown.closure_km, flown.closure_m_s, flown.impact, flown.places_m,
+            flown.place_lane,
         )  # fmt: skip
 
     def _correct_starts(self, piece: Coasts) -> Array:

@@ -157,10 +157,10 @@ class _Searching:
                 "the orbit and its manifold lie in the plane z = 0, which they do not pass through"
             )
         wanted = [self._arrival, self._departure] if image else [self._arrival]
-        found, count = self._sides(local, wanted, samples)
-        arrival = found[0]
+        ladders, count = self._sides(local, wanted, samples)
+        arrival = ladders[0]
         if image and mirror is not None:
-            return local.multiplier, found[1].mirror(mirror), arrival, count
+            return local.multiplier, ladders[1].mirror(mirror), arrival, count
         backwards = LocalManifold.of(flow, x0, orbit.period, steps, stable=True)
         (departure,), more = self._sides(backwards, [self._departure], samples)
         return local.multiplier, departure, arrival, count + more

@@ -164,24 +164,24 @@ class Search:
             self.local.h, targets, self.limit, self.gain,
         )  # fmt: skip
         mesh.refine(self.samples)
-        found = self._polish_candidates([mesh.roots(k) for k in range(len(targets))], targets)
-        return [ladder(legs, self.gain) for legs in found], np.array(
+        roots = self._polish_candidates([mesh.roots(k) for k in range(len(targets))], targets)
+        return [ladder(legs, self.gain) for legs in roots], np.array(
             [mesh.trajectories, mesh.unproved]
         )
 
     def _polish_candidates(self, roots: list[Roots], targets: list[PolarOrbit]) -> list[Legs]:
         """Polish roots until no other root can be on the fronts."""
-        found = [Legs.none() for _ in targets]
+        polished = [Legs.none() for _ in targets]
         waiting = [np.ones(r.low.size, dtype=bool) for r in roots]
         while True:
             # those of all targets at once: few flights take as long as one
             chosen = [
                 self._promising(r, mask, done)
-                for r, mask, done in zip(roots, waiting, found, strict=True)
+                for r, mask, done in zip(roots, waiting, polished, strict=True)
             ]
             which = np.repeat(np.arange(len(targets)), [here.size for here in chosen])
             if not which.size:
-                return found
+                return polished
             for mask, here in zip(waiting, chosen, strict=True):
                 mask[here] = False
             some = [r.select(here) for r, here in zip(roots, chosen, strict=True)]
@@ -190,7 +190,7 @@ class Search:
                 own = which[kept] == k
                 if own.any():
                     legs = self._final(p[own], node[own], clock[own], target)
-                    found[k] = join_legs([found[k], legs])
+                    polished[k] = join_legs([polished[k], legs])
 
     def _promising(self, roots: Roots, mask: NDArray[np.bool_], done: Legs) -> NDArray[np.intp]:
         """Return the masked roots that may be on the front, given the roots polished so far."""

@@ -127,11 +127,11 @@ class ManifoldTransfersStage:
             closure_limit_m=spec.closure_limit_m,
         )
         advance = ctx.track("transfers", len(pieces))
-        found: list[OrbitTransfers] = []
+        results: list[OrbitTransfers] = []
         with Workers(ctx, work) as workers:
             for label, one in zip(members.labels, workers.map(pieces), strict=True):
                 assert isinstance(one, OrbitTransfers)
-                found.append(one)
+                results.append(one)
                 ctx.info(
                     f"{label}: {one.status}; {one.departure.p.size} departure and "
                     f"{one.arrival.p.size} arrival legs, {one.trajectories} trajectories"
@@ -148,7 +148,7 @@ class ManifoldTransfersStage:
                     assert isinstance(one, VerifiedFlights)
                     yield one
 
-            return assemble_product(case, found, flown)
+            return assemble_product(case, results, flown)
 
     def present(
         self, product: ManifoldTransfers, planar: OrbitSet, orbits: tuple[OrbitSet, ...]

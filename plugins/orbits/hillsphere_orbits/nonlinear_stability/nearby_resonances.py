@@ -74,7 +74,7 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
     has_integral = bool(np.isfinite(family.curve.integral).all())
     integral = CubicSpline(x, family.curve.integral[order] if has_integral else np.zeros_like(x))
     speed = members.length_m / members.time_s
-    found = []
+    resonances = []
     for plane, values in zip(_PLANES, family.curve_indices[:, order], strict=True):
         for d, n in _resonances(n_max):
             for place in _roots(x, values, 2.0 * cos(2.0 * pi * d / n)):
@@ -84,13 +84,13 @@ def nearby_resonances(family: QsoFamily, n_max: int, distance_m: float) -> list[
                     square = vy**2 + 2.0 * float(members.integral[i] - integral(place))
                     reached = has_integral and square >= 0.0
                     change = np.copysign(np.sqrt(square), vy) - vy if reached else np.nan
-                    found.append(
+                    resonances.append(
                         NearbyResonance(
                             int(i), plane, d, n, float(place),
                             float(place - members.x0[0, i]), float(change * speed),
                         )
                     )  # fmt: skip
-    return sorted(found, key=lambda r: (r.member, abs(r.distance_m), r.plane, r.d, r.n))
+    return sorted(resonances, key=lambda r: (r.member, abs(r.distance_m), r.plane, r.d, r.n))
 
 
 def _resonances(n_max: int) -> Iterator[tuple[int, int]]:

@@ -190,14 +190,14 @@ class NonlinearStabilityStage:
 
 def _near(orbits: tuple[OrbitSet, ...], spec: NonlinearStabilitySpec) -> list[NearbyResonance]:
     """Return the resonances near the members of planar families, numbered among all members."""
-    found: list[NearbyResonance] = []
+    resonances: list[NearbyResonance] = []
     before = 0
     for family in orbits:
         if isinstance(family, QsoFamily):
             near = nearby_resonances(family, spec.n_max, spec.resonance_distance_m)
-            found += [replace(one, member=one.member + before) for one in near]
+            resonances += [replace(one, member=one.member + before) for one in near]
         before += len(family.members.labels)
-    return found
+    return resonances
 
 
 class _Trial:
@@ -272,16 +272,16 @@ class _Trial:
         # an orbit that is lost without an offset has the radius zero
         keeps = np.repeat(~reference.lost, count)
         rows = np.flatnonzero(keeps)
-        found = first_losses(
+        losses = first_losses(
             lambda row, offset: judge(rows[row], offset),
             largest.ravel()[rows], spec.doublings, spec.scan,
         )  # fmt: skip
         every = Edges(
             np.zeros(keeps.size), np.zeros(keeps.size), np.repeat(reference.fate, count),
-            np.repeat(reference.time, count), found.flights,
+            np.repeat(reference.time, count), losses.flights,
         )  # fmt: skip
         for name in ("survived", "lost", "fate", "time"):
-            getattr(every, name)[rows] = getattr(found, name)
+            getattr(every, name)[rows] = getattr(losses, name)
         return largest, every
 
 

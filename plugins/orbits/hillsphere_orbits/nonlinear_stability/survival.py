@@ -332,8 +332,8 @@ def _first_loss(
         hit = below.any(axis=0)
         j, lane = np.argmax(below, axis=0)[hit], np.flatnonzero(hit)
         f0, f1 = values[j, lane], values[j + 1, lane]
-        found = _LOOKS[j] + np.diff(_LOOKS)[j] * np.clip(f0 / (f0 - f1), 0.0, 1.0)
+        loss = _LOOKS[j] + np.diff(_LOOKS)[j] * np.clip(f0 / (f0 - f1), 0.0, 1.0)
         i = i[hit]
-        sooner = found < part[i]
-        part[i[sooner]], which[i[sooner]] = found[sooner], k
+        sooner = loss < part[i]
+        part[i[sooner]], which[i[sooner]] = loss[sooner], k
     return part, which

@@ -141,14 +141,14 @@ def continue_members(
             held = _quantity_to_hold(kind, problem, family)
             start = np.concatenate([here, np.zeros((1, here.shape[1]))])
             values[lanes] = held(start)[0]
-            found = carry(problem, here, held, method=method, advance=advance)
-            for i, word in zip(lanes, found.status, strict=True):
+            continued = carry(problem, here, held, method=method, advance=advance)
+            for i, word in zip(lanes, continued.status, strict=True):
                 before = " on the way to the start of the path" if number < len(legs) - 1 else ""
                 status[i] = word if word == _REACHED else word + before
             if number == len(legs) - 1:
-                ways.update(zip(lanes.tolist(), found.ways, strict=True))
-            lanes, here = lanes[found.reached], found.z[:-1, found.reached]
-            ends[:, lanes] = found.z[:, found.reached]
+                ways.update(zip(lanes.tolist(), continued.ways, strict=True))
+            lanes, here = lanes[continued.reached], continued.z[:-1, continued.reached]
+            ends[:, lanes] = continued.z[:, continued.reached]
     there = np.array([word == _REACHED for word in status], dtype=bool)
     if there.any():
         steps = max(problem.base.steps, problem.steps_for(ends[:, there], 0.1 * accuracy))

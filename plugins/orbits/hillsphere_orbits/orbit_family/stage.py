@@ -116,12 +116,12 @@ class OrbitFamilyStage:
         require_accuracy(curve, spec.accuracy)
         require_motion(family.problem, family.branch.z, plant.scales.length_m)
         advance(1)
-        found = self._arrival(ctx, family, z, kinds)
-        kept = tuple(name for name, s in zip(labels, found.status, strict=True) if s == "reached")
-        if found.problem is None:
+        arrival = self._arrival(ctx, family, z, kinds)
+        kept = tuple(name for name, s in zip(labels, arrival.status, strict=True) if s == "reached")
+        if arrival.problem is None:
             members = surveyor.orbits(z, labels)
         else:
-            members = found.problem.orbits(found.z, kept)
+            members = arrival.problem.orbits(arrival.z, kept)
         if kept:
             require_accuracy(members, spec.accuracy)
         unit = plant.scales.length_m
@@ -132,22 +132,22 @@ class OrbitFamilyStage:
             curve=curve,
             member_indices=_indices(members.monodromy),
             curve_indices=_indices(curve.monodromy),
-            member_amplitude_m=family.amplitude(found.z[: len(z)])[0] * unit,
+            member_amplitude_m=family.amplitude(arrival.z[: len(z)])[0] * unit,
             curve_amplitude_m=family.amplitude(family.branch.z)[0] * unit,
-            member_clearance=found.clearance,
+            member_clearance=arrival.clearance,
             asked=(*labels, *(orbit.name for orbit in absent)),
-            status=(*found.status, *(orbit.fault for orbit in absent)),
+            status=(*arrival.status, *(orbit.fault for orbit in absent)),
             held=(*kinds, *(orbit.kind for orbit in absent)) if path else (),
-            held_value=np.append(found.held_value, [np.nan] * (len(absent) if path else 0)),
+            held_value=np.append(arrival.held_value, [np.nan] * (len(absent) if path else 0)),
             parameters=path.names if path else (),
             parameter_start=path.start if path else np.empty(0),
             parameter_end=path.end if path else np.empty(0),
-            way_orbit=found.way_orbit,
-            way_fraction=found.way[-1] if path else np.empty(0),
-            way_x0=found.way_x0,
-            way_period_s=found.way_period * plant.scales.time_s,
-            way_integral=found.way_integral,
-            tracks_m=found.tracks * unit,
+            way_orbit=arrival.way_orbit,
+            way_fraction=arrival.way[-1] if path else np.empty(0),
+            way_x0=arrival.way_x0,
+            way_period_s=arrival.way_period * plant.scales.time_s,
+            way_integral=arrival.way_integral,
+            tracks_m=arrival.tracks * unit,
             method=family.method,
             check=_TAYLOR if path else surveyor.check,
             ends=family.branch.ends,
@@ -226,12 +226,12 @@ class OrbitFamilyStage:
         kinds: list[str] = []
         missing: list[_Absent] = []
         for kind, symbol, unit, size, quantity, values in asked:
-            found = members_at(family.problem, family.branch, quantity, np.array(values) / size)
-            columns.append(found.z)
-            labels += [f"{symbol} = {values[k]:.9g}{unit}" for k in found.target]
-            kinds += [spec.hold or kind] * found.target.size
+            members = members_at(family.problem, family.branch, quantity, np.array(values) / size)
+            columns.append(members.z)
+            labels += [f"{symbol} = {values[k]:.9g}{unit}" for k in members.target]
+            kinds += [spec.hold or kind] * members.target.size
             span = quantity(family.branch.z)[0] * size
-            for k in found.missing(len(values)):
+            for k in members.missing(len(values)):
                 fault = (
                     f"the family has no such member; it has {span.min():.9g} to "
                     f"{span.max():.9g}{unit} and ends: {'; '.join(family.branch.ends)}"

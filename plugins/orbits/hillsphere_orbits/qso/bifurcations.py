@@ -46,13 +46,13 @@ _PLANES = ("planar", "vertical")
 
 def resonances_up_to(d_max: int, n_max: int) -> list[tuple[int, int]]:
     """Return every d:n in lowest terms with d ≤ d_max, n ≤ n_max and d ≤ n/2, and 1:1."""
-    found = [
+    resonances = [
         (d, n)
         for n in range(1, n_max + 1)
         for d in range(1, min(d_max, max(1, n // 2)) + 1)
         if gcd(d, n) == 1
     ]
-    return sorted(found, key=lambda pair: (pair[0], pair[1]))
+    return sorted(resonances, key=lambda pair: (pair[0], pair[1]))
 
 
 class BifurcationStage:
@@ -111,16 +111,16 @@ class BifurcationStage:
                 def index(z: Array, row: int = row) -> Array:
                     return stability_indices(problem.monodromy(z))[row]
 
-                found = members_where(
+                members = members_where(
                     problem,
                     insert_members(problem, branch, index, _RESOLUTION),
                     index,
                     np.array([2.0 * cos(2.0 * pi * d / n) for d, n in wanted]),
                 )
-                columns.append(found.z)
-                plane_of += [plane] * len(found.target)
-                pairs += [wanted[k] for k in found.target]
-                for k in found.missing(len(wanted)):
+                columns.append(members.z)
+                plane_of += [plane] * len(members.target)
+                pairs += [wanted[k] for k in members.target]
+                for k in members.missing(len(wanted)):
                     ctx.info(f"no {plane} bifurcation {wanted[k][0]}:{wanted[k][1]} on this family")
             advance(1)
         z = np.concatenate(columns, axis=1) if columns else branch.z[:, :0]

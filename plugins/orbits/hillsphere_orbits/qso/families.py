@@ -88,8 +88,8 @@ class Family:
         rows = [1 + flow.names.index(name) for name in self.problem.unknowns[:-1]]
 
         def quantity(z: Array) -> tuple[Array, Array]:
-            found = compiled(self.problem.state(z), flow.system.parameters(None, z.shape[1]))
-            return found[0], np.concatenate([found[rows], np.zeros((1, z.shape[1]))])
+            values = compiled(self.problem.state(z), flow.system.parameters(None, z.shape[1]))
+            return values[0], np.concatenate([values[rows], np.zeros((1, z.shape[1]))])
 
         return quantity
 
@@ -248,8 +248,8 @@ class Qso:
             guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
             held = fix_component(problem.unknowns.index("x"), amplitude)
             name = f"amplitude {_km(amplitude * self.plant.scales.length_m)}"
-            found = correct(problem, guess, held, iterations=20)
-            z = found.require_converged("far 2:1 ellipse", [name])
+            corrected = correct(problem, guess, held, iterations=20)
+            z = corrected.require_converged("far 2:1 ellipse", [name])
             if all(boundary.function(z)[0] > 0.0 for boundary in surface):
                 self._require_kind(problem, z)
                 return z
@@ -277,15 +277,15 @@ class Qso:
             guess = problem.unknowns_at(circle, np.array([2.0 * np.pi / rate]))
             some = problem.with_steps(self._steps(problem, guess))
             try:
-                found = correct(some, guess, fix_component(x, radius), iterations=20)
-                clear = bool(found.converged[0]) and all(
-                    boundary.function(found.z)[0] > 0.0 for boundary in surface
+                corrected = correct(some, guess, fix_component(x, radius), iterations=20)
+                clear = bool(corrected.converged[0]) and all(
+                    boundary.function(corrected.z)[0] > 0.0 for boundary in surface
                 )
             except PropagationError:  # through the body, where its gravity is not defined
                 clear = False
-            if clear and bool(self.winding.fits(some, found.z)[0]):
-                self._require_kind(some, found.z)
-                return found.z
+            if clear and bool(self.winding.fits(some, corrected.z)[0]):
+                self._require_kind(some, corrected.z)
+                return corrected.z
             radius *= _GROWTH
         raise ConvergenceError(
             f"no retrograde orbit about the body was found between {_km(first * unit)} and "

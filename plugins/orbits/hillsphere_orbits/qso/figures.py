@@ -66,13 +66,13 @@ def draw_indices(figure: Figure, product: QsoFamily, compare: QsoFamily | None) 
 
 
 def draw_resonances(
-    figure: Figure, product: QsoFamily, compare: QsoFamily | None, found: Bifurcations
+    figure: Figure, product: QsoFamily, compare: QsoFamily | None, bifurcations: Bifurcations
 ) -> None:
     """Draw the stability indices with the resonances marked."""
     axes = draw_indices(figure, product, compare)
     for plane, colour in _PLANES:
-        chosen = [i for i, name in enumerate(found.plane) if name == plane]
-        x, b = found.orbits.x0[0, chosen] / 1e3, found.index[chosen]
+        chosen = [i for i, name in enumerate(bifurcations.plane) if name == plane]
+        x, b = bifurcations.orbits.x0[0, chosen] / 1e3, bifurcations.index[chosen]
         axes.plot(x, b, "o", color=colour, markeredgecolor="white", ms=6, zorder=3)
         last_x, last_b = -np.inf, -np.inf
         reach = 0.028 * float(np.ptp(_amplitudes(product)))
@@ -84,7 +84,8 @@ def draw_resonances(
             i = chosen[int(k)]
             # to the side on which the curve is lower, so that it does not cross the label
             falls = _slope(product, _PLANES.index((plane, colour)), x[k]) < 0.0
-            axes.annotate(f"{found.d[i]}:{found.n[i]}", (x[k], b[k]), fontsize=8, color=colour,
+            resonance = f"{bifurcations.d[i]}:{bifurcations.n[i]}"
+            axes.annotate(resonance, (x[k], b[k]), fontsize=8, color=colour,
                           xytext=(-6 if falls else 6, -9), textcoords="offset points",
                           ha="right" if falls else "left")  # fmt: skip
 

@@ -217,10 +217,10 @@ class QsoFamilyStage:
         for symbol, unit, size, quantity, values in asked:
             if not values:
                 continue
-            found = members_at(family.problem, family.branch, quantity, np.array(values) / size)
-            columns.append(found.z)
-            labels.extend(f"{symbol} = {values[k]:.9g}{unit}" for k in found.target)
-            if lost := found.missing(len(values)):
+            members = members_at(family.problem, family.branch, quantity, np.array(values) / size)
+            columns.append(members.z)
+            labels.extend(f"{symbol} = {values[k]:.9g}{unit}" for k in members.target)
+            if lost := members.missing(len(values)):
                 span = quantity(family.branch.z)[0] * size
                 missing.append(
                     f"{symbol} = {', '.join(f'{values[k]:.9g}' for k in lost)}{unit} (it has "

@@ -59,15 +59,15 @@ def count_connected(spatial: Spatial) -> list[int]:
             [spatial.branches[f].guess(u[[k]])[0] for k, f in enumerate(family)], axis=1
         )
         # only a sign is needed, which further digits do not change
-        found = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
-        before = _sense(spatial, found, chord) == sense
+        middle = polish(spatial.exact(family, u), guess, chord, guess, CLOSED)
+        before = _sense(spatial, middle, chord) == sense
         begin, end = np.where(before, u, begin), np.where(before, end, u)
-        low, high = np.where(before, found.z, low), np.where(before, high, found.z)
+        low, high = np.where(before, middle.z, low), np.where(before, high, middle.z)
         # members of one curve approach each other along the chord; families that avoid each other
         # stay apart beside it
         ahead = np.sum(chord * (high - low), axis=0)
         aside = np.linalg.norm(high - low - ahead * chord, axis=0)
-        apart |= ~(found.error <= CLOSED) | ~(aside <= ahead)
+        apart |= ~(middle.error <= CLOSED) | ~(aside <= ahead)
     for f, i in zip(family[apart], first[apart], strict=True):
         good[f] = min(good[f], int(i) + 1)
     return good

@@ -73,7 +73,7 @@ def first_members(
         With sub-steps good for these members while following.
     z : ndarray, shape (4, M)
         Members with z (or ż) = 0.01, held while correcting.
-    found : ndarray of bool, shape (M,)
+    exists : ndarray of bool, shape (M,)
         Whether there is one.
     """
     z = problem.unknowns_at(x, period * n)
@@ -82,8 +82,8 @@ def first_members(
     problem = problem.with_counts(counts)
     normals = np.zeros_like(z)
     normals[problem.kernel] = 1.0
-    found = polish(problem, z, normals, z)
-    return problem, found.z, np.asarray(found.error <= CLOSED)
+    members = polish(problem, z, normals, z)
+    return problem, members.z, np.asarray(members.error <= CLOSED)
 
 
 @dataclass(frozen=True)
@@ -154,16 +154,18 @@ class Spatial:
         family, u = self.positions
         z = np.concatenate([b.z for b in self.branches], axis=1)
         lines = np.concatenate([b.tangent for b in self.branches], axis=1)
-        found = polish(self.exact(family, u), z, lines, z)
+        polished = polish(self.exact(family, u), z, lines, z)
         branches, members = [], []
         for f, branch in enumerate(self.branches):
             own = np.flatnonzero(family == f)
-            bad = np.flatnonzero(~(found.error[own] <= CLOSED))
+            bad = np.flatnonzero(~(polished.error[own] <= CLOSED))
             end = branch.ends[1]
             if bad.size:
                 own, end = own[: bad[0]], SENSITIVE
-            branches.append(Branch(found.z[:, own], branch.tangent[:, : own.size], ("start", end)))
-            members.append(found.of(own))
+            branches.append(
+                Branch(polished.z[:, own], branch.tangent[:, : own.size], ("start", end))
+            )
+            members.append(polished.of(own))
         return Spatial(self.problem, tuple(branches), tuple(members), self.counts)
 
     def cut(self, good: Sequence[int], reason: str = SENSITIVE) -> Spatial:
@@ -253,7 +255,7 @@ class Spatial:
             member that cannot be corrected is not among them.
         u : ndarray, shape (N,)
             Position on the family's branch.
-        found : Members
+        members : Members
             The members.
         """
         rows: list[tuple[int, int, int, float, float]] = []
@@ -296,8 +298,8 @@ class Spatial:
         guess[self.problem.kernel] = wanted
         normals = np.zeros_like(guess)
         normals[self.problem.kernel] = 1.0
-        found = polish(self.exact(family, u), guess, normals, guess)
-        return family, target, u, found.require_converged(family, u)
+        members = polish(self.exact(family, u), guess, normals, guess)
+        return family, target, u, members.require_converged(family, u)
 
 
 def _without_last(branch: Branch) -> Branch:

@@ -143,9 +143,9 @@ class Group:
         tick : callable
             See `Spatial.follow`.
         """
-        problem, z, found = first_members(problem, x, period, n)
-        ends = {int(k): _NO_FIRST for k in number[~found]}
-        lanes = np.flatnonzero(found)
+        problem, z, exists = first_members(problem, x, period, n)
+        ends = {int(k): _NO_FIRST for k in number[~exists]}
+        lanes = np.flatnonzero(exists)
         if not lanes.size:
             return ends
         number = number[lanes]
@@ -217,10 +217,12 @@ class Group:
             Positions along one period, ends included.
         """
         spatial = self.families.spatial
-        family, target, u, found = spatial.members_at(heights)
-        samples = self.families.samples(family, u, found)
-        made = _describe_orbits(self.surveyor, spatial, self.number, family, u, found, samples.maps)
-        return made, target, _tracks(spatial.problem.of(family), found.z)
+        family, target, u, members = spatial.members_at(heights)
+        samples = self.families.samples(family, u, members)
+        made = _describe_orbits(
+            self.surveyor, spatial, self.number, family, u, members, samples.maps
+        )
+        return made, target, _tracks(spatial.problem.of(family), members.z)
 
 
 def _describe_orbits(

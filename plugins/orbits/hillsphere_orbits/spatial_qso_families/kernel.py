@@ -129,7 +129,7 @@ def starts_of(
         *([("y_position", 1, phase(0, 1))] if doubly else []),
     ]
     first = Start("position", x, True)
-    found = {"position": first}
+    starts = {"position": first}
     for mirror, place, angle in candidates:
         # the axes are π/turns apart; the even ones are those of "position"
         axis = angle * turns / np.pi
@@ -141,12 +141,12 @@ def starts_of(
             )
         made = Start(mirror, places[:, place], nearest % 2 == 0)
         if mirror == "velocity":
-            found["velocity"] = made
+            starts["velocity"] = made
         if not made.of_position:
-            found.setdefault("companion", made)
-    if "companion" not in found:
+            starts.setdefault("companion", made)
+    if "companion" not in starts:
         raise InputError(
             f"bifurcation {d}:{n} at x = {x[0]:.6g} natural units: the second family has no start "
             "on a mirror of these equations"
         )
-    return found
+    return starts

@@ -118,10 +118,10 @@ class Families:
         return Samples(family, u, members, return_maps(members.phi, self.signs[:, family], mirror))
 
     def at(
-        self, found: Samples, family: NDArray[np.intp], u: Array, tolerance: float = RETURNED
+        self, samples: Samples, family: NDArray[np.intp], u: Array, tolerance: float = RETURNED
     ) -> Samples:
         """Return orbits at positions between samples that are known."""
-        guess = found.guess(family, u)
+        guess = samples.guess(family, u)
         return self.samples(family, u, self.spatial.at(family, u, guess, tolerance))
 
     def merge(self, a: Samples, b: Samples) -> Samples:
@@ -135,34 +135,34 @@ def sample_families(families: Families) -> Samples:
     """Return all members of the branches, and more where stability may change between them."""
     spatial = families.spatial
     family, u = spatial.positions
-    found = families.samples(family, u, join_members(spatial.members))
+    samples = families.samples(family, u, join_members(spatial.members))
     errors: dict[tuple[int, str], tuple[Array, Array]] = {}
     for _ in range(_PASSES):
         wanted = [
             (f, place)
             for f in range(len(spatial.branches))
             if spatial.branches[f].size >= 4
-            for place in _places(found, f, errors)
+            for place in _places(samples, f, errors)
         ]
         if not wanted:
             break
         more_family = np.array([f for f, _ in wanted], dtype=np.intp)
         more_u = np.array([place for _, place in wanted])
-        more = families.at(found, more_family, more_u)
-        merged = families.merge(found, more)
-        _learn(found, merged, more_family, more_u, errors)
-        found = merged
-    return found
+        more = families.at(samples, more_family, more_u)
+        merged = families.merge(samples, more)
+        _learn(samples, merged, more_family, more_u, errors)
+        samples = merged
+    return samples
 
 
 def _places(
-    found: Samples, f: int, errors: dict[tuple[int, str], tuple[Array, Array]]
+    samples: Samples, f: int, errors: dict[tuple[int, str], tuple[Array, Array]]
 ) -> list[float]:
     """Return the positions at which a family needs further samples."""
-    own = np.flatnonzero(found.family == f)
-    u = found.u[own]
+    own = np.flatnonzero(samples.family == f)
+    u = samples.u[own]
     places: dict[int, float] = {}
-    for name, values, edges in found.rows(own):
+    for name, values, edges in samples.rows(own):
         known = np.isfinite(values)
         if np.count_nonzero(known) < 4:
             continue

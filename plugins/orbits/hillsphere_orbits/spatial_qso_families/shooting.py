@@ -172,11 +172,11 @@ def sub_steps(
     -------
     counts : ndarray of int, shape (N,)
         Sub-steps.
-    found : ndarray of bool, shape (N,)
+    converged : ndarray of bool, shape (N,)
         Whether they meet the tolerance.
     """
     counts = problem.counts.copy()
-    found = np.zeros(counts.size, dtype=bool)
+    converged = np.zeros(counts.size, dtype=bool)
     best = np.full(counts.size, np.inf)
     stalled = np.zeros(counts.size, dtype=int)
     todo = np.arange(counts.size)
@@ -185,7 +185,7 @@ def sub_steps(
         fine = ends(problem, z[:, todo], 2 * counts[todo])
         error = np.max(np.abs(coarse - fine), axis=0)
         error = np.where(np.isfinite(error), error, np.inf)
-        found[todo] = error <= tolerance
+        converged[todo] = error <= tolerance
         # a difference that no longer shrinks is rounding: more steps cannot better it
         stalled[todo] += error > 0.5 * best[todo]
         best[todo] = np.minimum(best[todo], error)
@@ -193,10 +193,10 @@ def sub_steps(
         growth = np.where(np.isfinite(error), (error / tolerance) ** (1.0 / _ORDER), 2.0)
         # 5 % of margin; at most fourfold, since a large error is not yet asymptotic
         raised = np.ceil(counts[todo] * np.clip(1.05 * growth, 1.02, 4.0)).astype(np.int64)
-        again = ~found[todo] & (stalled[todo] < 2) & (raised <= _MOST)
+        again = ~converged[todo] & (stalled[todo] < 2) & (raised <= _MOST)
         counts[todo[again]] = raised[again]
         todo = todo[again]
-    return counts, found
+    return counts, converged
 
 
 def ends(problem: SpatialShooting, z: Array, counts: NDArray[np.int64]) -> Array:

@@ -146,8 +146,10 @@ class ClosedLoop:
         cases = self.spec.tuning_cases
 
         def attempt(weights: Weights) -> tuple[int, float]:
-            found = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
-            return found.counts[STATUSES.index("completed")], self._weigh(found, sampling.count)
+            survivors = self._fly(sampling, make(sampling, weights), seed, advance, cases, _TUNING)
+            return survivors.counts[STATUSES.index("completed")], self._weigh(
+                survivors, sampling.count
+            )
 
         tuned = tune(strategy, self._weights, attempt)
         law = make(sampling, tuned.weights)
@@ -158,13 +160,13 @@ class ClosedLoop:
         tries = count_candidates(strategy, self._weights) if self._tunes(strategy) else 0
         return self.spec.cases + tries * self.spec.tuning_cases
 
-    def _weigh(self, found: Outcome, corrections: int) -> float:
+    def _weigh(self, survivors: Outcome, corrections: int) -> float:
         """Return the deviation and the mean impulse weighed by their tolerable sizes as written.
 
         Δv alone would be least without any correction wherever the flights just survive that.
         """
-        deviation = found.deviation_m / self.spec.tolerable_position_m
-        impulse = found.cost_m_s / (corrections * self.spec.tolerable_impulse_m_s)
+        deviation = survivors.deviation_m / self.spec.tolerable_position_m
+        impulse = survivors.cost_m_s / (corrections * self.spec.tolerable_impulse_m_s)
         return float(np.nan_to_num(deviation) ** 2 + np.nan_to_num(impulse) ** 2)
 
     def _tunes(self, strategy: str) -> bool:
@@ -224,7 +226,7 @@ class ClosedLoop:
         )
         sigma = self._sigma(spec.injection_position_m, spec.injection_velocity_m_s)
         total = spec.cases if cases is None else cases
-        found = _Survivors(law)
+        survivors = _Survivors(law)
         # in parts, for the histories of many cases are large
         per_block = 8 * BLOCK * corrections * 4 * len(sigma)
         at_once = BLOCK * max(1, _MOST_BYTES // per_block)
@@ -232,7 +234,7 @@ class ClosedLoop:
             numbers = np.arange(first, min(first + at_once, total))
             error = draws(seed, stream, numbers, "injection", (sigma.size,))
             start = reference[:, :1] + sigma[:, None] * error
-            found.add(
+            survivors.add(
                 simulator.fly(
                     Cases(start, numbers=numbers),
                     corrections,
@@ -242,7 +244,7 @@ class ClosedLoop:
                     advance=advance,
                 )
             )
-        return found.outcome()
+        return survivors.outcome()
 
     def _sigma(self, position_m: float, velocity_m_s: float) -> Array:
         """Return standard deviations of the plant's states (n,), zero beyond the first six."""
@@ -299,17 +301,17 @@ class _Survivors:
         self._dv: list[Array] = []
         self._square, self._places = 0.0, 0
 
-    def add(self, found: Flights) -> None:
+    def add(self, flights: Flights) -> None:
         """Add the results of some flights."""
-        for status, count in found.counts().items():
+        for status, count in flights.counts().items():
             self._counts[status] += count
-        survived = np.flatnonzero(np.array(found.status) == "completed")
-        self._dv.append(found.dv_m_s[survived])
+        survived = np.flatnonzero(np.array(flights.status) == "completed")
+        self._dv.append(flights.dv_m_s[survived])
         # flights that all ended before the first correction have no history of it
-        if found.history is not None and survived.size:
-            x = found.history.x[:, 1:-1, survived]
+        if flights.history is not None and survived.size:
+            x = flights.history.x[:, 1:-1, survived]
             if self._law is None:
-                gap = x[:3] - found.history.ref[:3, 1:, survived]
+                gap = x[:3] - flights.history.ref[:3, 1:, survived]
             else:
                 gap = _across(self._law, x)
             self._square += float(np.sum(gap**2))

@@ -64,8 +64,8 @@ class PhaseGains:
         """Return the gains (3, 6, K) at phases (K,)."""
         left, right, part = _between(self.t, self.period, t)
         part = part[:, None, None]
-        found = (1.0 - part) * self.gains[left] + part * self.gains[right]
-        return np.ascontiguousarray(np.moveaxis(found, 0, 2))
+        gains = (1.0 - part) * self.gains[left] + part * self.gains[right]
+        return np.ascontiguousarray(np.moveaxis(gains, 0, 2))
 
 
 def phase_free_target_point_gains(sampling: Sampling, weights: Weights) -> PhaseGains:

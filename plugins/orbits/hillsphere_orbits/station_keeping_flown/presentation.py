@@ -313,7 +313,7 @@ def _not_held(product: StationKeepingFlown, survive: NDArray[np.bool_]) -> list[
 
     That an orbit cannot be held is said only where several tuned laws failed on the same flights.
     """
-    found: dict[str, list[str]] = {}
+    orbits: dict[str, list[str]] = {}
     lost = product.flown.any(axis=(1, 2)) & ~np.isfinite(product.longest()).any(axis=1)
     tuned = np.asarray(product.tuned.any(axis=2))
     flown = np.asarray(product.flown.any(axis=2))
@@ -332,5 +332,5 @@ def _not_held(product: StationKeepingFlown, survive: NDArray[np.bool_]) -> list[
                 f"not held by what was tried ({tried}); fewer than {_SEVERAL} tuned laws were, "
                 "which says nothing about others."
             )
-        found.setdefault(text, []).append(product.labels[i])
-    return [f"{'; '.join(labels)}: {text}" for text, labels in found.items()]
+        orbits.setdefault(text, []).append(product.labels[i])
+    return [f"{'; '.join(labels)}: {text}" for text, labels in orbits.items()]

@@ -112,26 +112,26 @@ def references_of(plant: Plant, sources: Sources, duration_s: float) -> list[Ref
     InputError
         If the ladder has no such rung, or nothing has a name that is asked for.
     """
-    found: list[Reference] = []
+    references: list[Reference] = []
     known: list[str] = []
     if sources.orbits:
         members = members_of(*sources.orbits)
         known += members.labels
-        found += _of_orbits(plant, members, sources.select(members.labels))
+        references += _of_orbits(plant, members, sources.select(members.labels))
     for product in sources.flights:
         known += product.flights.labels
         chosen = _select_flights(product.flights, sources.select(product.flights.labels))
-        found += _of_flights(plant, chosen, duration_s)
+        references += _of_flights(plant, chosen, duration_s)
     if sources.ladder is not None:
         known += sources.ladder.members
-        found += _of_ladder(plant, sources.ladder, sources, duration_s)
+        references += _of_ladder(plant, sources.ladder, sources, duration_s)
     if unknown := [name for name in sources.members if name not in known]:
         raise InputError(
             f"members: nothing is called {unknown[0]!r}; there are: {', '.join(known) or 'none'}"
         )
-    if not found:
+    if not references:
         raise StageError("the stages named in needs provide no reference to hold")
-    return found
+    return references
 
 
 def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[Reference]:
@@ -147,12 +147,12 @@ def _of_orbits(plant: Plant, orbits: PeriodicOrbits, which: list[int]) -> list[R
         labels=tuple(orbits.labels[i] for i in which),
     )
     growth = np.log(np.maximum(np.abs(multipliers(some.monodromy)[0]), 1.0))
-    found = []
+    references = []
     for i, path in enumerate(paths_of_orbits(plant, some)):
         period = float(some.period_s[i])
         e_folding = period / float(growth[i]) if path.unstable else inf
-        found.append(Reference(some.labels[i], path, FLOWN, period, e_folding))
-    return found
+        references.append(Reference(some.labels[i], path, FLOWN, period, e_folding))
+    return references
 
 
 def _select_flights(flights: Trajectories, which: list[int]) -> Trajectories:
@@ -167,14 +167,14 @@ def _select_flights(flights: Trajectories, which: list[int]) -> Trajectories:
 
 def _of_flights(plant: Plant, flights: Trajectories, duration_s: float) -> list[Reference]:
     time = flow_of(plant).system.time_unit_s
-    found = []
+    references = []
     for label, path in zip(flights.labels, paths_of_flights(plant, flights), strict=True):
         if path.length * time < duration_s * (1.0 - _ENDS):
             days = path.length * time / DAY_S
-            found.append(Reference(label, None, f"not flown: it lasts {days:.4g} days only"))
+            references.append(Reference(label, None, f"not flown: it lasts {days:.4g} days only"))
         else:
-            found.append(Reference(label, path))
-    return found
+            references.append(Reference(label, path))
+    return references
 
 
 def _of_ladder(
@@ -185,16 +185,16 @@ def _of_ladder(
             f"rung: the ladder has no rung {sources.rung!r}; it has {', '.join(ladder.rungs)}"
         )
     r = ladder.rungs.index(sources.rung)
-    found = []
+    references = []
     for i in sources.select(ladder.members):
         label = ladder.members[i]
         if not ladder.converged[i, r]:
             why = ladder.status[r * len(ladder.members) + i]
-            found.append(Reference(label, None, f"not flown: {why}"))
+            references.append(Reference(label, None, f"not flown: {why}"))
             continue
         t, x = ladder.reference(sources.rung, label)
-        found += _of_flights(plant, _flight(plant, ladder.frames[r], label, t, x), duration_s)
-    return found
+        references += _of_flights(plant, _flight(plant, ladder.frames[r], label, t, x), duration_s)
+    return references
 
 
 def _flight(plant: Plant, frame: str, label: str, t: Array, x: Array) -> Trajectories:

@@ -121,17 +121,17 @@ class StationKeepingFlownStage:
         for i, s, j in wanted:
             path = held[i].path
             assert path is not None
-            found = loop.fly(path, spec.strategies[s], float(interval[i, j]), ctx.seed, advance)
+            outcome = loop.fly(path, spec.strategies[s], float(interval[i, j]), ctx.seed, advance)
             flown[i, s, j] = True
-            counts[:, i, s, j] = found.counts
-            cost[i, s, j], cost_95[i, s, j] = found.cost_m_s, found.cost_95_m_s
-            deviation[i, s, j] = found.deviation_m
-            if found.tuned is not None:
-                weights, unit = found.tuned.weights, path.flow.system.unit[3]
+            counts[:, i, s, j] = outcome.counts
+            cost[i, s, j], cost_95[i, s, j] = outcome.cost_m_s, outcome.cost_95_m_s
+            deviation[i, s, j] = outcome.deviation_m
+            if outcome.tuned is not None:
+                weights, unit = outcome.tuned.weights, path.flow.system.unit[3]
                 impulse[i, s, j] = weights.impulse * unit
                 velocity[i, s, j] = weights.velocity * unit
                 targets[i, s, j] = len(weights.targets)
-                survivors_tuning[i, s, j] = found.tuned.survivors
+                survivors_tuning[i, s, j] = outcome.tuned.survivors
         survivors = counts[STATUSES.index("completed")]
         low, high = clopper_pearson(survivors, spec.cases, spec.confidence)
         free_low, free_high = clopper_pearson(

@@ -160,14 +160,14 @@ def first_members(
     -------
     z : ndarray, shape (m, K)
         One member per direction.
-    found : ndarray of bool, shape (K,)
+    exists : ndarray of bool, shape (K,)
         Whether there is one; columns without are NaN.
     """
     count = point.directions.shape[1]
     z = np.full((point.z.size, count), np.nan)
-    found = np.zeros(count, dtype=bool)
+    exists = np.zeros(count, dtype=bool)
     for distance in _DISTANCES:
-        left = np.flatnonzero(~found)
+        left = np.flatnonzero(~exists)
         if not left.size:
             break
         b = point.directions[:, left]
@@ -180,5 +180,5 @@ def first_members(
         good = tried.converged & near
         good[good] &= apart(tried.z[:, good]) > _APART * distance
         z[:, left[good]] = tried.z[:, good]
-        found[left[good]] = True
-    return z, found
+        exists[left[good]] = True
+    return z, exists

@@ -64,15 +64,15 @@ def starts_of_breaking(flow: Flow, chain: Chain, number: int, u: float) -> list[
         if not other:
             continue  # the only mirror: what keeps it is no other family of this period
         half = swing_problem(flow, axis).with_steps(problem.steps)
-        found = _first(half, half.unknowns_at(state, period), _without(flow, other, half))
-        if found is not None:
-            origin, first = found
+        leaving = _first(half, half.unknowns_at(state, period), _without(flow, other, half))
+        if leaving is not None:
+            origin, first = leaving
             return [Start(start.d, start.n, axis, 1, axis, number, origin, first)]
     whole = swing_problem(flow, start.axis, mirror=False).with_steps(_FINER * problem.steps)
-    found = _first(whole, whole.unknowns_at(x, period), _oblique(whole, start.axis))
-    if found is None:
+    leaving = _first(whole, whole.unknowns_at(x, period), _oblique(whole, start.axis))
+    if leaving is None:
         return []
-    origin, first = found
+    origin, first = leaving
     return [Start(start.d, start.n, start.axis, 1, "none", number, origin, first)]
 
 
@@ -88,8 +88,8 @@ def _first(
     point = branch_point(problem, middle, line, null=_NULL)
     if not point.kernel.shape[1]:
         return None
-    members, found = first_members(problem, point, apart)
-    return (point.z, members[:, np.argmax(found)]) if np.any(found) else None
+    members, exists = first_members(problem, point, apart)
+    return (point.z, members[:, np.argmax(exists)]) if np.any(exists) else None
 
 
 def _without(flow: Flow, axis: str, problem: Shooting) -> Callable[[Array], Array]:

@@ -210,5 +210,5 @@ class Swing:
 
     def exact(self, family: int, z: Array) -> Array:
         """Return the unknowns (m, N) corrected with the shortest step, from near guesses."""
-        found = correct(self.problem(family), z, tolerance=_ACCEPTED)
-        return found.require_converged(f"orbit of {self.product.name(family)}")
+        corrected = correct(self.problem(family), z, tolerance=_ACCEPTED)
+        return corrected.require_converged(f"orbit of {self.product.name(family)}")

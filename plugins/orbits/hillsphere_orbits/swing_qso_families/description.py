@@ -53,8 +53,8 @@ def integral_of(problem: Shooting) -> Quantity:
     rows = [1 + problem.flow.names.index(name) for name in problem.unknowns[:-1]]
 
     def quantity(z: Array) -> tuple[Array, Array]:
-        found = compiled(problem.state(z), system.parameters(None, z.shape[1]))
-        return found[0], np.concatenate([found[rows], np.zeros((1, z.shape[1]))])
+        values = compiled(problem.state(z), system.parameters(None, z.shape[1]))
+        return values[0], np.concatenate([values[rows], np.zeros((1, z.shape[1]))])
 
     return quantity
 

@@ -134,7 +134,7 @@ def follow(flow: Flow, starts: Sequence[Start], limits: Limits) -> tuple[list[Ch
     while todo:
         some = todo.pop()
         try:
-            found = _Follower(flow, [starts[k] for k in some], limits).chains()
+            followed = _Follower(flow, [starts[k] for k in some], limits).chains()
         except (ConvergenceError, PropagationError) as error:
             if len(some) > 1:
                 # the failure of one family must not stop the others
@@ -143,7 +143,7 @@ def follow(flow: Flow, starts: Sequence[Start], limits: Limits) -> tuple[list[Ch
             start = starts[some[0]]
             notes.append(f"{start.d}:{start.n} from the {start.axis} axis: {error}")
         else:
-            chains.update(zip(some, found, strict=True))
+            chains.update(zip(some, followed, strict=True))
     return [chains[k] for k in sorted(chains)], notes
 
 

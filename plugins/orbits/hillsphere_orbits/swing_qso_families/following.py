@@ -103,24 +103,24 @@ class Following:
 
         def followed(starts: Sequence[Start]) -> FollowedGroup:
             chains, faults = follow(flow, starts, self.limits)
-            found = FollowedGroup(faults=faults)
+            group = FollowedGroup(faults=faults)
             places = {id(start): place for place, start in enumerate(starts)}
             for chain in chains:
                 place, name = places[id(chain.start)], chain.start.name
                 family = self._survey(flow, surveyor, chain)
                 if family is None:
-                    found.remarks[place] = (
+                    group.remarks[place] = (
                         f"{chain.start.d}:{chain.start.n} from the {chain.start.axis} axis: its "
                         f"orbits do not keep the accuracy {self.accuracy:g} when propagated anew"
                     )
                     continue
-                found.families[place] = family
+                group.families[place] = family
                 if family.unsearched:
-                    found.remarks[place] = (
+                    group.remarks[place] = (
                         f"{name}: secondary bifurcations could not be looked for "
                         f"({family.unsearched})"
                     )
-            return found
+            return group
 
         return followed
 

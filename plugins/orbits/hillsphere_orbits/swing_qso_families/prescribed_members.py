@@ -137,12 +137,12 @@ def _correct_at_value(
         values, gradient = quantity(z)
         return (values - value)[None], gradient[None]
 
-    found = correct(problem, guess, hold, tolerance=_TOLERANCE)
+    corrected = correct(problem, guess, hold, tolerance=_TOLERANCE)
     i = int(np.clip(np.floor(u), 0, branch.size - 2))
     ends = branch.z[:, i : i + 2]
     chord = float(np.linalg.norm(ends[:, 1] - ends[:, 0]))
-    near = float(np.min(np.linalg.norm(found.z - ends, axis=0))) <= chord
-    return found.z if bool(found.converged[0]) and near else None
+    near = float(np.min(np.linalg.norm(corrected.z - ends, axis=0))) <= chord
+    return corrected.z if bool(corrected.converged[0]) and near else None
 
 
 def _different(labels: Sequence[str]) -> list[str]:

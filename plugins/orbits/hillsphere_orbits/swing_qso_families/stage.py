@@ -132,8 +132,8 @@ class SwingFamiliesStage:
             while asymmetric and examined < len(families):
                 children = self._children(ctx, flow, families, examined)
                 examined = len(families)
-                found, more = _follow_families(ctx, workers, children, "without a mirror")
-                families += found
+                broken, more = _follow_families(ctx, workers, children, "without a mirror")
+                families += broken
                 notes += more
         if not families:
             raise ConvergenceError(
@@ -207,10 +207,10 @@ class SwingFamiliesStage:
         notes: list[str] = []
         advance = ctx.track("orbits of several revolutions: first ones", len(chosen))
         for k, i in enumerate(chosen):
-            found, lost = starts_at(
+            at_resonance, lost = starts_at(
                 flow, symmetries, x[:, k], float(period[k]), bifurcations.d[i], bifurcations.n[i]
             )
-            starts += [start for start in found if self._has_listed_symmetry(start)]
+            starts += [start for start in at_resonance if self._has_listed_symmetry(start)]
             notes += lost
             advance(1)
         return starts, notes
@@ -244,11 +244,11 @@ class SwingFamiliesStage:
                 if (kind, plane) == ("branching", "planar"):
                     name, why = family.chain.start.name, "nothing was found that leaves there"
                     try:
-                        found = starts_of_breaking(flow, family.chain, number, float(u))
+                        leaving = starts_of_breaking(flow, family.chain, number, float(u))
                     except (ConvergenceError, PropagationError) as error:
-                        found, why = [], str(error)
-                    starts += found
-                    if not found:
+                        leaving, why = [], str(error)
+                    starts += leaving
+                    if not leaving:
                         ctx.info(f"branching of {name} at position {u:.4f} of its chain: {why}")
         return starts
 

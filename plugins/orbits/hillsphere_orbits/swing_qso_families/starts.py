@@ -144,12 +144,12 @@ def starts_at(
     lost: list[_Key] = []
     starts: list[Start] = []
     for (axis, side), crossing in points.items():
-        z, found = first_members(crossing.problem, crossing.point, crossing.apart)
+        z, exists = first_members(crossing.problem, crossing.point, crossing.apart)
         for k in np.argsort(-crossing.senses, kind="stable"):
             key = (axis, side, int(crossing.senses[k]))
             if key in seen:
                 continue
-            if not found[k]:
+            if not exists[k]:
                 lost.append(key)
                 continue
             own, symmetry = _equivalent_starts(flow, symmetries, points, axis, z[:, k])
@@ -268,10 +268,10 @@ def _without_mirror(
     if point.kernel.shape[1] != 2:
         return [], [f"{d}:{n}: the map of {n} revolutions has no kernel of two directions there"]
     normal = _normal_coordinate(flow, crossing)
-    z, found = first_members(crossing.problem, point, crossing.apart)
+    z, exists = first_members(crossing.problem, point, crossing.apart)
     starts: list[Start] = []
     angles: list[float] = []
-    for k in np.flatnonzero(found):
+    for k in np.flatnonzero(exists):
         own = [float(np.angle(normal @ (z[:, k] - point.z)))]
         if symmetries.half_turn:
             image = np.array(Z_HALF_TURN)[:, None] * crossing.problem.state(z[:, [k]])

@@ -107,8 +107,8 @@ def assemble_transfers(
         for k in own:
             z[k] = chains.branch(f).z[:, int(choices[k].u)]
         if between:
-            found = chains.at(f, np.array([choices[k].u for k in between]))
-            for k, column in zip(between, found.T, strict=True):
+            unknowns = chains.at(f, np.array([choices[k].u for k in between]))
+            for k, column in zip(between, unknowns.T, strict=True):
                 z[k] = column
     strands = fly(chains, family, z)
     period = strands.h * (strands.way.shape[1] - 1)

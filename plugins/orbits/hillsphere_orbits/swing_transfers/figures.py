@@ -60,9 +60,9 @@ def draw_transfers(figure: Figure, product: SwingTransfers) -> None:
             c, s = np.cos(product.prime_meridian_rad), np.sin(product.prime_meridian_rad)
             u, v = a * np.cos(t), b * np.sin(t)
             axes.fill(c * u - s * v, s * u + c * v, color="#777777", label=body)
-        found = np.flatnonzero(product.track_leg == leg)
-        if found.size:
-            x, y = product.tracks_m[:, :, found[0]] / 1e3
+        tracks = np.flatnonzero(product.track_leg == leg)
+        if tracks.size:
+            x, y = product.tracks_m[:, :, tracks[0]] / 1e3
             axes.plot(x, y, color=PALETTE["vermillion"], lw=1.0, label="transfer")
             axes.plot(x[0], y[0], "o", color=PALETTE["black"], ms=5, label="first impulse")
             axes.plot(x[-1], y[-1], "s", color=PALETTE["black"], ms=5, label="second impulse")

@@ -191,8 +191,8 @@ class _Searching:
         coarse = search(chains, scans, names, orbits)
         if not coarse:
             return none(), []
-        pieces, found = least_along(chains, names, orbits, coarse)
-        made = self._assemble(pieces, pair, found)
+        pieces, minima_found = least_along(chains, names, orbits, coarse)
+        made = self._assemble(pieces, pair, minima_found)
         own = made.family.tolist()
         positions = [pieces.position(k, u) for k, u in zip(own, made.position, strict=True)]
         made = replace(
@@ -210,7 +210,7 @@ class _Searching:
         ]
         return join_transfers([made, assemble_transfers(chains, self._plant, pair, spare)]), notes
 
-    def _assemble(self, pieces: Pieces, pair: Pair, found: Sequence[Minimum]) -> Transfers:
+    def _assemble(self, pieces: Pieces, pair: Pair, minima: Sequence[Minimum]) -> Transfers:
         """Return the transfers of minima.
 
         An orbit that just touches another one misses it if rounding, magnified by the flow, has
@@ -223,10 +223,10 @@ class _Searching:
             kind = m.kind if m.kind in (INTERIOR, END) else f"touches {m.kind}"
             return Choice(m.family, min(max(m.u + aside, 0.0), last), kind)
 
-        made = assemble_transfers(pieces, self._plant, pair, [choice(m, 0.0) for m in found])
+        made = assemble_transfers(pieces, self._plant, pair, [choice(m, 0.0) for m in minima])
         for aside in _ASIDE:
             dv = dict(zip(made.family.tolist(), made.total_m_s / speed, strict=True))
-            missed = [m for m in found if not dv.get(m.family, np.inf) < m.dv + _AGREES]
+            missed = [m for m in minima if not dv.get(m.family, np.inf) < m.dv + _AGREES]
             if not missed:
                 break
             more = [choice(m, side) for m in missed for side in (-aside, aside)]

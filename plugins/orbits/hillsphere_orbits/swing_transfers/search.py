@@ -131,21 +131,21 @@ def minima(
     low = np.where(special & ~falls[0], u, low)
     high = np.where(special & ~falls[1], u, high)
     at, value = _golden(function, low, high, width)
-    found: dict[int, list[Minimum]] = {}
+    by_family: dict[int, list[Minimum]] = {}
     for k, c in enumerate(lanes):
         one = Minimum(c.family, c.u, c.dv, c.kind)
         # next to a tangent member a slightly lower cost is an error of the interpolation
         gain = _NOISE if c.kind != INTERIOR and abs(at[k] - c.u) <= 2.0 * width else _FLAT
         if value[k] < dv[k] - gain:
             one = Minimum(c.family, float(at[k]), float(value[k]), INTERIOR)
-        found.setdefault(c.family, []).append(one)
-    return [one for f in sorted(found) for one in _finalists(found[f])]
+        by_family.setdefault(c.family, []).append(one)
+    return [one for f in sorted(by_family) for one in _finalists(by_family[f])]
 
 
-def _finalists(found: list[Minimum]) -> list[Minimum]:
+def _finalists(minima: list[Minimum]) -> list[Minimum]:
     """Return the least of a family's minima, and others that are hardly above and elsewhere."""
     kept: list[Minimum] = []
-    for one in sorted(found, key=lambda m: m.dv):
+    for one in sorted(minima, key=lambda m: m.dv):
         if not kept or (
             one.dv < kept[0].dv + _CLOSE and all(abs(one.u - m.u) > _APART for m in kept)
         ):

@@ -99,7 +99,7 @@ class SwingTransfersStage:
         advance = ctx.track("swing transfers", len(families) + len(legs) + 1)
         scans: list[Scan] = []
         known: list[FamilyTangents] = []
-        found: list[SearchedLeg] = []
+        searched: list[SearchedLeg] = []
         with Workers(ctx, work) as workers:
             for scanned in workers.map(families):
                 assert isinstance(scanned, ScannedFamily)
@@ -108,12 +108,12 @@ class SwingTransfersStage:
                 advance(1)
             for leg in workers.map([_leg(k, pair, scans, known) for k, pair in enumerate(legs)]):
                 assert isinstance(leg, SearchedLeg)
-                found.append(leg)
+                searched.append(leg)
                 for note in leg.notes:
                     ctx.info(note)
                 advance(1)
-        least = [leg.least for leg in found]
-        members = [leg.members for leg in found]
+        least = [leg.least for leg in searched]
+        members = [leg.members for leg in searched]
         every = join_transfers(least) if least else none()
         routes = fly_routes(self.plant, orbits, legs, [tuple(r) for r in self.spec.routes], every)
         best = _cheapest_of_legs(every, len(legs))
@@ -123,7 +123,7 @@ class SwingTransfersStage:
         of_least = [
             rank_correlations(t.total_m_s, np.mean(t.angle_rad, axis=0), t.integral) for t in least
         ]
-        front_of_legs = join_transfers([leg.front for leg in found]) if found else none()
+        front_of_legs = join_transfers([leg.front for leg in searched]) if searched else none()
         order = list(names)
         moon = self.plant if isinstance(self.plant, LockedMoon) else None
         speed = float(flow.system.unit[3])
@@ -249,12 +249,12 @@ def _why_not(scans: Sequence[Scan], names: tuple[str, str]) -> str:
 
 def _cheapest_of_legs(every: Transfers, legs: int) -> NDArray[np.intp]:
     """Return the numbers of the cheapest transfer of every leg that has one."""
-    found = []
+    cheapest = []
     for leg in range(legs):
         own = np.flatnonzero(every.leg == leg)
         if own.size:
-            found.append(own[np.argmin(every.total_m_s[own])])
-    return np.array(found, dtype=np.intp)
+            cheapest.append(own[np.argmin(every.total_m_s[own])])
+    return np.array(cheapest, dtype=np.intp)
 
 
 def _tracks(flow: Flow, every: Transfers, which: NDArray[np.intp]) -> Array:

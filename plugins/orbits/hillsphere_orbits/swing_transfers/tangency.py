@@ -73,11 +73,11 @@ def bracket_tangencies(scanned: Scan, name: str, other: str) -> list[Tangency]:
     i, j = np.nonzero(np.isfinite(phase[:-1]))
     k = np.argmin(away[i, j], axis=1) if i.size else j
     mutual = np.argmin(away[i, :, k], axis=1) == j if i.size else np.zeros(0, dtype=bool)
-    found = mutual & ((value[i, j] > 0.0) != (value[i + 1, k] > 0.0))
+    crosses = mutual & ((value[i, j] > 0.0) != (value[i + 1, k] > 0.0))
     elsewhere = scanned.least(other)
     least = float(np.min(scanned.least(name) + elsewhere))
     touches: dict[tuple[int, float], Tangency] = {}
-    for a, p, q in zip(i[found].tolist(), j[found].tolist(), k[found].tolist(), strict=True):
+    for a, p, q in zip(i[crosses].tolist(), j[crosses].tolist(), k[crosses].tolist(), strict=True):
         there = min(elsewhere[a], elsewhere[a + 1])
         if not min(dv[a, p], dv[a + 1, q]) + (there if there < np.inf else 0.0) < MARGIN * least:
             continue

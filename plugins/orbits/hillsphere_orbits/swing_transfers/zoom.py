@@ -136,7 +136,7 @@ def least_along(
     chains: Chains,
     names: tuple[str, str],
     orbits: Mapping[str, PolarOrbit],
-    found: Sequence[Minimum],
+    coarse_minima: Sequence[Minimum],
 ) -> tuple[Pieces, list[Minimum]]:
     """Find the minima again on pieces about them, exactly.
 
@@ -148,7 +148,7 @@ def least_along(
         Departure and arrival orbit.
     orbits : mapping of str to PolarOrbit
         Orbits by name.
-    found : sequence of Minimum
+    coarse_minima : sequence of Minimum
         What `search` found.
 
     Returns
@@ -159,8 +159,8 @@ def least_along(
         The least of every family; `Minimum.family` is the number of its piece.
     """
     pair = {name: orbits[name] for name in names}
-    places = [(m.family, m.u) for m in found]
-    last = {m.family: chains.branch(m.family).size - 1.0 for m in found}
+    places = [(m.family, m.u) for m in coarse_minima]
+    last = {m.family: chains.branch(m.family).size - 1.0 for m in coarse_minima}
     for _ in range(_MOVES):
         pieces = Pieces(chains, places)
         scans = [scan(pieces, k, pair, _PIECE[1]) for k in pieces.families]

@@ -255,6 +255,6 @@ def _propagator(plant: Plant) -> Taylor:
 
 def _least(values: Array, lanes: NDArray[np.intp], cases: int) -> Array:
     """Return the least value of each lane."""
-    found = np.full(cases, np.inf)
-    np.minimum.at(found, lanes, values)
-    return found
+    least = np.full(cases, np.inf)
+    np.minimum.at(least, lanes, values)
+    return least

@@ -213,20 +213,20 @@ def meetings(curve: PolarOrbit, strands: Strands, touch: float = _TOUCH) -> Meet
         curve, strands, 0, step[k], lanes[k], parts[k], end, value[k], value[k + 1]
     )
 
-    found = np.concatenate([k, touching])
-    time = step[found] * h[lanes[found]] + np.concatenate([root, parts[touching]])
-    order = np.lexsort((time, lanes[found]))
-    state = strands.at(lanes[found][order], time[order])
+    places = np.concatenate([k, touching])
+    time = step[places] * h[lanes[places]] + np.concatenate([root, parts[touching]])
+    order = np.lexsort((time, lanes[places]))
+    state = strands.at(lanes[places][order], time[order])
     by_time = np.lexsort((i, lane))
     bend_lane, bend_time = lane[by_time], (i * h[lane] + part)[by_time]
     there = strands.at(bend_lane, bend_time)
     bend_dv = np.linalg.norm(there[3:] - curve.state(_direction(there))[3:], axis=0)
     return Meetings(
-        lane=lanes[found][order],
+        lane=lanes[places][order],
         time=time[order],
         state=state,
         on_curve=curve.state(_direction(state)),
-        touch=(np.arange(found.size) >= k.size)[order],
+        touch=(np.arange(places.size) >= k.size)[order],
         bends=Bends(bend_lane, bend_time, peak[by_time], bend_dv),
     )
 

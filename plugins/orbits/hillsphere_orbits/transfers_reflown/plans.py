@@ -213,11 +213,11 @@ def plans_of(plant: Plant, flights: Trajectories, stays: Stays, revolutions: flo
             "they were found first"
         )
     maker = _Maker(stays, system.unit, system.time_unit_s, revolutions)
-    found = []
+    plans = []
     for name in dict.fromkeys(flights.plans):
         coasts = [i for i, plan in enumerate(flights.plans) if plan == name]
-        found.append(maker.plan(name, [_coast(flow, flights, i) for i in coasts]))
-    return found
+        plans.append(maker.plan(name, [_coast(flow, flights, i) for i in coasts]))
+    return plans
 
 
 class _Maker:

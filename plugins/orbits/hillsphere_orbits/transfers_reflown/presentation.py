@@ -39,10 +39,10 @@ def present_reflown(product: TransfersReflown, label: str) -> Presentation:
         ``transfers_reflown_rungs``, figures ``transfers_reflown`` and
         ``transfers_reflown_paths``.
     """
-    found = np.isfinite(product.dv_m_s)
-    changes = (product.dv_m_s - product.plan_dv_m_s[:, None])[found]
+    flown = np.isfinite(product.dv_m_s)
+    changes = (product.dv_m_s - product.plan_dv_m_s[:, None])[flown]
     metrics = {
-        "reflown_transfers": Metric(int(found.size)),
+        "reflown_transfers": Metric(int(flown.size)),
         "reflown_found": Metric(sum(status == REFLOWN for status in product.status)),
     }
     figures = {}
