@@ -85,6 +85,7 @@ class Flow:
         self.system = system
         self.names: tuple[str, ...] = tuple(v.name for v in system.states)
         self.map = StepMap(system, method="dop853", stm=True)
+        # rates at two times, at states of no symmetry: any explicit time would show
         probe = np.linspace(0.9, 1.7, len(self.names))[:, None] * system.scale[:, None]
         if not np.array_equal(self.rate(probe, 0.0), self.rate(probe, 0.37), equal_nan=True):
             raise InputError(
@@ -142,6 +143,7 @@ class Flow:
         divides the error of an eighth-order method by 256.
         """
         size = max(1.0, float(np.max(np.abs(x) / self.system.scale[:, None])))
+        # twice the steps that meet the tolerance: a margin of 2⁸ for other members
         return 2 * self.map.choose_steps(x, duration, tolerance * size)
 
     def keeps(self, mirror: Sequence[int], x: Array, *, reverses_time: bool) -> bool:
@@ -161,6 +163,7 @@ class Flow:
         bool
             f(S x) = ±S f(x) to rounding at all samples.
         """
+        # equivariance f(S x) = S f(x), or −S f(x) under time reversal
         sign = np.asarray(mirror, dtype=float)[:, None]
         here, there = self.rate(x), self.rate(sign * x)
         expected = (-sign if reverses_time else sign) * here

@@ -91,6 +91,7 @@ class CoverageStage:
         spec, moon = self.spec, self.moon
         given = members_of(*orbits)
         equations = system(self.plant, normalised=True)
+        # steps short enough that the ground track skips no cell
         around = retrace(StepMap(equations), given, _OF_CELL * spec.cell_rad)
         # the last state is the first one again
         way = around.way[:, :-1] * equations.unit[:, None, None]
@@ -101,6 +102,7 @@ class CoverageStage:
         ground, altitude = _ground(body, axes, given.labels)
         longitude = np.arctan2(ground[1], ground[0])
         latitude = np.arctan2(ground[2], np.hypot(ground[0], ground[1]))
+        # extremes by a parabola: samples alone miss them by a part of a step
         extent = np.array([_least(latitude), -_least(-latitude)])
         bands = _odd(np.pi / spec.cell_rad)
         edges = np.linspace(-0.5 * np.pi, 0.5 * np.pi, bands + 1)

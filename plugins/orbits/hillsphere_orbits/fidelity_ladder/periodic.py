@@ -101,6 +101,7 @@ def periodic_on(rung: Rung, orbits: PeriodicOrbits, guess: Array) -> PeriodicCou
                     _correct(periodic, problem, held, x[:, one], begin[:, one], period[one], one)
                 except PropagationError:
                     status[lane] = "the correction leaves every bound"
+    # closure is judged beside the magnification of rounding over one period
     growth = np.maximum(1.0, np.max(np.abs(orbits.monodromy), axis=(0, 1)))
     for i in range(cases):
         if not status[i]:
@@ -138,6 +139,7 @@ def _samples(x: Array) -> Array:
     rng = np.random.default_rng(6)
     place, speed = np.linalg.norm(x[:3]), np.linalg.norm(x[3:])
     states = rng.normal(size=(6, 24))
+    # random directions at the orbit's own distance and speed
     states[:3] *= place / np.linalg.norm(states[:3], axis=0)
     states[3:] *= speed / np.linalg.norm(states[3:], axis=0)
     return np.asarray(states)

@@ -78,6 +78,7 @@ class Rung:
             return hill
         _, k, cases = hill.shape
         flat = np.ascontiguousarray(hill.reshape(6, -1))
+        # the true anomaly is given by time, the same for all flights at a node
         anomaly = np.repeat(self.anomaly[nodes], cases)
         return self._clocked.from_hill_frame(flat, anomaly).reshape(self.n, k, cases)
 

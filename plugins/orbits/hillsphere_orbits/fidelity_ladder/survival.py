@@ -45,6 +45,7 @@ def survival(rung: Rung, x0: Array, limits_m: Array) -> tuple[Array, tuple[str, 
     flight = _Series(flow) if flow.system.external is None else _Steps(flow)
     parts = np.arange(_PIECES) / _PIECES
     t = rung.t_s / time_unit
+    # parts of arcs: losses are dated to their ends
     grid = np.append((t[:-1, None] + np.diff(t)[:, None] * parts).ravel(), t[-1])
     time = np.full(x0.shape[1], rung.t_s[-1])
     fate = [""] * x0.shape[1]
@@ -69,6 +70,7 @@ def survival(rung: Rung, x0: Array, limits_m: Array) -> tuple[Array, tuple[str, 
                 fate[lane], time[lane] = "unresolved", start * time_unit
             elif not inside[i]:
                 fate[lane], time[lane] = "limit", (start + length) * time_unit
+        # lost lanes leave the batch, so that later parts cost less
         stays = np.isnan(met) & resolved & inside
         lanes, x = lanes[stays], np.ascontiguousarray(x[:, stays])
     return time, tuple(fate)
@@ -94,6 +96,7 @@ def _farthest(x: Array, h: float) -> Array:
         stable = -(q + np.copysign(root, q))
         turns = stable / p, s / stable
     for u in turns:
+        # value of the cubic at its extrema
         at = a + u * (s + u * (q + u * p / 3.0))
         inside = (u > 0.0) & (u < 1.0)
         largest = np.maximum(largest, np.max(np.where(inside, np.abs(at), 0.0), axis=1))

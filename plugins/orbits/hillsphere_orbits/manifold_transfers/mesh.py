@@ -132,6 +132,8 @@ def partners(
         own = np.flatnonzero(rising == sense)
         if not own.size:
             continue
+        # one sorted key by trajectory, then time: a search finds the neighbour's passage nearest in
+        # time
         key = lane[own] * width + (clock[own] - first)
         for step, partner in ((1, after), (-1, before)):
             place = np.searchsorted(key, key + step * width)
@@ -251,6 +253,7 @@ class Mesh:
         """Return neighbouring passages, one of each pair at least within the limit."""
         flown = np.unique(lane)
         after, before = partners(lane, q.clock, q.rising, q.x)
+        # each other's nearest: two points of one curve of passages
         mutual = (after >= 0) & (before[after] == np.arange(lane.size))
         # beyond the end of the neighbour's flight, by impact or in time, nothing is missing there
         last = np.full(flown.size, -np.inf)
@@ -330,6 +333,7 @@ class Mesh:
         second = next_pair[b[first]]
         s0, s1, s2 = np.abs(g[a[first]]), np.abs(g[b[first]]), np.abs(g[b[second]])
         with np.errstate(divide="ignore", invalid="ignore"):
+            # least value of the parabola through three passages
             bottom = s1 - 0.125 * (s2 - s0) ** 2 / (s0 - 2.0 * s1 + s2)
         dips = ~changes[second] & (s1 <= s0) & (s1 <= s2) & (bottom < 0.5 * s1)
         dips &= pairs.apart[first] + pairs.apart[second] > _TOUCH
@@ -361,6 +365,7 @@ class Mesh:
         g, away = q.g[k], q.away[k]
         hit = pairs.matched & (g[pairs.a] * g[pairs.b] <= 0.0) & (pairs.apart <= _TORN)
         a, b = pairs.a[hit], pairs.b[hit]
+        # linear interpolation of the root between both passages
         share = g[a] / np.where(g[a] == g[b], 1.0, g[a] - g[b])
         return Roots(
             low=q.p[a],

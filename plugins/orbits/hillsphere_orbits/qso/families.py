@@ -12,7 +12,7 @@ from hillsphere.interfaces import Array, Plant
 from hillsphere.symbolic import gradient
 from hillsphere_orbits.continuation import Boundary, Branch, StepControl, continue_both, follow
 from hillsphere_orbits.correction import correct, fix_component
-from hillsphere_orbits.flow import Flow, flow_of
+from hillsphere_orbits.flow import XY_MIRROR, Flow, flow_of
 from hillsphere_orbits.members import Quantity, coordinate
 from hillsphere_orbits.qso.specs import QsoSpec
 from hillsphere_orbits.shooting import PeriodicShooting, Shooting, SymmetricShooting
@@ -109,6 +109,8 @@ class Family:
             slopes = np.zeros_like(z)
             for i in range(z.shape[0] - 1):
                 h = np.zeros_like(z)
+                # central differences: their error of 1e-10 is enough for a gradient of Newton's
+                # method
                 h[i] = 1e-5
                 slopes[i] = (values(z + h) - values(z - h)) / 2e-5
             return values(z), slopes
@@ -163,8 +165,7 @@ class Qso:
         """The shooting problem that suits the symmetries of the equations, and why."""
         flow = self.flow
         samples = _samples()
-        flat = (1, 1, -1, 1, 1, -1)
-        frozen = ("z", "vz") if flow.keeps(flat, samples, reverses_time=False) else ()
+        frozen = ("z", "vz") if flow.keeps(XY_MIRROR, samples, reverses_time=False) else ()
         where = "in the plane z = 0" if frozen else "in space (the gravity has no mirror plane xy)"
         mirror = flow.system.mirrors.get("xz")
         if mirror is not None and flow.keeps(mirror, samples, reverses_time=True):
@@ -244,6 +245,7 @@ class Qso:
         """Return a member near the 2:1 ellipse of Hill's limit, of an amplitude at least."""
         surface, distance = self._grazing(problem), self.winding.distance
         while True:
+            # Hill's limit without the body's attraction: x = a cos t, y = −2a sin t, period 2π
             ellipse = np.array([[amplitude, 0.0, 0.0, 0.0, -2.0 * amplitude, 0.0]]).T
             guess = problem.unknowns_at(ellipse, np.array([2.0 * np.pi]))
             held = fix_component(problem.unknowns.index("x"), amplitude)
@@ -253,6 +255,7 @@ class Qso:
             if all(boundary.function(z)[0] > 0.0 for boundary in surface):
                 self._require_kind(problem, z)
                 return z
+            # the orbit grazes the body: try farther out
             amplitude *= 1.5
             if amplitude > (_FARTHEST if distance is None else _FAR_SHARE * distance):
                 raise ConvergenceError(
@@ -307,6 +310,7 @@ class Qso:
         ends = [*self._grazing(problem), *self._resolution_boundaries(problem)]
         inner = [*ends, Boundary(f"smallest amplitude {_km(low * unit)}", lambda z: z[x] - low)]
         outer = Boundary(f"largest amplitude {_km(high * unit)}", lambda z: high - z[x])
+        # a long tail far out is nearly straight: steps in proportion to it
         largest = max(0.5, 0.02 * high)
         if self.winding.distance is not None:
             # beyond Hill's limit the family bends over a part of the primary's distance
@@ -314,6 +318,7 @@ class Qso:
         control = StepControl(first=min(0.1, 0.25 * float(start[x, 0])), largest=largest)
         inwards = -np.eye(len(problem.unknowns))[x]
         begin = float(start[x, 0])
+        # the first member lies in the range: follow both ways from it
         if low <= begin <= high:
             whole = continue_both(
                 problem, start[:, 0], inwards, boundaries=[outer, *inner], control=control
@@ -323,6 +328,7 @@ class Qso:
         wanted = high if above else low
         sign = 1.0 if above else -1.0
         there = Boundary("the range begins", lambda z: sign * (z[x] - wanted))
+        # otherwise follow to the edge of the range first, and from there through it
         approach = follow(
             problem, start[:, 0], sign * inwards, boundaries=[there, *ends], control=control
         )
@@ -373,6 +379,7 @@ class Qso:
 
     def _before_turn(self, branch: Branch, x: int) -> Branch:
         """Cut the branch where its amplitude stops falling: another family follows."""
+        # chains run inwards: dx/ds < 0 as long as the family is single-valued in x
         turned = np.flatnonzero(branch.tangent[x] >= 0.0)
         if not turned.size:
             return branch
@@ -402,6 +409,7 @@ class Qso:
         def clearance(z: Array) -> Array:
             way = flow.trajectory(problem.state(z), problem.period(z), 2 * problem.steps)
             states, points, cases = way.shape
+            # all points of all orbits as lanes of one evaluation
             flat = np.ascontiguousarray(way.reshape(states, points * cases))
             values = compiled(flat, flow.system.parameters(None, points * cases))[0]
             return _least(values.reshape(points, cases)) - _CLEARANCE

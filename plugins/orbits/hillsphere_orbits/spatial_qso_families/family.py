@@ -205,6 +205,7 @@ class Spatial:
             own = family == f
             # places were chosen on the branch as it was followed, of which this may be a part
             top = max(self.branches[f].size - 1.0, 1.0)
+            # sub-steps interpolated along the branch, with 5 % of margin
             counts[own] = np.interp(u[own] / top, np.linspace(0.0, 1.0, _GRID), self.counts[:, f])
         return self.problem.of(family).with_counts(np.ceil(1.05 * counts).astype(np.int64))
 
@@ -290,6 +291,7 @@ class Spatial:
                 i.astype(float), i + 1.0, below, above, np.full(wanted.shape, 1e-13),
             )  # fmt: skip
             return family, target, u, self.at(family, u)
+        # linear interpolation; then z itself is prescribed, so that no root is left to find
         u = i + below / (below - above)
         guess = np.concatenate(
             [self.branches[f].guess(np.array([v]))[0] for f, v in zip(family, u, strict=True)],

@@ -144,6 +144,7 @@ def polish(
     for _ in range(_NEWTON):
         values, slopes, here, matrix = problem.of(todo).evaluate(z[:, todo])
         plane = np.sum(normals[:, todo] * (z[:, todo] - points[:, todo]), axis=0)
+        # bordered by the plane's equation, which singles out one member of the curve
         values = np.concatenate([values, plane[None]])
         slopes = np.concatenate([slopes, normals[None, :, todo]])
         size = np.max(np.abs(values), axis=0)
@@ -160,6 +161,7 @@ def polish(
         go &= usable
         if not np.any(go):
             break
+        # pseudo-inverse: near a bifurcation the system is almost singular
         step = np.linalg.pinv(np.moveaxis(slopes[:, :, go], 2, 0)) @ values[:, go].T[:, :, None]
         todo = todo[go]
         z[:, todo] -= step[:, :, 0].T

@@ -75,6 +75,7 @@ class Sampling:
         """Corrections in a period of the reference; None if that is no whole number."""
         if self.path.period is None:
             return None
+        # a periodic schedule of gains exists only if a whole number of intervals makes a period
         ratio = self.path.period / self.interval
         whole = round(ratio)
         return whole if whole >= 1 and abs(ratio - whole) <= _WHOLE * whole else None

@@ -58,6 +58,7 @@ def starts_of_breaking(flow: Flow, chain: Chain, number: int, u: float) -> list[
     mirrors = [axis for axis in AXES if axis in start.symmetry]
     for axis in mirrors:
         state = x
+        # an orbit with two mirrors crosses the other axis a quarter of a period later
         if axis != start.axis:
             state = flow.with_matrix(x, 0.25 * period, _FINER * problem.steps)[0]
         other = next((a for a in mirrors if a != axis), "")
@@ -80,6 +81,7 @@ def _first(
     problem: Shooting, z: Array, apart: Callable[[Array], Array]
 ) -> tuple[Array, Array] | None:
     """Return the bifurcating orbit and a first member, if any, from its neighbours z (m, 4)."""
+    # cubic interpolation of four neighbours at the bifurcation, and the chord as its tangent
     middle, line = z @ _WEIGHTS, z[:, 2] - z[:, 1]
     slopes = problem.residual(middle[:, None])[1]
     size = np.linalg.svd(slopes[:, :, 0], compute_uv=False)

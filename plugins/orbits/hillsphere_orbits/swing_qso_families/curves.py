@@ -177,6 +177,7 @@ class Swing:
         problem = self._equations(family)
         x, period = self._start(family)
         z = problem.unknowns_at(x, period)
+        # five members, ends included, stand for the family
         some = np.unique(np.linspace(0, z.shape[1] - 1, 5).astype(int))
         flown = 0.5 * period[some] if mirror else period[some]
         coarse = self.flow.map.choose_steps(x[:, some], flown, 1e-6)

@@ -62,6 +62,7 @@ def integral_of(problem: Shooting) -> Quantity:
 def position_on(branch: Branch, z: Array) -> float:
     """Return the position on a chain of the orbit z (m,), which lies between two of its orbits."""
     chord = np.diff(branch.z, axis=1)
+    # foot of the perpendicular on each chord; the nearest chord wins
     part = np.sum(chord * (z[:, None] - branch.z[:, :-1]), axis=0) / np.sum(chord**2, axis=0)
     part = np.clip(part, 0.0, 1.0)
     away = np.linalg.norm(branch.z[:, :-1] + part * chord - z[:, None], axis=0)
@@ -81,6 +82,7 @@ def errors(surveyor: Surveyor, problem: Shooting, z: Array) -> tuple[Array, Arra
     if not isinstance(problem, SymmetricShooting):
         change = end - x
         return np.max(np.abs(change), axis=0), np.linalg.norm(change, axis=0)
+    # a symmetric orbit meets the mirror perpendicularly: states with sign −1 vanish there
     odd = np.array(problem.mirror) == -1
     half = np.max(np.abs(end[odd]), axis=0)
     return half, np.linalg.norm(surveyor.propagate(end, 0.5 * period) - x, axis=0)
@@ -129,6 +131,7 @@ def spectrum_of(monodromy: Array) -> NDArray[np.complex128]:
     From traces: four multipliers that are nearly 1 are scattered by an eigenvalue solver.
     """
     b = np.array(stability_indices(monodromy), dtype=complex)
+    # λ² − b λ + 1 = 0; the larger root without cancellation
     root = np.sqrt(b * b - 4.0)
     outer = 0.5 * np.where(np.abs(b + root) >= np.abs(b - root), b + root, b - root)
     ones = np.ones((2, b.shape[1]), dtype=complex)

@@ -301,6 +301,7 @@ class _Follower:
         size = float(np.linalg.norm(gap))
         self._widest[lane] = max(self._widest[lane], size)
         one_turn = self.starts[lane].parent < 0
+        # near the parent the orbit almost closes after one revolution
         small = size < _RETURNS * self._widest[lane]
         # passing through the parent, the displacement after one revolution changes sign
         back = before is not None and (float(gap @ before) < 0.0 or size < _ON_PARENT)
@@ -367,6 +368,8 @@ def _steps(problem: Shooting, z: Array, tolerance: float, least: int = 32) -> in
     """
     flow, x, duration = problem.flow, problem.state(z), integration_time(problem, z)
     try:
+        # a coarse flight measures how much rounding is magnified; the finer one need not go below
+        # that
         coarse = flow.map.choose_steps(x, duration, max(tolerance, 1e-6), most=_MOST)
         if tolerance >= 1e-6:
             return max(coarse, least)

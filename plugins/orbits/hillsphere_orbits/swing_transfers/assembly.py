@@ -110,6 +110,7 @@ def assemble_transfers(
             unknowns = chains.at(f, np.array([choices[k].u for k in between]))
             for k, column in zip(between, unknowns.T, strict=True):
                 z[k] = column
+    # one period of each chosen swing orbit, and its meetings with both ends
     strands = fly(chains, family, z)
     period = strands.h * (strands.way.shape[1] - 1)
     met = (meetings(pair.start, strands, _TOUCH), meetings(pair.end, strands, _TOUCH))
@@ -125,6 +126,7 @@ def assemble_transfers(
     energy = _integral(chains, x0)
     leave, reach = met[0].state[:, first], met[1].state[:, last]
     before, after = met[0].on_curve[:, first], met[1].on_curve[:, last]
+    # from the departure orbit on to the swing orbit, and from that on to the arrival orbit
     impulses = np.array([leave[3:] - before[3:], after[3:] - reach[3:]])
     bounds = [
         least_dv(np.linalg.norm(state[3:], axis=0), c, energy)
@@ -168,6 +170,7 @@ def _choose_passages(
             met, (ways.departure, ways.arrival), choice.phases, strict=True
         ):
             apart = np.abs(meeting.time[number[own]] / period[k] - phase)
+            # distance of phases on a circle
             away += np.minimum(apart, np.abs(1.0 - apart))
         chosen[k] = own[np.argmin(away)]
     return chosen

@@ -85,6 +85,7 @@ def _fly_route(
     legs: list[Leg] = []
     waiting, since = 0.0, 0.0
     for k, (name, target) in zip(best, pairwise(route), strict=True):
+        # the rest of a revolution until the next leg leaves this orbit
         wait = (float(least.on_departure_s[k]) - since) % (orbits[name].period * clock)
         waiting += wait if legs else 0.0
         legs.append(_leg(f"on {name}", wait, least.impulse_m_s[0, :, k], orbits[name],

@@ -168,6 +168,8 @@ def least_along(
         moved = False
         for m in again:
             family, u = pieces.whole[m.family], pieces.position(m.family, m.u)
+            # a minimum at the end of the piece, not of the family: centre the piece there and
+            # repeat
             inside = 1e-6 < u < last[family] - 1e-6
             if m.kind == END and inside:
                 places[m.family], moved = (family, u), True

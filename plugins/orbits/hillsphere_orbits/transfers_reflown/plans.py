@@ -151,8 +151,10 @@ class Stays:
         assert curves is not None
         lane, last = np.asarray(lanes, dtype=np.intp), curves.table.shape[1] - 1
         h = curves.step[lane]
+        # the table runs from −T/2 to T/2 in equal steps
         place = np.mod((phase + 0.5 * curves.period[lane]) / h, last)
         i = np.minimum(place.astype(np.intp), last - 1)
+        # propagated from the table's node, not interpolated: exact to rounding
         start = np.ascontiguousarray(curves.table[:, i, lane])
         return np.asarray(self.flow.plain.propagate(start, (place - i) * h, 2))
 
@@ -258,6 +260,7 @@ class _Maker:
         return Plan(name, tuple(pieces))
 
     def _join(self, before: Piece, coast: Piece, idle: float) -> bool:
+        # two coasts join directly if neither place nor time lies between them
         gap = np.linalg.norm((coast.hill[:3, 0] - before.hill[:3, -1]) / self.unit[:3])
         size = max(1.0, float(np.linalg.norm(coast.hill[:3, 0] / self.unit[:3])))
         return bool(gap <= _MEETS * size and abs(idle) <= _MEETS * self.clock)
@@ -273,6 +276,7 @@ class _Maker:
         if first is None or last is None or first[0] != last[0]:
             return None
         period = self.stays.period(first[0])
+        # from phase to phase, by whole periods more if the plan's times leave room for them
         span = (last[1] - first[1]) % period
         if idle > 0.0:
             span += period * round((idle / self.clock - span) / period)
@@ -297,6 +301,7 @@ def _coast(flow: Flow, flights: Trajectories, i: int) -> Piece:
         raise StageError(
             f"coast {label!r} of {flights.plans[i]!r} needs two or more states at rising times"
         )
+    # nodes of multiple shooting: those of the given states that are nearest to equal arcs
     arcs = max(1, round((t[-1] - t[0]) / system.time_unit_s / _ARC))
     wanted = np.linspace(t[0], t[-1], arcs + 1)
     nodes = np.unique(np.argmin(np.abs(t[:, None] - wanted), axis=0))

@@ -134,6 +134,7 @@ class Reflier:
     def _find_flight(self, rung: Rung, nodes: Array, *, held: bool) -> ContinuousFlights | str:
         """Return the flight of the plant near nodes (n, K + 1, 1), or why there is none."""
         points = nodes.shape[1]
+        # the places at both ends of a coast are held, their velocities are free: impulses result
         freedom = np.ones((6, points))
         if held:
             freedom[:3, [0, -1]] = 0.0
@@ -156,6 +157,7 @@ class Reflier:
         x = made.x[:, :, 0] / unit
         t = rung.t_s / clock
         start, spans = np.ascontiguousarray(x[:, :-1]), np.diff(t)
+        # a multiple of the points per arc, so that they fall on sub-steps
         steps = _BETWEEN * -(-made.steps // _BETWEEN)
         way = self.flow.plain.trajectory(start, spans, steps)[:, :: steps // _BETWEEN]
         way = np.swapaxes(way, 1, 2).reshape(len(x), -1) * unit
