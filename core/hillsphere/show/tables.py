@@ -243,8 +243,9 @@ class FieldColumns:
         field : str
             Its name.
         **words : str
-            One per entry: what its name has before the unit, and its label before the field's;
-            ``least="lowest"`` of ``altitude_m`` yields ``altitude_least_km``, "lowest altitude".
+            One per entry: the prefix of its name, and the word before the field's label;
+            ``min="lowest"`` of ``altitude_m`` yields ``min_altitude_km``, "lowest altitude". The
+            word is a prefix because ``_min`` before a unit reads as minutes.
 
         Returns
         -------
@@ -266,7 +267,7 @@ class FieldColumns:
         return [
             self._column(
                 declared, part, declared.shape.dimensions[1:],
-                f"{stem}_{key}_{unit}".removesuffix("_"), f"{word} {mark.text}", None,
+                f"{key}_{stem}_{unit}".removesuffix("_"), f"{word} {mark.text}", None,
             )
             for part, (key, word) in zip(values, words.items(), strict=True)
         ]  # fmt: skip
