@@ -31,7 +31,7 @@ from hillsphere_estimators.navigation_comparison.stage import read_published_err
 from hillsphere_gravity.icgem import read_icgem
 from hillsphere_gravity.shadr import read_shadr
 from hillsphere_orbits.ephemeris.oem import OemSegment, read_oem, write_oem
-from hillsphere_tracking.live.feed import Recorded
+from hillsphere_tracking.live.feed import ReplayFeed
 from hillsphere_tracking.live.inputs import input_of
 from hillsphere_tracking.memory import read_memory
 from hillsphere_tracking.passes.sources import orbits_of_file
@@ -294,7 +294,7 @@ def _pass_log(path: Path) -> None:
 def _measured(path: Path) -> None:
     with ExitStack() as stack:
         feed, _ = input_of(stack, str(path), None, True, 1.0)
-        assert isinstance(feed, Recorded)
+        assert isinstance(feed, ReplayFeed)
         feed.until(feed.first.epoch, 1e6)
 
 

@@ -13,7 +13,7 @@ from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.products import Trajectories
 from hillsphere.time import Epoch
 
-__all__ = ["TOLERANCE", "FlownOrbit", "missed"]
+__all__ = ["TOLERANCE", "FlownOrbit", "estimate_interpolation_error"]
 
 TOLERANCE = 1e-9
 """Largest error of interpolated positions, relative to the distance from the Earth's centre."""
@@ -87,7 +87,7 @@ class FlownOrbit:
         first = np.arange(t.size - _NODES + 1)
         self._nodes = t[first + np.arange(_NODES)[:, None]]
         self._coefficients = _divided_differences(t, x, first + np.arange(_NODES)[:, None])
-        middle, off, allowed = missed(t, x, tolerance)
+        middle, off, allowed = estimate_interpolation_error(t, x, tolerance)
         self.error_m = float(off.max())
         if (off > allowed).any():
             worst = int(np.argmax(off - allowed))
@@ -159,7 +159,7 @@ class FlownOrbit:
             )
         last = self._t.size - _NODES
         at = np.clip(np.searchsorted(self._t, t, side="right") - 2, 0, last)
-        return _evaluated(self._nodes[:, at], self._coefficients[:, :, at], t)
+        return _evaluate_polynomials(self._nodes[:, at], self._coefficients[:, :, at], t)
 
     def exists(self, t_s: Array) -> NDArray[np.bool_]:
         """Say for times (N,) after the epoch whether they lie within the flight."""
@@ -176,7 +176,7 @@ class FlownOrbit:
         )
 
 
-def missed(
+def estimate_interpolation_error(
     t: Array, x: Array, tolerance: float = TOLERANCE
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Estimate errors of interpolation, by leaving out one state after the other.
@@ -199,7 +199,7 @@ def missed(
     """
     middle = np.arange(2, t.size - 2)
     around = middle + np.array([-2, -1, 1, 2])[:, None]
-    guess = _evaluated(t[around], _divided_differences(t, x, around), t[middle])[:3]
+    guess = _evaluate_polynomials(t[around], _divided_differences(t, x, around), t[middle])[:3]
     place = x[:3, middle]
     # what rounding of states and times leaves is no fault of the step
     rounding = 1e-13 * float(np.abs(x[:3]).max())
@@ -225,7 +225,7 @@ def _divided_differences(t: Array, x: Array, nodes: NDArray[np.int64]) -> Array:
     return np.array(out)
 
 
-def _evaluated(nodes: Array, coefficients: Array, t: Array) -> Array:
+def _evaluate_polynomials(nodes: Array, coefficients: Array, t: Array) -> Array:
     """Return states (6, M) of polynomials, one per time (M,), by Horner's scheme."""
     z = np.repeat(nodes, 2, axis=0)
     place = coefficients[-1]

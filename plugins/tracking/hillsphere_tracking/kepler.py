@@ -19,24 +19,24 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 
 __all__ = [
-    "checked",
     "eccentric_anomaly",
     "elements_from_states",
     "mean_anomaly",
     "states_from_elements",
     "true_anomaly",
-    "wrapped",
+    "validate_elements",
+    "wrap_angle",
 ]
 
 _MAX_ITERATIONS = 80
 
 
-def wrapped(angle_rad: Array) -> Array:
+def wrap_angle(angle_rad: Array) -> Array:
     """Return angles brought to [−π, π); any shape."""
     return np.asarray(np.remainder(np.asarray(angle_rad) + pi, 2.0 * pi) - pi)
 
 
-def checked(elements: Array) -> Array:
+def validate_elements(elements: Array) -> Array:
     """Return elements as floats of shape (6, N).
 
     Raises
@@ -85,7 +85,7 @@ def eccentric_anomaly(mean_anomaly_rad: Array, eccentricity: Array) -> Array:
     )
     if not (np.isfinite(m_all).all() and ((e >= 0.0) & (e < 1.0)).all()):
         raise InputError("Kepler's equation needs finite mean anomalies and 0 ≤ e < 1")
-    reduced = wrapped(m_all)
+    reduced = wrap_angle(m_all)
     sign, m = np.where(reduced < 0.0, -1.0, 1.0), np.abs(reduced)
     root = np.minimum(m + e, pi)
     for _ in range(_MAX_ITERATIONS):
@@ -133,7 +133,7 @@ def states_from_elements(elements: Array, gm_m3_s2: float) -> Array:
     InputError
         If the elements are no ellipses.
     """
-    a, e, i, node, perigee, mean = checked(elements)
+    a, e, i, node, perigee, mean = validate_elements(elements)
     anomaly = eccentric_anomaly(mean, e)
     eta = np.sqrt(1.0 - e * e)
     rate = np.sqrt(gm_m3_s2 / a) / (1.0 - e * np.cos(anomaly))

@@ -16,7 +16,7 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.errors import ConvergenceError
 from hillsphere.interfaces import Array
 from hillsphere_tracking.dynamics_brouwer import ZonalField, at_time, osculating_equinoctial
-from hillsphere_tracking.kepler import checked, states_from_elements, wrapped
+from hillsphere_tracking.kepler import states_from_elements, validate_elements, wrap_angle
 
 __all__ = [
     "EARTH_FIELD",
@@ -26,9 +26,9 @@ __all__ = [
     "equinoctial",
     "mean_from_osculating",
     "osculating",
-    "propagated",
+    "propagate_secular",
+    "retrograde_sign",
     "secular_rates",
-    "sense_of",
     "states",
 ]
 
@@ -59,13 +59,13 @@ def secular_rates(elements: Array, field: ZonalField = EARTH_FIELD) -> Array:
     InputError
         If the elements are no ellipses.
     """
-    start = checked(elements).copy()
+    start = validate_elements(elements).copy()
     start[3:] = 0.0
     one = np.ones((1, start.shape[1]))
-    return _compiled_at_time(field)(np.concatenate([start, one]))
+    return _compile_secular(field)(np.concatenate([start, one]))
 
 
-def propagated(elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD) -> Array:
+def propagate_secular(elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD) -> Array:
     """Return mean elements a time later.
 
     Parameters
@@ -87,7 +87,7 @@ def propagated(elements: Array, dt_s: Array, field: ZonalField = EARTH_FIELD) ->
     InputError
         If the elements are no ellipses.
     """
-    start = checked(elements)
+    start = validate_elements(elements)
     dt_s = np.atleast_1d(np.asarray(dt_s, dtype=float))
     start = np.broadcast_to(start, (6, max(start.shape[1], dt_s.size)))
     rates = secular_rates(start, field)
@@ -114,8 +114,8 @@ def osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Array:
     InputError
         If the elements are no ellipses.
     """
-    mean = checked(elements)
-    sense = sense_of(mean)
+    mean = validate_elements(elements)
+    sense = retrograde_sign(mean)
     return classical(_osculating_equinoctial(mean, sense, field), sense)
 
 
@@ -144,8 +144,8 @@ def mean_from_osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Ar
         If the iteration does not settle: the orbit is beyond the theory (deep in the planet, or
         with an eccentricity near one).
     """
-    wanted = checked(elements)
-    sense = sense_of(wanted)
+    wanted = validate_elements(elements)
+    sense = retrograde_sign(wanted)
     target = equinoctial(wanted, sense)
     scale = np.concatenate([target[:1], np.ones((5, target.shape[1]))])
     found = target
@@ -155,7 +155,7 @@ def mean_from_osculating(elements: Array, field: ZonalField = EARTH_FIELD) -> Ar
         if not (guess[0] > 0.0).all() or not (guess[1] < 1.0).all():
             break
         miss = target - _osculating_equinoctial(guess, sense, field)
-        miss[5] = wrapped(miss[5])
+        miss[5] = wrap_angle(miss[5])
         found = found + miss
         change = float(np.abs(miss / scale).max(initial=0.0))
         # rounding: no progress any more, at a level that only rounding explains
@@ -195,17 +195,17 @@ def states(
     InputError
         If the elements are no ellipses.
     """
-    later = propagated(elements, dt_s, field)
+    later = propagate_secular(elements, dt_s, field)
     return states_from_elements(osculating(later, field) if short_period else later, field.gm_m3_s2)
 
 
-def sense_of(elements: Array) -> Array:
+def retrograde_sign(elements: Array) -> Array:
     """Return s (N,): −1 for orbits so retrograde that cot(i/2) is the regular variable, else +1."""
     return np.where(np.cos(elements[2]) < RETROGRADE, -1.0, 1.0)
 
 
 def _osculating_equinoctial(mean: Array, sense: Array, field: ZonalField) -> Array:
-    return _compiled_osculating(field)(np.concatenate([mean, sense[None]]))
+    return _compile_osculating(field)(np.concatenate([mean, sense[None]]))
 
 
 def equinoctial(elements: Array, sense: Array) -> Array:
@@ -230,13 +230,13 @@ def classical(orbit: Array, sense: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _compiled_at_time(field: ZonalField) -> ArrayFunction:
+def _compile_secular(field: ZonalField) -> ArrayFunction:
     inputs = sy.variables("a", "e", "i", "node", "perigee", "mean", "dt")
     return ArrayFunction(at_time(inputs[:6], inputs[6], field)[3:], inputs)
 
 
 @lru_cache(maxsize=16)
-def _compiled_osculating(field: ZonalField) -> ArrayFunction:
+def _compile_osculating(field: ZonalField) -> ArrayFunction:
     inputs = sy.variables("a", "e", "i", "node", "perigee", "mean", "sense")
     orbit = osculating_equinoctial(inputs[:6], inputs[6], field)
     return ArrayFunction(orbit.tuple(), inputs)

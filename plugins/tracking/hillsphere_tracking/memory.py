@@ -40,7 +40,8 @@ from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 
 __all__ = [
-    "Calibration", "Forgetting", "aged", "combined", "read_memory", "remember", "write_memory",
+    "Calibration", "RandomWalk", "age_calibration", "combine_calibrations", "read_memory",
+    "remember", "write_memory",
 ]  # fmt: skip
 
 _FORMAT = "hillsphere station memory"
@@ -106,7 +107,7 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class Forgetting:
+class RandomWalk:
     """How a station's systematic errors wander: random walks.
 
     Parameters
@@ -131,7 +132,7 @@ class Forgetting:
                 raise InputError(f"a random walk needs a size ≥ 0 and finite, got {number}")
 
 
-def aged(calibration: Calibration, epoch: Epoch, forgetting: Forgetting) -> Calibration:
+def age_calibration(calibration: Calibration, epoch: Epoch, forgetting: RandomWalk) -> Calibration:
     """Return what is left of a calibration at another time.
 
     Parameters
@@ -155,7 +156,7 @@ def aged(calibration: Calibration, epoch: Epoch, forgetting: Forgetting) -> Cali
     )
 
 
-def combined(prior: Calibration, estimate: Calibration) -> Calibration:
+def combine_calibrations(prior: Calibration, estimate: Calibration) -> Calibration:
     """Return what follows from two independent estimates.
 
     Not for an estimate that a tracker made with `prior` to begin with: that one already contains
@@ -164,7 +165,7 @@ def combined(prior: Calibration, estimate: Calibration) -> Calibration:
     Parameters
     ----------
     prior : Calibration
-        Aged to the other's epoch (`aged`).
+        Aged to the other's epoch (`age_calibration`).
     estimate : Calibration
         Newer one.
 
@@ -212,13 +213,13 @@ def read_memory(path: Path) -> Mapping[str, Calibration]:
     except FileNotFoundError:
         return MappingProxyType({})
     except (OSError, UnicodeDecodeError) as error:
-        _damaged(path, str(error))
+        _refuse_damaged(path, str(error))
     try:
         data = parse_json(text)
     except ValueError as error:
-        _damaged(path, str(error))
+        _refuse_damaged(path, str(error))
     if not isinstance(data, dict) or data.get("format") != _FORMAT:
-        _damaged(path, f'it does not say "format": "{_FORMAT}"')
+        _refuse_damaged(path, f'it does not say "format": "{_FORMAT}"')
     if data.get("version") != _VERSION:
         raise InputError(
             f"the station memory {path} is of version {data.get('version')!r}; this program reads"
@@ -226,14 +227,14 @@ def read_memory(path: Path) -> Mapping[str, Calibration]:
         )
     stations = data.get("stations")
     if not isinstance(stations, dict):
-        _damaged(path, "it has no stations")
+        _refuse_damaged(path, "it has no stations")
     memory = {}
     for name, entry in stations.items():
         try:
-            memory[name] = _parsed(entry)
+            memory[name] = _parse_entry(entry)
         except (InputError, TypeError, KeyError, OverflowError) as error:
             what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            _damaged(path, f"station {name!r}: {what}")
+            _refuse_damaged(path, f"station {name!r}: {what}")
     return MappingProxyType(memory)
 
 
@@ -299,7 +300,7 @@ def _entry(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _parsed(entry: Any) -> Calibration:
+def _parse_entry(entry: Any) -> Calibration:
     mean = np.array([_number(entry[name]["value"], name) for name in _NAMES])
     sigma = np.array([_number(entry[name]["sigma"], f"{name}'s sigma") for name in _NAMES])
     if np.any(sigma < 0.0):
@@ -327,7 +328,7 @@ def _number(value: Any, name: str) -> float:
     return float(value)
 
 
-def _damaged(path: Path, reason: str) -> NoReturn:
+def _refuse_damaged(path: Path, reason: str) -> NoReturn:
     raise InputError(
         f"the station memory {path} is damaged: {reason}; mend it, or move it away to begin anew"
     )

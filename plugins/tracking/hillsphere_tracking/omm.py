@@ -86,7 +86,7 @@ def read_omms(text: str, where: str = "OMM") -> tuple[Omm, ...]:
     found = list(read(text, where))
     if not found:
         raise InputError(f"{where}: no orbit mean-elements message in it")
-    return tuple(_checked(fields, place) for place, fields in found)
+    return tuple(_validate_message(fields, place) for place, fields in found)
 
 
 def _kvn(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
@@ -134,7 +134,7 @@ def _tag(element: ET.Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _checked(given: Mapping[str, str], where: str) -> Omm:
+def _validate_message(given: Mapping[str, str], where: str) -> Omm:
     name = given.get("OBJECT_NAME") or given.get("OBJECT_ID") or given.get("NORAD_CAT_ID", "")
     where = f"{where} ({name})" if name else where
     for key, allowed in _MUST_BE.items():

@@ -15,7 +15,7 @@ from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame, to_earth_fixed
 from hillsphere.time import Epoch
 
-__all__ = ["LimitedOrbit", "Orbit", "bisected", "earth_fixed_states", "last_instant"]
+__all__ = ["LimitedOrbit", "Orbit", "bisect_end", "earth_fixed_states", "last_instant"]
 
 _END_S = 1e-3
 
@@ -125,14 +125,14 @@ def last_instant(orbit: Orbit, start: Epoch, times_s: Array) -> float | None:
             f"satellite {orbit.name!r} {orbit.end_reason(float(times_s[0]) + offset)}; ask for "
             "other times, or give newer elements"
         )
-    return bisected(
+    return bisect_end(
         lambda t: bool(orbit.exists(np.array([t + offset]))[0]),
         float(times_s[first - 1]),
         float(times_s[first]),
     )[0]
 
 
-def bisected(alive: Callable[[float], bool], good: float, bad: float) -> tuple[float, float]:
+def bisect_end(alive: Callable[[float], bool], good: float, bad: float) -> tuple[float, float]:
     """Narrow down when an orbit ends.
 
     Parameters

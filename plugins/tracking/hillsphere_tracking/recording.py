@@ -9,10 +9,10 @@ from hillsphere.base.seeds import draws
 from hillsphere.errors import InputError
 from hillsphere.interfaces.sensing import Scene, Sensor
 
-__all__ = ["constants", "record"]
+__all__ = ["draw_constants", "record"]
 
 
-def constants(
+def draw_constants(
     sensor: Sensor, seed: int, stage: str, cases: Integers, name: str = "sensor"
 ) -> Array:
     """Return the normal numbers behind the errors that stay constant within a case.
@@ -63,7 +63,7 @@ def record(
     scene : mapping of str to ndarray
         What the sensor needs of its surroundings; the last axis is K or 1.
     seed, stage, cases, name
-        As for `constants`. A longer record of the same case begins with a shorter one.
+        As for `draw_constants`. A longer record of the same case begins with a shorter one.
     occasion : str
         Tells records of one sensor apart, whose noise shall be independent.
 
@@ -90,7 +90,7 @@ def record(
         name: value if value.shape[-1] == 1 else np.repeat(value, n_cases, axis=-1)
         for name, value in scene.items()
     }
-    held, per_measurement = constants(sensor, seed, stage, cases, name), sensor.draws[1]
+    held, per_measurement = draw_constants(sensor, seed, stage, cases, name), sensor.draws[1]
     stream = f"{name} noise {occasion}".rstrip()
     noise = draws(seed, stage, cases, stream, (times.size, per_measurement))
     shown = sensor.measure(

@@ -8,7 +8,7 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
-from hillsphere_tracking.kepler import checked
+from hillsphere_tracking.kepler import validate_elements
 from hillsphere_tracking.mean_elements import EARTH_FIELD, ZonalField, states
 from hillsphere_tracking.omm import read_omms
 from hillsphere_tracking.orbits import LimitedOrbit, Orbit, earth_fixed_states, last_instant
@@ -57,7 +57,7 @@ class MeanElementsOrbit:
         self.name, self.epoch, self.field = name, epoch, field
         self.short_period = short_period
         try:
-            self.elements = checked(elements)
+            self.elements = validate_elements(elements)
         except InputError as error:
             raise InputError(f"satellite {name!r}: {error}") from error
 

@@ -20,7 +20,7 @@ from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame
 from hillsphere.time import Epoch
 from hillsphere_tracking.omm import Omm
-from hillsphere_tracking.orbits import bisected
+from hillsphere_tracking.orbits import bisect_end
 from hillsphere_tracking.tle import Tle
 
 __all__ = ["Sgp4Orbit"]
@@ -61,7 +61,7 @@ class Sgp4Orbit:
         self.epoch = epoch
         self._satellite = satellite
         self._checked_s, self._end_s = 0.0, np.inf
-        code = int(self._propagated(np.zeros(1))[0][0])
+        code = int(self._propagate(np.zeros(1))[0][0])
         if code:
             raise InputError(
                 f"satellite {name!r}: its elements give no orbit at their own epoch "
@@ -144,7 +144,7 @@ class Sgp4Orbit:
             If there is no orbit at one of them: the satellite has decayed.
         """
         t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
-        code, x = self._propagated(t_s)
+        code, x = self._propagate(t_s)
         gone = (code != 0) | (t_s >= self._end_before(t_s))
         if gone.any():
             first = float(t_s[gone][np.argmin(np.abs(t_s[gone]))])
@@ -157,12 +157,12 @@ class Sgp4Orbit:
     def exists(self, t_s: Array) -> NDArray[np.bool_]:
         """Say for times (N,) after the epoch whether there is an orbit."""
         t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
-        return np.asarray((self._propagated(t_s)[0] == 0) & (t_s < self._end_before(t_s)))
+        return np.asarray((self._propagate(t_s)[0] == 0) & (t_s < self._end_before(t_s)))
 
     def end_reason(self, t_s: float) -> str:
         """Return why there is no state at a time, as the end of a sentence."""
         when = np.array([min(t_s, self._end_before(np.array([t_s])))])
-        code = int(self._propagated(when)[0][0])
+        code = int(self._propagate(when)[0][0])
         days = f"{abs(when[0]) / _DAY:.2f} days"
         if t_s < 0.0:  # the theory's own words, as of a decay, speak of what comes after
             return (
@@ -183,16 +183,16 @@ class Sgp4Orbit:
             return self._end_s
         step = _TURN / self._satellite.no_kozai * 60.0 / _PER_REVOLUTION
         times = np.arange(self._checked_s, last + step, step)
-        code = self._propagated(times)[0]
+        code = self._propagate(times)[0]
         self._checked_s = float(times[-1])
         if code.any():
             bad = float(times[np.argmax(code != 0)])
-            self._end_s = bisected(
-                lambda t: int(self._propagated(np.array([t]))[0][0]) == 0, bad - step, bad
+            self._end_s = bisect_end(
+                lambda t: int(self._propagate(np.array([t]))[0][0]) == 0, bad - step, bad
             )[1]
         return self._end_s
 
-    def _propagated(self, t_s: Array) -> tuple[NDArray[np.uint8], Array]:
+    def _propagate(self, t_s: Array) -> tuple[NDArray[np.uint8], Array]:
         if not np.isfinite(t_s).all():
             raise InputError(f"satellite {self.name!r}: times must be finite, got nan or inf")
         days = np.floor(t_s / _DAY)

@@ -82,7 +82,7 @@ class _XmlEntries:
 
     def __init__(self, where: str, first_line: int) -> None:
         self._where, self._offset = where, first_line - 1
-        self._found: list[Entry] = []
+        self._complete: list[Entry] = []
         self._epoch = self._text = ""
         self._open: list[str] = []
         self._parser = parser = expat.ParserCreate()
@@ -107,7 +107,7 @@ class _XmlEntries:
                 f"{self._where}:{error.lineno + self._offset}: not well-formed XML: "
                 f"{expat.errors.messages[error.code]}"
             ) from error
-        found, self._found = self._found, []
+        found, self._complete = self._complete, []
         return found
 
     def _doctype(self, *_: object) -> None:
@@ -119,11 +119,11 @@ class _XmlEntries:
         self._open.append(name)
         self._text = ""
         if name == "tdm":
-            self._found.append(
+            self._complete.append(
                 Entry(self._place, attributes.get("id", ""), attributes.get("version", ""))
             )
         elif name in _MARK_OF:
-            self._found.append(Entry(self._place, f"{_MARK_OF[name]}_START", ""))
+            self._complete.append(Entry(self._place, f"{_MARK_OF[name]}_START", ""))
         unit = attributes.get("units", "").lower()
         if unit and unit != _UNITS.get(name, unit):
             raise InputError(f"{self._place}: {name} must be in {_UNITS[name]}, got {unit!r}")
@@ -135,10 +135,10 @@ class _XmlEntries:
         name = self._open.pop()
         text, self._text = self._text.strip(), ""
         if name in _MARK_OF:
-            self._found.append(Entry(self._place, f"{_MARK_OF[name]}_STOP", ""))
+            self._complete.append(Entry(self._place, f"{_MARK_OF[name]}_STOP", ""))
         elif name == "EPOCH":
             self._epoch = text
         elif name not in _CONTAINERS and name != "COMMENT":
             within = self._open[-1] if self._open else ""
             value = f"{self._epoch} {text}" if within == "observation" else text
-            self._found.append(Entry(self._place, name, value))
+            self._complete.append(Entry(self._place, name, value))

@@ -119,7 +119,7 @@ class PairedAngles:
             apart = record.epoch.seconds_since(other.epoch)
             # the earlier of both is the one whose partner did not come
             if apart < -1e-9:
-                self._alone(record)
+                self._report_unpaired(record)
                 return None
             waiting.popleft()
             if apart <= 1e-9:
@@ -127,23 +127,23 @@ class PairedAngles:
                 return AnglePair(
                     record.place, record.meta, record.epoch, angles["ANGLE_1"], angles["ANGLE_2"]
                 )
-            self._alone(other)
+            self._report_unpaired(other)
         waiting.append(record)
         return None
 
     def finish(self) -> None:
         """Tell of angles that still wait for their partners at the end, as `add` does."""
         while self._waiting:
-            self._alone(self._waiting.popleft())
+            self._report_unpaired(self._waiting.popleft())
 
-    def _alone(self, record: TdmRecord) -> None:
-        fault = _alone(record)
+    def _report_unpaired(self, record: TdmRecord) -> None:
+        fault = _unpaired_error(record)
         if self._tell is None:
             raise fault
         self._tell(fault)
 
 
-def _alone(record: TdmRecord) -> InputError:
+def _unpaired_error(record: TdmRecord) -> InputError:
     other = _ANGLES[record.keyword == _ANGLES[0]]
     return InputError(
         f"{record.place}: {record.keyword} has no {other} of the same time; both are needed"

@@ -1,8 +1,8 @@
 """Azimuth, elevation, range and their rates as a station sees them, and back.
 
 Azimuth counts from north eastwards, elevation from the plane normal to the ellipsoid's normal.
-Angles are geometric unless `refracted` is applied to them: the straight line from the station to
-the satellite at one instant, light time and refraction left out.
+Angles are geometric, along the straight line from the station to the satellite at one instant:
+light time is neglected, and refraction is added only by `apparent_elevation`.
 
 References
 ----------
@@ -21,8 +21,15 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 
 __all__ = [
-    "angles", "direction_cosines", "line_of_sight", "rates", "refracted", "refraction",
-    "satellite_positions", "satellite_states", "unrefracted",
+    "angles",
+    "apparent_elevation",
+    "direction_cosines",
+    "geometric_elevation",
+    "line_of_sight",
+    "rates",
+    "refraction",
+    "satellite_positions",
+    "satellite_states",
 ]  # fmt: skip
 
 _TURN = 2.0 * np.pi
@@ -236,10 +243,10 @@ def refraction(
     return np.maximum(minutes, 0.0) * (air * _DEGREE / 60.0)
 
 
-def refracted(
+def apparent_elevation(
     elevation_rad: Array, pressure_hpa: float = 1010.0, temperature_c: float = 10.0
 ) -> Array:
-    """Return the apparent elevations of geometric ones: the inverse of `unrefracted`.
+    """Return the apparent elevations of geometric ones: the inverse of `geometric_elevation`.
 
     Parameters
     ----------
@@ -257,14 +264,14 @@ def refracted(
     seen = true + refraction(true, pressure_hpa, temperature_c)
     # Apparent less its refraction has a slope of 1.0 to 1.35: the secant contracts everywhere.
     for _ in range(30):
-        change = true - unrefracted(seen, pressure_hpa, temperature_c)
+        change = true - geometric_elevation(seen, pressure_hpa, temperature_c)
         seen = seen + 0.8 * change
         if np.max(np.abs(change), initial=0.0) < 1e-15:
             break
     return seen
 
 
-def unrefracted(
+def geometric_elevation(
     apparent_rad: Array, pressure_hpa: float = 1010.0, temperature_c: float = 10.0
 ) -> Array:
     """Return the geometric elevations of apparent ones.

@@ -15,7 +15,7 @@ from hillsphere_tracking.kepler import (
     mean_anomaly,
     states_from_elements,
     true_anomaly,
-    wrapped,
+    wrap_angle,
 )
 
 GM = 398600.4418e9
@@ -82,7 +82,7 @@ def test_energy_and_momentum_of_states() -> None:
 
 
 def test_wrapped() -> None:
-    turned = wrapped(np.array([0.0, np.pi, -np.pi, 7.0, -7.0]))
+    turned = wrap_angle(np.array([0.0, np.pi, -np.pi, 7.0, -7.0]))
     assert_allclose(turned, [0.0, -np.pi, -np.pi, 7.0 - 2 * np.pi, 2 * np.pi - 7.0], rtol=1e-15)
 
 

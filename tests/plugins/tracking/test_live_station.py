@@ -25,7 +25,7 @@ from hillsphere_tracking.live.status import Status
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 from hillsphere_tracking.pointing.sky import angles_of, separation
 from hillsphere_tracking.satellites import Sgp4Orbit, earth_fixed_states, orbits_of
-from hillsphere_tracking.topocentric import angles, direction_cosines, refracted
+from hillsphere_tracking.topocentric import angles, apparent_elevation, direction_cosines
 from hillsphere_tracking.trackers.least_squares import LeastSquares
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 
@@ -56,7 +56,7 @@ def written(folder: Path, t: Array, lift: bool = False) -> None:
     """Write measurements of the satellite at times after the rise, with noise of 0.05°."""
     azimuth, elevation = seen(t)
     if lift:
-        elevation = refracted(elevation)
+        elevation = apparent_elevation(elevation)
     noise = 0.05 * np.random.default_rng(1).standard_normal((2, t.size))
     cells = np.degrees([azimuth, elevation]) + noise
     rows = zip(RISE.isot(t, 3), *cells, strict=True)
@@ -270,7 +270,7 @@ def test_refraction_on_and_off(folder: Path, capsys: pytest.CaptureFixture[str])
         assert track(folder, *WIDE, "--tracker", "least_squares", *switch) == ExitCode.SUCCESS
         found = Table(capsys.readouterr().out)
         azimuth, elevation = seen(found.t)
-        true = np.degrees([azimuth, refracted(elevation)])
+        true = np.degrees([azimuth, apparent_elevation(elevation)])
         low = (found.t > 400.0) & (true[1] > 1.0) & (true[1] < 5.0)
         assert low.any()
         missed[given] = miss_deg(found.predicted, true)[low].max()

@@ -18,7 +18,7 @@ from hillsphere.products.products import Bands
 from hillsphere.show.drawing import draw
 from hillsphere.testing import check_stage
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
-from hillsphere_tracking.assisted_tracking.presentation import presented
+from hillsphere_tracking.assisted_tracking.presentation import present_case
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
 from hillsphere_tracking.tracking_comparison.products import FRAMES, TrackingComparison
@@ -440,7 +440,7 @@ def test_case_beside_published_values(tmp_path: Path) -> None:
     example = dict(AssistedTrackingSpec.examples[0])
     spec = validate(AssistedTrackingSpec, example | {"reference": str(path)}, where="test")
     assert isinstance(spec, AssistedTrackingSpec)
-    shown = presented(tracking(), spec)
+    shown = present_case(tracking(), spec)
     assert not presentation_faults(shown)
     first, second = shown.tables["tracked_passes"].rows
     assert (first["duration_s"], first["duration_s_paper"]) == (297.0, 297.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.interfaces import Array
-from hillsphere_tracking.kepler import wrapped
+from hillsphere_tracking.kepler import wrap_angle
 
-__all__ = ["arc", "larger_sigma", "normalised_square", "on_the_sky", "root_sum_square"]
+__all__ = ["arc", "larger_sigma", "nees", "on_the_sky", "root_sum_square"]
 
 _ROUNDING_RAD = 1e-9
 """Standard deviation below which none is believed: that of rounding."""
@@ -16,7 +16,7 @@ _ROUNDING_RAD = 1e-9
 def root_sum_square(angles_rad: Array, reference_rad: Array) -> Array:
     """Return √(ΔA² + Δh²) of azimuth and elevation (2, ...), rad."""
     return np.asarray(
-        np.hypot(wrapped(angles_rad[0] - reference_rad[0]), angles_rad[1] - reference_rad[1])
+        np.hypot(wrap_angle(angles_rad[0] - reference_rad[0]), angles_rad[1] - reference_rad[1])
     )
 
 
@@ -40,7 +40,7 @@ def on_the_sky(angles_rad: Array, reference_rad: Array) -> Array:
     return np.array([right * scale, up * scale])
 
 
-def normalised_square(error: Array, covariance: Array) -> Array:
+def nees(error: Array, covariance: Array) -> Array:
     """Return εᵀP⁻¹ε (N,) of errors (2, N) and covariances (2, 2, N)."""
     p, q = (covariance[k, k] + _ROUNDING_RAD**2 for k in (0, 1))
     r = covariance[0, 1]

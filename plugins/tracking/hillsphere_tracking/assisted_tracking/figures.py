@@ -80,13 +80,13 @@ def _errors(axes: Axes, product: AssistedTracking, outage: int) -> None:
         colour, line = tracker_style(t)
         error = np.degrees(product.error_rad[t, outage])
         axes.plot(minutes, np.maximum(error, _FLOOR_DEG), color=colour, ls=line, lw=1.2, label=name)
-    _lost(axes, product, outage)
+    _shade_lock(axes, product, outage)
     axes.axhline(np.degrees(product.lock_angle_rad), color=PALETTE["black"], ls="--", lw=0.9)
     logarithmic(axes)
     axes.set_title(_title(product, outage), fontsize=9)
 
 
-def _lost(axes: Axes, product: AssistedTracking, outage: int) -> None:
+def _shade_lock(axes: Axes, product: AssistedTracking, outage: int) -> None:
     """Shade the time in which the signal is there."""
     end = product.outage_s[outage] / 60.0
     axes.axvspan(0.0, end, color="#eeeeee", lw=0, zorder=0)
@@ -116,7 +116,7 @@ def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: 
         error = np.degrees(product.sky_error_rad[t, outage])
         axes.plot(minutes, np.maximum(error, _FLOOR_DEG), color=PALETTE["blue"], lw=1.2,
                   label="error on the sky")  # fmt: skip
-        _lost(axes, product, outage)
+        _shade_lock(axes, product, outage)
         logarithmic(axes)
         axes.set_title(product.trackers[int(t)], fontsize=9)
         axes.tick_params(labelbottom=True)

@@ -14,17 +14,17 @@ from hillsphere.time import Epoch
 from hillsphere_tracking.assisted_tracking.errors import (
     arc,
     larger_sigma,
-    normalised_square,
+    nees,
     on_the_sky,
     root_sum_square,
 )
-from hillsphere_tracking.assisted_tracking.searching import reacquired
+from hillsphere_tracking.assisted_tracking.searching import simulate_search
 from hillsphere_tracking.assisted_tracking.specs import SearchSpec
 from hillsphere_tracking.assisted_tracking.truth import PassTruth
 from hillsphere_tracking.pointing.reacquisition import time_outside
-from hillsphere_tracking.trackers.observation import folded
+from hillsphere_tracking.trackers.observation import fold_over_zenith
 
-__all__ = ["ERRORS", "SPREAD", "Followed", "Seen", "follow"]
+__all__ = ["ERRORS", "SPREAD", "AntennaRecord", "TrackerOutcome", "follow"]
 
 ERRORS = ("error", "sky_error", "encoder_error")
 """Names of the errors over time, as in the measures ``error_max`` …"""
@@ -37,7 +37,7 @@ _LEAST_SIGMA_RAD = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class AntennaRecord:
     """What an antenna shows of a pass, N cases.
 
     Parameters
@@ -56,7 +56,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class TrackerOutcome:
     """What came of one tracker in one pass with L outages, N cases.
 
     Parameters
@@ -74,14 +74,14 @@ class Followed:
 def follow(
     tracker: Tracker[Any],
     truth: PassTruth,
-    seen: Seen,
+    seen: AntennaRecord,
     elements: Array,
     epoch: Epoch,
     lock_angle_rad: float,
     search: SearchSpec | None,
     *,
     keep: Collection[str] = (),
-) -> Followed:
+) -> TrackerOutcome:
     """Give a tracker the measurements up to each outage, and judge what it then predicts.
 
     Parameters
@@ -117,8 +117,8 @@ def follow(
     over_time: list[dict[str, Array]] = []
     for k in range(outages[-1] + 1):
         for begin in [b for b in outages if b == k]:
-            found = _predicted(tracker, state, truth.t_s[begin:])
-            measures.append(_measured(found, truth, seen, begin, lock_angle_rad, search))
+            found = _predict(tracker, state, truth.t_s[begin:])
+            measures.append(_outage_measures(found, truth, seen, begin, lock_angle_rad, search))
             after = _errors(found, truth, seen, slice(begin, None), keep)
             over_time.append(
                 {name: np.concatenate([before[name][:begin], after[name]]) for name in keep}
@@ -129,14 +129,14 @@ def follow(
         when = np.full(cases, truth.t_s[k])
         state = tracker.update(state, when, shown[0], shown[1], sigma[:, k : k + 1])
         if keep:
-            now = _predicted(tracker, state, truth.t_s[k : k + 1], keep)
+            now = _predict(tracker, state, truth.t_s[k : k + 1], keep)
             for name, value in _errors(now, truth, seen, slice(k, k + 1), keep).items():
                 before[name][k] = value[0]
-    return Followed(measures, over_time)
+    return TrackerOutcome(measures, over_time)
 
 
 @dataclass(frozen=True, eq=False)
-class _Predicted:
+class _Prediction:
     """What the antenna will show, where the satellite will be (2, K, N), and the former's P."""
 
     shown: Array
@@ -148,9 +148,9 @@ _OF_THE_TRUE = frozenset({"error", "sky_error"})
 """Errors of where the satellite will be; the others are of what the antenna will show."""
 
 
-def _predicted(
+def _predict(
     tracker: Tracker[Any], state: Any, times_s: Array, keep: Collection[str] = (*ERRORS, SPREAD)
-) -> _Predicted:
+) -> _Prediction:
     """Return what a state predicts, as far as what is kept needs it (the rest stays empty)."""
     shown = true = covariance = np.empty((2, 0, 0))
     if not _OF_THE_TRUE.issuperset(keep):
@@ -158,11 +158,11 @@ def _predicted(
         shown = np.array([azimuth, elevation])
     if not _OF_THE_TRUE.isdisjoint(keep):
         true = np.array(tracker.predict(state, times_s, biased=False)[:2])
-    return _Predicted(shown, true, covariance)
+    return _Prediction(shown, true, covariance)
 
 
 def _errors(
-    found: _Predicted, truth: PassTruth, seen: Seen, at: slice, keep: Collection[str]
+    found: _Prediction, truth: PassTruth, seen: AntennaRecord, at: slice, keep: Collection[str]
 ) -> dict[str, Array]:
     """Return what is kept (K, N) of predictions for these samples."""
     true = truth.angles_rad[:, at, None]
@@ -175,15 +175,15 @@ def _errors(
     return {name: made[name]() for name in keep}
 
 
-def _encoder(truth: PassTruth, seen: Seen, at: slice) -> Array:
+def _encoder(truth: PassTruth, seen: AntennaRecord, at: slice) -> Array:
     """Return what an antenna without noise shows (2, K, N)."""
-    return np.array(folded(*(truth.angles_rad[:, at, None] + seen.bias_rad[:, at])))
+    return np.array(fold_over_zenith(*(truth.angles_rad[:, at, None] + seen.bias_rad[:, at])))
 
 
-def _measured(
-    found: _Predicted,
+def _outage_measures(
+    found: _Prediction,
     truth: PassTruth,
-    seen: Seen,
+    seen: AntennaRecord,
     begin: int,
     lock_angle_rad: float,
     search: SearchSpec | None,
@@ -198,7 +198,7 @@ def _measured(
         "sky_error_max": arc(found.true, true).max(axis=0),
         "encoder_error_max": root_sum_square(found.shown, encoder).max(axis=0),
         "time_outside": time_outside(times, arc(found.shown, encoder), lock_angle_rad),
-        "nees": normalised_square(
+        "nees": nees(
             on_the_sky(encoder[:, middle], found.shown[:, middle]), found.covariance[:, :, middle]
         ),
     }
@@ -207,7 +207,9 @@ def _measured(
         and (back := int(np.searchsorted(times, search.signal_back_s))) < times.size
     ):
         off = on_the_sky(encoder[:, back:], found.shown[:, back:])
-        again = reacquired(search, lock_angle_rad, times[back:], off, found.covariance[:, :, back])
+        again = simulate_search(
+            search, lock_angle_rad, times[back:], off, found.covariance[:, :, back]
+        )
         made["time_to_reacquire"] = again.time_s
         made["found"], made["found_at_once"] = again.found, again.at_once
     return made

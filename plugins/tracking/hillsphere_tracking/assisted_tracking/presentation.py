@@ -27,7 +27,7 @@ from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
 
-__all__ = ["case_values", "presented"]
+__all__ = ["case_values", "present_case"]
 
 _MOST_PASSES = 12
 _PASSES = (
@@ -69,7 +69,7 @@ _HEADINGS = {
 }
 
 
-def presented(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presentation:
+def present_case(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presentation:
     """Show one case.
 
     Parameters

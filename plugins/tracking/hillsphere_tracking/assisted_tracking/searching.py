@@ -10,14 +10,14 @@ from hillsphere.interfaces import Array
 from hillsphere_tracking.assisted_tracking.specs import SearchSpec
 from hillsphere_tracking.pointing.search import Search, plan_search
 
-__all__ = ["Reacquired", "reacquired"]
+__all__ = ["SearchOutcome", "simulate_search"]
 
 _STEPS_PER_BEAM = 20.0
 _FIRST_LOOK_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Reacquired:
+class SearchOutcome:
     """What came of the searches of N cases; NaN for errors that are not finite.
 
     Parameters
@@ -35,9 +35,9 @@ class Reacquired:
     at_once: Array
 
 
-def reacquired(
+def simulate_search(
     spec: SearchSpec, beam_rad: float, times_s: Array, off_rad: Array, covariance: Array
-) -> Reacquired:
+) -> SearchOutcome:
     """Return how long each case searches, and whether it finds the satellite.
 
     When the signal comes back the antenna stays at the prediction for one dwell; then it searches,
@@ -77,7 +77,7 @@ def reacquired(
         held_s = _time(search, since, off_rad[:, :, n])
         found[n] = held_s is not None
         time[n] = since[-1] if held_s is None else held_s
-    return Reacquired(time, found, np.where(known, at_once, np.nan))
+    return SearchOutcome(time, found, np.where(known, at_once, np.nan))
 
 
 def _time(search: Search, since: Array, off: Array) -> float | None:

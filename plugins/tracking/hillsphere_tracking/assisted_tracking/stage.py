@@ -15,17 +15,23 @@ from hillsphere.interfaces.cases import LANES, CaseBatch, CaseResults, Histories
 from hillsphere.model.earth.planet import Planet, StationedPlanet
 from hillsphere.model.earth.specs import PlanetSpec
 from hillsphere.presentation import Presentation
-from hillsphere_tracking.assisted_tracking.following import ERRORS, SPREAD, Followed, Seen, follow
+from hillsphere_tracking.assisted_tracking.following import (
+    ERRORS,
+    SPREAD,
+    AntennaRecord,
+    TrackerOutcome,
+    follow,
+)
 from hillsphere_tracking.assisted_tracking.measures import MEASURES, MetricName, outage_name
 from hillsphere_tracking.assisted_tracking.nominal_orbits import error_inputs, nominal_orbits
-from hillsphere_tracking.assisted_tracking.presentation import presented
+from hillsphere_tracking.assisted_tracking.presentation import present_case
 from hillsphere_tracking.assisted_tracking.products import AssistedTracking
 from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
-from hillsphere_tracking.assisted_tracking.truth import PassTruth, check_passes, truths
+from hillsphere_tracking.assisted_tracking.truth import PassTruth, check_passes, fly_passes
 from hillsphere_tracking.mean_elements import EARTH_FIELD
 from hillsphere_tracking.orbits import Orbit
 from hillsphere_tracking.passes.sources import orbits_from
-from hillsphere_tracking.recording import constants, record
+from hillsphere_tracking.recording import draw_constants, record
 
 __all__ = ["AssistedTrackingStage"]
 
@@ -37,8 +43,8 @@ _GIVEN = "(given)"
 class _Block:
     """All of a block: for each pass what is seen, and what came of each tracker."""
 
-    seen: list[Seen]
-    followed: list[list[Followed]]
+    seen: list[AntennaRecord]
+    followed: list[list[TrackerOutcome]]
 
 
 class AssistedTrackingStage:
@@ -89,7 +95,7 @@ class AssistedTrackingStage:
 
     def prepare_cases(self, names: Sequence[str]) -> None:
         """Fly the satellite and find its passes."""
-        self._passes(_ignored)
+        self._passes(_ignore_progress)
 
     def run(self, ctx: Context) -> AssistedTracking:
         """Follow the case of draw 0.
@@ -110,7 +116,7 @@ class AssistedTrackingStage:
         lanes = np.zeros(LANES, dtype=np.int64)
         filler = np.arange(LANES) > 0
         batch = CaseBatch(lanes, lanes, filler, (), np.zeros((0, LANES)), ctx.seed, _STREAM)
-        block = self._followed(passes, batch, self._all_kept(), advance)
+        block = self._follow_cases(passes, batch, self._all_histories(), advance)
         return self._product(passes, block, self._results(passes, block))
 
     def run_cases(self, batch: CaseBatch, history: bool | Sequence[str] = False) -> CaseResults:
@@ -139,26 +145,26 @@ class AssistedTrackingStage:
             raise InputError(
                 f"assisted_tracking has no input {', '.join(unknown)}; it has {', '.join(known)}"
             )
-        passes = self._passes(_ignored)
+        passes = self._passes(_ignore_progress)
         names = histories_to_keep(history, self._history_names())
         keep: dict[tuple[str, str], set[str]] = {}
         for q in map(MetricName.parse, names):
             assert q is not None
             keep.setdefault((q.pass_, q.tracker), set()).add(q.measure)
-        block = self._followed(passes, batch, keep, _ignored)
+        block = self._follow_cases(passes, batch, keep, _ignore_progress)
         found = self._results(passes, block)
         return replace(found, histories=self._histories(passes, block, names)) if history else found
 
     def present(self, product: AssistedTracking) -> Presentation:
         """Show the passes, the case and what is published of them."""
-        return presented(product, self.spec)
+        return present_case(product, self.spec)
 
     def _passes(self, advance: Callable[[int], None]) -> tuple[PassTruth, ...]:
         if self._truths is None:
-            self._truths = truths(self.spec, self.orbit, self.plant, self.orientation, advance)
+            self._truths = fly_passes(self.spec, self.orbit, self.plant, self.orientation, advance)
         return self._truths
 
-    def _followed(
+    def _follow_cases(
         self,
         passes: Sequence[PassTruth],
         batch: CaseBatch,
@@ -169,7 +175,7 @@ class AssistedTrackingStage:
         spec = self.spec
         block = _Block([], [])
         for truth in passes:
-            seen = self._seen(truth, batch)
+            seen = self._observe(truth, batch)
             nominal = nominal_orbits(
                 spec.nominal_error, batch, truth.name, truth.start_teme, self.field
             )
@@ -189,11 +195,11 @@ class AssistedTrackingStage:
             block.followed.append(row)
         return block
 
-    def _seen(self, truth: PassTruth, batch: CaseBatch) -> Seen:
+    def _observe(self, truth: PassTruth, batch: CaseBatch) -> AntennaRecord:
         """Return what the antenna shows, the same to all trackers."""
         sensor, t, cases = truth.sensor, truth.t_s, len(batch.draws)
         name = f"antenna {sensor.station.name}"
-        held = constants(sensor, batch.seed, batch.stream, batch.draws, name)
+        held = draw_constants(sensor, batch.seed, batch.stream, batch.draws, name)
         shown = record(
             sensor, truth.x[:, :, None], t, truth.scene, seed=batch.seed, stage=batch.stream,
             cases=batch.draws, name=name, occasion=truth.name,
@@ -205,7 +211,7 @@ class AssistedTrackingStage:
             np.tile(held, t.size),
         ).reshape(2, t.size, cases)
         told = sensor.believed_stations(held) if self.spec.believed_stations else (sensor.station,)
-        return Seen(shown, bias, told)
+        return AntennaRecord(shown, bias, told)
 
     def _results(self, passes: Sequence[PassTruth], block: _Block) -> CaseResults:
         metrics, units, values, causes = [], [], [], []
@@ -239,7 +245,7 @@ class AssistedTrackingStage:
             for k, outage_s in enumerate(p.outages_s)
         ]
 
-    def _all_kept(self) -> dict[tuple[str, str], Collection[str]]:
+    def _all_histories(self) -> dict[tuple[str, str], Collection[str]]:
         return {(p.name, t): (*ERRORS, SPREAD) for p in self.spec.passes for t in self.trackers}
 
     def _history_names(self) -> tuple[str, ...]:
@@ -336,5 +342,5 @@ class AssistedTrackingStage:
         )
 
 
-def _ignored(count: int) -> None:
+def _ignore_progress(count: int) -> None:
     """Show no progress."""

@@ -20,7 +20,7 @@ from hillsphere_tracking.mean_elements import EARTH_FIELD
 from hillsphere_tracking.orbits import Orbit
 from hillsphere_tracking.passes.flights import PlantFlights
 
-__all__ = ["PassTruth", "truths"]
+__all__ = ["PassTruth", "fly_passes"]
 
 _ANGLE = "rotation_angle"
 _ANGLES = ("azimuth", "elevation")
@@ -89,7 +89,7 @@ class _Flights:
         """Whether another angle of the Earth makes another flight."""
         return self._by is not None
 
-    def flown(self, duration_s: float, shift_rad: float) -> Orbit:
+    def fly(self, duration_s: float, shift_rad: float) -> Orbit:
         """Return the orbit from the elements' epoch on."""
         if self._by is None:
             return self._orbit
@@ -129,7 +129,7 @@ def _angles(plant: Plant) -> list[float]:
     return [q.value for q in plant.parameters() if q.name == _ANGLE]
 
 
-def truths(
+def fly_passes(
     spec: AssistedTrackingSpec,
     orbit: Orbit,
     plant: Plant | None,
@@ -174,7 +174,7 @@ def truths(
             raise InputError(f"satellite {orbit.name!r}: it is on no ellipse at its epoch")
         revolution = 2.0 * np.pi * np.sqrt(a**3 / EARTH_FIELD.gm_m3_s2)
         duration = float((most + 2.2) * revolution)
-        track = EarthTrack(flights.flown(duration, 0.0), orbit.epoch, duration, orientation)
+        track = EarthTrack(flights.fly(duration, 0.0), orbit.epoch, duration, orientation)
         edges = np.concatenate([[0.0], track.node_times()])
         if edges.size <= most:
             raise PropagationError(
@@ -203,7 +203,7 @@ def _truth(
     ends = (max(begin - revolution_s, 0.0), min(end + revolution_s, track.end_s))
 
     def sight(shift: float) -> Sight:
-        orbit = flights.flown(ends[1], shift)
+        orbit = flights.fly(ends[1], shift)
         return Sight(sensor, orbit, track.orientation, begin, end)
 
     plain = Sight(sensor, track.orbit, track.orientation, begin, end)
@@ -218,10 +218,10 @@ def _truth(
             f"in revolution {p.revolution} the satellite does not rise above the mask of "
             f"{sensor.station.name!r}; name another revolution, or an elevation_max"
         )
-    return _sampled(p, sensor, period_s, seen, track, shift, visited, tracked)
+    return _sample_pass(p, sensor, period_s, seen, track, shift, visited, tracked)
 
 
-def _sampled(
+def _sample_pass(
     p: TrackedPassSpec,
     sensor: StationSensor,
     period_s: float,

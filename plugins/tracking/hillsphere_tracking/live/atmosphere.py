@@ -11,7 +11,7 @@ from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch
-from hillsphere_tracking.topocentric import refracted, unrefracted
+from hillsphere_tracking.topocentric import apparent_elevation, geometric_elevation
 
 __all__ = ["Air", "ThroughAir"]
 
@@ -44,11 +44,11 @@ class Air:
 
     def apparent(self, elevation_rad: Array) -> Array:
         """Return the apparent elevations of geometric ones."""
-        return refracted(elevation_rad, self.pressure_hpa, self.temperature_c)
+        return apparent_elevation(elevation_rad, self.pressure_hpa, self.temperature_c)
 
     def geometric(self, apparent_rad: Array) -> Array:
         """Return the geometric elevations of apparent ones."""
-        return unrefracted(apparent_rad, self.pressure_hpa, self.temperature_c)
+        return geometric_elevation(apparent_rad, self.pressure_hpa, self.temperature_c)
 
 
 class ThroughAir:

@@ -13,10 +13,16 @@ from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
 from hillsphere.time import Epoch
-from hillsphere_tracking.memory import Calibration, Forgetting, aged, read_memory, remember
+from hillsphere_tracking.memory import (
+    Calibration,
+    RandomWalk,
+    age_calibration,
+    read_memory,
+    remember,
+)
 from hillsphere_tracking.trackers.least_squares import LeastSquares, LeastSquaresState
 
-__all__ = ["StationMemory", "begun_with", "learned"]
+__all__ = ["StationMemory", "begin_with_calibration", "calibration_after_pass"]
 
 _ENOUGH = 20
 """Least number of measurements from which a pass changes a memory."""
@@ -24,7 +30,7 @@ _SIGNS = np.array([1.0, 1.0, -1.0])
 """A memory's time offset is tag minus true time, a tracker's bias true time minus tag."""
 
 
-def begun_with(
+def begin_with_calibration(
     tracker: LeastSquares, state: LeastSquaresState, calibration: Calibration
 ) -> LeastSquaresState:
     """Return a state that begins with what is known of the station.
@@ -43,14 +49,14 @@ def begun_with(
     LeastSquaresState
         With those of the biases that the tracker estimates.
     """
-    kept = _estimated(tracker)
+    kept = _bias_indices(tracker)
     covariance = calibration.covariance * np.outer(_SIGNS, _SIGNS)
     return tracker.with_biases(
         state, (_SIGNS * calibration.mean)[kept], covariance[np.ix_(kept, kept)]
     )
 
 
-def learned(
+def calibration_after_pass(
     tracker: LeastSquares, state: LeastSquaresState, epoch: Epoch, before: Calibration | None
 ) -> Calibration:
     """Return what is known of the station after a pass.
@@ -71,7 +77,7 @@ def learned(
     Calibration
         Biases that the tracker does not estimate are as before.
     """
-    spec, kept = tracker.spec, _estimated(tracker)
+    spec, kept = tracker.spec, _bias_indices(tracker)
     if before is None:
         own: Array = np.array([spec.bias_sigma_rad] * 2 + [spec.time_bias_sigma_s])
         before = Calibration(epoch, np.zeros(3), np.diag(own**2), 0)
@@ -79,7 +85,7 @@ def learned(
     covariance[kept, :] = covariance[:, kept] = 0.0
     found = np.concatenate([state.biases_rad[:, 0], state.time_bias_s])
     mean[kept] = (_SIGNS * found)[kept]
-    rows, signs = tracker.kept, _SIGNS[kept]
+    rows, signs = tracker.bias_rows, _SIGNS[kept]
     covariance[np.ix_(kept, kept)] = state.covariance[rows, rows, 0] * np.outer(signs, signs)
     return Calibration(epoch, mean, covariance, before.passes + 1)
 
@@ -102,7 +108,7 @@ class StationMemory:
 
     path: Path
     station: str
-    forgetting: Forgetting
+    forgetting: RandomWalk
     say: Callable[[str], None]
 
     def begin(self, tracker: Tracker[Any], state: Any, start: Epoch) -> Any:
@@ -125,14 +131,14 @@ class StationMemory:
         if not _is_of_earlier(known, start):
             self._tell_later(known)
             return state
-        now = aged(known, start, self.forgetting)
+        now = age_calibration(known, start, self.forgetting)
         sigma = np.degrees(np.sqrt(np.diag(now.covariance)[:2]))
         mean = np.degrees(now.mean[:2])
         self.say(
             f"biases of {self.station} from {known.passes} passes: azimuth {mean[0]:+.3f}° "
             f"±{sigma[0]:.3f}°, elevation {mean[1]:+.3f}° ±{sigma[1]:.3f}°"
         )
-        return begun_with(tracker, state, now)
+        return begin_with_calibration(tracker, state, now)
 
     def end(self, tracker: Tracker[Any], state: Any, start: Epoch, t_s: float) -> None:
         """Remember what a session found out.
@@ -168,9 +174,9 @@ class StationMemory:
             return
         tai = start.to("TAI")
         epoch = Epoch(tai.day, tai.fraction + t_s / 86400.0, "TAI").to("UTC")
-        before = None if known is None else aged(known, epoch, self.forgetting)
+        before = None if known is None else age_calibration(known, epoch, self.forgetting)
         try:
-            remember(self.path, self.station, learned(tracker, state, epoch, before))
+            remember(self.path, self.station, calibration_after_pass(tracker, state, epoch, before))
         except OSError as error:
             raise InputError(
                 f"the station memory {self.path} cannot be written: {error.strerror or error}"
@@ -194,10 +200,10 @@ class _BiasEstimator(Contract, Protocol):
 
 
 def _estimates(tracker: Tracker[Any]) -> TypeGuard[LeastSquares]:
-    return isinstance(tracker, _BiasEstimator) and bool(_estimated(cast(LeastSquares, tracker)))
+    return isinstance(tracker, _BiasEstimator) and bool(_bias_indices(cast(LeastSquares, tracker)))
 
 
-def _estimated(tracker: LeastSquares) -> list[int]:
+def _bias_indices(tracker: LeastSquares) -> list[int]:
     """Return which of azimuth bias, elevation bias and time offset are estimated."""
     return [0, 1] * tracker.spec.angle_biases + [2] * tracker.spec.time_bias
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from hillsphere.base.atomic import output_place
 from hillsphere.errors import InputError
 from hillsphere_tracking.live.atmosphere import Air
-from hillsphere_tracking.memory import Forgetting
+from hillsphere_tracking.memory import RandomWalk
 
-__all__ = ["air_of", "check_positive", "check_writable", "forgetting_of"]
+__all__ = ["air_of", "check_positive", "check_writable", "random_walk_of"]
 
 
 def check_positive(**numbers: float) -> None:
@@ -70,11 +70,11 @@ def air_of(refraction: bool, pressure: float | None, temperature: float | None) 
     return None
 
 
-def forgetting_of(walk: tuple[float, float]) -> Forgetting:
+def random_walk_of(walk: tuple[float, float]) -> RandomWalk:
     """Return how biases, degrees, and time offset, s, wander in a day."""
     if not all(0.0 <= size < inf for size in walk):
         raise InputError(
             "--forget must be two numbers ≥ 0 and finite, degrees and s, got "
             f"{walk[0]:g} and {walk[1]:g}"
         )
-    return Forgetting(radians(walk[0]), walk[1])
+    return RandomWalk(radians(walk[0]), walk[1])

@@ -21,7 +21,7 @@ from hillsphere_tracking.topocentric import angles
 from hillsphere_tracking.trackers.nominal import nominal_elements
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
-__all__ = ["Seen", "next_pass", "plan_of", "stream_of"]
+__all__ = ["NominalPass", "next_pass", "plan_of", "stream_of"]
 
 _COARSE_S = 10.0
 _LONGEST_H = 24
@@ -30,7 +30,7 @@ _AFTER_S = 60.0
 
 
 @dataclass(frozen=True)
-class Seen:
+class NominalPass:
     """A pass of the nominal orbit.
 
     Parameters
@@ -58,7 +58,7 @@ def next_pass(
     period_s: float,
     within_s: float,
     air: Air | None = None,
-) -> Seen:
+) -> NominalPass:
     """Return the pass that is under way at a time, or the next one.
 
     Parameters
@@ -112,10 +112,10 @@ def next_pass(
     begin = float(max(grid[first] - 2.0 * _COARSE_S, 0.0))
     count = int((grid[last] + _AFTER_S - begin) / period_s) + 1
     times = begin + period_s * np.arange(float(max(count, 8)))
-    return Seen(times, *seen(times))
+    return NominalPass(times, *seen(times))
 
 
-def plan_of(seen: Seen, mount: Mount, position_rad: tuple[float, float] | None) -> PassPlan:
+def plan_of(seen: NominalPass, mount: Mount, position_rad: tuple[float, float] | None) -> PassPlan:
     """Return the plan of the axes, which stand at a position, or where they like if it is None."""
     start = None if position_rad is None else position_rad[0]
     return plan_pass(seen.times_s, seen.azimuth_rad, seen.elevation_rad, mount, start)
@@ -125,7 +125,7 @@ def stream_of(
     tracker: Tracker[Any],
     orbit: Orbit,
     place: Place,
-    seen: Seen,
+    seen: NominalPass,
     start: Epoch,
     orientation: EarthOrientation,
     sigma_rad: float,

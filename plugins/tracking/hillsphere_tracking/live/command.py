@@ -22,7 +22,7 @@ from hillsphere_tracking.live.checks import (
     air_of,
     check_positive,
     check_writable,
-    forgetting_of,
+    random_walk_of,
 )
 from hillsphere_tracking.live.coming_pass import next_pass, plan_of, stream_of
 from hillsphere_tracking.live.help_groups import GroupedCommand
@@ -291,7 +291,7 @@ def track(
     inner = tracker_of(loaded, tracker)
     stops = {"azimuth": azimuth_limits, "elevation": elevation_limits, "x": x_limits, "y": y_limits}
     antenna = antenna_of(mount, stops, rate, acceleration, axis_azimuth)
-    forgetting = forgetting_of(forget)
+    forgetting = random_walk_of(forget)
     kept = StationMemory(memory, place.station.name, forgetting, say) if memory else None
     counted_from = Epoch.parse(epoch, "UTC") if epoch else None
     beam = radians(lock_angle)
@@ -328,7 +328,7 @@ def track(
             table = streamed(Table(TableSpec()))
             rivals = {tracker: (stream.tracker, begun), "(table)": (table.tracker, table.state)}
             afterwards.callback(
-                lambda: _tell(score_lines(rivals, book.pass_log(), lost_after, beam))
+                lambda: _print_lines(score_lines(rivals, book.pass_log(), lost_after, beam))
             )
         if kept:
             afterwards.callback(
@@ -337,13 +337,13 @@ def track(
         if log:
             afterwards.callback(book.save, log)
         outputs = Outputs(
-            _both(book.commanded, point), book.measured,
+            _call_all(book.note_command, point), book.note_measurement,
             lambda status: say(status_line(status, start)), say,
         )  # fmt: skip
         run_session(session, clock, feed, position, outputs)
 
 
-def _both(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
+def _call_all(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
     def take(command: Any) -> None:
         for taker in takers:
             taker(command)
@@ -351,6 +351,6 @@ def _both(*takers: Callable[[Any], None]) -> Callable[[Any], None]:
     return take
 
 
-def _tell(lines: list[str]) -> None:
+def _print_lines(lines: list[str]) -> None:
     for line in lines:
         say(line)

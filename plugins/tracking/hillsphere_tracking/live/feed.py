@@ -16,7 +16,7 @@ from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.measurements import Measurement, measurements
 
-__all__ = ["Arriving", "Feed", "Recorded"]
+__all__ = ["Feed", "LiveFeed", "ReplayFeed"]
 
 _LONGEST_LINE = 65536
 _POLL_S = 0.2
@@ -35,7 +35,7 @@ class Feed(Protocol):
         ...
 
 
-class Recorded:
+class ReplayFeed:
     """Measurements of the past, each given when its time has come.
 
     Parameters
@@ -65,7 +65,7 @@ class Recorded:
         self._say = say
         for fault in self._faults:
             say(f"passed over: {fault}")
-        found = self._following()
+        found = self._next_in_order()
         assert found is not None
         self.first: Measurement = found
         self._next: Measurement | None = found
@@ -75,17 +75,17 @@ class Recorded:
         found: list[Measurement] = []
         while self._next is not None and self._next.epoch.seconds_since(start) <= t_s:
             found.append(self._next)
-            self._next = self._following()
+            self._next = self._next_in_order()
         return found
 
     def close(self) -> None:
         """Do nothing: nothing runs."""
 
-    def _following(self) -> Measurement | None:
+    def _next_in_order(self) -> Measurement | None:
         """Return the next measurement that is in its place."""
         while (found := self._after) is not None:
             self._after = self._read()
-            if not _astray(self._latest, found.epoch, self._after and self._after.epoch):
+            if not _is_astray(self._latest, found.epoch, self._after and self._after.epoch):
                 self._tell_more()
                 if self._latest is None or found.epoch.seconds_since(self._latest) > 0.0:
                     self._latest = found.epoch
@@ -115,7 +115,7 @@ class Recorded:
                     self._say(f"passed over: {error}")
 
 
-def _astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
+def _is_astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
     """Say whether the time of a measurement is far from those before and after it."""
     if before is None:
         return after is not None and not -_JUMP_S < after.seconds_since(here) < _DAY_S
@@ -125,7 +125,7 @@ def _astray(before: Epoch | None, here: Epoch, after: Epoch | None) -> bool:
     )
 
 
-class Arriving:
+class LiveFeed:
     """Measurements that arrive, read by a thread of its own.
 
     What cannot be read is told and passed over: one bad line must not end a pass. A regular file

@@ -21,7 +21,7 @@ from hillsphere.cli.streams import say
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.live.clock import Clock, RealTime, Replay
-from hillsphere_tracking.live.feed import Arriving, Feed, Recorded
+from hillsphere_tracking.live.feed import Feed, LiveFeed, ReplayFeed
 from hillsphere_tracking.live.measurements import measurements
 
 __all__ = ["input_of", "orientation_of"]
@@ -61,14 +61,14 @@ def input_of(
         if stat.S_ISDIR(os.fstat(descriptor).st_mode):
             raise InputError(f"{source}: is a directory; a file or a pipe is needed")
     if not replay:
-        arriving = Arriving(descriptor, where, epoch, say)
+        arriving = LiveFeed(descriptor, where, epoch, say)
         stack.callback(arriving.close)
         return arriving, RealTime()
     lines = stack.enter_context(
         os.fdopen(descriptor, encoding="utf-8", errors="replace", closefd=False)
     )
     try:
-        recorded = Recorded(measurements(_read(lines), where, epoch), say)
+        recorded = ReplayFeed(measurements(_read(lines), where, epoch), say)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     return recorded, Replay(recorded.first.epoch, speed)

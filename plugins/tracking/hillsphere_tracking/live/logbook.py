@@ -40,12 +40,12 @@ class Logbook:
         self._measured: dict[int, tuple[float, float, float]] = {}
         self._commanded: dict[int, tuple[float, float, float, float]] = {}
 
-    def measured(self, t_s: float, found: Measurement) -> None:
+    def note_measurement(self, t_s: float, found: Measurement) -> None:
         """Note a measurement that was used."""
         sigma = self._sigma if found.sigma_rad is None else found.sigma_rad
         self._measured[_tick(t_s)] = (found.azimuth_rad, found.elevation_rad, sigma)
 
-    def commanded(self, command: Command) -> None:
+    def note_command(self, command: Command) -> None:
         """Note a command, and the prediction for its time."""
         self._commanded[_tick(command.t_s)] = command[1:5]
 

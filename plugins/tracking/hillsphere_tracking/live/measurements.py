@@ -119,14 +119,14 @@ class _Table(Iterator[Measurement]):
                 continue
             place = f"{self._where}:{number}"
             cells = [cell.strip() for cell in line[:_WIDEST].split(",")]
-            if self._columns is None and self._named(cells, place):
+            if self._columns is None and self._read_header(cells, place):
                 continue
             found = self._measurement(cells, place)
             if found is not None:
                 return found
         raise StopIteration
 
-    def _named(self, cells: list[str], place: str) -> bool:
+    def _read_header(self, cells: list[str], place: str) -> bool:
         """Take the first line's names of columns, or their usual order if it has none."""
         names = [cell.lower() for cell in cells]
         self._width = len(cells)

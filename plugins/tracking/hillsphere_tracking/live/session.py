@@ -26,7 +26,7 @@ from hillsphere_tracking.live.status import Status
 from hillsphere_tracking.pointing.commands import PointingState, advance_pointing, begin
 from hillsphere_tracking.pointing.pass_plan import PassPlan
 from hillsphere_tracking.pointing.search import Search, search_now, search_speed
-from hillsphere_tracking.pointing.sky import turning
+from hillsphere_tracking.pointing.sky import parallel_transport
 from hillsphere_tracking.trackers.streaming import StreamingTracker
 
 __all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_session"]
@@ -123,7 +123,7 @@ def run_session(
     gate = Gate(clock.start, outputs.say)
     search: Search | None = None
     turned = 0.0
-    tracker.lost()
+    tracker.mark_lost()
     if position is None:
         position = float(plan.primary_rad[0]), float(plan.secondary_rad[0])
     state = begin(plan, clock.now_s(), *position)
@@ -132,13 +132,13 @@ def run_session(
             t_s = found.epoch.seconds_since(clock.start)
             if gate.lets_in(found, t_s, state.time_s):
                 if not tracker.is_locked:
-                    tracker.locked()
+                    tracker.mark_locked()
                     outputs.say("the signal is there")
                 tracker.update(t_s, found.azimuth_rad, found.elevation_rad, found.sigma_rad)
                 outputs.note(t_s, found)
                 taken, heard = taken + 1, max(heard, t_s)
         if tracker.is_locked and state.time_s - heard > session.lost_after_s:
-            tracker.lost()
+            tracker.mark_lost()
             outputs.say(f"no measurement for {session.lost_after_s:g} s: the prediction goes on")
         now = state.time_s
         times = now + np.array([-_STEP_S, 0.0, period, _STEP_S + period])
@@ -148,12 +148,12 @@ def run_session(
         if tracker.is_locked or not taken or hidden_by:
             search = None
         elif session.search is not None:
-            new = _searched(session, search, turned, covariance[:, :, 1], state, outputs.say)
+            new = _update_search(session, search, turned, covariance[:, :, 1], state, outputs.say)
             search, turned = new, turned if new is search else 0.0
         doing: SignalState = "predicting" if search is None else "searching"
         doing = "locked" if tracker.is_locked else doing
         # right and up turn near the zenith, the search does not
-        turns = turned + turning(azimuth[1:3], elevation[1:3])
+        turns = turned + parallel_transport(azimuth[1:3], elevation[1:3])
         beside = None if search is None else partial(_beside, search, times[1:3], turns)
         state = advance_pointing(plan, state, (times, azimuth, elevation), period, beside)
         predicted, turned = (float(azimuth[2]), float(elevation[2])), float(turns[1])
@@ -167,7 +167,17 @@ def run_session(
             arcs = np.ravel((0.0, 0.0) if beside is None else beside(times[1:2]))
             aside = (float(arcs[0]), float(arcs[1]))
             outputs.show(
-                Status(now, *here, sigma, offsets, taken, tracker.outlying, doing, hidden_by, aside)
+                Status(
+                    now,
+                    *here,
+                    sigma,
+                    offsets,
+                    taken,
+                    tracker.outlier_share,
+                    doing,
+                    hidden_by,
+                    aside,
+                )
             )
         clock.wait_until(state.time_s)
         if (late := clock.now_s() - state.time_s) > 1.0:
@@ -177,7 +187,7 @@ def run_session(
     gate.end()
 
 
-def _searched(
+def _update_search(
     session: Session,
     search: Search | None,
     turned_rad: float,

@@ -15,10 +15,10 @@ from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Plant
 from hillsphere.model.earth.rotation import InertialFrame, to_earth_fixed, to_inertial
 from hillsphere.time import Epoch
-from hillsphere_tracking.flown_orbit import FlownOrbit, missed
+from hillsphere_tracking.flown_orbit import FlownOrbit, estimate_interpolation_error
 from hillsphere_tracking.orbits import Orbit
 
-__all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "flown"]
+__all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "fly_satellite"]
 
 _DAY = 86400.0
 _ANGLE = "rotation_angle"
@@ -87,7 +87,7 @@ class PlantFlights:
         rotation_angle_rad: float | None = None,
         step_s: float = 30.0,
     ) -> FlownOrbit:
-        """Fly a satellite; parameters, result and errors as for `flown`."""
+        """Fly a satellite; parameters, result and errors as for `fly_satellite`."""
         if not (np.isfinite(duration_s) and duration_s > 0.0 and step_s > 0.0):
             raise InputError(
                 f"duration and step must be positive and finite, got {duration_s} s, {step_s} s"
@@ -127,7 +127,7 @@ class PlantFlights:
         t = np.linspace(begin, end, count)
         states = sampled(t)
         for _ in range(_HALVINGS):
-            middle, off, allowed = missed(t, states)
+            middle, off, allowed = estimate_interpolation_error(t, states)
             coarse = middle[off > allowed]
             if coarse.size == 0:
                 break
@@ -146,7 +146,7 @@ class PlantFlights:
         return np.array([angle])
 
 
-def flown(
+def fly_satellite(
     orbit: Orbit,
     plant: Plant,
     start: Epoch,

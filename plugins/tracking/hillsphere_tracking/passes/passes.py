@@ -18,14 +18,14 @@ from hillsphere_tracking.ground_track import EarthTrack
 from hillsphere_tracking.passes.masks import BlindSector, HorizonMask
 from hillsphere_tracking.passes.search import (
     Function,
-    above_zero,
-    curve,
-    intersection,
-    joined,
+    intersect_spans,
+    merge_spans,
+    positive_spans,
+    sample_curve,
     zeros,
 )
 from hillsphere_tracking.sun import shadow_margin, sun_earth_fixed
-from hillsphere_tracking.topocentric import rates, refracted, unrefracted
+from hillsphere_tracking.topocentric import apparent_elevation, geometric_elevation, rates
 
 __all__ = [
     "Air", "Passes", "blind_spans", "eclipses", "find_passes", "peak_azimuth_rates",
@@ -116,7 +116,9 @@ def find_passes(
     """
     mask = HorizonMask() if mask is None else mask
     if air is not None:
-        lowered = unrefracted(np.array(mask.elevation_rad), air.pressure_hpa, air.temperature_c)
+        lowered = geometric_elevation(
+            np.array(mask.elevation_rad), air.pressure_hpa, air.temperature_c
+        )
         mask = HorizonMask(tuple(lowered.tolist()), mask.azimuth_rad)
     threshold = np.sin(mask.lowest_rad)
 
@@ -126,16 +128,16 @@ def find_passes(
 
     # every other time: the search looks at the middles of its steps anyway
     coarse = np.append(track.times_s[:-1:2], track.end_s)
-    whole = curve(height, coarse)
-    spans = above_zero(height, whole)
+    whole = sample_curve(height, coarse)
+    spans = positive_spans(height, whole)
     if not mask.constant:
         parts = [_above_mask(station, track, mask, *span) for span in spans.T]
-        spans = joined(np.concatenate([np.zeros((2, 0)), *parts], axis=1))
+        spans = merge_spans(np.concatenate([np.zeros((2, 0)), *parts], axis=1))
     rise, set_ = spans
     top = int(np.argmax(whole.value))
     return Passes(
         rise_s=rise,
-        culmination_s=_highest(height, whole.t_s, whole.value, spans),
+        culmination_s=_culminations(height, whole.t_s, whole.value, spans),
         set_s=set_,
         begun=rise == track.times_s[0],
         unfinished=set_ == track.end_s,
@@ -203,24 +205,24 @@ def blind_spans(
     grid = _grid(rise_s, set_s)
     edges = [np.array([rise_s, set_s])]
     for azimuth in sector.azimuth_rad:
-        across = _across(station, track, azimuth)
-        edges.append(zeros(across, curve(across, grid)))
+        across = _crossing_function(station, track, azimuth)
+        edges.append(zeros(across, sample_curve(across, grid)))
     for elevation in sector.elevation_rad:
         limit = np.array([elevation])
         if air is not None:
-            limit = unrefracted(limit, air.pressure_hpa, air.temperature_c)
+            limit = geometric_elevation(limit, air.pressure_hpa, air.temperature_c)
 
         def over(t_s: Array, sine: float = float(np.sin(limit[0]))) -> tuple[Array, Array]:
             _, up, _, d_up = _direction(station, track, t_s)
             return up - sine, d_up
 
-        edges.append(zeros(over, curve(over, grid)))
-    cuts = _distinct(edges)
+        edges.append(zeros(over, sample_curve(over, grid)))
+    cuts = _drop_duplicates(edges)
     azimuth_rad, elevation_rad = rates(station, track.states(0.5 * (cuts[:-1] + cuts[1:])))[:2]
     if air is not None:
-        elevation_rad = refracted(elevation_rad, air.pressure_hpa, air.temperature_c)
+        elevation_rad = apparent_elevation(elevation_rad, air.pressure_hpa, air.temperature_c)
     inside = sector.contains(azimuth_rad, elevation_rad)
-    return joined(np.array([cuts[:-1][inside], cuts[1:][inside]]))
+    return merge_spans(np.array([cuts[:-1][inside], cuts[1:][inside]]))
 
 
 def sun_in_beam(
@@ -257,10 +259,10 @@ def sun_in_beam(
         return up @ sun - np.sin(_SUN_UP_RAD), up @ d_sun
 
     grid = _grid(rise_s, set_s)
-    close = above_zero(near, curve(near, grid))
+    close = positive_spans(near, sample_curve(near, grid))
     if close.shape[1] == 0:
         return close
-    return intersection(close, above_zero(risen, curve(risen, grid)))
+    return intersect_spans(close, positive_spans(risen, sample_curve(risen, grid)))
 
 
 def eclipses(track: EarthTrack, ellipsoid: Ellipsoid = WGS84) -> Array:
@@ -288,7 +290,7 @@ def eclipses(track: EarthTrack, ellipsoid: Ellipsoid = WGS84) -> Array:
         begin, end = t.reshape(3, -1)[1:]
         return here, (after - before) / (end - begin)
 
-    return above_zero(depth, curve(depth, track.times_s))
+    return positive_spans(depth, sample_curve(depth, track.times_s))
 
 
 def _above_mask(
@@ -298,9 +300,9 @@ def _above_mask(
     cuts = [np.array([begin_s, end_s])]
     grid = _grid(begin_s, end_s)
     for azimuth in mask.azimuth_rad:
-        across = _across(station, track, azimuth)
-        cuts.append(zeros(across, curve(across, grid)))
-    edges = _distinct(cuts)
+        across = _crossing_function(station, track, azimuth)
+        cuts.append(zeros(across, sample_curve(across, grid)))
+    edges = _drop_duplicates(cuts)
     middles = 0.5 * (edges[:-1] + edges[1:])
     lines = mask.segment(rates(station, track.states(middles))[0])
     found = []
@@ -311,17 +313,17 @@ def _above_mask(
             height, slope = mask.on(np.full(t_s.shape, line), azimuth)
             return elevation - height, d_elevation - slope * d_azimuth
 
-        found.append(above_zero(over, curve(over, np.linspace(low, high, 5))))
-    return joined(np.concatenate([np.zeros((2, 0)), *found], axis=1))
+        found.append(positive_spans(over, sample_curve(over, np.linspace(low, high, 5))))
+    return merge_spans(np.concatenate([np.zeros((2, 0)), *found], axis=1))
 
 
-def _distinct(times_s: list[Array]) -> Array:
+def _drop_duplicates(times_s: list[Array]) -> Array:
     """Return times in order, without those that differ by no more than roots are known to."""
     cuts = np.unique(np.concatenate(times_s))
     return np.asarray(cuts[np.concatenate([[True], np.diff(cuts) > _SAME_S])])
 
 
-def _across(station: Station, track: EarthTrack, azimuth_rad: float) -> Function:
+def _crossing_function(station: Station, track: EarthTrack, azimuth_rad: float) -> Function:
     """Return the function of time that changes sign where the satellite crosses an azimuth."""
     normal = station.axes.T @ np.array([np.cos(azimuth_rad), -np.sin(azimuth_rad), 0.0])
 
@@ -363,7 +365,7 @@ def _grid(begin_s: float, end_s: float) -> Array:
     return np.linspace(begin_s, end_s, max(5, int(np.ceil((end_s - begin_s) / step)) + 1))
 
 
-def _highest(height: Function, t_s: Array, value: Array, spans: Array) -> Array:
+def _culminations(height: Function, t_s: Array, value: Array, spans: Array) -> Array:
     """Return when in each span the satellite is highest: at an extremum within, or at an end."""
     at_ends = height(spans.ravel())[0].reshape(spans.shape)
     found = []

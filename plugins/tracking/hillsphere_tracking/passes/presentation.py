@@ -14,7 +14,7 @@ from hillsphere.time import Epoch
 from hillsphere_tracking.passes.figures import SKIES_PER_FIGURE, draw_map, draw_skies
 from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
 
-__all__ = ["presented"]
+__all__ = ["present_passes"]
 
 _MOST_SKIES = 60
 _PASSES = (
@@ -65,7 +65,7 @@ _ECLIPSES = (
 )
 
 
-def presented(product: PassList, start: Epoch, label: str) -> Presentation:
+def present_passes(product: PassList, start: Epoch, label: str) -> Presentation:
     """Return tables, figures and sentences of passes.
 
     Parameters

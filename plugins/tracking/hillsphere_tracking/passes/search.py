@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from hillsphere.engine.dynamics.root_finding import bracketed_roots
 from hillsphere.interfaces import Array
 
-__all__ = ["Curve", "Function", "above_zero", "curve", "intersection", "joined", "zeros"]
+__all__ = [
+    "Curve",
+    "Function",
+    "intersect_spans",
+    "merge_spans",
+    "positive_spans",
+    "sample_curve",
+    "zeros",
+]
 
 Function: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """Value (N,) and derivative (N,) at times (N,), s."""
@@ -42,7 +50,7 @@ class Curve:
     slope: Array
 
 
-def curve(function: Function, times_s: Array) -> Curve:
+def sample_curve(function: Function, times_s: Array) -> Curve:
     """Sample a function so that nothing happens between the samples.
 
     Parameters
@@ -75,14 +83,14 @@ def curve(function: Function, times_s: Array) -> Curve:
         off_slope = np.abs(m[2] - (1.5 * (b[1] - a[1]) / h - 0.25 * (a[2] + b[2])))
         # the halves, each with the misfit of the whole, sixteen and eight times what to expect
         a, b = np.concatenate([a, m], axis=1), np.concatenate([m, b], axis=1)
-        open_ = ~_known(a, b, np.tile(off, 2), np.tile(off_slope, 2))
+        open_ = ~_is_resolved(a, b, np.tile(off, 2), np.tile(off_slope, 2))
         a, b = a[:, open_], b[:, open_]
     t, f, d = (np.concatenate([node[i] for node in nodes]) for i in range(3))
     order = np.argsort(t, kind="stable")
     return _with_extrema(function, Curve(t[order], f[order], d[order]))
 
 
-def _known(a: Array, b: Array, off: Array, off_slope: Array) -> NDArray[np.bool_]:
+def _is_resolved(a: Array, b: Array, off: Array, off_slope: Array) -> NDArray[np.bool_]:
     """Whether a step needs no further samples: rows of a, b are time, value, slope."""
     h = b[0] - a[0]
     chord = (b[1] - a[1]) / h
@@ -132,7 +140,7 @@ def zeros(function: Function, known: Curve) -> Array:
     function : callable
         Value and derivative at times.
     known : Curve
-        The same function as `curve` gives it.
+        The same function as `sample_curve` gives it.
 
     Returns
     -------
@@ -148,7 +156,7 @@ def zeros(function: Function, known: Curve) -> Array:
     )  # fmt: skip
 
 
-def above_zero(function: Function, known: Curve) -> Array:
+def positive_spans(function: Function, known: Curve) -> Array:
     """Return the intervals in which a function is positive.
 
     Parameters
@@ -156,7 +164,7 @@ def above_zero(function: Function, known: Curve) -> Array:
     function : callable
         Value and derivative at times.
     known : Curve
-        The same function as `curve` gives it.
+        The same function as `sample_curve` gives it.
 
     Returns
     -------
@@ -172,7 +180,7 @@ def above_zero(function: Function, known: Curve) -> Array:
     return edges.reshape(-1, 2).T
 
 
-def intersection(one: Array, other: Array) -> Array:
+def intersect_spans(one: Array, other: Array) -> Array:
     """Return where two sets of intervals overlap.
 
     Parameters
@@ -191,7 +199,7 @@ def intersection(one: Array, other: Array) -> Array:
     return np.array([begins[there], ends[there]])
 
 
-def joined(spans: Array, gap_s: float = 1e-6) -> Array:
+def merge_spans(spans: Array, gap_s: float = 1e-6) -> Array:
     """Return intervals with those made one that touch.
 
     Parameters

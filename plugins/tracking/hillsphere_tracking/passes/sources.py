@@ -139,7 +139,7 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
                 f"{path.name}: the label {label!r} would be that of {len(orbits)} satellites; "
                 "choose one with name"
             )
-        return _labelled(list(orbits), label)
+        return _set_label(list(orbits), label)
     chosen = [orbit for orbit in orbits if name in (orbit.name, orbit.catalogue_number)]
     if not chosen:
         there = ", ".join(orbit.name for orbit in orbits[:10])
@@ -149,10 +149,10 @@ def orbits_of_file(path: Path, name: str = "", label: str = "") -> list[Sgp4Orbi
         raise InputError(
             f"{path.name}: {len(chosen)} element sets of {name!r} in it; keep the one to be used"
         )
-    return _labelled(chosen, label)
+    return _set_label(chosen, label)
 
 
-def _labelled(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
+def _set_label(orbits: list[Sgp4Orbit], label: str) -> list[Sgp4Orbit]:
     if label:
         orbits[0].name = label
     return orbits

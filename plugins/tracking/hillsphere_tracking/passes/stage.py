@@ -28,13 +28,13 @@ from hillsphere_tracking.passes.passes import (
     peak_azimuth_rates,
     sun_in_beam,
 )
-from hillsphere_tracking.passes.presentation import presented
+from hillsphere_tracking.passes.presentation import present_passes
 from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
-from hillsphere_tracking.passes.search import intersection
+from hillsphere_tracking.passes.search import intersect_spans
 from hillsphere_tracking.passes.sources import blind_sectors_of, mask_of, orbits_from, station_of
 from hillsphere_tracking.passes.specs import PassesSpec
 from hillsphere_tracking.sun import sun_earth_fixed
-from hillsphere_tracking.topocentric import angles, rates, refracted
+from hillsphere_tracking.topocentric import angles, apparent_elevation, rates
 
 __all__ = ["PassesStage"]
 
@@ -115,13 +115,13 @@ class PassesStage:
         with warnings.catch_warnings():
             # the verdict says it once, in its own words
             warnings.simplefilter("ignore", EarthOrientationWarning)
-            return self._found(ctx)
+            return self._find_passes(ctx)
 
     def present(self, product: PassList) -> Presentation:
         """Show the passes as tables, sky plots and a map."""
-        return presented(product, self.start, self.spec.label)
+        return present_passes(product, self.start, self.spec.label)
 
-    def _found(self, ctx: Context) -> PassList:
+    def _find_passes(self, ctx: Context) -> PassList:
         advance = ctx.track("passes", len(self.orbits))
         tracks: list[EarthTrack] = []
         shadows: list[Array] = []
@@ -129,7 +129,7 @@ class PassesStage:
         columns: list[dict[str, Array]] = []
         spans: list[tuple[int, int, float, str, float, float]] = []
         for n, elements in enumerate(self.orbits):
-            orbit = self._flown(elements)
+            orbit = self._fly(elements)
             track = EarthTrack(orbit, self.start, self.spec.duration_s, self.orientation)
             shadow = eclipses(track, self.ellipsoid)
             for s, site in enumerate(self.sites):
@@ -166,7 +166,9 @@ class PassesStage:
             end_reasons=tuple(track.end_reason for track in tracks),
             visibility=np.array([one.visibility for one in each]).reshape(shape),
             highest_s=np.array([one.highest_s for one in each]).reshape(shape),
-            highest_rad=self._seen(np.array([one.highest_rad for one in each])).reshape(shape),
+            highest_rad=self._to_apparent(np.array([one.highest_rad for one in each])).reshape(
+                shape
+            ),
             **merged,
             span_pass=np.array([number[span[:3]] for span in spans], dtype=np.int64),
             span_reason=np.array([span[3] for span in spans], dtype=np.str_),
@@ -178,7 +180,7 @@ class PassesStage:
             warnings=self._warnings(tracks),
         )
 
-    def _flown(self, orbit: Orbit) -> Orbit:
+    def _fly(self, orbit: Orbit) -> Orbit:
         """Return the orbit by which a satellite moves."""
         if self.flights is None:
             return orbit
@@ -196,13 +198,13 @@ class PassesStage:
         )
         top = track.states(passes.culmination_s)
         highest_azimuth, highest, _ = angles(station, top[:3])
-        highest = self._seen(highest)
+        highest = self._to_apparent(highest)
         # the Sun is so far that its direction from the station is that from the Earth's centre
         sun = sun_earth_fixed(self.start, passes.culmination_s, self.orientation)
         sun_azimuth, sun_elevation, _ = angles(station, sun)
         nodes = track.node_times()
         dark = [
-            float(np.sum(np.diff(intersection(np.array([[rise], [set_]]), shadow), axis=0)))
+            float(np.sum(np.diff(intersect_spans(np.array([[rise], [set_]]), shadow), axis=0)))
             for rise, set_ in zip(passes.rise_s, passes.set_s, strict=True)
         ]
         return {
@@ -222,10 +224,10 @@ class PassesStage:
             "sunlit_part": 1.0 - np.array(dark) / (passes.set_s - passes.rise_s),
             "t_s": t_s,
             "azimuth_rad": azimuth,
-            "elevation_rad": self._seen(elevation),
+            "elevation_rad": self._to_apparent(elevation),
             "range_m": distance,
             "range_rate_m_s": range_rate,
-            "sun_rad": np.array([sun_azimuth, self._seen(sun_elevation)]),
+            "sun_rad": np.array([sun_azimuth, self._to_apparent(sun_elevation)]),
         }
 
     def _spans(
@@ -248,10 +250,10 @@ class PassesStage:
             ]
         return found
 
-    def _seen(self, elevation_rad: Array) -> Array:
+    def _to_apparent(self, elevation_rad: Array) -> Array:
         if self.air is None:
             return elevation_rad
-        return refracted(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
+        return apparent_elevation(elevation_rad, self.air.pressure_hpa, self.air.temperature_c)
 
     def _warnings(self, tracks: list[EarthTrack]) -> tuple[str, ...]:
         found = []

@@ -55,7 +55,7 @@ def linear(
     InputError
         If the predictions are fewer than two, not rising or not finite, or do not reach `at_s`.
     """
-    times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
+    times, azimuth, elevation, at = _validate_predictions(times_s, azimuth_rad, elevation_rad, at_s)
     along = np.interp(at, times, np.unwrap(azimuth))
     return np.remainder(along, 2.0 * pi), np.interp(at, times, elevation)
 
@@ -84,7 +84,7 @@ def great_circle(
     InputError
         As for `linear`, or if neighbours are 90° apart or more.
     """
-    times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
+    times, azimuth, elevation, at = _validate_predictions(times_s, azimuth_rad, elevation_rad, at_s)
     nodes = direction_cosines(azimuth, elevation)
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
     w = (at - times[i]) / (times[i + 1] - times[i])
@@ -129,7 +129,7 @@ def smooth(
     InputError
         As for `linear`.
     """
-    times, azimuth, elevation, at = _checked(times_s, azimuth_rad, elevation_rad, at_s)
+    times, azimuth, elevation, at = _validate_predictions(times_s, azimuth_rad, elevation_rad, at_s)
     nodes = direction_cosines(azimuth, elevation)
     slopes = np.gradient(nodes, times, axis=1, edge_order=2 if times.size > 2 else 1)
     i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, times.size - 2)
@@ -164,7 +164,9 @@ def linear_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array)
     InputError
         If the predictions are fewer than three, not rising or not finite.
     """
-    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 3)
+    times, azimuth, elevation, _ = _validate_predictions(
+        times_s, azimuth_rad, elevation_rad, times_s, 3
+    )
     level = np.cos(elevation)
     level = np.maximum(level[:-1], level[1:])
     turn = _interval_largest(np.abs(_second_derivative(times, np.unwrap(azimuth)[None])[0]))
@@ -193,7 +195,9 @@ def great_circle_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: 
     InputError
         If the predictions are fewer than three, not rising or not finite.
     """
-    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 3)
+    times, azimuth, elevation, _ = _validate_predictions(
+        times_s, azimuth_rad, elevation_rad, times_s, 3
+    )
     nodes = direction_cosines(azimuth, elevation)
     bend = _second_derivative(times, nodes)
     inner = nodes[:, 1:-1]
@@ -224,7 +228,9 @@ def smooth_error_bound(times_s: Array, azimuth_rad: Array, elevation_rad: Array)
     InputError
         If the predictions are fewer than four, not rising or not finite.
     """
-    times, azimuth, elevation, _ = _checked(times_s, azimuth_rad, elevation_rad, times_s, 4)
+    times, azimuth, elevation, _ = _validate_predictions(
+        times_s, azimuth_rad, elevation_rad, times_s, 4
+    )
     bend = _second_derivative(times, direction_cosines(azimuth, elevation))
     # of the inner intervals, between the bends at both their ends
     jerk = np.linalg.norm(np.diff(bend, axis=1) / np.diff(times[1:-1]), axis=0)
@@ -247,7 +253,7 @@ def _interval_largest(inner: Array) -> Array:
     return np.asarray(np.maximum(ends[:-1], ends[1:]))
 
 
-def _checked(
+def _validate_predictions(
     times_s: Array, azimuth_rad: Array, elevation_rad: Array, at_s: Array, least: int = 2
 ) -> tuple[Array, Array, Array, NDArray[np.float64]]:
     times, azimuth, elevation, at = (

@@ -104,7 +104,7 @@ def least_error_by_rate(
             and np.all(np.maximum.accumulate(low + drift) <= high + drift)
         )
 
-    return _least(passable, _SMALLEST)
+    return _bisect_error(passable, _SMALLEST)
 
 
 def best_ramp(
@@ -156,7 +156,9 @@ def best_ramp(
 
     if not passable(0.5 * pi):
         return None
-    least = _least(passable, least_error_by_rate(times_s, reference_rad, distance_rad, limits))
+    least = _bisect_error(
+        passable, least_error_by_rate(times_s, reference_rad, distance_rad, limits)
+    )
     least = min(least * _SLACK, 0.5 * pi)
     course = _solve(matrix, room, *bounds(least), reference_rad, np.sin(distance_rad))
     if course is None:
@@ -167,7 +169,7 @@ def best_ramp(
     return Ramp(course, least)
 
 
-def _least(passable: Callable[[float], bool], start: float) -> float:
+def _bisect_error(passable: Callable[[float], bool], start: float) -> float:
     """Return the least passable error, found upwards from a first guess; π/2 always passes."""
     low, high = 0.0, start
     while high < 0.5 * pi and not passable(high):

@@ -131,17 +131,17 @@ def plan_pass(
     direction = direction_cosines(azimuth_rad, elevation_rad)
     if not np.isfinite(direction).all():
         raise InputError("a plan needs finite angles, got nan or inf")
-    plan = _planned(times, direction, mount, start_rad)
+    plan = _make_plan(times, direction, mount, start_rad)
     if plan.flipped.any():
         # the route's loss is nearly, not quite, the largest error: see what going upright costs
         secondary = replace(mount.secondary, upper_rad=0.5 * pi)
-        upright = _planned(times, direction, replace(mount, secondary=secondary), start_rad)
+        upright = _make_plan(times, direction, replace(mount, secondary=secondary), start_rad)
         if upright.error_rad.max() <= plan.error_rad.max():
             return replace(upright, mount=mount)
     return plan
 
 
-def _planned(times: Array, direction: Array, mount: Mount, start_rad: float | None) -> PassPlan:
+def _make_plan(times: Array, direction: Array, mount: Mount, start_rad: float | None) -> PassPlan:
     limits = mount.primary
     route = coarse_route(times, direction, mount, start_rad)
     reference, flipped = on_target_angles(direction, mount, route)
@@ -165,11 +165,11 @@ def _with_ramps(
         _KEPT * limits.acceleration_rad_s2,
     )
     within = np.clip(reference, limits.lower_rad, limits.upper_rad)
-    spans = _excesses(within, times, kept)
+    spans = _fast_stretches(within, times, kept)
     ramps: list[tuple[int, slice, Array]] = []  # with the first index of the excess
     while spans:
         first, last = spans.pop(0)
-        part, found = _widest_worth(times, reference, distance, kept, first, last)
+        part, found = _extend_ramp(times, reference, distance, kept, first, last)
         if spans and spans[0][0] < part.stop:  # too close to the next, or to the one before
             spans[0] = (first, spans[0][1])
         elif ramps and part.start < ramps[-1][1].stop:
@@ -182,7 +182,7 @@ def _with_ramps(
     return course, ramp
 
 
-def _widest_worth(
+def _extend_ramp(
     times: Array, reference: Array, distance: Array, limits: AxisLimits, first: int, last: int
 ) -> tuple[slice, Ramp]:
     """Return the ramp over an excess, begun earlier and ended later as long as that helps."""
@@ -216,7 +216,7 @@ def _widest_worth(
     return best
 
 
-def _excesses(course: Array, times: Array, limits: AxisLimits) -> list[tuple[int, int]]:
+def _fast_stretches(course: Array, times: Array, limits: AxisLimits) -> list[tuple[int, int]]:
     """Return first and last index of each stretch that is too fast for the axis."""
     step = float(times[1] - times[0])
     move = np.diff(course)

@@ -18,7 +18,7 @@ from hillsphere_tracking.pointing.figures import (
 )
 from hillsphere_tracking.pointing.products import Pointing
 
-__all__ = ["presented"]
+__all__ = ["present_pointing"]
 
 _PASS = (
     Column("mount", "", "mount"),
@@ -78,7 +78,7 @@ _PREDICTIONS = (
 )
 
 
-def presented(product: Pointing, start: Epoch) -> Presentation:
+def present_pointing(product: Pointing, start: Epoch) -> Presentation:
     """Return tables, figures and sentences of how mounts follow passes.
 
     Parameters
@@ -205,8 +205,8 @@ def _axis_rows(product: Pointing, start: Epoch) -> list[dict[str, Cell]]:
         for k, n in enumerate(product.count):
             primary = product.primary_rad[:n, k, m]
             ramp = product.ramp[:n, k, m]
-            rate, acceleration = _used(primary, product.period_s)
-            rate_2, acceleration_2 = _used(product.secondary_rad[:n, k, m], product.period_s)
+            rate, acceleration = _peak_motion(primary, product.period_s)
+            rate_2, acceleration_2 = _peak_motion(product.secondary_rad[:n, k, m], product.period_s)
             lead = _lead(ramp, int(np.nanargmin(distance[:, k])))
             rows.append(
                 {
@@ -230,7 +230,7 @@ def _axis_rows(product: Pointing, start: Epoch) -> list[dict[str, Cell]]:
     return rows
 
 
-def _used(angle: Array, period_s: float) -> tuple[float, float]:
+def _peak_motion(angle: Array, period_s: float) -> tuple[float, float]:
     """Return the largest rate, deg/s, and acceleration, deg/s², of commands from rest on."""
     rate = np.diff(np.degrees(angle), prepend=np.degrees(angle[0])) / period_s
     return float(np.abs(rate).max()), float(np.abs(np.diff(rate)).max()) / period_s

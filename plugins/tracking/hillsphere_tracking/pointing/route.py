@@ -66,7 +66,7 @@ def coarse_route(
     step = max(
         _CELLS_PER_STEP * _CELL / limits.rate_rad_s, (times_s[-1] - times_s[0]) / _MOST_STEPS
     )
-    nodes = _spaced(times_s, step)
+    nodes = _select_nodes(times_s, step)
     towards = np.array([np.cos(grid), np.sin(grid)])
     centre = 0.5 * (limits.lower_rad + limits.upper_rad)
     away = np.abs(grid - (centre if start_rad is None else start_rad))
@@ -76,7 +76,7 @@ def coarse_route(
         _loss(mount, direction[:, nodes[0]], grid, towards) * duration[0] + _PREFERENCE * away
     )
     for k in range(1, nodes.size):
-        reach = _reach(limits.rate_rad_s, times_s[nodes[k]] - times_s[nodes[k - 1]])
+        reach = _reachable_cells(limits.rate_rad_s, times_s[nodes[k]] - times_s[nodes[k - 1]])
         best = minimum_filter1d(value[k - 1], 2 * reach + 1, mode="nearest")
         value[k] = best + _loss(mount, direction[:, nodes[k]], grid, towards) * duration[k]
     if start_rad is None:  # the end of the pass matters as much as its beginning
@@ -85,7 +85,7 @@ def coarse_route(
     here = int(np.argmin(value[-1]))
     course[-1] = grid[here]
     for k in range(nodes.size - 2, -1, -1):
-        reach = _reach(limits.rate_rad_s, times_s[nodes[k + 1]] - times_s[nodes[k]])
+        reach = _reachable_cells(limits.rate_rad_s, times_s[nodes[k + 1]] - times_s[nodes[k]])
         low = max(here - reach, 0)
         window = value[k, low : here + reach + 1]
         # the shortest motion among equals: ties come from the plateau of the lost
@@ -134,11 +134,11 @@ def _loss(mount: Mount, direction: Array, grid: Array, towards: Array) -> Array:
     return np.asarray(share * share + _PREFERENCE * (secondary > 0.5 * pi))
 
 
-def _reach(rate: float, duration: float) -> int:
+def _reachable_cells(rate: float, duration: float) -> int:
     return max(floor(rate * duration / _CELL + 1e-9), 1)
 
 
-def _spaced(times: Array, step: float) -> Integers:
+def _select_nodes(times: Array, step: float) -> Integers:
     """Return indices of times about one step apart, the first and the last among them."""
     count = max(ceil((times[-1] - times[0]) / step), 1) if times.size > 1 else 0
     wanted = np.linspace(times[0], times[-1], count + 1)

@@ -84,7 +84,7 @@ class Search:
             When.
         turned_rad : ndarray, shape (N,), or float
             By how much right and up have turned on the sky since the search was planned, as
-            `sky.turning` tells: the path keeps its place on the sky.
+            `sky.parallel_transport` tells: the path keeps its place on the sky.
 
         Returns
         -------

@@ -7,7 +7,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_tracking.topocentric import direction_cosines
 
-__all__ = ["angles_of", "offset", "separation", "turning"]
+__all__ = ["angles_of", "offset", "parallel_transport", "separation"]
 
 
 def angles_of(direction: Array) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ def offset(
     return angles_of(np.cos(arc) * direction_cosines(azimuth, elevation) + step)
 
 
-def turning(azimuth_rad: Array, elevation_rad: Array) -> Array:
+def parallel_transport(azimuth_rad: Array, elevation_rad: Array) -> Array:
     """Return by how much arcs that keep their direction turn against right and up along a course.
 
     Near the zenith right and up turn with the azimuth, the sky does not. Between neighbours the

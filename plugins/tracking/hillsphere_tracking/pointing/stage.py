@@ -18,7 +18,7 @@ from hillsphere_tracking.pointing.following import Course, follow_courses, naive
 from hillsphere_tracking.pointing.interpolation import smooth, smooth_error_bound
 from hillsphere_tracking.pointing.mounts import Mount, mount_of
 from hillsphere_tracking.pointing.pass_plan import PassPlan, plan_pass
-from hillsphere_tracking.pointing.presentation import presented
+from hillsphere_tracking.pointing.presentation import present_pointing
 from hillsphere_tracking.pointing.products import Pointing
 from hillsphere_tracking.pointing.sight import LineOfSight
 from hillsphere_tracking.pointing.sky import angles_of, separation
@@ -35,7 +35,7 @@ _LISTED = 12
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _PredictedPass:
     """A pass as the satellite flies it, and as its interpolated prediction tells the antenna."""
 
     sight: LineOfSight
@@ -46,7 +46,7 @@ class _Seen:
     bound_rad: float
 
     @property
-    def told(self) -> Array:
+    def predicted_direction(self) -> Array:
         return direction_cosines(self.azimuth_rad, self.elevation_rad)
 
 
@@ -88,8 +88,8 @@ class PointingStage:
         InputError
             If no pass is as asked for or long enough, or there are too many commands.
         """
-        chosen, short = self._chosen(passes)
-        seen = [self._seen(passes, int(k)) for k in chosen]
+        chosen, short = self._choose_passes(passes)
+        seen = [self._predict_pass(passes, int(k)) for k in chosen]
         count = np.array([one.times_s.size for one in seen])
         advance = ctx.track("pointing", len(self.mounts) * len(seen))
         columns: list[dict[str, Array]] = []
@@ -101,8 +101,8 @@ class PointingStage:
                 ramp[: count[k], k, m], flipped[: count[k], k, m] = plan.ramp, plan.flipped
                 plans.append(plan)
                 advance(1)
-            columns.append(self._followed(seen, plans, mount))
-        error = [separation(one.told, one.direction).max() for one in seen]
+            columns.append(self._follow_passes(seen, plans, mount))
+        error = [separation(one.predicted_direction, one.direction).max() for one in seen]
         return Pointing(
             mounts=tuple(mount.name for mount in self.spec.mounts),
             kinds=tuple(mount.kind for mount in self.spec.mounts),
@@ -119,8 +119,8 @@ class PointingStage:
             lock_angle_rad=self.spec.lock_angle_rad,
             period_s=self.spec.command_period_s,
             count=count,
-            azimuth_rad=_padded([angles_of(one.direction)[0] for one in seen]),
-            elevation_rad=_padded([angles_of(one.direction)[1] for one in seen]),
+            azimuth_rad=_pad_columns([angles_of(one.direction)[0] for one in seen]),
+            elevation_rad=_pad_columns([angles_of(one.direction)[1] for one in seen]),
             **{key: np.stack([one[key] for one in columns], axis=-1) for key in columns[0]},
             ramp=ramp,
             flipped=flipped,
@@ -135,7 +135,7 @@ class PointingStage:
 
     def present(self, product: Pointing, passes: PassList) -> Presentation:
         """Show errors, axis angles and rates, and the paths near the keyholes."""
-        return presented(product, Epoch.parse(passes.start, "UTC"))
+        return present_pointing(product, Epoch.parse(passes.start, "UTC"))
 
     def _check_stations(self, known: Sequence[str]) -> None:
         for name in self.spec.stations:
@@ -143,7 +143,7 @@ class PointingStage:
                 hint = did_you_mean(name, known, otherwise="there are")
                 raise InputError(f"stations: no passes over {name!r}{hint}")
 
-    def _chosen(self, passes: PassList) -> tuple[Integers, int]:
+    def _choose_passes(self, passes: PassList) -> tuple[Integers, int]:
         """Return the passes to be followed, and how many are too short for that."""
         spec = self.spec
         self._check_stations(passes.stations)
@@ -180,11 +180,11 @@ class PointingStage:
                 f"{chosen.size} passes of up to {longest:.0f} s and {len(self.mounts)} mounts make "
                 f"{total:.0f} commands, which need {_BYTES * total / 1e9:.1f} GB of memory, at "
                 f"most {_MOST_BYTES / 1e9:g} GB; choose fewer passes (revolutions, stations, "
-                f"culmination_min_deg) or mounts, or command_period_s = {_rounded_up(period):g}"
+                f"culmination_min_deg) or mounts, or command_period_s = {_round_up(period):g}"
             )
         return chosen, int(np.count_nonzero(asked & ~long))
 
-    def _seen(self, passes: PassList, k: int) -> _Seen:
+    def _predict_pass(self, passes: PassList, k: int) -> _PredictedPass:
         sight = LineOfSight(
             passes.t_s[:, k],
             passes.azimuth_rad[:, k],
@@ -201,15 +201,17 @@ class PointingStage:
         prediction = (nodes, *angles_of(sight.direction(nodes)))
         azimuth, elevation = smooth(*prediction, times)
         bound = float(smooth_error_bound(*prediction).max())
-        return _Seen(sight, times, sight.direction(times), azimuth, elevation, bound)
+        return _PredictedPass(sight, times, sight.direction(times), azimuth, elevation, bound)
 
-    def _followed(self, seen: list[_Seen], plans: list[PassPlan], mount: Mount) -> dict[str, Array]:
+    def _follow_passes(
+        self, seen: list[_PredictedPass], plans: list[PassPlan], mount: Mount
+    ) -> dict[str, Array]:
         """Return what a mount does in all passes, arrays (K, P) and (P,)."""
         period, passes = self.spec.command_period_s, len(seen)
         planned = [Course(plan.primary_rad, plan.secondary_rad) for plan in plans]
-        naive = [naive_course(one.told, mount) for one in seen]
+        naive = [naive_course(one.predicted_direction, mount) for one in seen]
         unramped = [
-            naive_course(one.told, mount, float(plan.primary_rad[0]))
+            naive_course(one.predicted_direction, mount, float(plan.primary_rad[0]))
             for one, plan in zip(seen, plans, strict=True)
         ]
         followed = follow_courses([*planned, *naive, *unramped], mount, period)
@@ -219,9 +221,11 @@ class PointingStage:
         ]
         found: dict[str, Array] = {}
         for prefix, part in (("", slice(passes)), ("naive_", slice(passes, 2 * passes))):
-            found[f"{prefix}primary_rad"] = _padded([q.primary_rad for q in followed[part]])
-            found[f"{prefix}secondary_rad"] = _padded([q.secondary_rad for q in followed[part]])
-            found[f"{prefix}error_rad"] = _padded(error[part])
+            found[f"{prefix}primary_rad"] = _pad_columns([q.primary_rad for q in followed[part]])
+            found[f"{prefix}secondary_rad"] = _pad_columns(
+                [q.secondary_rad for q in followed[part]]
+            )
+            found[f"{prefix}error_rad"] = _pad_columns(error[part])
         rest = error[2 * passes :]
         found["unramped_error_max_rad"] = np.array([q.max() for q in rest])
         beyond = [np.count_nonzero(q > self.spec.lock_angle_rad) for q in rest]
@@ -229,13 +233,13 @@ class PointingStage:
         return found
 
 
-def _rounded_up(number: float) -> float:
+def _round_up(number: float) -> float:
     """Return a number of two digits that is no smaller."""
     digit = 10.0 ** (floor(log10(number)) - 1)
     return digit * ceil(number / digit)
 
 
-def _padded(columns: list[Array]) -> Array:
+def _pad_columns(columns: list[Array]) -> Array:
     """Return columns of different lengths side by side, NaN after their ends."""
     table = np.full((max(q.size for q in columns), len(columns)), np.nan)
     for n, column in enumerate(columns):

@@ -43,15 +43,15 @@ from hillsphere.model.earth.rotation import ROTATION_RATES_RAD_S
 from hillsphere.symbolic import Expr
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import ZonalField
-from hillsphere_tracking.kepler import eccentric_anomaly, true_anomaly, wrapped
-from hillsphere_tracking.mean_elements import propagated
+from hillsphere_tracking.kepler import eccentric_anomaly, true_anomaly, wrap_angle
+from hillsphere_tracking.mean_elements import propagate_secular
 from hillsphere_tracking.trackers.specs import AverageSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
-    measured,
-    seen_covariance,
+    predict_angles,
     start,
+    validate_measurement,
 )
 
 __all__ = ["Average", "AverageState", "Circular"]
@@ -110,15 +110,15 @@ class Average:
 
         A measurement whose iteration does not settle is left out.
         """
-        t_s, azimuth, elevation = measured(state, t_s, az_rad, el_rad)
+        t_s, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         now, dt = state.elements.copy(), t_s - state.t_s
         if not state.count.all():
             # up to the first measurement everything moves that the theory moves
             first = state.count == 0.0
-            now = np.where(first, propagated(now, dt, self._field), now)
+            now = np.where(first, propagate_secular(now, dt, self._field), now)
             dt = np.where(first, 0.0, dt)
-        there, good = self._solved(state, now, dt, t_s, azimuth, elevation)
-        off = wrapped(there - now[3::2])
+        there, good = self._solve_measurement(state, now, dt, t_s, azimuth, elevation)
+        off = wrap_angle(there - now[3::2])
         if not good.all():
             off = np.where(good, off, 0.0)
         count = state.count + good
@@ -147,12 +147,12 @@ class Average:
         covariance[:, 0, 0] = np.where(some, spread[0], spec.node_sigma_rad**2)
         covariance[:, 1, 1] = np.where(some, spread[2], spec.mean_anomaly_sigma_rad**2)
         covariance[:, 0, 1] = covariance[:, 1, 0] = np.where(some, spread[1], 0.0)
-        return seen_covariance(
+        return predict_angles(
             state, times_s, self._field, columns, covariance, np.zeros((cases, 2)),
             short_period=False, biased=biased,
         )  # fmt: skip
 
-    def _solved(
+    def _solve_measurement(
         self,
         state: AverageState,
         now: Array,
@@ -165,7 +165,7 @@ class Average:
 
         M in `now` is moved by `dt` in place.
         """
-        begin, step = _compiled(self._field)
+        begin, step = _compile_iteration(self._field)
         given = np.empty((19, t_s.size))
         given[0], given[1], given[2:14] = azimuth, elevation, state.site.place
         given[14:17], given[17], given[18] = now[:3], now[5], dt
@@ -216,7 +216,7 @@ class Circular(Average):
 
 
 @lru_cache(maxsize=16)
-def _compiled(field: ZonalField) -> tuple[ArrayFunction, ArrayFunction]:
+def _compile_iteration(field: ZonalField) -> tuple[ArrayFunction, ArrayFunction]:
     """Return the functions of a measurement's direction, and of one step of the iteration.
 
     The first: azimuth, elevation, the site's 12 numbers, a, e, i, M and a time → the r predicted,

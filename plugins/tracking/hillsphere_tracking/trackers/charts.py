@@ -15,7 +15,7 @@ import numpy as np
 from hillsphere.interfaces import Array
 from hillsphere_tracking.mean_elements import classical, equinoctial
 
-__all__ = ["Chart", "Equinoctials", "Selected"]
+__all__ = ["Chart", "EquinoctialElements", "SelectedElements"]
 
 _HOUR = 3600.0
 _FLOOR = 1e-7
@@ -26,7 +26,7 @@ above rounding for the large parts of the derivatives by Ω, ω and M to cancel.
 class Chart(Protocol):
     """Coordinates of the elements that are estimated.
 
-    `sense` (N,) is that of the nominal orbit (`mean_elements.sense_of`); it stays with it.
+    `sense` (N,) is that of the nominal orbit (`mean_elements.retrograde_sign`); it stays with it.
     """
 
     @property
@@ -34,7 +34,7 @@ class Chart(Protocol):
         """How many there are, n."""
         ...
 
-    def settled(self, elements: Array, sense: Array) -> Array:
+    def regularise(self, elements: Array, sense: Array) -> Array:
         """Return the elements (6, N), kept off the places where a derivative is not finite."""
         ...
 
@@ -42,14 +42,16 @@ class Chart(Protocol):
         """Return the derivatives (N, 6, n) of the elements (6, N) by the coordinates."""
         ...
 
-    def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
+    def project_slopes(
+        self, by: Array, others: Sequence[int], elements: Array, sense: Array
+    ) -> Array:
         """Return derivatives (k, n + len(others), N) by the coordinates, then some others.
 
         Of those (k, ≥ 6, N) by the elements, and by others that stand behind them.
         """
         ...
 
-    def moved(self, elements: Array, step: Array, sense: Array) -> Array:
+    def apply_step(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements (6, N) after a step (n, N) of the coordinates."""
         ...
 
@@ -75,7 +77,7 @@ class Chart(Protocol):
         ...
 
 
-class Selected:
+class SelectedElements:
     """Some of the elements themselves.
 
     Parameters
@@ -91,7 +93,7 @@ class Selected:
         self._turning = np.array([row - 3 for row in self.rows if row >= 3])
         self._powers = np.array([0.0 if row == 0 else -2.0 for row in self.rows])
 
-    def settled(self, elements: Array, sense: Array) -> Array:
+    def regularise(self, elements: Array, sense: Array) -> Array:
         """Return the elements: every place is regular."""
         return elements
 
@@ -99,11 +101,13 @@ class Selected:
         """Return the derivatives (N, 6, n)."""
         return np.broadcast_to(self._unit, (elements.shape[1], 6, self.count))
 
-    def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
+    def project_slopes(
+        self, by: Array, others: Sequence[int], elements: Array, sense: Array
+    ) -> Array:
         """Return derivatives (k, n + len(others), N)."""
         return by.take([*self.rows, *others], axis=1)
 
-    def moved(self, elements: Array, step: Array, sense: Array) -> Array:
+    def apply_step(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements after a step."""
         made = elements.copy()
         made[self.rows] += step
@@ -130,12 +134,12 @@ class Selected:
         return np.asarray(drift_m * drift_m / _HOUR * elements[0][:, None] ** self._powers)
 
 
-class Equinoctials:
+class EquinoctialElements:
     """All six elements, as equinoctial ones."""
 
     count = 6
 
-    def settled(self, elements: Array, sense: Array) -> Array:
+    def regularise(self, elements: Array, sense: Array) -> Array:
         """Return the elements with e and tan(i/2), or cot(i/2), not below 1e-7."""
         made = elements.copy()
         made[1] = np.maximum(made[1], _FLOOR)
@@ -161,18 +165,20 @@ class Equinoctials:
         made[:, 5] -= by_turned
         return made
 
-    def sliced(self, by: Array, others: Sequence[int], elements: Array, sense: Array) -> Array:
+    def project_slopes(
+        self, by: Array, others: Sequence[int], elements: Array, sense: Array
+    ) -> Array:
         """Return derivatives (k, 6 + len(others), N)."""
         own = by[:, :6].transpose(2, 0, 1) @ self.columns(elements, sense)
         return np.concatenate([own.transpose(1, 2, 0), by.take(others, axis=1)], axis=1)
 
-    def moved(self, elements: Array, step: Array, sense: Array) -> Array:
+    def apply_step(self, elements: Array, step: Array, sense: Array) -> Array:
         """Return the elements after a step; e is kept below 0.98, a above a third."""
         orbit = equinoctial(elements, sense) + step
         orbit[0] = np.maximum(orbit[0], elements[0] / 3.0)
         size = np.hypot(orbit[1], orbit[2])
         orbit[1:3] *= np.where(size > 0.98, 0.98 / np.maximum(size, 0.98), 1.0)
-        return self.settled(classical(orbit, sense), sense)
+        return self.regularise(classical(orbit, sense), sense)
 
     def carry(
         self, covariance: Array, before: Array, after: Array, slopes: Array, sense: Array

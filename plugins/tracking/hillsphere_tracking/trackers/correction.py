@@ -32,7 +32,7 @@ from hillsphere.dynamics import ArrayFunction
 from hillsphere.interfaces import Array
 from hillsphere.symbolic import Expr
 
-__all__ = ["Correction", "chosen", "corrected"]
+__all__ = ["Correction", "correct_estimate", "select_correction"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Correction:
     covariance: Array
 
 
-def corrected(
+def correct_estimate(
     prior: Array,
     slopes: Array,
     off: Array,
@@ -89,7 +89,7 @@ def corrected(
         For all cases.
     """
     m, cases = slopes.shape[1:]
-    function, upper, full = _compiled(m)
+    function, upper, full = _compile_correction(m)
     n = upper.size
     given = np.empty((n + 3 * m + 6, cases))
     given[:n] = prior.reshape(m * m, cases)[upper]
@@ -102,14 +102,14 @@ def corrected(
     return Correction(made[:m], made[m], made[m + 1], made[m + 2 :][full])
 
 
-def chosen(choice: NDArray[np.bool_], new: Correction, old: Correction) -> Correction:
+def select_correction(choice: NDArray[np.bool_], new: Correction, old: Correction) -> Correction:
     """Return the new correction in the cases chosen (N,), else the old."""
     both = zip(vars(new).values(), vars(old).values(), strict=True)
     return Correction(*(np.where(choice, a, b) for a, b in both))
 
 
 @lru_cache(maxsize=16)
-def _compiled(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]]:
+def _compile_correction(m: int) -> tuple[ArrayFunction, NDArray[np.intp], NDArray[np.intp]]:
     """Return the correction of m quantities as a function, and how it packs covariances.
 
     From the upper triangle of P, H, −ν where H was taken, R, the known step and weight (0: to be

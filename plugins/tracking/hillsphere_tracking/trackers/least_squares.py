@@ -40,17 +40,17 @@ from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
-from hillsphere_tracking.mean_elements import sense_of
-from hillsphere_tracking.trackers.charts import Chart, Equinoctials, Selected
-from hillsphere_tracking.trackers.correction import Correction, chosen, corrected
-from hillsphere_tracking.trackers.observation import carried, compared
+from hillsphere_tracking.mean_elements import retrograde_sign
+from hillsphere_tracking.trackers.charts import Chart, EquinoctialElements, SelectedElements
+from hillsphere_tracking.trackers.correction import Correction, correct_estimate, select_correction
+from hillsphere_tracking.trackers.observation import compare_directions, propagate_and_compare
 from hillsphere_tracking.trackers.specs import LeastSquaresSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
-    measured,
-    seen_covariance,
+    predict_angles,
     start,
+    validate_measurement,
 )
 
 __all__ = ["LeastSquares", "LeastSquaresState"]
@@ -112,22 +112,24 @@ class LeastSquares:
         self._field = field_of(spec)
         self.short_period: bool = spec.short_period
         charts: dict[str, Chart] = {
-            "node_anomaly": Selected((3, 5)),
-            "size_node_anomaly": Selected((0, 3, 5)),
-            "all": Equinoctials(),
+            "node_anomaly": SelectedElements((3, 5)),
+            "size_node_anomaly": SelectedElements((0, 3, 5)),
+            "all": EquinoctialElements(),
         }
         self._chart = charts[spec.parameters]
         n = self._chart.count
         self._biases = slice(n, n + 2) if spec.angle_biases else None
         self._clock = n + 2 * spec.angle_biases if spec.time_bias else None
-        self.kept = slice(n, n + 2 * spec.angle_biases + spec.time_bias)
+        self.bias_rows = slice(n, n + 2 * spec.angle_biases + spec.time_bias)
         """Rows of the covariance of the biases that last beyond a pass."""
-        self._horizon = self.kept.stop if spec.horizon_bias else None
-        self.size = self.kept.stop + spec.horizon_bias
+        self._horizon = self.bias_rows.stop if spec.horizon_bias else None
+        self.size = self.bias_rows.stop + spec.horizon_bias
         # rows of the derivatives of what is measured that are not by elements
-        self._others = [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
+        self._bias_slopes = (
+            [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
+        )
         # rows of what is estimated among the elements and all four biases, as `predict` wants them
-        self._shown = np.array([*range(n), *(row - 6 + n for row in self._others)])
+        self._prediction_rows = np.array([*range(n), *(row - 6 + n for row in self._bias_slopes)])
 
     def initial(
         self,
@@ -140,8 +142,8 @@ class LeastSquares:
         """Return the nominal orbit and what is known of it; see `hillsphere.interfaces.Tracker`."""
         state = start(elements, t_s, stations, epoch, orientation)
         spec, n, cases = self.spec, self._chart.count, state.t_s.size
-        sense = sense_of(state.elements)
-        found = self._chart.settled(state.elements, sense)
+        sense = retrograde_sign(state.elements)
+        found = self._chart.regularise(state.elements, sense)
         sigmas = np.array(
             [
                 spec.semi_major_axis_sigma_m,
@@ -191,7 +193,7 @@ class LeastSquares:
         InputError
             If the tracker estimates no biases, or not so many.
         """
-        own, given = self.kept, np.asarray(biases, dtype=float)
+        own, given = self.bias_rows, np.asarray(biases, dtype=float)
         count = own.stop - own.start
         if count == 0:
             raise InputError("this tracker estimates no biases; set angle_biases = true")
@@ -235,20 +237,20 @@ class LeastSquares:
         InputError
             If shapes do not fit, a time is not finite, or a sigma is not positive.
         """
-        t_s, azimuth, elevation = measured(state, t_s, az_rad, el_rad)
+        t_s, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         noise = _variances(sigma_rad, t_s.size)
         good = np.isfinite(azimuth + elevation)
         every = bool(good.all())
         if not every:
             azimuth, elevation = np.where(good, azimuth, 0.0), np.where(good, elevation, 0.0)
         shown = (azimuth, elevation)
-        met = self._met(state, t_s, shown, noise)
+        met = self._process(state, t_s, shown, noise)
         outlying = (met.correction.weight > 1.0) & good
         outliers, restarts = state.outliers + outlying, state.restarts
         agreed = state.agreed + good
         if outlying.any():
             agreed = np.where(outlying, np.maximum(state.agreed - 1.0, -1.0), agreed)
-            anew, met = self._anew(state, outlying, met, t_s, shown, noise)
+            anew, met = self._restart_outlying(state, outlying, met, t_s, shown, noise)
             agreed = np.where(anew, 0.0, agreed)
             outliers = np.where(anew, state.count, outliers)
             restarts = restarts + anew
@@ -257,21 +259,21 @@ class LeastSquares:
         last = first
         step = first.step if every else np.where(good, first.step, 0.0)
         shift = first.shift if every else np.where(good, first.shift, 0.0)
-        at = self._moved(before, step, state.sense)
+        at = self._apply_step(before, step, state.sense)
         for _ in range(self.spec.relinearisations):
             moving = shift > _LARGE
             if not moving.any():
                 break
-            seen = compared(
+            seen = compare_directions(
                 at.elements, at.clock, t_s + at.clock, state.site,
                 np.array([*shown, *at.biases, at.horizon]), self._field,
                 short_period=self.short_period,
             )  # fmt: skip
             again = self._correction(at, seen, prior, noise, state.sense, (step, first.weight))
-            last = chosen(moving, again, last)
+            last = select_correction(moving, again, last)
             step = np.where(moving, again.step, step)
             shift = np.where(moving, again.shift, 0.0)
-            at = self._moved(before, step, state.sense)
+            at = self._apply_step(before, step, state.sense)
         covariance = last.covariance if every else np.where(good, last.covariance, prior)
         return LeastSquaresState(
             state.site, t_s, at.elements, at.biases, state.count + good, at.clock, at.horizon,
@@ -287,8 +289,10 @@ class LeastSquares:
         """
         n = self._chart.count
         covariance = np.zeros((state.t_s.size, n + 4, n + 4))
-        covariance[:, self._shown[:, None], self._shown] = state.covariance.transpose(2, 0, 1)
-        return seen_covariance(
+        covariance[:, self._prediction_rows[:, None], self._prediction_rows] = (
+            state.covariance.transpose(2, 0, 1)
+        )
+        return predict_angles(
             state,
             times_s,
             self._field,
@@ -301,12 +305,12 @@ class LeastSquares:
             horizon_rad=state.horizon_rad,
         )
 
-    def _met(
+    def _process(
         self, state: LeastSquaresState, t_s: Array, shown: tuple[Array, Array], noise: Array
-    ) -> _Met:
+    ) -> _Update:
         """Return what is known at a measurement's time, and what the measurement makes of it."""
         dt = t_s - state.t_s
-        after, slopes, seen = carried(
+        after, slopes, seen = propagate_and_compare(
             state.elements, dt, state.time_bias_s, t_s + state.time_bias_s, state.site,
             np.array([*shown, *state.biases_rad, state.horizon_rad]), self._field,
             short_period=self.short_period,
@@ -318,18 +322,18 @@ class LeastSquares:
             walk = self._chart.walk(state.elements, self.spec.drift_m)
             diagonal[: self._chart.count] += walk.T * np.abs(dt)
         self._chart.carry(prior, state.elements, after, slopes, state.sense)
-        at = _Point(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
-        return _Met(at, prior, self._correction(at, seen, prior, noise, state.sense, None))
+        at = _Estimate(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
+        return _Update(at, prior, self._correction(at, seen, prior, noise, state.sense, None))
 
-    def _anew(
+    def _restart_outlying(
         self,
         state: LeastSquaresState,
         outlying: NDArray[np.bool_],
-        met: _Met,
+        met: _Update,
         t_s: Array,
         shown: tuple[Array, Array],
         noise: Array,
-    ) -> tuple[NDArray[np.bool_], _Met]:
+    ) -> tuple[NDArray[np.bool_], _Update]:
         """Return in which cases the orbit begins anew with this measurement, and what holds then.
 
         Those in which nothing speaks for what was measured before, and the new measurement is less
@@ -338,17 +342,19 @@ class LeastSquares:
         doubtful = outlying & (state.agreed <= 0.0) & (state.restarts < _MOST_RESTARTS)
         if state.beginning is None or not doubtful.any():
             return np.zeros_like(doubtful), met
-        other = self._met(state.beginning, t_s, shown, noise)
+        other = self._process(state.beginning, t_s, shown, noise)
         anew = doubtful & (other.correction.weight < met.correction.weight)
         if not anew.any():
             return anew, met
-        point = _Point(*(np.where(anew, a, b) for a, b in zip(other.at, met.at, strict=True)))
+        point = _Estimate(*(np.where(anew, a, b) for a, b in zip(other.at, met.at, strict=True)))
         prior = np.where(anew, other.prior, met.prior)
-        return anew, _Met(point, prior, chosen(anew, other.correction, met.correction))
+        return anew, _Update(
+            point, prior, select_correction(anew, other.correction, met.correction)
+        )
 
     def _correction(
         self,
-        at: _Point,
+        at: _Estimate,
         seen: tuple[Array, Array, Array],
         prior: Array,
         noise: Array,
@@ -357,14 +363,14 @@ class LeastSquares:
     ) -> Correction:
         """Return the step from the state before the measurement, linearised where it was `seen`."""
         off, level2, by = seen
-        slopes = self._chart.sliced(by, self._others, at.elements, sense)
+        slopes = self._chart.project_slopes(by, self._bias_slopes, at.elements, sense)
         variances = noise + _LEAST_SIGMA**2
         variances[0] = noise[0] * level2 + _LEAST_SIGMA**2
-        return corrected(prior, slopes, off, variances, self.spec.gate, known)
+        return correct_estimate(prior, slopes, off, variances, self.spec.gate, known)
 
-    def _moved(self, before: _Point, step: Array, sense: Array) -> _Point:
+    def _apply_step(self, before: _Estimate, step: Array, sense: Array) -> _Estimate:
         """Return what is estimated after a step (m, N)."""
-        elements = self._chart.moved(before.elements, step[: self._chart.count], sense)
+        elements = self._chart.apply_step(before.elements, step[: self._chart.count], sense)
         biases, clock, horizon = before.biases, before.clock, before.horizon
         if self._biases is not None:
             biases = biases + step[self._biases]
@@ -372,10 +378,10 @@ class LeastSquares:
             clock = clock + step[self._clock]
         if self._horizon is not None:
             horizon = horizon + step[self._horizon]
-        return _Point(elements, biases, clock, horizon)
+        return _Estimate(elements, biases, clock, horizon)
 
 
-class _Point(NamedTuple):
+class _Estimate(NamedTuple):
     """What is estimated: elements (6, N), angle biases (2, N), time and horizon bias (N,)."""
 
     elements: Array
@@ -384,10 +390,10 @@ class _Point(NamedTuple):
     horizon: Array
 
 
-class _Met(NamedTuple):
+class _Update(NamedTuple):
     """What is known at a measurement's time before it, with P (m, m, N), and its correction."""
 
-    at: _Point
+    at: _Estimate
     prior: Array
     correction: Correction
 

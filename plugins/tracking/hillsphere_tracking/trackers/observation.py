@@ -33,12 +33,12 @@ from hillsphere_tracking.mean_elements import RETROGRADE
 __all__ = [
     "Site",
     "angles",
-    "carried",
-    "compared",
+    "compare_directions",
     "cotangent",
     "derivatives",
     "directions",
-    "folded",
+    "fold_over_zenith",
+    "propagate_and_compare",
     "site_of",
     "tangents",
 ]
@@ -102,7 +102,7 @@ def angles(direction: Array) -> tuple[Array, Array]:
     )
 
 
-def folded(azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array]:
+def fold_over_zenith(azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array]:
     """Return the same directions with azimuth in [0, 2π) and elevation in [−π/2, π/2].
 
     An elevation that a bias carries beyond the zenith is on the other side of it.
@@ -147,7 +147,7 @@ def directions(
     ndarray, shape (3, N)
         Unit vectors in east, north, up; the Earth is transparent.
     """
-    return _seen(field, short_period, False)(_columns(elements, dt_s, t_s, site))
+    return _compile_directions(field, short_period, False)(_columns(elements, dt_s, t_s, site))
 
 
 def derivatives(
@@ -157,11 +157,11 @@ def derivatives(
 
     By the six elements (at the earlier time) and by the time of looking, in this order.
     """
-    made = _seen(field, short_period, True)(_columns(elements, dt_s, t_s, site))
+    made = _compile_directions(field, short_period, True)(_columns(elements, dt_s, t_s, site))
     return made[:3], made[3:].reshape(3, 7, -1)
 
 
-def compared(
+def compare_directions(
     elements: Array,
     dt_s: Array,
     t_s: Array,
@@ -198,10 +198,10 @@ def compared(
     columns[7] = site.angle_rad + _RATE * t_s
     columns[8:20] = site.place
     columns[20:] = shown
-    return _split(_compared(field, short_period)(columns))
+    return _split(_compile_comparison(field, short_period)(columns))
 
 
-def carried(
+def propagate_and_compare(
     elements: Array,
     dt_s: Array,
     clock_s: Array,
@@ -223,7 +223,7 @@ def carried(
     clock_s : ndarray, shape (N,)
         By how much later than it says.
     t_s, site, shown, field, short_period
-        As for `compared`, of the measurement.
+        As for `compare_directions`, of the measurement.
 
     Returns
     -------
@@ -232,7 +232,7 @@ def carried(
     moved : ndarray, shape (3, 3, N)
         Derivatives of the later Ω, ω, M by a, e, i.
     seen : tuple of ndarray
-        What `compared` returns, the derivatives by the later elements.
+        What `compare_directions` returns, the derivatives by the later elements.
     """
     columns = np.empty((26, elements.shape[1]))
     columns[:6] = elements
@@ -241,7 +241,7 @@ def carried(
     columns[8:20] = site.place
     columns[20:25] = shown
     columns[25] = dt_s
-    made = _carried(field, short_period)(columns)
+    made = _compile_propagation(field, short_period)(columns)
     return made[:6], made[6:15].reshape(3, 3, -1), _split(made[15:])
 
 
@@ -259,7 +259,7 @@ def _columns(elements: Array, dt_s: Array, t_s: Array, site: Site) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _seen(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
+def _compile_directions(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
     inputs, shift, direction = _direction(field, short_period)
     outputs = list(direction)
     if slopes:
@@ -269,13 +269,13 @@ def _seen(field: ZonalField, short_period: bool, slopes: bool) -> ArrayFunction:
 
 
 @lru_cache(maxsize=32)
-def _compared(field: ZonalField, short_period: bool) -> ArrayFunction:
+def _compile_comparison(field: ZonalField, short_period: bool) -> ArrayFunction:
     outputs, inputs = _comparison(field, short_period)
     return ArrayFunction(outputs, inputs)
 
 
 @lru_cache(maxsize=16)
-def _carried(field: ZonalField, short_period: bool) -> ArrayFunction:
+def _compile_propagation(field: ZonalField, short_period: bool) -> ArrayFunction:
     outputs, inputs = _comparison(field, short_period)
     elements, dt = inputs[:6], sy.variable("interval")
     later = at_time(elements, dt, field)
@@ -285,7 +285,7 @@ def _carried(field: ZonalField, short_period: bool) -> ArrayFunction:
 
 
 def _comparison(field: ZonalField, short_period: bool) -> tuple[tuple[Expr, ...], tuple[Expr, ...]]:
-    """Return the outputs of `compared`, row by row, and its inputs."""
+    """Return the outputs of `compare_directions`, row by row, and its inputs."""
     inputs, shift, (east, north, up) = _direction(field, short_period)
     azimuth, elevation = sy.variables("azimuth", "elevation")
     ca, sa, ce, se = sy.cos(azimuth), sy.sin(azimuth), sy.cos(elevation), sy.sin(elevation)

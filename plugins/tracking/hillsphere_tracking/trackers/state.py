@@ -13,19 +13,19 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.time import Epoch
 from hillsphere_tracking.dynamics_brouwer import ZonalField
-from hillsphere_tracking.kepler import checked
+from hillsphere_tracking.kepler import validate_elements
 from hillsphere_tracking.trackers.observation import (
     Site,
     angles,
     cotangent,
     derivatives,
-    folded,
+    fold_over_zenith,
     site_of,
     tangents,
 )
 from hillsphere_tracking.trackers.specs import TrackerSpec
 
-__all__ = ["OrbitState", "field_of", "measured", "seen_covariance", "start"]
+__all__ = ["OrbitState", "field_of", "predict_angles", "start", "validate_measurement"]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def start(
     orientation: EarthOrientation,
 ) -> OrbitState:
     """Return the state before the first measurement; raises `InputError` for what does not fit."""
-    found = checked(elements)
+    found = validate_elements(elements)
     cases = found.shape[1]
     times = np.atleast_1d(np.asarray(t_s, dtype=float))
     if times.size not in (1, cases) or not np.isfinite(times).all():
@@ -80,7 +80,7 @@ def start(
     )
 
 
-def measured(
+def validate_measurement(
     state: OrbitState, t_s: Array, azimuth_rad: Array, elevation_rad: Array
 ) -> tuple[Array, Array, Array]:
     """Return a measurement's times and angles (N,), as floats.
@@ -105,7 +105,7 @@ def measured(
     return made[0], made[1], made[2]
 
 
-def seen_covariance(
+def predict_angles(
     state: OrbitState,
     times_s: Array,
     field: ZonalField,
@@ -180,7 +180,9 @@ def seen_covariance(
         if horizon_rad is not None:
             elevation = elevation + horizon_rad * cotangent(elevation)
         # both axes of the sky turn with the side of the zenith: the covariance stays
-        azimuth, elevation = folded(azimuth + state.biases_rad[0], elevation + state.biases_rad[1])
+        azimuth, elevation = fold_over_zenith(
+            azimuth + state.biases_rad[0], elevation + state.biases_rad[1]
+        )
     return azimuth, elevation, total.transpose(2, 3, 0, 1)
 
 

@@ -74,7 +74,7 @@ class StreamingTracker:
         self._recent: deque[bool] = deque(maxlen=_RECENT)
 
     @property
-    def outlying(self) -> float:
+    def outlier_share(self) -> float:
         """Share of outliers among the last twenty measurements; 0 as long as they are fewer.
 
         Many mean that the sigmas are too small for what the antenna measures, or that it measures
@@ -118,11 +118,11 @@ class StreamingTracker:
             self._recent.append(bool(self.state.outliers[0] > before.outliers[0]))
         return True
 
-    def lost(self) -> None:
+    def mark_lost(self) -> None:
         """Say that the signal is lost."""
         self.is_locked = False
 
-    def locked(self) -> None:
+    def mark_locked(self) -> None:
         """Say that the signal is there again."""
         self.is_locked = True
 

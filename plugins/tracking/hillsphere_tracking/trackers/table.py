@@ -15,9 +15,9 @@ from hillsphere_tracking.trackers.specs import TableSpec
 from hillsphere_tracking.trackers.state import (
     OrbitState,
     field_of,
-    measured,
-    seen_covariance,
+    predict_angles,
     start,
+    validate_measurement,
 )
 
 __all__ = ["Table"]
@@ -52,7 +52,7 @@ class Table:
         self, state: OrbitState, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array
     ) -> OrbitState:
         """Count the measurement, and learn nothing from it."""
-        _, azimuth, elevation = measured(state, t_s, az_rad, el_rad)
+        _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
 
     def predict(
@@ -64,7 +64,7 @@ class Table:
         columns[:, 3, 0] = columns[:, 5, 1] = 1.0
         variances = [self.spec.node_sigma_rad**2, self.spec.mean_anomaly_sigma_rad**2]
         covariance = np.broadcast_to(np.diag(variances), (cases, 2, 2))
-        return seen_covariance(
+        return predict_angles(
             state, times_s, self._field, columns, covariance, np.zeros((cases, 2)),
             short_period=self.short_period, biased=biased,
         )  # fmt: skip

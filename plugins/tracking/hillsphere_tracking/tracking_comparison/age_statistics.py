@@ -9,11 +9,11 @@ from hillsphere.interfaces import Array, Integers
 from hillsphere.products import CaseTable
 from hillsphere_tracking.tracking_comparison.products import AgeComparison
 from hillsphere_tracking.tracking_comparison.statistics import (
-    measured,
+    bootstrap_means,
     medians,
     outages_of,
     reacquisitions,
-    resampled_means,
+    values_of,
 )
 
 __all__ = ["age_comparison", "no_sweep"]
@@ -81,7 +81,7 @@ def age_comparison(
         )
     x = next((d for d in numbers if table.swept_units[d] != "-"), numbers[0])
     points = table.points.shape[1]
-    values = measured(found, measure, name)
+    values = values_of(found, measure, name)
     first, trackers = found.trackers.index(baseline), len(found.trackers)
     middle = np.full((trackers, len(found.keys), points), np.nan)
     interval = np.full((2, trackers, points), np.nan)
@@ -95,7 +95,7 @@ def age_comparison(
         if not here.any():
             continue
         middle[:, :, p] = medians(values[:, :, here], (0.5,))[0]
-        means = resampled_means(values[:, :, here], resamples, rng)
+        means = bootstrap_means(values[:, :, here], resamples, rng)
         interval[:, :, p] = medians(means, (tail, 1.0 - tail))
         shares[:, :, p], times[:, :, p] = reacquisitions(found, here)
     ratio, where = _worst_ratios(middle, first)

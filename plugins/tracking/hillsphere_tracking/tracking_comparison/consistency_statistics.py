@@ -10,10 +10,10 @@ from hillsphere.errors import InputError
 from hillsphere.products import CaseTable
 from hillsphere_tracking.tracking_comparison.products import Consistency
 from hillsphere_tracking.tracking_comparison.statistics import (
-    measured,
+    bootstrap_means,
     medians,
     outages_of,
-    resampled_means,
+    values_of,
 )
 
 __all__ = ["nees_consistency"]
@@ -62,8 +62,8 @@ def nees_consistency(
         if tracker not in found.trackers:
             hint = did_you_mean(tracker, found.trackers, otherwise="there are")
             raise InputError(f"consistent: campaign {name!r} has no tracker {tracker!r}{hint}")
-    values = measured(found, "nees", name)
-    errors = measured(found, measure, name)[:, :, found.ended]
+    values = values_of(found, "nees", name)
+    errors = values_of(found, measure, name)[:, :, found.ended]
     count = np.sum(np.isfinite(values), axis=-1)
     some = np.maximum(count, 1)
     mean = np.where(count > 0, np.nansum(values, axis=-1) / some, np.nan)
@@ -71,11 +71,11 @@ def nees_consistency(
     interval = np.array([chi2.ppf(q, 2 * some) / some for q in (tail, 1.0 - tail)])
     # Outages of one case have errors in common: its mean over them is drawn anew, as a whole.
     cases = np.mean(values[:, :, found.ended], axis=1, keepdims=True)
-    overall = resampled_means(cases, resamples, rng, np.nanmean)
+    overall = bootstrap_means(cases, resamples, rng, np.nanmean)
     right = consistent or found.trackers
     first = found.trackers.index(right[0])
     middle = np.mean(medians(errors, (0.5,))[0], axis=-1)
-    drawn = resampled_means(errors, resamples, rng)
+    drawn = bootstrap_means(errors, resamples, rng)
     return Consistency(
         stage=table.stage,
         passes=tuple(key[0] for key in found.keys),

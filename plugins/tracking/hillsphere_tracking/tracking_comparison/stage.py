@@ -23,11 +23,11 @@ from hillsphere_tracking.tracking_comparison.specs import TrackingComparisonSpec
 from hillsphere_tracking.tracking_comparison.statistics import (
     Outages,
     beyond_covariance,
-    locked_share,
+    bootstrap_means,
+    lock_share,
     medians,
     outages_of,
     reacquisitions,
-    resampled_means,
 )
 
 __all__ = ["TrackingComparisonStage"]
@@ -104,7 +104,7 @@ class TrackingComparisonStage:
         InputError
             If a campaign is not what it should be, or there is no such baseline.
         """
-        found = self._cases(tracking, campaign)
+        found = self._sort_outages(tracking, campaign)
         needs, spec = self.spec.needs, self.spec
         shape = (len(MEASURES), len(found.trackers), len(found.keys))
         quantiles, count = np.full((3, *shape), np.nan), np.zeros(shape, dtype=np.int64)
@@ -120,7 +120,7 @@ class TrackingComparisonStage:
                 zip(tracking.outage_pass, tracking.outage_names, strict=True)]  # fmt: skip
         order = [keys.index(key) for key in found.keys]
         loss = tracking.outage_s[order]
-        drawn = self._drawn_anew(found, ctx)
+        drawn = self._bootstrap(found, ctx)
         tail = 0.5 * (1.0 - spec.confidence)
         between = (tail, 1.0 - tail)
         shares, times = reacquisitions(found, found.ended)
@@ -144,7 +144,7 @@ class TrackingComparisonStage:
             units=tuple(MEASURES.values()),
             quantiles=quantiles,
             count=count,
-            locked=locked_share(found, tracking.lock_angle_rad),
+            locked=lock_share(found, tracking.lock_angle_rad),
             pooled=pooled,
             mean_median_rad=mean,
             mean_interval_rad=medians(drawn, between),
@@ -170,7 +170,7 @@ class TrackingComparisonStage:
             ),
         )  # fmt: skip
 
-    def _drawn_anew(self, found: Outages, ctx: Context) -> Array:
+    def _bootstrap(self, found: Outages, ctx: Context) -> Array:
         """Return the means of medians in each frame, of cases drawn anew, (3, T, R)."""
         means = np.full((len(FRAMES), len(found.trackers), self.spec.resamples), np.nan)
         for f, frame in enumerate(FRAMES):
@@ -178,7 +178,7 @@ class TrackingComparisonStage:
                 # the same cases in each frame
                 rng = ctx.rng("bootstrap")
                 ended = found.values[frame][:, :, found.ended]
-                means[f] = resampled_means(ended, self.spec.resamples, rng)
+                means[f] = bootstrap_means(ended, self.spec.resamples, rng)
         return means
 
     def present(
@@ -192,7 +192,7 @@ class TrackingComparisonStage:
         """Show the comparison."""
         return present_tracking(product, self.reference, campaign.bands)
 
-    def _cases(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
+    def _sort_outages(self, tracking: AssistedTracking, campaign: CaseTable) -> Outages:
         """Return the campaign's metrics, sorted, once it is sure that they are those meant."""
         needs, name = self.spec.needs, self.spec.needs.campaign.name
         self._check_campaign(campaign.stage, swept=bool(campaign.swept))

@@ -21,12 +21,12 @@ from hillsphere_tracking.tracking_comparison.products import FRAMES, LEVELS
 __all__ = [
     "Outages",
     "beyond_covariance",
-    "locked_share",
-    "measured",
+    "bootstrap_means",
+    "lock_share",
     "medians",
     "outages_of",
     "reacquisitions",
-    "resampled_means",
+    "values_of",
 ]
 
 _ROOM = 1 << 22
@@ -112,7 +112,7 @@ def medians(values: Array, levels: tuple[float, ...] = LEVELS) -> Array:
         return np.asarray(np.nanquantile(values, levels, axis=-1))
 
 
-def resampled_means(
+def bootstrap_means(
     values: Array,
     resamples: int,
     rng: np.random.Generator,
@@ -155,14 +155,14 @@ def resampled_means(
     return means
 
 
-def measured(found: Outages, measure: str, name: str) -> Array:
+def values_of(found: Outages, measure: str, name: str) -> Array:
     """Return the values (T, L, N) of a measure; refuse a campaign that has none."""
     if measure not in found.values:
         raise InputError(f"campaign {name!r} has no metric {measure!r}; it has {[*found.values]}")
     return found.values[measure]
 
 
-def locked_share(found: Outages, lock_angle_rad: float) -> Array:
+def lock_share(found: Outages, lock_angle_rad: float) -> Array:
     """Return the share (3, T, L) of cases within the lock angle, of those that have a value."""
     shape = (len(FRAMES), len(found.trackers), len(found.keys))
     share = np.full(shape, np.nan)

@@ -60,14 +60,14 @@ def comparison_verdict(
             word = "better than" if low > 1.0 else "as good as"
             said.append(f"{place} the baseline {product.baseline} is {word} {tracker}: {numbers}.")
     if published and product.measure == "error_max":
-        said.append(_published_verdict(product, published))
+        said.append(_reference_verdict(product, published))
         notes = sum(1 for row in (reference.rows if reference else ()) if row.get("note"))
         if notes:
             said.append(f"{notes} of the published rows come with a note: see the table.")
     return said
 
 
-def _published_verdict(
+def _reference_verdict(
     product: TrackingComparison, published: Mapping[tuple[str, str], float]
 ) -> str:
     keys = list(zip(product.passes, product.outages, strict=True))
