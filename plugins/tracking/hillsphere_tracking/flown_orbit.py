@@ -21,7 +21,11 @@ TOLERANCE = 1e-9
 _END_S = 1e-6
 """Beyond its ends by so much a flight is still evaluated: differences of epochs are rounded."""
 _NODES = 4
+"""States through which a polynomial runs: degree 7, error proportional to the eighth power of the
+step. Two (a cubic) would need steps about ten times as short for the same error; more would let
+rounding grow, and reach across a manoeuvre from farther away."""
 _LEAST = _NODES + 1
+"""States that a flight needs: its error is estimated by leaving one out of five."""
 _GAIN = 18.0
 """Leaving out a node of five makes the error at least this much larger than it is between them: by
 Π(t − t_i)², 16 h⁸ instead of 0.88 h⁸ in the outermost step and 0.32 h⁸ in the others."""

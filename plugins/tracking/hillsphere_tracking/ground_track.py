@@ -18,8 +18,15 @@ __all__ = ["EarthTrack", "ground_points", "split_at_wrap"]
 
 _GM = 3.986004418e14
 _STEPS_PER_RADIAN = 16.0
+"""States per radian of the motion about the Earth at perigee, some 100 in a revolution of a
+circular orbit. The search for passes begins with every other one: fewer could hide a pass between
+two of them, more cost time in proportion."""
 _STEP_RANGE_S = (5.0, 1800.0)
+"""Shortest and longest step (s). The first is below a seventh of what any orbit above the ground
+asks for and only bounds the count; in the second the Earth turns by 7.5°, so that an orbit far
+above the geostationary one is still followed over the rotating ground."""
 _MOST_TIMES = 4_000_000
+"""States of a track at most: they take 200 MB, and some copies are made of them."""
 
 
 class EarthTrack:

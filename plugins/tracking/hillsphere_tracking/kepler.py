@@ -29,6 +29,8 @@ __all__ = [
 ]
 
 _MAX_ITERATIONS = 80
+"""Newton steps at most. At e = 0.999 it settles within 14; above e = 0.7 the last bit of up to 1.5
+% of the anomalies flickers without end, and this limit ends the loop."""
 
 
 def wrap_angle(angle_rad: Array) -> Array:

@@ -46,6 +46,7 @@ __all__ = [
 
 _FORMAT = "hillsphere station memory"
 _VERSION = 1
+"""Version of the file's format; a change that older programs would misread must raise it."""
 _LARGEST_FILE = 16 << 20
 """Bytes: ten thousand stations."""
 _DEGREE = np.pi / 180.0

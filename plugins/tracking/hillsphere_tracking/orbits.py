@@ -18,6 +18,8 @@ from hillsphere.time import Epoch
 __all__ = ["LimitedOrbit", "Orbit", "bisect_end", "earth_fixed_states", "last_instant"]
 
 _END_S = 1e-3
+"""Accuracy (s) of the time at which an orbit ends. A satellite moves 8 m in it; no decay is known
+to a second."""
 
 
 class Orbit(Protocol):

@@ -28,7 +28,12 @@ __all__ = ["Sgp4Orbit"]
 _DAY = 86400.0
 _TURN = 2.0 * np.pi
 _DECAYED = (1, 4, 6)
+"""Error codes of SGP4 that mean a decay: drag has carried the mean eccentricity out of its range
+(1) or made the semi-latus rectum negative (4), or the radius is below the Earth's (6)."""
 _PER_REVOLUTION = 40
+"""Checks in each revolution when the end of an orbit is looked for: errors come and go with the
+position in the orbit, and fewer checks could step over the first one. More cost time in proportion
+to the days between epoch and pass."""
 
 
 class Sgp4Orbit:

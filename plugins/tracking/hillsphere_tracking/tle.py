@@ -16,6 +16,7 @@ from hillsphere.errors import InputError
 __all__ = ["Tle", "read_tles"]
 
 _LENGTH = 69
+"""Characters of a line of an element set, the checksum in the last column [1]_."""
 _REMEDY = "copy the whole line, blanks included"
 # columns (from 0) of what must be a plain number, by line
 _NUMBERS = {

@@ -25,13 +25,17 @@ __all__ = [
 ]
 
 ROWS_PER_FIGURE = 3
+"""Passes in one figure of errors; with more a page cannot show it whole."""
 SKIES_PER_FIGURE = 12
+"""Skies in one figure, in rows of three; with more a page cannot show it whole."""
 
 _COLOURS = tuple(
     PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "orange", "black", "sky")
 )
 _LINES = ("-", "--", ":")
 _FLOOR_DEG = 1e-3
+"""Errors below this are drawn here, so that a logarithmic axis keeps its room for those that
+matter: no antenna of this study measures a thousandth of a degree."""
 _MEASURED = 60
 """Measurements of a pass that are drawn in the sky, at most about so many."""
 

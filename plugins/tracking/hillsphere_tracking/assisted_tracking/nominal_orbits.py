@@ -23,6 +23,8 @@ _SIZES = (
     ("velocity_error", "velocity_m_s", "m/s"),
 )
 _DRAWS = 10
+"""Normal numbers per case: position (3), velocity (3), sign of the age, then the errors of a, Ω and
+M. Another number changes the draws of all cases."""
 
 
 @dataclass(frozen=True)

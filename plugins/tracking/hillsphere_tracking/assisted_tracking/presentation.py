@@ -30,6 +30,7 @@ from hillsphere_tracking.assisted_tracking.specs import AssistedTrackingSpec
 __all__ = ["case_values", "present_case"]
 
 _MOST_PASSES = 12
+"""Passes that are drawn at most: four figures of three rows, as many as a reader compares."""
 _PASSES = (
     Column("pass", "", "pass"),
     Column("station", "", "station"),

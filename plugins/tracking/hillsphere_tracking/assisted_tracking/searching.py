@@ -13,7 +13,12 @@ from hillsphere_tracking.pointing.search import Search, plan_search
 __all__ = ["SearchOutcome", "simulate_search"]
 
 _STEPS_PER_BEAM = 20.0
+"""Steps of time in which the search moves by the beam's radius: when the satellite enters the beam
+is known to a twentieth of that, and only a chord shorter than that is stepped over."""
 _FIRST_LOOK_S = 10.0
+"""Part of the search (s) that is sampled first, four times as much after each failure: most
+searches end in it, and only the rare long ones pay for more samples. The result does not depend on
+it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,14 +19,28 @@ from hillsphere_tracking.orbits import Orbit
 __all__ = ["Sight", "Visit", "shift_for"]
 
 _COARSE = 300
+"""Samples of a revolution, 20 s apart for a low orbit: the highest point of a pass is then between
+the neighbours of the highest sample."""
 _FINE = 21
+"""Samples between those neighbours in each round of refinement, which divides the interval by
+ten."""
 _ROUNDS = 3
+"""Rounds of refinement: the time of the highest point is known to 0.02 s, and its elevation, flat
+there, to far better."""
 _GRID = 121
+"""Angles of the Earth, 3° apart, between which the highest elevation is bracketed. A peak narrower
+than that is found by a minimiser of its own; a coarser grid could miss a pair of roots."""
 _ANGLE = 1e-10
+"""Tolerance (rad) of the Earth's angle: 0.6 mm on the ground, far below what a station's place is
+known to."""
 _MOST_FLIGHTS = 12
+"""Flights by the plant, each about the Earth as the one before turned it. The angle changes the
+flight through the tesseral harmonics only, so that the iteration contracts fast; an angle that has
+not settled after twelve does not."""
 _HALVINGS = 20
 """Of a period, to find when a pass begins and ends."""
 _MOST_TIMES = 4_000_000
+"""Times at most at which a pass is looked for: states and rotations alone take 0.5 GB."""
 
 
 @dataclass(frozen=True)

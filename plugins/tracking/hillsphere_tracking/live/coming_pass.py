@@ -24,7 +24,10 @@ from hillsphere_tracking.trackers.streaming import StreamingTracker
 __all__ = ["NominalPass", "next_pass", "plan_of", "stream_of"]
 
 _COARSE_S = 10.0
+"""Step (s) in which rise and set are looked for. A pass below 10 s, which no antenna could use, may
+be missed; the antenna begins two steps earlier."""
 _LONGEST_H = 24
+"""Hours after which a satellite that does not set is taken to stay up, and its pass ends."""
 _AFTER_S = 60.0
 """For how long the antenna is still pointed after the nominal pass: the satellite may be late."""
 

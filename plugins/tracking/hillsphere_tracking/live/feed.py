@@ -19,8 +19,17 @@ from hillsphere_tracking.live.measurements import Measurement, measurements
 __all__ = ["Feed", "LiveFeed", "ReplayFeed"]
 
 _LONGEST_LINE = 65536
+"""Bytes of a line at most: a stream without line ends must not fill the memory. One read takes as
+much."""
 _POLL_S = 0.2
-_JUMP_S, _DAY_S = 60.0, 86400.0
+"""Interval (s) in which a reader looks whether it shall end, or whether a file has grown: short to
+an operator, rare to the processor."""
+_JUMP_S = 60.0
+"""A measurement so far (s) ahead of the one before, and not followed by another there, has a wrong
+time. Passes have shorter gaps between measurements that are used."""
+_DAY_S = 86400.0
+"""No pass that is replayed pauses for a day (s): a time so far ahead is wrong even if others
+follow it."""
 
 
 class Feed(Protocol):

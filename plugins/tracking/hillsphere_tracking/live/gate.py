@@ -12,6 +12,8 @@ from hillsphere_tracking.live.measurements import Measurement
 __all__ = ["Gate"]
 
 _FAR_OFF_S = 60.0
+"""Time (s) from now beyond which a measurement is of another pass or of a wrong clock. Clocks
+without NTP are some seconds off; an hour's mistake in the time zone is beyond it."""
 
 
 class Gate:

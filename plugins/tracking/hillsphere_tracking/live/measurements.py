@@ -24,6 +24,8 @@ _POSITIONS = {"time": 0, "azimuth_deg": 1, "elevation_deg": 2, "sigma_deg": 3}
 _TIMES = ("utc", "time", "time_s")
 _LOCKED = "locked"
 _WIDEST = 1000
+"""Characters of a line that are read: a table has nine columns, and the rest of a longer line is no
+measurement."""
 
 
 class Measurement(NamedTuple):

@@ -11,7 +11,11 @@ from hillsphere_tracking.live.rotctl import RotatorError, RotatorLostError, Rotc
 __all__ = ["RotatorLink"]
 
 _FIRST_WAIT_S = 0.25
+"""Wait (s) before the first attempt to connect again: a daemon that restarts is there after it, and
+few commands are lost."""
 _LONGEST_WAIT_S = 8.0
+"""Longest wait (s) between two attempts: of a pass of ten minutes no more than this is lost after
+the rotator is back, and the log stays short."""
 
 
 class RotatorLink:

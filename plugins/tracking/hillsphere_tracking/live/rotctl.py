@@ -40,6 +40,8 @@ _CODES = {
 """Hamlib's error codes (rig_errcode_e in its header rig.h)."""
 
 _LONGEST = 256
+"""Bytes of an answer at most: those of rotctld are below 40, and another service on the port must
+not fill the memory."""
 
 
 class RotatorError(HillsphereError):

@@ -15,8 +15,13 @@ from hillsphere_tracking.pointing.replay import Score, score
 __all__ = ["losses_of", "score_lines"]
 
 _USUAL_S = (60.0, 120.0, 300.0)
+"""Losses (s after the first measurement) that every pass is scored for, so that passes can be
+compared with each other."""
 _HAIR_S = 1e-3
+"""Added to the time of the last measurement before a loss (s), so that this measurement still
+counts as before it."""
 _MOST = 10
+"""Losses of a pass that are scored: a signal that comes and goes would fill the screen."""
 
 
 def losses_of(log: PassLog, lost_after_s: float) -> list[float]:

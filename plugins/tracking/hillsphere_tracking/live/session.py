@@ -34,6 +34,9 @@ __all__ = ["Command", "Outputs", "SearchRules", "Session", "SignalState", "run_s
 SignalState: TypeAlias = Literal["locked", "predicting", "searching"]
 
 _STEP_S = 0.5
+"""Interval (s) on both sides of now over which rates and offsets are central differences. Larger,
+and the curvature of a pass near the zenith shows in them; predictions are smooth, so that it need
+not be."""
 
 
 class Command(NamedTuple):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["SKIES_PER_FIGURE", "draw_map", "draw_skies"]
 
 SKIES_PER_FIGURE = 12
+"""Skies in one figure, in rows of three; with more a page cannot show it whole."""
 
 _COLOURS = tuple(
     PALETTE[name] for name in ("blue", "vermillion", "green", "purple", "sky", "black")

@@ -24,8 +24,13 @@ _DAY = 86400.0
 _ANGLE = "rotation_angle"
 _ENDS = {"impact": "has come down to the ground"}
 _LEAST_STATES = 9
+"""States of a flight at least, however short: five of them are then inside, at which the error of
+interpolation can be estimated."""
 _MOST_STATES = 500_000
+"""States of a flight at most: half a year in steps of 30 s, whose polynomials take 100 MB."""
 _HALVINGS = 12
+"""Rounds in which steps are halved at most: 30 s become 7 ms. A flight that needs more has a jump,
+which `FlownOrbit` then reports."""
 
 
 class EarthPlant(Plant, Protocol):

@@ -37,6 +37,8 @@ _SUN_UP_RAD = np.radians(-0.833)
 """Geometric elevation of the Sun's centre at which its upper limb appears at the horizon."""
 _SOLAR_DAY_RATE = _TURN / 86400.0
 _SAME_S = 1e-6
+"""Times (s) nearer than this are one time: ten times the accuracy of the roots. Larger, and a short
+interval between a mask's edges is lost; smaller, and rounding makes empty intervals."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from hillsphere_tracking.passes.products import SUN_IN_BEAM, PassList
 __all__ = ["present_passes"]
 
 _MOST_SKIES = 60
+"""Passes that are drawn at most, five figures: drawing takes longer than finding them, and the
+verdict says that some are left out."""
 _PASSES = (
     Column("station", "", "station"),
     Column("satellite", "", "satellite"),

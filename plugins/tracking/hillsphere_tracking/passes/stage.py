@@ -39,9 +39,17 @@ from hillsphere_tracking.topocentric import angles, apparent_elevation, rates
 __all__ = ["PassesStage"]
 
 _SAMPLES = 121
+"""Samples along a pass for plots and for the spline of the stage ``pointing``: a hundredth of a low
+revolution is then eight samples. Products grow in proportion to it."""
 _FRESH_DAYS = 30.0
+"""Days from their epoch after which elements give a warning: SGP4 gains kilometres a day along the
+track, so that a pass is then off by minutes."""
 _GROUND_S = 86400.0
+"""Length (s) of the ground tracks on the map: a day shows all longitudes, more days cover the
+map."""
 _THICK_AIR_M = 180e3
+"""Height (m) below which models of the upper atmosphere are extrapolated, and a fall by them is too
+slow."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,10 @@ _PLANNED, _NAIVE, _LIMIT = PALETTE["blue"], PALETTE["vermillion"], "#777777"
 _FLOOR_DEG = 1e-4
 """Errors below are drawn here: no antenna points better."""
 _SECOND_S = 1.0
+"""Interval (s) of which the largest error is drawn: errors swing between predictions, which come
+about once a second."""
 _TIES = 24
+"""Lines that join satellite and beam at the same instants; with more they merge into an area."""
 _AXIS_NAMES = {"azimuth_elevation": ("azimuth", "elevation"), "x_y": ("X", "Y")}
 
 

@@ -30,7 +30,11 @@ __all__ = ["Ramp", "best_ramp", "corridor", "least_error_by_rate"]
 _SLACK = 1.02
 """The course is smoothed within this much more than the least largest error."""
 _TOLERANCE = 0.01
+"""Relative width at which the bisection for the least error ends. Each trial is a linear programme,
+and one percent of an error is less than predictions are known to."""
 _SMALLEST = 1e-7
+"""First guess (rad) of the least error: below any antenna's accuracy, so that a pass which needs no
+ramp is told at once."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ __all__ = ["AxisSpec", "MountSpec", "PointingNeeds", "PointingSpec"]
 
 _DEGREE = 0.017453292519943295
 _ROUNDING = 1e-9
+"""Angle (rad) that limits given in degrees may miss ±90° and 180° by: rounding of the conversion,
+and no angle that an axis could resolve."""
 
 
 class AxisSpec(Spec):

@@ -28,10 +28,14 @@ from hillsphere_tracking.topocentric import direction_cosines
 __all__ = ["PointingStage"]
 
 _FEWEST_COMMANDS = 8
+"""Commands of the shortest pass that is followed: `plan_pass` needs eight times."""
 _BYTES = 200.0
 """Of memory for each command of a pass and mount, about: angles, errors, marks, copies."""
 _MOST_BYTES = 2e9
+"""Bytes that a product and its making may take, so that a machine with 4 GB of memory still runs
+it."""
 _LISTED = 12
+"""Passes that a message names at most; with more it cannot be read at a glance."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,8 @@ __all__ = ["Average", "AverageState", "Circular"]
 
 _RATE = ROTATION_RATES_RAD_S["teme"]
 _MAX_ITERATIONS = 60
+"""Steps of the iteration for one measurement at most. Where Newton's method settles it takes a few;
+a measurement that has not settled after so many is left out."""
 _FLAT, _TILTED = 3.5e-3, 3.5e-2
 """sin i below which the latitude tells nothing of u, and above which all: 0.2° and 2°."""
 _PAIRS = np.array([[0, 0, 1], [0, 1, 1]])

@@ -29,6 +29,8 @@ from hillsphere_tracking.tracking_comparison.verdict import (
 __all__ = ["present_tracking"]
 
 _PANELS = 18
+"""Outages in the figure over time at most, six rows of three: its caption says how many there
+are."""
 
 
 def present_tracking(
