@@ -1,4 +1,4 @@
-"""Orbits by SGP4/SDP4, of two-line element sets and orbit mean-elements messages.
+"""Orbits propagated by SGP4/SDP4 from two-line element sets and orbit mean-elements messages.
 
 References
 ----------
@@ -42,21 +42,21 @@ class Sgp4Orbit:
     Parameters
     ----------
     name : str
-        Of the satellite.
+        Name of the satellite.
     epoch : Epoch
-        Of the elements, UTC.
+        Epoch of the elements, UTC.
     satellite : sgp4.api.Satrec
         Initialised elements.
 
     Raises
     ------
     InputError
-        If the elements give no orbit at their own epoch.
+        If the elements define no orbit at their own epoch.
 
     Notes
     -----
-    Times run in SI seconds from the epoch. Element sets count days of UTC, so that across a leap
-    second other programs may be a second apart.
+    Times are SI seconds after the epoch. Other programs count days of UTC from the epoch, so that
+    their times differ by one second across a leap second.
     """
 
     frame: InertialFrame = "teme"
@@ -69,7 +69,7 @@ class Sgp4Orbit:
         code = int(self._propagate(np.zeros(1))[0][0])
         if code:
             raise InputError(
-                f"satellite {name!r}: its elements give no orbit at their own epoch "
+                f"satellite {name!r}: its elements define no orbit at their own epoch "
                 f"({SGP4_ERRORS.get(code, code)}); check them"
             )
 
@@ -80,17 +80,17 @@ class Sgp4Orbit:
         Parameters
         ----------
         tle : Tle
-            As `read_tles` reads it.
+            Element set, as `read_tles` returns it.
 
         Returns
         -------
         Sgp4Orbit
-            Its epoch is that of the elements.
+            Orbit whose epoch is the epoch of the elements.
 
         Raises
         ------
         InputError
-            If the elements give no orbit.
+            If the elements define no orbit.
         """
         try:
             satellite = Satrec.twoline2rv(tle.line1, tle.line2)
@@ -106,17 +106,17 @@ class Sgp4Orbit:
         Parameters
         ----------
         message : Omm
-            As `read_omms` reads it.
+            Message, as `read_omms` returns it.
 
         Returns
         -------
         Sgp4Orbit
-            Its epoch is that of the elements.
+            Orbit whose epoch is the epoch of the elements.
 
         Raises
         ------
         InputError
-            If the elements give no orbit.
+            If the elements define no orbit.
         """
         satellite = Satrec()
         try:
@@ -146,7 +146,7 @@ class Sgp4Orbit:
         Raises
         ------
         PropagationError
-            If there is no orbit at one of them: the satellite has decayed.
+            If the orbit is not defined at one of the times: the satellite has decayed.
         """
         t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
         code, x = self._propagate(t_s)
@@ -160,28 +160,28 @@ class Sgp4Orbit:
         return x
 
     def exists(self, t_s: Array) -> NDArray[np.bool_]:
-        """Say for times (N,) after the epoch whether there is an orbit."""
+        """Return whether the orbit exists at each of the times (N,), s after the epoch."""
         t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
         return np.asarray((self._propagate(t_s)[0] == 0) & (t_s < self._end_before(t_s)))
 
     def end_reason(self, t_s: float) -> str:
-        """Return why there is no state at a time, as the end of a sentence."""
+        """Return why the orbit has no state at a time, as the end of a sentence."""
         when = np.array([min(t_s, self._end_before(np.array([t_s])))])
         code = int(self._propagate(when)[0][0])
         days = f"{abs(when[0]) / _DAY:.2f} days"
-        if t_s < 0.0:  # the theory's own words, as of a decay, speak of what comes after
+        if t_s < 0.0:  # SGP4's own messages, such as "decayed", describe times after the epoch
             return (
-                f"has no orbit {days} before the epoch of its elements, which do not reach so far "
-                f"(SGP4: error {code})"
+                f"has no orbit {days} before the epoch of its elements, which are not valid so "
+                f"early (SGP4: error {code})"
             )
         why = "has decayed" if code in _DECAYED else "has no orbit"
         return f"{why} {days} after the epoch of its elements (SGP4: {SGP4_ERRORS.get(code, code)})"
 
     def _end_before(self, t_s: Array) -> float:
-        """Return when the orbit ended before the last of some times; infinity if it did not.
+        """Return the time at which the orbit ends, if it ends before the last of `t_s`, else ∞.
 
-        Long after the end the theory gives states again, which mean nothing: every revolution since
-        the epoch must have been one.
+        Long after a decay SGP4 returns states again, which are meaningless. The orbit is therefore
+        tested in every revolution since the epoch.
         """
         last = float(np.max(t_s, initial=0.0))
         if self._end_s < np.inf or last <= self._checked_s:

@@ -86,8 +86,8 @@ def test_a_station_learns_its_biases_and_begins_with_them(
     memory = ["--memory", str(path), "--no-search"]
     assert track(folder, *memory) == ExitCode.SUCCESS
     err = capsys.readouterr().err
-    assert "knows nothing of A yet" in err
-    assert f"biases of A remembered in {path}" in err
+    assert "has no entry for A yet" in err
+    assert f"biases of A stored in {path}" in err
     first = read_memory(path)["A"]
     sigma = np.sqrt(np.diag(first.covariance))
     assert first.passes == 1
@@ -106,7 +106,7 @@ def test_a_station_learns_its_biases_and_begins_with_them(
     # the pass before again: what is known of it already must not count twice
     before = path.read_bytes()
     assert track(folder, *memory) == ExitCode.SUCCESS
-    assert "after this pass began" in capsys.readouterr().err
+    assert "after the beginning of this pass" in capsys.readouterr().err
     assert path.read_bytes() == before
 
 
@@ -117,7 +117,7 @@ def test_a_memory_is_left_alone(folder: Path, capsys: pytest.CaptureFixture[str]
     before = path.read_bytes()
     written(folder / "few.csv", RISE, np.arange(0.0, 15.0))
     assert track(folder, "--memory", str(path), source="few.csv") == ExitCode.SUCCESS
-    assert "is left as it is: 15 measurements" in capsys.readouterr().err
+    assert "is not changed: 15 measurements" in capsys.readouterr().err
     assert track(folder, "--memory", str(path), "--tracker", "average") == ExitCode.SUCCESS
     assert capsys.readouterr().err.count("estimates no biases") == 1
     assert path.read_bytes() == before

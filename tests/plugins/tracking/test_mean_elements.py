@@ -142,7 +142,7 @@ def test_angles_come_back_in_one_revolution() -> None:
 def test_refusals() -> None:
     with pytest.raises(InputError, match="eccentricities"):
         osculating(np.array([7e6, 1.2, 0.5, 0.0, 0.0, 0.0]))
-    with pytest.raises(ConvergenceError, match="no mean elements"):
+    with pytest.raises(ConvergenceError, match="does not converge"):
         mean_from_osculating(np.array([6e5, 0.9, 0.5, 1.0, 1.0, 0.1]))
     with pytest.raises(InputError, match="zonal field"):
         ZonalField(gm_m3_s2=-1.0)

@@ -1,4 +1,4 @@
-"""Figures of one case of assisted tracking: errors over time, their spread, the sky."""
+"""Figures of one case of assisted tracking: errors over time, standard deviations, sky plots."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ _FLOOR_DEG = 1e-3
 """Errors below this are drawn here, so that a logarithmic axis keeps its room for those that
 matter: no antenna of this study measures a thousandth of a degree."""
 _MEASURED = 60
-"""Measurements of a pass that are drawn in the sky, at most about so many."""
+"""Measurements of a pass that are drawn in the sky, about: more dots merge into a line."""
 
 
 def tracker_style(number: int) -> tuple[str, str]:
-    """Return colour and line of the tracker of this number, the same in every figure."""
+    """Return colour and line style of a tracker by its number, the same in every figure."""
     return _COLOURS[number % len(_COLOURS)], _LINES[number // len(_COLOURS) % len(_LINES)]
 
 
@@ -59,7 +59,7 @@ def logarithmic(axes: Axes) -> None:
 
 
 def draw_errors(figure: Figure, product: AssistedTracking, chosen: Integers, columns: int) -> None:
-    """Draw the errors √(ΔA² + Δh²) over time, a panel for each outage of some passes."""
+    """Draw the errors √(ΔA² + Δh²) over time, one panel per outage of the chosen passes."""
     rows: list[list[int]] = []
     for p in chosen:
         own = np.flatnonzero(product.outage_pass == p).tolist()
@@ -91,7 +91,7 @@ def _errors(axes: Axes, product: AssistedTracking, outage: int) -> None:
 
 
 def _shade_lock(axes: Axes, product: AssistedTracking, outage: int) -> None:
-    """Shade the time in which the signal is there."""
+    """Shade the time before the loss of signal."""
     end = product.outage_s[outage] / 60.0
     axes.axvspan(0.0, end, color="#eeeeee", lw=0, zorder=0)
     axes.axvline(end, color="#888888", lw=0.9)
@@ -103,7 +103,7 @@ def _title(product: AssistedTracking, outage: int) -> str:
 
 
 def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: Integers) -> None:
-    """Draw the error on the sky and its standard deviation, a panel for each of some trackers."""
+    """Draw the error on the sky with its standard deviation, one panel per chosen tracker."""
     columns = min(3, chosen.size)
     rows = -(-chosen.size // columns)
     cells = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
@@ -132,7 +132,7 @@ def draw_spread(figure: Figure, product: AssistedTracking, outage: int, chosen: 
 
 
 def draw_skies(figure: Figure, product: AssistedTracking, chosen: Integers) -> None:
-    """Draw the sky of some passes: azimuth around, zenith in the middle."""
+    """Draw polar sky plots of passes, with the zenith in the centre."""
     columns = min(3, chosen.size)
     rows = -(-chosen.size // columns)
     for place, p in enumerate(chosen):
@@ -166,5 +166,5 @@ def draw_skies(figure: Figure, product: AssistedTracking, chosen: Integers) -> N
 
 
 def _sky(angles: Array) -> tuple[Array, Array]:
-    """Return azimuth and distance from the zenith in degrees, of angles (2, n)."""
+    """Return azimuth (rad) and distance from the zenith (deg) of angles (2, n)."""
     return angles[0], 90.0 - np.degrees(angles[1])

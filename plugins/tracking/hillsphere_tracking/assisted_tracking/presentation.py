@@ -1,4 +1,4 @@
-"""How the stage ``assisted_tracking`` shows one case: tables beside the paper's, figures."""
+"""Presentation of one case of ``assisted_tracking``: tables beside published values, figures."""
 
 from __future__ import annotations
 
@@ -71,21 +71,21 @@ _HEADINGS = {
 
 
 def present_case(product: AssistedTracking, spec: AssistedTrackingSpec) -> Presentation:
-    """Show one case.
+    """Return tables, figures, metrics and verdict of one case.
 
     Parameters
     ----------
     product : AssistedTracking
         The case.
     spec : AssistedTrackingSpec
-        What was asked for: gives the published values and the label.
+        Spec of the stage, with the published values and the label.
 
     Returns
     -------
     Presentation
         Tables ``tracked_passes``, ``antenna_errors`` and ``tracking``; figures ``tracking_errors``,
-        ``tracking_spread`` and ``tracking_sky``; of each tracker the largest errors' mean over the
-        outages.
+        ``tracking_spread`` and ``tracking_sky``; metrics with the mean over the outages of each
+        tracker's largest errors.
 
     Raises
     ------
@@ -117,18 +117,18 @@ def present_case(product: AssistedTracking, spec: AssistedTrackingSpec) -> Prese
 
 
 def case_values(product: AssistedTracking) -> dict[str, Array]:
-    """Return each measure of the case, (T, L); NaN where there is none."""
+    """Return the values (T, L) of each measure of the case; NaN where a measure has no value."""
     trackers = {name: t for t, name in enumerate(product.trackers)}
     outages = {
         (product.passes[p], name): k
         for k, (p, name) in enumerate(zip(product.outage_pass, product.outage_names, strict=True))
     }
-    found = {name: np.full((len(trackers), len(outages)), np.nan) for name in MEASURES}
+    values = {name: np.full((len(trackers), len(outages)), np.nan) for name in MEASURES}
     for metric, value in zip(product.metrics, product.values, strict=True):
         name = MetricName.parse(metric)
-        if name is not None and name.measure in found:
-            found[name.measure][trackers[name.tracker], outages[name.pass_, name.outage]] = value
-    return found
+        if name is not None and name.measure in values:
+            values[name.measure][trackers[name.tracker], outages[name.pass_, name.outage]] = value
+    return values
 
 
 def _number(value: float) -> float | None:
@@ -155,7 +155,7 @@ def _pass_table(product: AssistedTracking, reference: ReferenceTable | None) -> 
             }
         )
     notes = [
-        "The Earth is turned by the least angle, to the side asked for, that gives the elevation."
+        "The Earth is turned by the least angle to the requested side that gives the elevation."
     ]
     columns: list[Column] = list(_PASSES)
     if reference is None:
@@ -182,7 +182,7 @@ def _error_table(product: AssistedTracking, reference: ReferenceTable | None) ->
             for i, angle in enumerate(("azimuth", "elevation")):
                 row[f"{what}_{angle}_deg"] = _number(_largest(angles[i, :, p]))
         rows.append(row)
-    notes = ["Largest by size over the pass, with its sign. The noise is one draw."]
+    notes = ["Values of the largest magnitude over the pass, with sign. The noise is one draw."]
     columns: list[Column] = list(_ERRORS)
     if reference is not None:
         rows = [_draws_apart(row) for row in beside(rows, reference, on="pass")]
@@ -193,22 +193,21 @@ def _error_table(product: AssistedTracking, reference: ReferenceTable | None) ->
                 label = f"{columns[at].label}, paper's draw"
                 columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
                 notes[0] = (
-                    "Largest by size over the pass, with its sign. The noise is one draw, and so "
-                    "is the paper's: they stand side by side, and no difference of them means "
-                    "anything."
+                    "Values of the largest magnitude over the pass, with sign. The noise is one "
+                    "random draw here and in the paper; their difference has no meaning."
                 )
         notes.append(f"Paper: {reference.source}.")
     return Table("Errors of the antenna", columns, rows, notes)
 
 
 def _draws_apart(row: Mapping[str, Cell]) -> dict[str, Cell]:
-    """Return a row whose published draws are not what a computed value is compared with."""
+    """Rename published draws in a row, so that no difference to our draws is computed."""
     apart = {f"{name}{PAPER_SUFFIX}": f"{_PUBLISHED}{name}" for name in _DRAWN}
     return {apart.get(name, name): cell for name, cell in row.items()}
 
 
 def _largest(angles: Array) -> float:
-    """Return the largest angle (K,) by size, in degrees, with its sign; NaN if there is none."""
+    """Return the angle (K,) of the largest magnitude, with its sign, deg; NaN if all are NaN."""
     known = angles[np.isfinite(angles)]
     return float(np.degrees(known[np.argmax(np.abs(known))])) if known.size else np.nan
 
@@ -236,9 +235,9 @@ def _case_table(product: AssistedTracking, values: dict[str, Array]) -> Table:
         for t, tracker in enumerate(product.trackers)
     ]
     notes = [
-        f"One case. The beam is {np.degrees(product.lock_angle_rad):g}° wide to each side. Errors "
-        "are those of the predictions from the loss to the set: against where the satellite truly "
-        "is, or against what the antenna's encoders would show without noise.",
+        f"One case. The half-width of the beam is {np.degrees(product.lock_angle_rad):g}°. Errors "
+        "of the predictions, from the loss to the set, are relative to the true direction of the "
+        "satellite, or to the angles that the antenna's encoders would show without noise.",
     ]
     return Table("Trackers after a loss of signal", columns, rows, notes)
 
@@ -256,8 +255,8 @@ def _figures(product: AssistedTracking) -> dict[str, Figure]:
         figures["tracking_errors" + (f"_{page + 1}" if page else "")] = Figure(
             "Errors over time" + _of(product, chosen, shown.size),
             partial(draw_errors, product=product, chosen=chosen, columns=columns),
-            "Shaded: the signal is there and measurements are used; then it is lost, and what is "
-            f"drawn is the error of the prediction. Dashed: the beam, {lock}.",
+            "Shaded: the signal is received and measurements are used. After the loss the curves "
+            f"are errors of the prediction. Dashed: half-width of the beam, {lock}.",
             size_in=(1.2 + 3.3 * columns, 0.9 + 2.5 * rows),
         )
     knowing = np.flatnonzero(np.isfinite(product.spread_rad).any(axis=(1, 2)))
@@ -265,10 +264,10 @@ def _figures(product: AssistedTracking) -> dict[str, Figure]:
         columns = min(3, knowing.size)
         first_outage = int(np.flatnonzero(product.outage_pass == shown[0])[0])
         figures["tracking_spread"] = Figure(
-            f"What trackers say of their errors, {product.passes[shown[0]]}",
+            f"Errors and their standard deviations, {product.passes[shown[0]]}",
             partial(draw_spread, product=product, outage=first_outage, chosen=knowing),
-            "Line: error on the sky. Bands: one, two and three standard deviations, in the worst "
-            "direction, as the tracker tells them. Shaded: the signal is there.",
+            "Line: error on the sky. Bands: one, two and three standard deviations of the tracker "
+            "along the major axis of its covariance. Shaded: the signal is received.",
             size_in=(1.0 + 3.3 * columns, 0.9 + 2.6 * -(-knowing.size // columns)),
         )
     for page, first in enumerate(range(0, shown.size, SKIES_PER_FIGURE)):
@@ -277,16 +276,16 @@ def _figures(product: AssistedTracking) -> dict[str, Figure]:
         figures["tracking_sky" + (f"_{page + 1}" if page else "")] = Figure(
             "Passes in the sky" + _of(product, chosen, shown.size),
             partial(draw_skies, product=product, chosen=chosen),
-            "North is up, east to the right as on a map; the rim is the horizon. Dots: measured "
-            "before the first loss; diamonds: where the signal is lost; line: the true path; "
-            "square: set.",
+            "North is up and east to the right, as on a map; the rim is the horizon. Line: true "
+            "path. Dots: measurements before the first loss. Diamonds: losses of signal. Square: "
+            "set.",
             size_in=(0.6 + 2.9 * columns, 0.6 + 3.2 * rows),
         )
     return figures
 
 
 def _of(product: AssistedTracking, chosen: Integers, count: int) -> str:
-    """Return which passes a figure shows, if not all."""
+    """Return the names of a figure's passes for its title, ``""`` if it shows all passes."""
     if chosen.size == count:
         return ""
     return ": " + ", ".join(product.passes[int(p)] for p in chosen)
@@ -297,10 +296,11 @@ def _verdict(product: AssistedTracking, values: dict[str, Array]) -> list[str]:
     inside = np.sum(values["encoder_error_max"] <= product.lock_angle_rad, axis=1)
     kept = ", ".join(f"{name} in {n}" for name, n in zip(product.trackers, inside, strict=True))
     said = [
-        f"{product.satellite}: {len(product.passes)} passes, {outages} outages in one case. The "
-        f"predictions stay within the beam ({np.degrees(product.lock_angle_rad):g}°, at the "
-        f"encoders) to the set: {kept} of {outages}."
+        f"{product.satellite}: {len(product.passes)} passes with {outages} outages in one case. "
+        "Outages in which the prediction stays within the beam "
+        f"({np.degrees(product.lock_angle_rad):g}°, at the encoders) until the set: {kept}, of "
+        f"{outages}."
     ]
     if len(product.passes) > _MOST_PASSES:
-        said.append(f"No more than {_MOST_PASSES} of the passes are drawn.")
+        said.append(f"The figures show {_MOST_PASSES} passes at most.")
     return [*said, *product.warnings]

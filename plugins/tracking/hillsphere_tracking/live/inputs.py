@@ -1,4 +1,4 @@
-"""What ``hillsphere track`` reads: measurements with the time that goes with them, and UT1."""
+"""Inputs of ``hillsphere track``: measurements with their clock, and the Earth's orientation."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ __all__ = ["input_of", "orientation_of"]
 def input_of(
     stack: ExitStack, source: str, epoch: Epoch | None, replay: bool, speed: float
 ) -> tuple[Feed, Clock]:
-    """Return what is measured and what time it is.
+    """Return the feed of measurements and the clock of a session.
 
     Parameters
     ----------
     stack : ExitStack
-        Closes the source.
+        Stack that closes the source.
     source : str
-        A file, or ``-`` for stdin.
+        Name of a file, or ``-`` for stdin.
     epoch : Epoch or None
-        From which times in seconds count.
+        Origin of times that are given in seconds.
     replay : bool
-        Whether the time is that of the measurements.
+        Replay the times of the measurements instead of using real time.
     speed : float
-        Of a replay.
+        Speed of the replay.
 
     Raises
     ------
     InputError
-        If the source cannot be read, or holds nothing to be replayed.
+        If the source cannot be read, or contains no measurements to replay.
     """
     if source == "-":
         descriptor, where = sys.stdin.fileno(), "stdin"
@@ -75,7 +75,10 @@ def input_of(
 
 
 def orientation_of(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientation:
-    """Return the Earth's orientation: as given, or of the installed table, held where it ends."""
+    """Return the Earth's orientation: the given UT1 − UTC, or the installed table.
+
+    Beyond the end of the table its last values are held constant.
+    """
     if ut1_minus_utc_s is not None:
         return ConstantOrientation(ut1_minus_utc_s)
     table = OrientationTable.installed()
@@ -84,7 +87,7 @@ def orientation_of(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientat
         return table
     say(f"{lapse}, or --ut1-minus-utc")
     with warnings.catch_warnings():
-        # said once, not at every command: the last values as constants
+        # one warning suffices, instead of one per command: hold the last values as constants
         warnings.simplefilter("ignore", EarthOrientationWarning)
         held = table.at(start, np.zeros(1))
     tai = start.to("TAI")

@@ -1,4 +1,4 @@
-"""What an operator sees once a second."""
+"""Status line of a session, shown to the operator once per second."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WORDS = {"locked": "", "predicting": "NO SIGNAL", "searching": "NO SIGNAL, SEAR
 
 
 class Status(NamedTuple):
-    """Where the satellite is expected, how surely, and what the antenna does about it.
+    """Predicted direction of the satellite with its accuracy, and state of the antenna.
 
     `outlier_share` is the share of outliers among the last measurements; `state` is ``locked``,
     ``predicting`` or ``searching``; `hidden_by` names the obstacle before the satellite, or is

@@ -1,4 +1,4 @@
-"""How the stage ``passes`` shows its result: tables, sky plots, a map."""
+"""Presentation of the stage ``passes``: tables, sky plots and a map."""
 
 from __future__ import annotations
 
@@ -68,29 +68,28 @@ _ECLIPSES = (
 
 
 def present_passes(product: PassList, start: Epoch, label: str) -> Presentation:
-    """Return tables, figures and sentences of passes.
+    """Return tables, figures and verdict of passes.
 
     Parameters
     ----------
     product : PassList
         The passes.
     start : Epoch
-        From which its times count.
+        Origin of the product's times.
     label : str
-        Appended to all names.
+        Suffix of all names.
 
     Returns
     -------
     Presentation
-        Times in UTC to 0.1 s.
+        Presentation with times in UTC to 0.1 s.
     """
     suffix = f"_{label}" if label else ""
     kind = "apparent" if product.refracted else "geometric"
     notes = (
-        f"Elevations are {kind}; azimuths count from north eastwards. A pass lasts while the "
-        "satellite stands above the station's mask.",
-        "Revolutions are counted from the start of the search, the second from the first ascending "
-        "node on.",
+        f"Elevations are {kind}; azimuth is measured from north eastwards. A pass lasts while the "
+        "satellite is above the station's horizon mask.",
+        "Revolution 1 begins at the start of the search, revolution 2 at the first ascending node.",
     )
     tables = {
         "passes": Table("Passes", _PASSES, _pass_rows(product, start), notes),
@@ -103,7 +102,7 @@ def present_passes(product: PassList, start: Epoch, label: str) -> Presentation:
     if product.eclipse_satellite.size:
         tables["eclipses"] = Table(
             "Eclipses of the satellites by the Earth", _ECLIPSES, _eclipse_rows(product, start),
-            ("Umbra of the ellipsoid WGS 84 without atmosphere; the Sun's disc is a disc.",),
+            ("Umbra of the ellipsoid WGS 84 without atmosphere, for a Sun of finite size.",),
         )  # fmt: skip
     return Presentation(
         metrics={f"passes{suffix}": Metric(int(product.rise_s.size))},
@@ -118,8 +117,8 @@ def _figures(product: PassList, start: Epoch) -> dict[str, Figure]:
         "ground_track": Figure(
             "Ground tracks and passes",
             partial(draw_map, product=product),
-            "Thin: the point below each satellite, at most for a day. Thick: while it is above "
-            "a station's mask. Triangles: the stations.",
+            "Thin lines: subsatellite points, for one day at most. Thick lines: the satellite is "
+            "above a station's horizon mask. Triangles: stations.",
             size_in=(8.5, 4.8),
         )
     }
@@ -136,9 +135,9 @@ def _figures(product: PassList, start: Epoch) -> dict[str, Figure]:
             figures[key] = Figure(
                 f"Passes in the sky of {station}",
                 partial(draw_skies, product=product, chosen=chosen, start=start),
-                "North is up, east to the right as on a map; the rim is the horizon. Dot: rise, "
-                "square: set, disc: the Sun if it is up. Grey: behind the mask. "
-                "Yellow: in a blind sector, or with the Sun in the beam.",
+                "North is up and east to the right, as on a map; the rim is the horizon. Dot: "
+                "rise. Square: set. Disc: Sun, if it is up. Grey: below the horizon mask. Yellow: "
+                "in a blind sector, or with the Sun in the beam.",
                 size_in=(0.6 + 2.9 * columns, 0.4 + 3.2 * rows),
             )
     return figures
@@ -185,7 +184,7 @@ def _pass_rows(product: PassList, start: Epoch) -> list[dict[str, Cell]]:
 
 
 def _length(product: PassList, k: int, *, sun: bool) -> float:
-    """Return how long in all a pass is disturbed, overlaps counted once, s."""
+    """Return the total time (s) of the disturbances of a pass; overlaps count once."""
     own = (product.span_pass == k) & ((product.span_reason == SUN_IN_BEAM) == sun)
     total, until = 0.0, -np.inf
     for begin, end in sorted(product.span_s[:, own].T.tolist()):
@@ -261,18 +260,18 @@ def _verdict(product: PassList) -> list[str]:
             if product.visibility[s, n] == "never":
                 top = np.degrees(product.highest_rad[s, n])
                 said.append(
-                    f"{satellite} never rises over {station}: it reaches {top:.4g}° at most."
+                    f"{satellite} never rises at {station}: its highest elevation is {top:.4g}°."
                 )
             elif product.visibility[s, n] == "always":
-                said.append(f"{satellite} always stands over {station}.")
+                said.append(f"{satellite} is always visible from {station}.")
     said += [
-        f"Satellite {name!r} {reason}; it was looked for until then."
+        f"Satellite {name!r} {reason}; the search for its passes ends there."
         for name, reason in zip(product.satellites, product.end_reasons, strict=True)
         if reason
     ]
     through = int(np.count_nonzero(product.keyhole))
     if through:
-        said.append(f"{through} of the passes go through a mount's keyhole.")
+        said.append(f"{through} of {count} passes go through the keyhole of a mount.")
     if count > _MOST_SKIES:
-        said.append(f"The sky is drawn for no more than {_MOST_SKIES} of the passes.")
+        said.append(f"Sky plots are drawn for {_MOST_SKIES} passes at most.")
     return [*said, *product.warnings]

@@ -1,4 +1,4 @@
-"""What the stage ``passes`` yields."""
+"""Product of the stage ``passes``."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hillsphere.interfaces import Array, Integers
 __all__ = ["SUN_IN_BEAM", "PassList"]
 
 SUN_IN_BEAM = "Sun in beam"
-"""Reason of the intervals in which the Sun stands within the antenna's beam."""
+"""Reason that is given for intervals in which the Sun is within the antenna's beam."""
 
 
 @dataclass(frozen=True)
 class PassList:
-    """Passes of N satellites over S stations, P in all, in the order of station and time.
+    """P passes of N satellites over S stations, in the order of station and time.
 
-    Angles are apparent where `refracted` says so, else geometric.
+    Elevations are apparent if `refracted` is true, else geometric.
 
     Parameters
     ----------
@@ -34,50 +34,50 @@ class PassList:
     mask_rad : ndarray, shape (361, S)
         Mask of each station at azimuths of 0°, 1° … 360°.
     searched_s : ndarray, shape (N,)
-        For how long each satellite was looked for.
+        Length of the search for each satellite.
     end_reasons : tuple of str, length N
-        Why not for the whole time; ``""`` otherwise.
+        Reason why the search ended early; ``""`` if it did not.
     visibility : ndarray of str, shape (S, N)
         ``"always"``, ``"never"`` or ``"passes"``.
     highest_s, highest_rad : ndarray, shape (S, N)
-        When each satellite stood highest, and how high.
+        Time and value of each satellite's highest elevation.
     station, satellite : ndarray of int, shape (P,)
-        Of each pass.
+        Indices of station and satellite of each pass.
     revolution : ndarray of int, shape (P,)
         Number of the revolution in which it culminates; the first lasts from the start to the
         first ascending node.
     ascending : ndarray of bool, shape (P,)
-        Whether the satellite goes north at the culmination.
+        Whether the satellite moves northwards at the culmination.
     rise_s, culmination_s, set_s : ndarray, shape (P,)
         Times after the start.
     begun, unfinished : ndarray of bool, shape (P,)
-        Whether the pass went on at the start, and at the end of the search.
+        Whether the pass was under way at the start, and at the end of the search.
     highest_azimuth_rad, elevation_max_rad : ndarray, shape (P,)
-        Where the satellite stands at the culmination.
+        Azimuth and elevation at the culmination.
     peak_azimuth_rate_rad_s : ndarray, shape (P,)
-        The fastest that the azimuth turns.
+        Largest azimuth rate.
     keyhole : ndarray of bool, shape (P,)
-        Whether it goes above the elevation from which the mount has its keyhole.
+        Whether the pass rises into the keyhole of the mount.
     sunlit_part : ndarray, shape (P,)
-        Part of the pass during which the satellite is out of the Earth's umbra.
+        Fraction of the pass during which the satellite is outside the Earth's umbra.
     t_s : ndarray, shape (K, P)
         Times along each pass, from rise to set at equal steps.
     azimuth_rad, elevation_rad, range_m, range_rate_m_s : ndarray, shape (K, P)
-        What the station sees then; azimuths in [0, 2π).
+        Topocentric coordinates and range rate at these times; azimuths in [0, 2π).
     sun_rad : ndarray, shape (2, P)
         Azimuth and elevation of the Sun at the culmination.
     span_pass : ndarray of int, shape (Q,)
-        Pass to which an interval belongs.
+        Pass of each disturbed interval.
     span_reason : ndarray of str, shape (Q,)
         ``"Sun in beam"``, or the reason of a blind sector.
     span_s : ndarray, shape (2, Q)
-        Its beginning and end.
+        Beginning and end of each interval.
     eclipse_satellite : ndarray of int, shape (E,)
-        Satellite that is eclipsed.
+        Satellite of each eclipse.
     eclipse_s : ndarray, shape (2, E)
-        When it is in the Earth's umbra.
+        Beginning and end of each eclipse.
     ground_s : ndarray, shape (G, N)
-        Times of the ground tracks, which last a day at most; NaN beyond their ends.
+        Times of the ground tracks, one day at most; NaN after their ends.
     ground : ndarray, shape (3, G, N)
         Geodetic latitude and longitude, rad, and height, m.
     warnings : tuple of str

@@ -1,4 +1,4 @@
-"""How the stage ``pointing`` shows its result: tables of errors and axis motions, figures."""
+"""Presentation of the stage ``pointing``: tables of errors and axis motions, figures."""
 
 from __future__ import annotations
 
@@ -79,29 +79,30 @@ _PREDICTIONS = (
 
 
 def present_pointing(product: Pointing, start: Epoch) -> Presentation:
-    """Return tables, figures and sentences of how mounts follow passes.
+    """Return tables, figures and verdict of mounts that follow passes.
 
     Parameters
     ----------
     product : Pointing
         Commands and errors.
     start : Epoch
-        From which its passes' times count.
+        Origin of the times of its passes.
 
     Returns
     -------
     Presentation
-        Metrics are of each mount's worst pass.
+        Presentation; the metrics describe the worst pass of each mount.
     """
     lock = np.degrees(product.lock_angle_rad)
     notes = (
-        f"Errors are angles on the sky between beam and satellite, at commands {product.period_s:g}"
-        f" s apart; the lock angle is {lock:g}°.",
-        "Planned: turn, flip, rewinds and the ramps through keyholes are chosen before the pass; a "
-        "ramp makes the largest error least, not the time beyond the lock angle. Only the turn "
-        "planned: begins on the same turn and follows each axis as fast as it can. Naive: begins "
-        "on the turn nearest to the middle of its stops, and rewinds where it meets one.",
-        "All begin at rest at the rise, on their first command.",
+        f"Errors are angles on the sky between beam and satellite, at commands every "
+        f"{product.period_s:g} s; the lock angle is {lock:g}°.",
+        "Planned: turn, flip, rewinds and ramps through keyholes are chosen before the pass. A "
+        "ramp minimises the largest error, not the time beyond the lock angle. Only the turn "
+        "planned: the axes begin on the turn of the plan and follow the target as fast as they "
+        "can. Naive: "
+        "the axes begin on the turn nearest to the middle of the stops, and rewind at a stop.",
+        "All axes begin at rest at the rise, on their first command.",
     )
     tables = {
         "pointing_mounts": Table("Mounts", _MOUNTS, _mount_rows(product)),
@@ -111,8 +112,9 @@ def present_pointing(product: Pointing, start: Epoch) -> Presentation:
             _AXES,
             _axis_rows(product, start),
             (
-                "Accelerations include that from rest at the beginning. A ramp begins so long "
-                "before the nearest approach to the keyhole; rewinds count among the ramps.",
+                'Accelerations include the start from rest. The column "ramp begins before the '
+                'keyhole" counts from the beginning of the ramp to the nearest approach to the '
+                "keyhole. Rewinds are ramps, too.",
             ),
         ),
         "pointing_predictions": Table(
@@ -128,12 +130,12 @@ def present_pointing(product: Pointing, start: Epoch) -> Presentation:
 
 
 def _largest(error: Array, mount: int) -> Array:
-    """Return the largest error of each pass, deg, shape (P,)."""
+    """Return the largest error of each pass (deg), shape (P,)."""
     return np.asarray(np.degrees(np.nanmax(error[:, :, mount], axis=0)))
 
 
 def _outside(product: Pointing, error: Array, mount: int) -> Array:
-    """Return for how long each pass is out of the beam, s, shape (P,)."""
+    """Return the time for which the error of each pass exceeds the lock angle (s), shape (P,)."""
     beyond = np.count_nonzero(error[:, :, mount] > product.lock_angle_rad, axis=0)
     return np.asarray(product.period_s * beyond)
 
@@ -231,13 +233,13 @@ def _axis_rows(product: Pointing, start: Epoch) -> list[dict[str, Cell]]:
 
 
 def _peak_motion(angle: Array, period_s: float) -> tuple[float, float]:
-    """Return the largest rate, deg/s, and acceleration, deg/s², of commands from rest on."""
+    """Return the largest rate (deg/s) and acceleration (deg/s²) of commands that start at rest."""
     rate = np.diff(np.degrees(angle), prepend=np.degrees(angle[0])) / period_s
     return float(np.abs(rate).max()), float(np.abs(np.diff(rate)).max()) / period_s
 
 
 def _lead(ramp: NDArray[np.bool_], nearest: int) -> int:
-    """Return how many commands before the nearest approach to the keyhole its ramp begins."""
+    """Return the number of commands from the beginning of a ramp to the nearest approach."""
     if not ramp[nearest]:
         return 0
     off = np.flatnonzero(~ramp[:nearest])
@@ -258,14 +260,14 @@ def _prediction_rows(product: Pointing) -> list[dict[str, Cell]]:
 
 
 def _metrics(product: Pointing) -> dict[str, Metric]:
-    found = {"pointing_passes": Metric(int(product.count.size))}
+    metrics = {"pointing_passes": Metric(int(product.count.size))}
     for m, name in enumerate(product.mounts):
         for suffix, error in (("", product.error_rad), ("_naive", product.naive_error_rad)):
             lost = _outside(product, error, m)
-            found[f"{name}_error_max{suffix}"] = Metric(float(_largest(error, m).max()), "deg")
-            found[f"{name}_outside_max{suffix}"] = Metric(float(lost.max()), "s")
-            found[f"{name}_followed{suffix}"] = Metric(int(np.count_nonzero(lost == 0.0)))
-    return found
+            metrics[f"{name}_error_max{suffix}"] = Metric(float(_largest(error, m).max()), "deg")
+            metrics[f"{name}_outside_max{suffix}"] = Metric(float(lost.max()), "s")
+            metrics[f"{name}_followed{suffix}"] = Metric(int(np.count_nonzero(lost == 0.0)))
+    return metrics
 
 
 def _figures(product: Pointing) -> dict[str, Figure]:
@@ -275,7 +277,7 @@ def _figures(product: Pointing) -> dict[str, Figure]:
             f"Axes of {name}",
             partial(draw_axes, product=product, mount=m, chosen=product.telling_pass(m)),
             "Angles and rates of both axes in the pass with the largest error, or with the largest "
-            "naive error if planning makes all small. Dotted: stops and largest rates.",
+            "naive error if all planned errors are small. Dotted: stops and largest rates.",
             size_in=(8.6, 5.6),
         )
         for m, name in enumerate(product.mounts)
@@ -283,21 +285,21 @@ def _figures(product: Pointing) -> dict[str, Figure]:
     figures["pointing_keyholes"] = Figure(
         "Satellite and beam near the keyhole",
         partial(draw_keyholes, product=product),
-        "In the same passes, around the direction of the primary axis; thin lines join satellite "
-        "and planned beam at the same instants.",
+        "The same passes, around the direction of the primary axis. Thin lines connect satellite "
+        "and planned beam at equal times.",
         size_in=(4.4 * min(2, mounts), 0.3 + 4.1 * -(-mounts // 2)),
     )
     figures["pointing_errors"] = Figure(
         "Errors during a pass",
         partial(draw_errors, product=product),
-        "In the same passes, the largest in each second; what is below 1e-4° is drawn there.",
+        "The same passes; the largest error of each second. Errors below 1e-4° are drawn at 1e-4°.",
         size_in=(7.5, 0.8 + 2.2 * mounts),
     )
     if product.count.size > 1:
         figures["pointing_errors_by_culmination"] = Figure(
             "Largest errors of all passes",
             partial(draw_errors_by_culmination, product=product),
-            "Filled: planned. Open: naive. What is below 1e-4° is drawn there.",
+            "Filled: planned. Open: naive. Errors below 1e-4° are drawn at 1e-4°.",
             size_in=(7.0, 4.2),
         )
     return figures
@@ -314,22 +316,22 @@ def _verdict(product: Pointing) -> list[str]:
         k = int(np.argmax(planned))
         kept, kept_naive = (int(np.count_nonzero(q <= lock)) for q in (planned, naive))
         said.append(
-            f"Mount {name} keeps {kept} of {count} pass{'' if count == 1 else 'es'} within "
-            f"{lock:g}° all the time, {kept_naive} without a plan; the worst is "
-            f"{product.stations[k]}, revolution {product.revolution[k]}: {planned[k]:.3g}° "
-            f"({naive[k]:.3g}° without a plan). It is outside for {lost.sum():.3g} s in all "
-            f"({lost_naive.sum():.3g} s without a plan), {lost.max():.3g} s at most in a pass "
-            f"({lost_naive.max():.3g} s)."
+            f"Mount {name}: the error stays within {lock:g}° in {kept} of {count} "
+            f"pass{'' if count == 1 else 'es'} with a plan, in {kept_naive} without. Largest "
+            f"error {planned[k]:.3g}° ({naive[k]:.3g}° without a plan) over "
+            f"{product.stations[k]}, revolution {product.revolution[k]}. Time beyond the lock "
+            f"angle: {lost.sum():.3g} s in total ({lost_naive.sum():.3g} s without a plan), "
+            f"{lost.max():.3g} s at most in one pass ({lost_naive.max():.3g} s)."
         )
     if product.short:
         said.append(
-            f"{product.short} pass{'' if product.short == 1 else 'es'} too short to be planned "
-            f"{'is' if product.short == 1 else 'are'} left out."
+            f"{product.short} pass{'' if product.short == 1 else 'es'} "
+            f"{'is' if product.short == 1 else 'are'} left out: too short for a plan."
         )
     doubtful = product.sampling_error_rad > 0.1 * product.lock_angle_rad
     if doubtful.any():
         said.append(
-            f"The courses of {int(np.count_nonzero(doubtful))} passes through their samples may "
-            "be off by more than a tenth of the lock angle."
+            f"In {int(np.count_nonzero(doubtful))} passes the interpolation between the samples "
+            "may be wrong by more than a tenth of the lock angle."
         )
     return said

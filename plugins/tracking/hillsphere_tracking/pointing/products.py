@@ -1,4 +1,4 @@
-"""What the stage ``pointing`` yields."""
+"""Product of the stage ``pointing``."""
 
 from __future__ import annotations
 
@@ -15,53 +15,53 @@ __all__ = ["Pointing"]
 
 @dataclass(frozen=True)
 class Pointing:
-    """How M mounts follow P passes, one command a period; K of them in the longest pass.
+    """Commands and errors of M mounts that follow P passes, with up to K commands per pass.
 
-    Arrays over the commands of a pass hold NaN (or False) after its end. What is called naive is
-    commanded without a plan: each axis goes to its angle on target as fast as it can, on the turn
-    nearest to the middle of its stops, and rewinds when it meets one.
+    Arrays over the commands of a pass contain NaN (or False) after its end. Naive commands have no
+    plan: each axis moves to its angle on target as fast as it can, on the turn nearest to the
+    middle of its stops, and rewinds at a stop.
 
     Parameters
     ----------
     mounts, kinds : tuple of str, length M
         Names, and ``"azimuth_elevation"`` or ``"x_y"``.
     axes : ndarray, shape (3, 3, M)
-        Directions of each mount's axes, as `mounts.Mount` has them.
+        Axes of each mount, see `mounts.Mount`.
     primary_limits, secondary_limits : ndarray, shape (4, M)
         Lower and upper stop, rad, largest rate, rad/s, and acceleration, rad/s².
     start : str
-        Date and time, UTC, from which the passes' times count.
+        Origin of the passes' times, UTC.
     stations, satellites : tuple of str, length P
-        Of each pass.
+        Station and satellite of each pass.
     revolution : ndarray of int, shape (P,)
-        Of each pass.
+        Revolution of each pass.
     rise_s, elevation_max_rad : ndarray, shape (P,)
-        When each pass begins, and how high it goes.
+        Rise and highest elevation of each pass.
     short : int
-        Number of passes left out as too short to be planned.
+        Number of passes that are left out because they are too short for a plan.
     lock_angle_rad, period_s : float
-        Error up to which lock is kept, and time between commands.
+        Largest error at which the receiver keeps lock, and interval between commands.
     count : ndarray of int, shape (P,)
-        Number of commands; the first at the rise.
+        Number of commands; the first is at the rise.
     azimuth_rad, elevation_rad : ndarray, shape (K, P)
-        Where the satellite is at each command.
+        Direction of the satellite at each command.
     primary_rad, secondary_rad, error_rad : ndarray, shape (K, P, M)
-        Axis angles commanded with a plan, and by how much the beam misses the satellite.
+        Commanded axis angles with a plan, and angle between beam and satellite.
     naive_primary_rad, naive_secondary_rad, naive_error_rad : ndarray, shape (K, P, M)
-        The same without.
+        The same quantities without a plan.
     unramped_error_max_rad, unramped_outside_s : ndarray, shape (P, M)
         Largest error, and time beyond the lock angle, if only the turn is planned: the primary
-        begins on the turn of the plan, and follows as a naive one.
+        begins on the turn of the plan and then follows the target without ramps.
     ramp, flipped : ndarray of bool, shape (K, P, M)
-        Where the plan leaves the target with the primary axis (keyholes, rewinds), and where it
-        goes over the top.
+        Where the primary axis leaves the target by plan (keyholes, rewinds), and where the mount is
+        flipped.
     primary_rate_on_target_rad_s : ndarray, shape (P, M)
-        The fastest that the primary axis would have to turn to stay on target, not flipped.
+        Largest rate of a primary axis that stays on target without a flip.
     sampling_error_rad : ndarray, shape (P,)
-        How far the course of the satellite through half of the pass's samples is from the others;
-        the one through all of them, which is used, is closer.
+        Error of a spline through every second sample of the pass at the other samples; the spline
+        through all samples, which is used, is more accurate.
     interpolation_error_rad, interpolation_bound_rad : ndarray, shape (P,)
-        Largest error between predictions, and its bound.
+        Largest error of interpolation between predictions, and its bound.
     """
 
     mounts: tuple[str, ...]
@@ -97,7 +97,7 @@ class Pointing:
     interpolation_bound_rad: Array
 
     def keyhole_distance(self, mount: int) -> Array:
-        """Return how far the satellite is from a mount's nearest keyhole, rad, shape (K, P).
+        """Return the distance of the satellite from the nearest keyhole, rad, shape (K, P).
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Pointing:
         return np.asarray(np.arctan2(np.hypot(x, y), np.abs(z)))
 
     def telling_pass(self, mount: int) -> int:
-        """Return the number of the pass that shows best what a mount can do.
+        """Return the index of the most demanding pass of a mount.
 
         Parameters
         ----------
@@ -119,8 +119,8 @@ class Pointing:
         Returns
         -------
         int
-            The pass with the largest error; if planning keeps the error of all within a tenth of
-            the lock angle, that with the largest naive error.
+            The pass with the largest error. If all planned errors are within a tenth of the lock
+            angle, the pass with the largest naive error.
         """
         planned = np.nanmax(self.error_rad[:, :, mount], axis=0)
         if planned.max() <= 0.1 * self.lock_angle_rad:

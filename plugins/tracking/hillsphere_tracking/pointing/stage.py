@@ -1,4 +1,4 @@
-"""The stage ``pointing``: how antenna mounts follow passes, with a plan and without."""
+"""The stage ``pointing``: antenna mounts that follow passes, with a plan and without."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["PointingStage"]
 _FEWEST_COMMANDS = 8
 """Commands of the shortest pass that is followed: `plan_pass` needs eight times."""
 _BYTES = 200.0
-"""Of memory for each command of a pass and mount, about: angles, errors, marks, copies."""
+"""Bytes of memory per command, pass and mount, about: angles, errors, marks and copies."""
 _MOST_BYTES = 2e9
 """Bytes that a product and its making may take, so that a machine with 4 GB of memory still runs
 it."""
@@ -40,7 +40,7 @@ _LISTED = 12
 
 @dataclass(frozen=True, eq=False)
 class _PredictedPass:
-    """A pass as the satellite flies it, and as its interpolated prediction tells the antenna."""
+    """A pass: true directions of the satellite, and interpolated predictions for the antenna."""
 
     sight: LineOfSight
     times_s: Array
@@ -55,12 +55,12 @@ class _PredictedPass:
 
 
 class PointingStage:
-    """Mounts that follow passes.
+    """Stage in which mounts follow passes.
 
     Parameters
     ----------
     spec : PointingSpec
-        Mounts, and which passes they follow.
+        Mounts, and the passes to be followed.
     """
 
     def __init__(self, spec: PointingSpec) -> None:
@@ -68,19 +68,19 @@ class PointingStage:
         self.mounts: tuple[Mount, ...] = tuple(mount_of(mount) for mount in spec.mounts)
 
     def check_needs(self, passes: object) -> None:
-        """Refuse stations that the stage of the passes does not have."""
+        """Refuse stations that do not occur in the stage of the passes."""
         if sites := getattr(passes, "sites", None):  # as `PassesStage` has them
             self._check_stations([site.station.name for site in sites])
 
     def run(self, ctx: Context, passes: PassList) -> Pointing:
-        """Plan each pass for each mount and follow it, with the plan and without.
+        """Plan each pass for each mount, and follow it with the plan and without.
 
         Parameters
         ----------
         ctx : Context
-            Progress.
+            Reports the progress.
         passes : PassList
-            Where the satellites are seen.
+            Passes with topocentric coordinates.
 
         Returns
         -------
@@ -90,23 +90,23 @@ class PointingStage:
         Raises
         ------
         InputError
-            If no pass is as asked for or long enough, or there are too many commands.
+            If no pass is selected or long enough, or there are too many commands.
         """
         chosen, short = self._choose_passes(passes)
-        seen = [self._predict_pass(passes, int(k)) for k in chosen]
-        count = np.array([one.times_s.size for one in seen])
-        advance = ctx.track("pointing", len(self.mounts) * len(seen))
+        predicted = [self._predict_pass(passes, int(k)) for k in chosen]
+        count = np.array([one.times_s.size for one in predicted])
+        advance = ctx.track("pointing", len(self.mounts) * len(predicted))
         columns: list[dict[str, Array]] = []
         ramp, flipped = np.zeros((2, int(count.max()), count.size, len(self.mounts)), dtype=bool)
         for m, mount in enumerate(self.mounts):
             plans: list[PassPlan] = []
-            for k, one in enumerate(seen):
+            for k, one in enumerate(predicted):
                 plan = plan_pass(one.times_s, one.azimuth_rad, one.elevation_rad, mount)
                 ramp[: count[k], k, m], flipped[: count[k], k, m] = plan.ramp, plan.flipped
                 plans.append(plan)
                 advance(1)
-            columns.append(self._follow_passes(seen, plans, mount))
-        error = [separation(one.predicted_direction, one.direction).max() for one in seen]
+            columns.append(self._follow_passes(predicted, plans, mount))
+        error = [separation(one.predicted_direction, one.direction).max() for one in predicted]
         return Pointing(
             mounts=tuple(mount.name for mount in self.spec.mounts),
             kinds=tuple(mount.kind for mount in self.spec.mounts),
@@ -123,22 +123,22 @@ class PointingStage:
             lock_angle_rad=self.spec.lock_angle_rad,
             period_s=self.spec.command_period_s,
             count=count,
-            azimuth_rad=_pad_columns([angles_of(one.direction)[0] for one in seen]),
-            elevation_rad=_pad_columns([angles_of(one.direction)[1] for one in seen]),
+            azimuth_rad=_pad_columns([angles_of(one.direction)[0] for one in predicted]),
+            elevation_rad=_pad_columns([angles_of(one.direction)[1] for one in predicted]),
             **{key: np.stack([one[key] for one in columns], axis=-1) for key in columns[0]},
             ramp=ramp,
             flipped=flipped,
             primary_rate_on_target_rad_s=np.array(
                 [[one.sight.peak_primary_rate(mount, one.times_s) for mount in self.mounts]
-                 for one in seen]
+                 for one in predicted]
             ),
-            sampling_error_rad=np.array([one.sight.sampling_error_rad for one in seen]),
+            sampling_error_rad=np.array([one.sight.sampling_error_rad for one in predicted]),
             interpolation_error_rad=np.array(error),
-            interpolation_bound_rad=np.array([one.bound_rad for one in seen]),
+            interpolation_bound_rad=np.array([one.bound_rad for one in predicted]),
         )  # fmt: skip
 
     def present(self, product: Pointing, passes: PassList) -> Presentation:
-        """Show errors, axis angles and rates, and the paths near the keyholes."""
+        """Present errors, axis angles and rates, and the paths near the keyholes."""
         return present_pointing(product, Epoch.parse(passes.start, "UTC"))
 
     def _check_stations(self, known: Sequence[str]) -> None:
@@ -148,7 +148,7 @@ class PointingStage:
                 raise InputError(f"stations: no passes over {name!r}{hint}")
 
     def _choose_passes(self, passes: PassList) -> tuple[Integers, int]:
-        """Return the passes to be followed, and how many are too short for that."""
+        """Return the indices of the selected passes, and the number of passes too short to plan."""
         spec = self.spec
         self._check_stations(passes.stations)
         names = np.array(passes.stations, dtype=np.str_)[passes.station]
@@ -170,12 +170,12 @@ class PointingStage:
             ]
             more = " …" if len(there) > _LISTED else ""
             raise InputError(
-                f"no pass to follow: none of {len(there)} is among the stations and revolutions "
-                f"asked for, rises to {np.degrees(spec.culmination_min_rad):g}° and lasts more "
-                f"than {least:g} s; there are (station, revolution, culmination): "
+                f"no pass to follow: none of {len(there)} passes belongs to the selected stations "
+                f"and revolutions, reaches {np.degrees(spec.culmination_min_rad):g}° and lasts "
+                f"longer than {least:g} s; there are (station, revolution, culmination): "
                 f"{', '.join(there[:_LISTED]) or 'none'}{more}"
             )
-        # tables of all passes are as long as the longest
+        # the arrays of all passes have the length of the longest one
         longest = float(duration[chosen].max())
         total = len(self.mounts) * chosen.size * longest / spec.command_period_s
         if (part := _BYTES * total / _MOST_BYTES) > 1.0:
@@ -208,43 +208,43 @@ class PointingStage:
         return _PredictedPass(sight, times, sight.direction(times), azimuth, elevation, bound)
 
     def _follow_passes(
-        self, seen: list[_PredictedPass], plans: list[PassPlan], mount: Mount
+        self, predicted: list[_PredictedPass], plans: list[PassPlan], mount: Mount
     ) -> dict[str, Array]:
-        """Return what a mount does in all passes, arrays (K, P) and (P,)."""
-        period, passes = self.spec.command_period_s, len(seen)
+        """Return axis angles (K, P) and errors of a mount in all passes."""
+        period, passes = self.spec.command_period_s, len(predicted)
         planned = [Course(plan.primary_rad, plan.secondary_rad) for plan in plans]
-        naive = [naive_course(one.predicted_direction, mount) for one in seen]
+        naive = [naive_course(one.predicted_direction, mount) for one in predicted]
         unramped = [
             naive_course(one.predicted_direction, mount, float(plan.primary_rad[0]))
-            for one, plan in zip(seen, plans, strict=True)
+            for one, plan in zip(predicted, plans, strict=True)
         ]
         followed = follow_courses([*planned, *naive, *unramped], mount, period)
         error = [
             mount.error(one.direction, course.primary_rad, course.secondary_rad)
-            for one, course in zip([*seen, *seen, *seen], followed, strict=True)
+            for one, course in zip([*predicted, *predicted, *predicted], followed, strict=True)
         ]
-        found: dict[str, Array] = {}
+        arrays: dict[str, Array] = {}
         for prefix, part in (("", slice(passes)), ("naive_", slice(passes, 2 * passes))):
-            found[f"{prefix}primary_rad"] = _pad_columns([q.primary_rad for q in followed[part]])
-            found[f"{prefix}secondary_rad"] = _pad_columns(
+            arrays[f"{prefix}primary_rad"] = _pad_columns([q.primary_rad for q in followed[part]])
+            arrays[f"{prefix}secondary_rad"] = _pad_columns(
                 [q.secondary_rad for q in followed[part]]
             )
-            found[f"{prefix}error_rad"] = _pad_columns(error[part])
+            arrays[f"{prefix}error_rad"] = _pad_columns(error[part])
         rest = error[2 * passes :]
-        found["unramped_error_max_rad"] = np.array([q.max() for q in rest])
+        arrays["unramped_error_max_rad"] = np.array([q.max() for q in rest])
         beyond = [np.count_nonzero(q > self.spec.lock_angle_rad) for q in rest]
-        found["unramped_outside_s"] = period * np.array(beyond, dtype=float)
-        return found
+        arrays["unramped_outside_s"] = period * np.array(beyond, dtype=float)
+        return arrays
 
 
 def _round_up(number: float) -> float:
-    """Return a number of two digits that is no smaller."""
+    """Round a number up to two significant digits."""
     digit = 10.0 ** (floor(log10(number)) - 1)
     return digit * ceil(number / digit)
 
 
 def _pad_columns(columns: list[Array]) -> Array:
-    """Return columns of different lengths side by side, NaN after their ends."""
+    """Stack columns of different lengths into a table (K, P), with NaN after their ends."""
     table = np.full((max(q.size for q in columns), len(columns)), np.nan)
     for n, column in enumerate(columns):
         table[: column.size, n] = column
@@ -253,7 +253,7 @@ def _pad_columns(columns: list[Array]) -> Array:
 
 def _limits(mounts: tuple[Mount, ...], axis: str) -> Array:
     """Return stops, rates and accelerations of one axis of all mounts, shape (4, M)."""
-    found = [getattr(mount, axis) for mount in mounts]
+    limits = [getattr(mount, axis) for mount in mounts]
     return np.array(
-        [[q.lower_rad, q.upper_rad, q.rate_rad_s, q.acceleration_rad_s2] for q in found]
+        [[q.lower_rad, q.upper_rad, q.rate_rad_s, q.acceleration_rad_s2] for q in limits]
     ).T

@@ -1,12 +1,12 @@
 r"""Recursive least squares on mean elements, with biases: an extended Kalman filter.
 
-The state is some of the mean elements (at the time of the last measurement), the biases of azimuth
-and elevation, a bias of the time tags, and the horizon bias: a part of the elevation's bias that
-goes with cot h. Between measurements the elements move by their secular rates; what is seen of them
-contains, if asked, the short-period terms.
+The state consists of selected mean elements (at the time of the last measurement), the biases of
+azimuth and elevation, a bias of the time tags, and the horizon bias: a part of the elevation bias
+that is proportional to cot h. Between measurements the elements follow their secular rates; the
+predicted directions optionally include the short-period terms.
 
-A measurement is compared on the sky: with the unit vectors a, b of rising azimuth and elevation at
-the direction measured, freed of the biases, and the direction u(x) expected,
+The residual of a measurement is formed on the sky. The unit vectors a, b point along rising azimuth
+and elevation at the measured direction, with the biases removed; u(x) is the predicted direction:
 
 .. math::
 
@@ -15,10 +15,11 @@ the direction measured, freed of the biases, and the direction u(x) expected,
                        b·\partial u & 0 & 1 & b·\dot u & \cot h \end{pmatrix}, \quad
     R = \mathrm{diag}(σ_A^2 \cos^2 h, σ_h^2),
 
-so that nothing is singular at the zenith. `correction` says how it is taken; one that moves the
-state far is linearised again where it leads [1]_. An orbit with more outliers than measurements
-that agree with it, as when it began with one or on a side lobe of the antenna, is given up for the
-nominal one; a burst of outliers at the end of many good measurements does not reach that.
+so that nothing is singular at the zenith. `correction` contains the update. A measurement that
+changes the state strongly is linearised again at the result (iterated Kalman filter [1]_). If more
+measurements were outliers than agreed with the estimated orbit, the estimation restarts from the
+nominal orbit: it may have begun with an outlier, or on a side lobe of the antenna. A burst of
+outliers after many good measurements does not cause a restart.
 
 References
 ----------
@@ -56,36 +57,40 @@ from hillsphere_tracking.trackers.state import (
 __all__ = ["LeastSquares", "LeastSquaresState"]
 
 _LARGE = 3e-3
-"""Correction on the sky, rad, above which a measurement is linearised again; what its square
-neglects, 1e-5, is below any antenna's noise."""
+"""Correction on the sky (rad) above which a measurement is linearised again. The neglected second
+order is about its square, 1e-5 rad, below the noise of any antenna. A larger value leaves errors of
+linearisation, a smaller one costs iterations."""
 _MOST_RESTARTS = 5
-"""How often at most: noise told far too small makes outliers of all, and no beginning helps."""
+"""Restarts of a case at most: if the given noise is far too small all measurements are outliers,
+and no restart helps."""
 _LEAST_SIGMA = 1e-7
-"""Least standard deviation on the sky, rad: at the zenith an azimuth tells nothing, exactly."""
+"""Least standard deviation on the sky (rad). At the zenith the azimuth's standard deviation times
+cos h vanishes, and S would be singular without it; it is below the noise of any antenna."""
 
 
 @dataclass(frozen=True)
 class LeastSquaresState(OrbitState):
-    """An orbit with the covariance of what is estimated.
+    """State of the filter: estimated orbit and biases, with their covariance.
 
     Parameters
     ----------
     time_bias_s : ndarray, shape (N,)
-        True time of a measurement minus its tag.
+        Time bias: true time of a measurement minus its tag.
     horizon_rad : ndarray, shape (N,)
-        Factor of cot h in the elevation's bias.
+        Horizon bias: factor of cot h in the bias of the elevation.
     covariance : ndarray, shape (m, m, N)
-        Of the m quantities: elements (or equinoctial ones), angle biases, time bias, horizon bias.
+        Covariance of the m estimated quantities: coordinates of the elements, angle biases, time
+        bias, horizon bias.
     sense : ndarray, shape (N,)
-        ±1, of the equinoctial elements.
+        Retrograde sign ±1 of the equinoctial elements.
     outliers : ndarray, shape (N,)
-        How many measurements lost weight, or were given up where the orbit began anew.
+        Number of outliers, including the measurements that a restart discarded.
     agreed : ndarray, shape (N,)
-        How many measurements agreed with those before, less those that did not, at least −1.
+        Number of agreeing measurements minus number of outliers, at least −1.
     restarts : ndarray, shape (N,)
-        How often the orbit began anew.
+        Number of restarts.
     beginning : LeastSquaresState or None
-        What stood before the first measurement; None if this is it.
+        State before the first measurement; None if this state is the first one.
     """
 
     time_bias_s: Array
@@ -99,12 +104,12 @@ class LeastSquaresState(OrbitState):
 
 
 class LeastSquares:
-    """Recursive least squares (see the module).
+    """Recursive least-squares tracker, an extended Kalman filter (see the module).
 
     Parameters
     ----------
     spec : LeastSquaresSpec
-        Its parameters.
+        Parameters from the mission.
     """
 
     def __init__(self, spec: LeastSquaresSpec) -> None:
@@ -121,14 +126,14 @@ class LeastSquares:
         self._biases = slice(n, n + 2) if spec.angle_biases else None
         self._clock = n + 2 * spec.angle_biases if spec.time_bias else None
         self.bias_rows = slice(n, n + 2 * spec.angle_biases + spec.time_bias)
-        """Rows of the covariance of the biases that last beyond a pass."""
+        """Rows of the covariance of the biases that persist beyond a pass."""
         self._horizon = self.bias_rows.stop if spec.horizon_bias else None
         self.size = self.bias_rows.stop + spec.horizon_bias
-        # rows of the derivatives of what is measured that are not by elements
+        # columns of the measurement's derivatives (`compare_directions`) by the estimated biases
         self._bias_slopes = (
             [6, 7] * spec.angle_biases + [8] * spec.time_bias + [9] * spec.horizon_bias
         )
-        # rows of what is estimated among the elements and all four biases, as `predict` wants them
+        # rows of the estimated quantities among the coordinates and all four biases (`predict`)
         self._prediction_rows = np.array([*range(n), *(row - 6 + n for row in self._bias_slopes)])
 
     def initial(
@@ -139,11 +144,11 @@ class LeastSquares:
         epoch: Epoch,
         orientation: EarthOrientation = UT1_IS_UTC,
     ) -> LeastSquaresState:
-        """Return the nominal orbit and what is known of it; see `hillsphere.interfaces.Tracker`."""
+        """Return the nominal orbit and its covariance; see `hillsphere.interfaces.Tracker`."""
         state = start(elements, t_s, stations, epoch, orientation)
         spec, n, cases = self.spec, self._chart.count, state.t_s.size
         sense = retrograde_sign(state.elements)
-        found = self._chart.regularise(state.elements, sense)
+        regular = self._chart.regularise(state.elements, sense)
         sigmas = np.array(
             [
                 spec.semi_major_axis_sigma_m,
@@ -155,7 +160,7 @@ class LeastSquares:
             ]
         )
         covariance = np.zeros((cases, self.size, self.size))
-        covariance[:, :n, :n] = self._chart.prior(found, sigmas, sense)
+        covariance[:, :n, :n] = self._chart.prior(regular, sigmas, sense)
         if self._biases is not None:
             covariance[:, self._biases, self._biases] = spec.bias_sigma_rad**2 * np.eye(2)
         if self._clock is not None:
@@ -163,35 +168,35 @@ class LeastSquares:
         if self._horizon is not None:
             covariance[:, self._horizon, self._horizon] = spec.horizon_bias_sigma_rad**2
         zero = np.zeros(cases)
-        kept = vars(state) | {"elements": found}
-        return LeastSquaresState(**kept, time_bias_s=zero, horizon_rad=zero,
+        fields = vars(state) | {"elements": regular}
+        return LeastSquaresState(**fields, time_bias_s=zero, horizon_rad=zero,
                                  covariance=covariance.transpose(1, 2, 0), sense=sense,
                                  outliers=zero, agreed=zero - 1.0, restarts=zero)  # fmt: skip
 
     def with_biases(
         self, state: LeastSquaresState, biases: Array, covariance: Array
     ) -> LeastSquaresState:
-        """Return a state that begins with a station's biases, as earlier passes left them.
+        """Return an initial state with biases from earlier passes.
 
         Parameters
         ----------
         state : LeastSquaresState
-            Before the first measurement.
+            State before the first measurement.
         biases : ndarray, shape (k,) or (k, N)
-            Those that are estimated: of azimuth and elevation, measured minus true, rad, then of
-            time, true minus tag, s. The horizon bias, which weather changes, begins anew.
+            The estimated ones of: azimuth and elevation bias, measured minus true, rad, and time
+            bias, true time minus tag, s. The horizon bias changes with the weather and is not set.
         covariance : ndarray, shape (k, k)
-            Of them.
+            Covariance of the biases.
 
         Returns
         -------
         LeastSquaresState
-            With them.
+            State with these biases, uncorrelated with the elements.
 
         Raises
         ------
         InputError
-            If the tracker estimates no biases, or not so many.
+            If the tracker estimates no biases, or another number of biases.
         """
         own, given = self.bias_rows, np.asarray(biases, dtype=float)
         count = own.stop - own.start
@@ -205,8 +210,8 @@ class LeastSquares:
         given = np.broadcast_to(given.reshape(count, -1), (count, state.t_s.size))
         angles = given[:2].copy() if self.spec.angle_biases else state.biases_rad
         clock = given[-1].copy() if self.spec.time_bias else state.time_bias_s
-        kept = vars(state) | {"biases_rad": angles, "time_bias_s": clock, "covariance": total}
-        return LeastSquaresState(**kept)
+        fields = vars(state) | {"biases_rad": angles, "time_bias_s": clock, "covariance": total}
+        return LeastSquaresState(**fields)
 
     def update(
         self,
@@ -216,26 +221,26 @@ class LeastSquares:
         el_rad: Array,
         sigma_rad: Array,
     ) -> LeastSquaresState:
-        """Take one measurement per case.
+        """Update the estimate with one measurement per case.
 
         Parameters
         ----------
         state : LeastSquaresState
-            Before it.
+            State before the measurement.
         t_s, az_rad, el_rad : ndarray, shape (N,)
-            Time, azimuth and elevation; angles that are not finite: the case has none.
+            Time, azimuth and elevation; a case with angles that are not finite has no measurement.
         sigma_rad : ndarray, shape (), (N,), (2, 1) or (2, N)
             Standard deviation of both angles, or of azimuth and of elevation.
 
         Returns
         -------
         LeastSquaresState
-            At the time of the measurement.
+            State at the time of the measurement.
 
         Raises
         ------
         InputError
-            If shapes do not fit, a time is not finite, or a sigma is not positive.
+            If the shapes do not match, a time is not finite, or a sigma is not positive.
         """
         t_s, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         noise = _variances(sigma_rad, t_s.size)
@@ -243,19 +248,23 @@ class LeastSquares:
         every = bool(good.all())
         if not every:
             azimuth, elevation = np.where(good, azimuth, 0.0), np.where(good, elevation, 0.0)
-        shown = (azimuth, elevation)
-        met = self._process(state, t_s, shown, noise)
-        outlying = (met.correction.weight > 1.0) & good
+        angles = (azimuth, elevation)
+        first_update = self._process(state, t_s, angles, noise)
+        # count outliers, and restart cases whose orbit they contradict
+        outlying = (first_update.correction.weight > 1.0) & good
         outliers, restarts = state.outliers + outlying, state.restarts
         agreed = state.agreed + good
         if outlying.any():
             agreed = np.where(outlying, np.maximum(state.agreed - 1.0, -1.0), agreed)
-            anew, met = self._restart_outlying(state, outlying, met, t_s, shown, noise)
+            anew, first_update = self._restart_outlying(
+                state, outlying, first_update, t_s, angles, noise
+            )
             agreed = np.where(anew, 0.0, agreed)
             outliers = np.where(anew, state.count, outliers)
             restarts = restarts + anew
 
-        before, prior, first = met
+        # iterated update (Gauss-Newton [1]_): relinearise only where the correction is large
+        before, prior, first = first_update
         last = first
         step = first.step if every else np.where(good, first.step, 0.0)
         shift = first.shift if every else np.where(good, first.shift, 0.0)
@@ -264,12 +273,14 @@ class LeastSquares:
             moving = shift > _LARGE
             if not moving.any():
                 break
-            seen = compare_directions(
+            comparison = compare_directions(
                 at.elements, at.clock, t_s + at.clock, state.site,
-                np.array([*shown, *at.biases, at.horizon]), self._field,
+                np.array([*angles, *at.biases, at.horizon]), self._field,
                 short_period=self.short_period,
             )  # fmt: skip
-            again = self._correction(at, seen, prior, noise, state.sense, (step, first.weight))
+            again = self._correction(
+                at, comparison, prior, noise, state.sense, (step, first.weight)
+            )
             last = select_correction(moving, again, last)
             step = np.where(moving, again.step, step)
             shift = np.where(moving, again.shift, 0.0)
@@ -285,7 +296,7 @@ class LeastSquares:
     ) -> tuple[Array, Array, Array]:
         """Return azimuth, elevation (K, N) and sky covariance (2, 2, K, N).
 
-        Of times of the station's clock; not `biased`, of true times.
+        `times_s` are times of the station's clock, or true times if `biased` is False.
         """
         n = self._chart.count
         covariance = np.zeros((state.t_s.size, n + 4, n + 4))
@@ -306,70 +317,73 @@ class LeastSquares:
         )
 
     def _process(
-        self, state: LeastSquaresState, t_s: Array, shown: tuple[Array, Array], noise: Array
+        self, state: LeastSquaresState, t_s: Array, angles: tuple[Array, Array], noise: Array
     ) -> _Update:
-        """Return what is known at a measurement's time, and what the measurement makes of it."""
+        """Propagate the estimate to the time of a measurement and compute the first correction."""
         dt = t_s - state.t_s
-        after, slopes, seen = propagate_and_compare(
+        after, slopes, comparison = propagate_and_compare(
             state.elements, dt, state.time_bias_s, t_s + state.time_bias_s, state.site,
-            np.array([*shown, *state.biases_rad, state.horizon_rad]), self._field,
+            np.array([*angles, *state.biases_rad, state.horizon_rad]), self._field,
             short_period=self.short_period,
         )  # fmt: skip
         prior = state.covariance.copy()
         if self.spec.drift_m > 0.0:
-            # the walk before the interval: what it does to the rates of Ω, ω, M then counts
+            # The random walk is added before the propagation: a change of a then also changes the
+            # angles, through the rates of Ω, ω and M.
             diagonal = prior.reshape(-1, t_s.size)[:: self.size + 1]
             walk = self._chart.walk(state.elements, self.spec.drift_m)
             diagonal[: self._chart.count] += walk.T * np.abs(dt)
         self._chart.carry(prior, state.elements, after, slopes, state.sense)
         at = _Estimate(after, state.biases_rad, state.time_bias_s, state.horizon_rad)
-        return _Update(at, prior, self._correction(at, seen, prior, noise, state.sense, None))
+        return _Update(at, prior, self._correction(at, comparison, prior, noise, state.sense, None))
 
     def _restart_outlying(
         self,
         state: LeastSquaresState,
         outlying: NDArray[np.bool_],
-        met: _Update,
+        update: _Update,
         t_s: Array,
-        shown: tuple[Array, Array],
+        angles: tuple[Array, Array],
         noise: Array,
     ) -> tuple[NDArray[np.bool_], _Update]:
-        """Return in which cases the orbit begins anew with this measurement, and what holds then.
+        """Return the cases that restart from the nominal orbit, and the update that then holds.
 
-        Those in which nothing speaks for what was measured before, and the new measurement is less
-        of an outlier to the nominal orbit.
+        A case restarts if outliers outnumber agreeing measurements, and the new measurement is less
+        of an outlier for the nominal orbit than for the estimated one.
         """
         doubtful = outlying & (state.agreed <= 0.0) & (state.restarts < _MOST_RESTARTS)
         if state.beginning is None or not doubtful.any():
-            return np.zeros_like(doubtful), met
-        other = self._process(state.beginning, t_s, shown, noise)
-        anew = doubtful & (other.correction.weight < met.correction.weight)
+            return np.zeros_like(doubtful), update
+        other = self._process(state.beginning, t_s, angles, noise)
+        anew = doubtful & (other.correction.weight < update.correction.weight)
         if not anew.any():
-            return anew, met
-        point = _Estimate(*(np.where(anew, a, b) for a, b in zip(other.at, met.at, strict=True)))
-        prior = np.where(anew, other.prior, met.prior)
+            return anew, update
+        point = _Estimate(*(np.where(anew, a, b) for a, b in zip(other.at, update.at, strict=True)))
+        prior = np.where(anew, other.prior, update.prior)
         return anew, _Update(
-            point, prior, select_correction(anew, other.correction, met.correction)
+            point, prior, select_correction(anew, other.correction, update.correction)
         )
 
     def _correction(
         self,
         at: _Estimate,
-        seen: tuple[Array, Array, Array],
+        comparison: tuple[Array, Array, Array],
         prior: Array,
         noise: Array,
         sense: Array,
         known: tuple[Array, Array] | None,
     ) -> Correction:
-        """Return the step from the state before the measurement, linearised where it was `seen`."""
-        off, level2, by = seen
+        """Return the correction of the prior state, linearised at `at` (see `correct_estimate`)."""
+        off, level2, by = comparison
+        # H in the coordinates of the chart, with the columns of the estimated biases
         slopes = self._chart.project_slopes(by, self._bias_slopes, at.elements, sense)
+        # on the sky an error of azimuth counts by cos h
         variances = noise + _LEAST_SIGMA**2
         variances[0] = noise[0] * level2 + _LEAST_SIGMA**2
         return correct_estimate(prior, slopes, off, variances, self.spec.gate, known)
 
     def _apply_step(self, before: _Estimate, step: Array, sense: Array) -> _Estimate:
-        """Return what is estimated after a step (m, N)."""
+        """Add a step (m, N) to an estimate."""
         elements = self._chart.apply_step(before.elements, step[: self._chart.count], sense)
         biases, clock, horizon = before.biases, before.clock, before.horizon
         if self._biases is not None:
@@ -382,7 +396,7 @@ class LeastSquares:
 
 
 class _Estimate(NamedTuple):
-    """What is estimated: elements (6, N), angle biases (2, N), time and horizon bias (N,)."""
+    """Estimated quantities: elements (6, N), angle biases (2, N), time and horizon bias (N,)."""
 
     elements: Array
     biases: Array
@@ -391,7 +405,7 @@ class _Estimate(NamedTuple):
 
 
 class _Update(NamedTuple):
-    """What is known at a measurement's time before it, with P (m, m, N), and its correction."""
+    """Propagated estimate at a measurement's time, its covariance (m, m, N), and the correction."""
 
     at: _Estimate
     prior: Array
@@ -406,6 +420,6 @@ def _variances(sigma_rad: Array, cases: int) -> Array:
             f"sigma_rad must be > 0, of shape (), ({cases},) or (2, {cases}); got shape "
             f"{sigma.shape}, least {sigma.min(initial=np.inf):.6g}"
         )
-    made = np.empty((2, cases))
-    made[:] = sigma * sigma
-    return made
+    variances = np.empty((2, cases))
+    variances[:] = sigma * sigma
+    return variances

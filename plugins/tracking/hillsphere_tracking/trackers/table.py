@@ -1,4 +1,4 @@
-"""A stored table of pointing angles, never updated: the baseline of every comparison."""
+"""Tracker without updates, a stored table of pointing angles: the baseline of comparisons."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["Table"]
 
 
 class Table:
-    """The nominal orbit by its secular rates, whatever is measured.
+    """Tracker that predicts from the nominal orbit alone and ignores all measurements.
 
     Parameters
     ----------
     spec : TableSpec
-        Its parameters.
+        Parameters from the mission.
     """
 
     def __init__(self, spec: TableSpec) -> None:
@@ -51,7 +51,7 @@ class Table:
     def update(
         self, state: OrbitState, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array
     ) -> OrbitState:
-        """Count the measurement, and learn nothing from it."""
+        """Count the measurement without using it."""
         _, azimuth, elevation = validate_measurement(state, t_s, az_rad, el_rad)
         return replace(state, count=state.count + np.isfinite(azimuth + elevation))
 

@@ -1,4 +1,4 @@
-"""Tables of the comparison of trackers beside the campaign itself: a sweep, and consistency."""
+"""Tables of the comparison of trackers over a sweep, and of their consistency."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _REACQUIRED = (
 
 
 def age_table(ages: AgeComparison, level: float) -> Table:
-    """Return the trackers at the points of a sweep."""
+    """Return the table of the trackers at the points of a sweep."""
     key = f"{ages.name.lower()}_{ages.unit.replace('/', '_')}" if ages.unit != "-" else ages.name
     first = ages.trackers.index(ages.baseline)
     mean = np.degrees(ages.mean_median_rad)
@@ -92,70 +92,70 @@ def age_table(ages: AgeComparison, level: float) -> Table:
             }
             rows.append({name: cell for name, cell in row.items() if name in names})
     notes = [
-        f"Campaign on stage {ages.stage}: medians over the cases at each point. At least, at most: "
-        f"{100 * level:g} % intervals by bootstrap over the cases. Worst median over that of "
-        f"{ages.baseline} there: the largest of these ratios over the outages, and in which."
+        f"Sweep of stage {ages.stage}: medians over the cases at each point. At least, at most: "
+        f"{100 * level:g} % bootstrap intervals over the cases. The ratio of the worst median is "
+        f"the largest ratio over the outages to the median of {ages.baseline} in the same outage."
     ]
     if np.isfinite(ages.reacquired).any():
         notes.append(
-            "Shares found over cases and outages together; the time to reacquire is that of those "
-            "found."
+            "Shares and times are over all cases and outages together; the time to reacquire is of "
+            "cases that are found."
         )
     return Table(f"Trackers over {ages.name.replace('_', ' ')}", columns, rows, notes)
 
 
-def nees_table(found: Consistency, level: float) -> Table:
-    """Return the mean NEES outage by outage."""
-    inside = inside_band(found)
+def nees_table(consistency: Consistency, level: float) -> Table:
+    """Return the table of the mean NEES of each outage."""
+    inside = inside_band(consistency)
     rows: list[dict[str, Cell]] = [
         {
-            "pass": found.passes[k],
-            "outage": found.outages[k],
+            "pass": consistency.passes[k],
+            "outage": consistency.outages[k],
             "tracker": tracker,
-            "cases": int(found.count[t, k]),
-            "nees": number(found.mean[t, k]),
-            "nees_low": float(found.interval[0, t, k]),
-            "nees_high": float(found.interval[1, t, k]),
+            "cases": int(consistency.count[t, k]),
+            "nees": number(consistency.mean[t, k]),
+            "nees_low": float(consistency.interval[0, t, k]),
+            "nees_high": float(consistency.interval[1, t, k]),
             "inside": bool(inside[t, k]),
         }
-        for k in range(len(found.outages))
-        for t, tracker in enumerate(found.trackers)
+        for k in range(len(consistency.outages))
+        for t, tracker in enumerate(consistency.trackers)
     ]
-    return Table("Normalised errors squared", _NEES, rows, [_band_note(level)])
+    return Table("Normalised estimation errors squared", _NEES, rows, [_band_note(level)])
 
 
 def _band_note(level: float) -> str:
     return (
-        "Mean over N cases of the normalised error squared, two degrees of freedom, in the middle "
-        f"of the outage; its {100 * level:g} % band is that of χ² with 2N degrees of freedom, over "
-        "N. Outages of the same pass are not independent."
+        "Mean over N cases of the normalised estimation error squared (NEES) in the middle of the "
+        f"outage, with two degrees of freedom. The {100 * level:g} % band is from χ² with 2N "
+        "degrees of freedom, divided by N. Outages of the same pass are not independent."
     )
 
 
-def knowing_table(found: Consistency, level: float) -> Table:
-    """Return how well each tracker knows how good it is."""
-    inside = inside_band(found)
+def knowing_table(consistency: Consistency, level: float) -> Table:
+    """Return the table of each tracker's consistency over all outages."""
+    inside = inside_band(consistency)
     rows: list[dict[str, Cell]] = [
         {
             "tracker": tracker,
-            "consistent": tracker in found.consistent,
+            "consistent": tracker in consistency.consistent,
             "inside": int(inside[t].sum()),
-            "outages": len(found.outages),
-            "nees": number(found.overall[t]),
-            "nees_low": number(found.overall_interval[0, t]),
-            "nees_high": number(found.overall_interval[1, t]),
-            "least": number(float(np.min(found.mean[t]))),
-            "largest": number(float(np.max(found.mean[t]))),
-            "mean_deg": number(np.degrees(found.mean_median_rad[t])),
-            "ratio": number(found.error_ratio[t]),
-            "ratio_low": number(found.error_ratio_interval[0, t]),
-            "ratio_high": number(found.error_ratio_interval[1, t]),
+            "outages": len(consistency.outages),
+            "nees": number(consistency.overall[t]),
+            "nees_low": number(consistency.overall_interval[0, t]),
+            "nees_high": number(consistency.overall_interval[1, t]),
+            "least": number(float(np.min(consistency.mean[t]))),
+            "largest": number(float(np.max(consistency.mean[t]))),
+            "mean_deg": number(np.degrees(consistency.mean_median_rad[t])),
+            "ratio": number(consistency.error_ratio[t]),
+            "ratio_low": number(consistency.error_ratio_interval[0, t]),
+            "ratio_high": number(consistency.error_ratio_interval[1, t]),
         }
-        for t, tracker in enumerate(found.trackers)
+        for t, tracker in enumerate(consistency.trackers)
     ]
     notes = [
         _band_note(level),
-        f"At least, at most: {100 * level:g} % intervals by bootstrap over the cases, which takes "
-        "all outages of a case together.",
+        f"At least, at most: {100 * level:g} % bootstrap intervals over the cases, each drawn with "
+        "all its outages.",
     ]
-    return Table("Whether trackers know how good they are", _KNOWS, rows, notes)
+    return Table("Consistency of the trackers", _KNOWS, rows, notes)

@@ -1,4 +1,4 @@
-"""Tables of the comparison of trackers: published values beside bands, trackers side by side."""
+"""Tables of the comparison of trackers: by outage beside published values, and by tracker."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hillsphere_tracking.tracking_comparison.products import COVERED, TrackingCo
 __all__ = ["Twins", "number", "outage_table", "tracker_table", "twins_of"]
 
 Twins: TypeAlias = Mapping[tuple[str, str], Mapping[str, Printed | str | None]]
-"""Pass and outage → the published row."""
+"""Published rows by pass and outage."""
 
 _FRAMES = (("true", "true"), ("sky", "sky"), ("encoder", "encoders"))
 _WHO = (
@@ -60,7 +60,7 @@ _TRACKERS = (
 
 
 def number(value: float) -> float | None:
-    """Return a number, None for what is not finite."""
+    """Return a number as float, or None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -75,7 +75,7 @@ def twins_of(product: TrackingComparison, reference: ReferenceTable | None) -> T
 def outage_table(
     product: TrackingComparison, reference: ReferenceTable | None, twins: Twins
 ) -> Table:
-    """Return the trackers outage by outage, beside published values if there are any."""
+    """Return the table of the trackers by outage, beside published values if there are any."""
     columns: list[Column] = []
     for column in (*_WHO, Column("tracker", "", "tracker"), *_BETWEEN):
         columns.append(column)
@@ -115,28 +115,28 @@ def outage_table(
             row["uncovered"] = number(product.uncovered[t, k])
             rows.append({name: cell for name, cell in row.items() if name in names})
     notes = [
-        f"Over the {product.ended} of {product.cases} cases that came to their end: median, 5 % "
-        "and 95 % of the largest error of the prediction.",
+        f"Median, 5 % and 95 % quantile of the largest error of the prediction, over "
+        f"{product.ended} completed of {product.cases} cases.",
         _cover_note(product),
     ]
     if reference is not None and twins:
         notes.append(
-            f"Paper: {reference.source}. Its values are one draw of the errors each, by its own "
-            "tracker; they stand beside every tracker. A difference of a median from one draw is "
-            "no disagreement: see whether the draw lies within 5–95 %."
+            f"Paper: {reference.source}. Each of its values is one random draw with its own "
+            "tracker; it is repeated beside every tracker. The draw should lie within 5–95 %; it "
+            "need not equal the median."
         )
     return Table("Trackers, outage by outage", columns, rows, notes)
 
 
 def _cover_note(product: TrackingComparison) -> str:
     return (
-        f"An error is not covered if its NEES is beyond {product.nees_limit:.3g}, in "
-        f"{100 * (1 - COVERED):.2g} % of cases if the covariance were right."
+        f"An error is not covered if its NEES exceeds {product.nees_limit:.3g}; with a correct "
+        f"covariance this happens in {100 * (1 - COVERED):.2g} % of the cases."
     )
 
 
 def tracker_table(product: TrackingComparison) -> Table:
-    """Return the trackers side by side, over all outages."""
+    """Return the table of the trackers over all outages."""
     outside = product.pooled[:, product.measures.index("time_outside")]
     nees = product.quantiles[1, product.measures.index("nees")]
     rows: list[dict[str, Cell]] = []
@@ -169,14 +169,15 @@ def tracker_table(product: TrackingComparison) -> Table:
     names = {c.name for c in columns}
     rows = [{name: cell for name, cell in row.items() if name in names} for row in rows]
     notes = [
-        f"Over {len(product.outages)} outages and {product.ended} cases. Errors √(ΔA² + Δh²) "
-        "against where the satellite truly is; on the sky, √((ΔA cos h)² + Δh²) for small ones; "
-        "and √(ΔA² + Δh²) against what the encoders would show, which is what reacquisition needs. "
-        f"P: share of cases whose largest error is within the beam of "
-        f"{np.degrees(product.lock_angle_rad):g}°, mean over the outages. Times and shares found "
-        "over all cases and outages together; the time to reacquire is that of those found.",
-        f"At least, at most: {100 * product.level:g} % intervals by bootstrap over the cases. "
-        f"Ratios: of the mean of the medians to that of {product.baseline}.",
+        f"Over {len(product.outages)} outages and {product.ended} cases. True: errors "
+        "√(ΔA² + Δh²) of the true direction. Sky: arcs, √((ΔA cos h)² + Δh²) for small errors. "
+        "Encoders: errors √(ΔA² + Δh²) of the angles at the encoders, which decide about the "
+        "reacquisition. P: share of cases whose largest error is within the beam of "
+        f"{np.degrees(product.lock_angle_rad):g}°, mean over the outages. Times and shares are "
+        "over all cases and outages together; the time to reacquire is of cases that are found.",
+        f"At least, at most: {100 * product.level:g} % bootstrap intervals over the cases. Error "
+        f"over the baseline's: ratio of the mean of the medians to the value of "
+        f"{product.baseline}.",
         _cover_note(product),
     ]
     return Table("Trackers", columns, rows, notes)
