@@ -6,6 +6,7 @@ from math import sqrt
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, geodetic
 from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.errors import InputError
@@ -17,6 +18,7 @@ from hillsphere_tracking.orbits import LimitedOrbit, Orbit, last_instant
 __all__ = ["EarthTrack", "ground_points", "split_at_wrap"]
 
 _GM = 3.986004418e14
+"""Gravitational parameter of the Earth (m³/s², WGS 84); it determines only the length of steps."""
 _STEPS_PER_RADIAN = 16.0
 """States per radian of the motion about the Earth at perigee, some 100 in a revolution of a
 circular orbit. The search for passes begins with every other one: fewer could hide a pass between
@@ -76,7 +78,7 @@ class EarthTrack:
         count = int(np.ceil(duration_s / step))
         if count > _MOST_TIMES:
             raise InputError(
-                f"satellite {orbit.name!r}: {duration_s / 86400.0:g} days need {count} states, at "
+                f"satellite {orbit.name!r}: {duration_s / DAY_S:g} days need {count} states, at "
                 f"most {_MOST_TIMES}; look for passes over a shorter time"
             )
         times = np.linspace(0.0, duration_s, count + 1)

@@ -33,6 +33,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from hillsphere.base.atomic import write_text
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.json_files import parse_json
 from hillsphere.base.regular_files import read_text
 from hillsphere.errors import InputError
@@ -53,7 +54,6 @@ _DEGREE = np.pi / 180.0
 _TO_SI = np.array([_DEGREE, _DEGREE, 1.0])
 _NAMES = ("azimuth_bias_deg", "elevation_bias_deg", "time_offset_s")
 _PAIRS = {"azimuth_elevation": (0, 1), "azimuth_time": (0, 2), "elevation_time": (1, 2)}
-_DAY = 86400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ def age_calibration(calibration: Calibration, epoch: Epoch, walk: RandomWalk) ->
     Calibration
         The same mean at `epoch`, with a larger covariance.
     """
-    days = abs(epoch.seconds_since(calibration.epoch)) / _DAY
+    days = abs(epoch.seconds_since(calibration.epoch)) / DAY_S
     # variances of a random walk grow linearly with time
     sigma = np.array([walk.bias_rad_per_sqrt_day] * 2 + [walk.time_s_per_sqrt_day])
     return replace(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sgp4 import omm as sgp4_omm
 from sgp4.api import SGP4_ERRORS, Satrec
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array
 from hillsphere.model.earth.rotation import InertialFrame
@@ -25,7 +26,6 @@ from hillsphere_tracking.tle import Tle
 
 __all__ = ["Sgp4Orbit"]
 
-_DAY = 86400.0
 _TURN = 2.0 * np.pi
 _DECAYED = (1, 4, 6)
 """Error codes of SGP4 that mean a decay: drag has carried the mean eccentricity out of its range
@@ -168,7 +168,7 @@ class Sgp4Orbit:
         """Return why the orbit has no state at a time, as the end of a sentence."""
         when = np.array([min(t_s, self._end_before(np.array([t_s])))])
         code = int(self._propagate(when)[0][0])
-        days = f"{abs(when[0]) / _DAY:.2f} days"
+        days = f"{abs(when[0]) / DAY_S:.2f} days"
         if t_s < 0.0:  # SGP4's own messages, such as "decayed", describe times after the epoch
             return (
                 f"has no orbit {days} before the epoch of its elements, which are not valid so "
@@ -200,9 +200,9 @@ class Sgp4Orbit:
     def _propagate(self, t_s: Array) -> tuple[NDArray[np.uint8], Array]:
         if not np.isfinite(t_s).all():
             raise InputError(f"satellite {self.name!r}: times must be finite, got nan or inf")
-        days = np.floor(t_s / _DAY)
+        days = np.floor(t_s / DAY_S)
         satellite = self._satellite
         code, r, v = satellite.sgp4_array(
-            satellite.jdsatepoch + days, satellite.jdsatepochF + (t_s - days * _DAY) / _DAY
+            satellite.jdsatepoch + days, satellite.jdsatepochF + (t_s - days * DAY_S) / DAY_S
         )
         return code, 1e3 * np.concatenate([r.T, v.T])

@@ -15,6 +15,7 @@ from typing import Literal
 import erfa
 import numpy as np
 
+from hillsphere.base.constants import AU_M, DAY_S, J2000_JD
 from hillsphere.base.geodetic import WGS84, Ellipsoid
 from hillsphere.base.orientation import UT1_IS_UTC, EarthOrientation
 from hillsphere.interfaces import Array
@@ -26,13 +27,12 @@ __all__ = ["SUN_RADIUS_M", "shadow_margin", "sun_earth_fixed", "sun_gcrs"]
 SUN_RADIUS_M = 6.957e8
 """Nominal solar radius of IAU 2015 resolution B3."""
 
-_AU = 1.495978707e11
-_DAY = 86400.0
-_J2000 = 2451545.0
 _NODES_PER_DAY = 8
 """Positions per day through which cubics are interpolated; the error is below 1e-11 of the
 distance. Fewer nodes increase it with the fourth power, more cost evaluations of the series."""
 _LIGHT_AU_PER_DAY = 173.1446326846693
+"""Speed of light in astronomical units per day, with the AU of IAU 1976. With the AU of 2012 it is
+smaller by 6e-11 of its value, which the aberration (1e-4 rad) does not show."""
 
 
 def sun_gcrs(epoch: Epoch, t_s: Array) -> Array:
@@ -53,13 +53,13 @@ def sun_gcrs(epoch: Epoch, t_s: Array) -> Array:
     """
     day, fraction = _tdb(epoch)
     # TDB; the difference to TT, 2 ms, does not matter: the Sun moves by 2e-7 rad in a second.
-    place = ((day - _J2000) + fraction + np.atleast_1d(t_s) / _DAY) * _NODES_PER_DAY
+    place = ((day - J2000_JD) + fraction + np.atleast_1d(t_s) / DAY_S) * _NODES_PER_DAY
     cell = np.floor(place).astype(np.int64)
     u = place - cell
     nodes = np.unique(np.concatenate([cell + k for k in (-1, 0, 1, 2)]))
     at = np.searchsorted(nodes, cell)
     # Lagrange's cubic through the nodes at −1, 0, 1 and 2 steps; u in [0, 1) is between 0 and 1.
-    known = _apparent(_J2000, nodes / _NODES_PER_DAY)
+    known = _apparent(J2000_JD, nodes / _NODES_PER_DAY)
     return np.asarray(
         -u * (u - 1.0) * (u - 2.0) / 6.0 * known[:, at - 1]
         + (u + 1.0) * (u - 1.0) * (u - 2.0) / 2.0 * known[:, at]
@@ -82,7 +82,7 @@ def _apparent(day: float, days: Array) -> Array:
     distance = np.linalg.norm(place, axis=-1, keepdims=True)
     direction = place / distance + barycentric["v"] / _LIGHT_AU_PER_DAY
     return np.asarray(
-        (direction / np.linalg.norm(direction, axis=-1, keepdims=True) * distance * _AU).T
+        (direction / np.linalg.norm(direction, axis=-1, keepdims=True) * distance * AU_M).T
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import pi, radians
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -22,7 +22,7 @@ from hillsphere_tracking.satellite_specs import SatelliteSpec
 
 __all__ = ["AssistedTrackingSpec", "NominalErrorSpec", "SearchSpec", "TrackedPassSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = radians(1.0)
 
 
 class TrackedPassSpec(Spec):

@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeGuard, cast, runtime_checkable
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.contracts import Contract
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array, Tracker
@@ -177,7 +178,7 @@ class StationMemory:
             self._tell_later(known)
             return
         tai = start.to("TAI")
-        epoch = Epoch(tai.day, tai.fraction + t_s / 86400.0, "TAI").to("UTC")
+        epoch = Epoch(tai.day, tai.fraction + t_s / DAY_S, "TAI").to("UTC")
         before = None if known is None else age_calibration(known, epoch, self.walk)
         try:
             remember(self.path, self.station, calibration_after_pass(tracker, state, epoch, before))

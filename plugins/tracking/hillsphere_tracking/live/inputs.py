@@ -11,6 +11,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.orientation import (
     ConstantOrientation,
     EarthOrientation,
@@ -82,7 +83,7 @@ def orientation_of(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientat
     if ut1_minus_utc_s is not None:
         return ConstantOrientation(ut1_minus_utc_s)
     table = OrientationTable.installed()
-    lapse = table.lapse(start, np.array([86400.0]))
+    lapse = table.lapse(start, np.array([DAY_S]))
     if lapse is None:
         return table
     say(f"{lapse}, or --ut1-minus-utc")
@@ -91,7 +92,7 @@ def orientation_of(ut1_minus_utc_s: float | None, start: Epoch) -> EarthOrientat
         warnings.simplefilter("ignore", EarthOrientationWarning)
         held = table.at(start, np.zeros(1))
     tai = start.to("TAI")
-    tai_minus_utc = 86400.0 * ((tai.day - start.day) + (tai.fraction - start.fraction))
+    tai_minus_utc = DAY_S * ((tai.day - start.day) + (tai.fraction - start.fraction))
     return ConstantOrientation(
         float(held.ut1_minus_tai_s[0]) + tai_minus_utc,
         float(held.x_pole_rad[0]),

@@ -14,6 +14,7 @@ from itertools import chain
 from math import isfinite, nan, radians
 from typing import NamedTuple
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.errors import InputError
 from hillsphere.time import Epoch
 from hillsphere_tracking.tdm_records import PairedAngles, tdm_records_and_faults
@@ -188,7 +189,7 @@ class _Table(Iterator[Measurement]):
                 f"{place}: the time {text} is in seconds; give the epoch of such times with --epoch"
             )
         tai = self._epoch.to("TAI")
-        return Epoch(tai.day, tai.fraction + seconds / 86400.0, "TAI").to("UTC")
+        return Epoch(tai.day, tai.fraction + seconds / DAY_S, "TAI").to("UTC")
 
 
 def _number(text: str, what: str, place: str) -> float:

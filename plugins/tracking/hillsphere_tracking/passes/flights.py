@@ -10,6 +10,7 @@ from typing import Protocol, cast, get_args
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.dynamics import Taylor, system
 from hillsphere.errors import InputError, PropagationError
 from hillsphere.interfaces import Array, Plant
@@ -20,7 +21,6 @@ from hillsphere_tracking.orbits import Orbit
 
 __all__ = ["EarthPlant", "FlownOrbit", "PlantFlights", "fly_satellite"]
 
-_DAY = 86400.0
 _ANGLE = "rotation_angle"
 _ENDS = {"impact": "has come down to the ground"}
 _LEAST_STATES = 9
@@ -112,7 +112,7 @@ class PlantFlights:
         if (event := flight.ended_by[0]) is not None:
             end = float(flight.time[0]) * self._clock_s - shift
             how = _ENDS.get(event, f"has met the event {event!r}")
-            ending = f"{how} {end / _DAY:+.4f} days from the epoch of its elements"
+            ending = f"{how} {end / DAY_S:+.4f} days from the epoch of its elements"
             if end <= begin:
                 raise PropagationError(
                     f"satellite {orbit.name!r} {ending}; ask for earlier times, or give newer "
@@ -121,7 +121,7 @@ class PlantFlights:
         count = max(_LEAST_STATES, int(np.ceil((end - begin) / step_s)) + 1)
         if count > _MOST_STATES:
             raise InputError(
-                f"satellite {orbit.name!r}: a flight of {(end - begin) / _DAY:.4g} days in steps "
+                f"satellite {orbit.name!r}: a flight of {(end - begin) / DAY_S:.4g} days in steps "
                 f"of {step_s:g} s has {count} states, at most {_MOST_STATES}; fly it for a shorter "
                 "time or in longer steps"
             )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import WGS84, Ellipsoid, Station
 from hillsphere.interfaces import Array
 from hillsphere_tracking.ground_track import EarthTrack
@@ -35,7 +36,7 @@ __all__ = [
 _TURN = 2.0 * np.pi
 _SUN_UP_RAD = np.radians(-0.833)
 """Geometric elevation of the Sun's centre at which its upper limb appears at the horizon."""
-_SOLAR_DAY_RATE = _TURN / 86400.0
+_SOLAR_DAY_RATE = _TURN / DAY_S
 _SAME_S = 1e-6
 """Times (s) nearer than this are one time: ten times the accuracy of the roots. Larger, and a short
 interval between a mask's edges is lost; smaller, and rounding makes empty intervals."""

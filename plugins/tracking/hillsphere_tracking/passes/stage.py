@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hillsphere.base.constants import DAY_S
 from hillsphere.base.geodetic import Ellipsoid, Station
 from hillsphere.base.orientation import EarthOrientationWarning, doubts
 from hillsphere.errors import InputError
@@ -44,7 +45,7 @@ revolution is then eight samples. Products grow in proportion to it."""
 _FRESH_DAYS = 30.0
 """Days from their epoch after which elements give a warning: SGP4 gains kilometres a day along the
 track, so that a pass is then off by minutes."""
-_GROUND_S = 86400.0
+_GROUND_S = DAY_S
 """Length (s) of the ground tracks on the map: a day shows all longitudes, more days cover the
 map."""
 _THICK_AIR_M = 180e3
@@ -266,8 +267,8 @@ class PassesStage:
     def _warnings(self, tracks: list[EarthTrack]) -> tuple[str, ...]:
         sentences = []
         for orbit in self.orbits:
-            age = self.start.seconds_since(orbit.epoch) / 86400.0
-            farthest = max(abs(age), abs(age + self.spec.duration_s / 86400.0))
+            age = self.start.seconds_since(orbit.epoch) / DAY_S
+            farthest = max(abs(age), abs(age + self.spec.duration_s / DAY_S))
             if farthest > _FRESH_DAYS:
                 sentences.append(
                     f"The elements of {orbit.name} are up to {farthest:.0f} days away from the "
@@ -288,7 +289,7 @@ class PassesStage:
         low.
         """
         sentences = []
-        away = max(-plant_epoch_s, plant_epoch_s - self.spec.duration_s) / 86400.0
+        away = max(-plant_epoch_s, plant_epoch_s - self.spec.duration_s) / DAY_S
         if away > _FRESH_DAYS:
             sentences.append(
                 f"The epoch of the plant is {away:.0f} days away from the search. Quantities that "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees, pi
+from math import degrees, pi, radians
 from typing import Literal, Self
 
 from pydantic import model_validator
@@ -11,7 +11,7 @@ from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, rule
 
 __all__ = ["AxisSpec", "MountSpec", "PointingNeeds", "PointingSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = radians(1.0)
 _ROUNDING = 1e-9
 """Angle (rad) that limits given in degrees may miss ±90° and 180° by: rounding of the conversion,
 and no angle that an axis could resolve."""

@@ -12,12 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
+from hillsphere.base.constants import HOUR_S
 from hillsphere.interfaces import Array
 from hillsphere_tracking.mean_elements import classical, equinoctial
 
 __all__ = ["Chart", "EquinoctialElements", "SelectedElements"]
 
-_HOUR = 3600.0
 _FLOOR = 1e-7
 """Least e and tan(i/2) of an orbit in equinoctial elements: 0.7 m of a low orbit, and far enough
 above rounding for the large parts of the derivatives by Ω, ω and M to cancel."""
@@ -140,7 +140,7 @@ class SelectedElements:
 
     def walk(self, elements: Array, drift_m: float) -> Array:
         """Return growth rates (N, n) of the variances."""
-        return np.asarray(drift_m * drift_m / _HOUR * elements[0][:, None] ** self._powers)
+        return np.asarray(drift_m * drift_m / HOUR_S * elements[0][:, None] ** self._powers)
 
 
 class EquinoctialElements:
@@ -229,8 +229,8 @@ class EquinoctialElements:
     def walk(self, elements: Array, drift_m: float) -> Array:
         """Return growth rates (N, 6) of the variances."""
         rates = np.empty((elements.shape[1], 6))
-        rates[:] = ((drift_m / elements[0]) ** 2 / _HOUR)[:, None]
-        rates[:, 0] = drift_m**2 / _HOUR
+        rates[:] = ((drift_m / elements[0]) ** 2 / HOUR_S)[:, None]
+        rates[:, 0] = drift_m**2 / HOUR_S
         return rates
 
     @staticmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import radians
 from typing import Literal
 
 from hillsphere.base.ranges import PLANET_GM_M3_S2, PLANET_RADIUS_M
@@ -9,7 +10,7 @@ from hillsphere.spec import Spec, option, quantity
 
 __all__ = ["AverageSpec", "LeastSquaresSpec", "TableSpec", "TrackerSpec"]
 
-_DEGREE = 0.017453292519943295
+_DEGREE = radians(1.0)
 
 
 class TrackerSpec(Spec):
