@@ -16,6 +16,7 @@ from hillsphere.show.reference import (
     difference_notes,
     with_paper,
 )
+from hillsphere.show.tables import FieldColumns, column, tabulate, text_column
 from hillsphere_tracking.assisted_tracking.figures import (
     ROWS_PER_FIGURE,
     SKIES_PER_FIGURE,
@@ -31,33 +32,10 @@ __all__ = ["case_values", "present_case"]
 
 _MOST_PASSES = 12
 """Passes that are drawn at most: four figures of three rows, as many as a reader compares."""
-_PASSES = (
-    Column("pass", "", "pass"),
-    Column("station", "", "station"),
-    Column("revolution", "-", "revolution"),
-    Column("direction", "", "direction"),
-    Column("duration_s", "s", "duration, as the elements have it", 5),
-    Column("elevation_max_deg", "deg", "highest elevation, as the elements have it", 4),
-    Column("earth_turned_deg", "deg", "Earth turned eastwards by", 5),
-    Column("tracked_acquisition_s", "s", "acquisition, as tracked", 7),
-    Column("tracked_duration_s", "s", "duration, as tracked", 5),
-    Column("tracked_elevation_max_deg", "deg", "highest elevation, as tracked", 4),
-    Column("station_error_km", "km", "station told off by", 3),
-    Column("note", "", "note"),
-)
-_ERRORS = (
-    Column("pass", "", "pass"),
-    Column("station", "", "station"),
-    Column("bias_azimuth_deg", "deg", "largest bias, azimuth", 3),
-    Column("bias_elevation_deg", "deg", "largest bias, elevation", 3),
-    Column("noise_azimuth_deg", "deg", "largest noise, azimuth", 3),
-    Column("noise_elevation_deg", "deg", "largest noise, elevation", 3),
-    Column("sigma_azimuth_deg", "deg", "largest σ, azimuth", 3),
-    Column("sigma_elevation_deg", "deg", "largest σ, elevation", 3),
-)
 _DRAWN = ("noise_azimuth_deg", "noise_elevation_deg")
 _PUBLISHED = "published_"
-_SHOWN_IN = {"rad": ("deg", 180.0 / np.pi), "s": ("s", 1.0), "-": ("-", 1.0)}
+_SUFFIXES = {"rad": "_deg", "s": "_s", "-": ""}
+"""Suffix of the columns of a measure, by its unit."""
 _HEADINGS = {
     "error_max": "largest error √(ΔA² + Δh²)",
     "sky_error_max": "largest error on the sky",
@@ -131,72 +109,70 @@ def case_values(product: AssistedTracking) -> dict[str, Array]:
     return values
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _pass_table(product: AssistedTracking, reference: ReferenceTable | None) -> Table:
-    rows: list[dict[str, Cell]] = []
-    degrees = 180.0 / np.pi
-    for p, name in enumerate(product.passes):
-        rows.append(
-            {
-                "pass": name,
-                "station": product.stations[p],
-                "revolution": int(product.revolution[p]),
-                "direction": product.directions[p],
-                "duration_s": _number(product.plain_duration_s[p]),
-                "elevation_max_deg": _number(degrees * product.plain_elevation_max_rad[p]),
-                "earth_turned_deg": float(degrees * product.earth_shift_rad[p]),
-                "tracked_acquisition_s": float(product.acquisition_s[p]),
-                "tracked_duration_s": float(product.duration_s[p]),
-                "tracked_elevation_max_deg": float(degrees * product.elevation_max_rad[p]),
-                "station_error_km": float(1e-3 * product.station_error_m[p]),
-            }
-        )
+    of = FieldColumns(product, "passes")
     notes = [
         "The Earth is turned by the least angle to the requested side that gives the elevation."
     ]
-    columns: list[Column] = list(_PASSES)
+    table = tabulate(
+        "Passes",
+        [
+            of("passes", "pass"),
+            of("stations", "station"),
+            of("revolution"),
+            of("directions", "direction"),
+            of("plain_duration_s", "duration_s"),
+            of("plain_elevation_max_rad", "elevation_max_deg"),
+            of("earth_shift_rad", "earth_turned_deg"),
+            of("acquisition_s", "tracked_acquisition_s"),
+            of("duration_s", "tracked_duration_s"),
+            of("elevation_max_rad", "tracked_elevation_max_deg"),
+            of("station_error_m"),
+        ],
+        notes,
+    )
     if reference is None:
-        columns = columns[:-1]
-    else:
-        rows = beside(rows, reference, on="pass")
-        for row in rows:
-            twin = reference.match("pass", row["pass"], 0.0) or {}
-            row["note"] = twin.get("note")
-        columns = with_paper(columns, rows)
-        notes += difference_notes(rows, reference, label="pass")
+        return table
+    rows = beside(table.rows, reference, on="pass")
+    for row in rows:
+        twin = reference.match("pass", row["pass"], 0.0) or {}
+        row["note"] = twin.get("note")
+    columns = with_paper([*table.columns, Column("note", "", "note")], rows)
+    notes += difference_notes(rows, reference, label="pass")
     return Table("Passes", columns, rows, notes)
 
 
 def _error_table(product: AssistedTracking, reference: ReferenceTable | None) -> Table:
     noise = product.measured_rad - product.true_rad - product.bias_rad
     noise[0] = np.arctan2(np.sin(noise[0]), np.cos(noise[0]))
-    rows: list[dict[str, Cell]] = []
-    for p, name in enumerate(product.passes):
-        row: dict[str, Cell] = {"pass": name, "station": product.stations[p]}
-        for what, angles in (
-            ("bias", product.bias_rad), ("noise", noise), ("sigma", product.sigma_rad),
-        ):  # fmt: skip
-            for i, angle in enumerate(("azimuth", "elevation")):
-                row[f"{what}_{angle}_deg"] = _number(_largest(angles[i, :, p]))
-        rows.append(row)
+    of = FieldColumns(product, "passes")
+    filled = [of("passes", "pass"), of("stations", "station")]
+    for what, word, angles in (
+        ("bias", "bias", product.bias_rad),
+        ("noise", "noise", noise),
+        ("sigma", "σ", product.sigma_rad),
+    ):
+        for angle, values in zip(("azimuth", "elevation"), angles, strict=True):
+            largest = [_largest(q) for q in values.T]
+            filled.append(
+                column(f"{what}_{angle}_deg", largest, f"largest {word}, {angle}", 3, is_si=False)
+            )
     notes = ["Values of the largest magnitude over the pass, with sign. The noise is one draw."]
-    columns: list[Column] = list(_ERRORS)
-    if reference is not None:
-        rows = [_draws_apart(row) for row in beside(rows, reference, on="pass")]
-        columns = with_paper(columns, rows)
-        for name in _DRAWN:
-            if any(f"{_PUBLISHED}{name}" in row for row in rows):
-                at = next(k for k, column in enumerate(columns) if column.name == name)
-                label = f"{columns[at].label}, paper's draw"
-                columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
-                notes[0] = (
-                    "Values of the largest magnitude over the pass, with sign. The noise is one "
-                    "random draw here and in the paper; their difference has no meaning."
-                )
-        notes.append(f"Paper: {reference.source}.")
+    table = tabulate("Errors of the antenna", filled, notes)
+    if reference is None:
+        return table
+    rows = [_draws_apart(row) for row in beside(table.rows, reference, on="pass")]
+    columns = with_paper(table.columns, rows)
+    for name in _DRAWN:
+        if any(f"{_PUBLISHED}{name}" in row for row in rows):
+            at = next(k for k, column_ in enumerate(columns) if column_.name == name)
+            label = f"{columns[at].label}, paper's draw"
+            columns.insert(at + 1, Column(f"{_PUBLISHED}{name}", "deg", label, 3))
+            notes[0] = (
+                "Values of the largest magnitude over the pass, with sign. The noise is one "
+                "random draw here and in the paper; their difference has no meaning."
+            )
+    notes.append(f"Paper: {reference.source}.")
     return Table("Errors of the antenna", columns, rows, notes)
 
 
@@ -213,33 +189,25 @@ def _largest(angles: Array) -> float:
 
 
 def _case_table(product: AssistedTracking, values: dict[str, Array]) -> Table:
-    used = [name for name in MEASURES if np.isfinite(values[name]).any()]
+    of = FieldColumns(product, "outages", "trackers")
+    passes = tuple(product.passes[p] for p in product.outage_pass)
     columns = [
-        Column("pass", "", "pass"),
-        Column("outage_s", "s", "signal lost after", 5),
-        Column("tracker", "", "tracker"),
+        text_column("pass", of.spread(passes, "outages"), "pass"),
+        of("outage_s"),
+        of("trackers", "tracker"),
     ]
-    keys = {}
-    for name in used:
-        unit = _SHOWN_IN[MEASURES[name]][0]
-        keys[name] = name if unit == "-" else f"{name}_{unit}"
-        columns.append(Column(keys[name], unit, _HEADINGS[name], 4))
-    rows: list[dict[str, Cell]] = [
-        {
-            "pass": product.passes[product.outage_pass[k]],
-            "outage_s": float(product.outage_s[k]),
-            "tracker": tracker,
-        }
-        | {keys[name]: _number(values[name][t, k] * _SHOWN_IN[MEASURES[name]][1]) for name in used}
-        for k in range(product.outage_s.size)
-        for t, tracker in enumerate(product.trackers)
-    ]
+    for name in MEASURES:
+        if np.isfinite(values[name]).any():
+            cells = of.spread(values[name], "trackers", "outages")
+            cells = np.where(np.isinf(cells), np.nan, cells)
+            heading = _HEADINGS[name]
+            columns.append(column(name + _SUFFIXES[MEASURES[name]], cells, heading, 4))
     notes = [
         f"One case. The half-width of the beam is {np.degrees(product.lock_angle_rad):g}°. Errors "
         "of the predictions, from the loss to the set, are relative to the true direction of the "
         "satellite, or to the angles that the antenna's encoders would show without noise.",
     ]
-    return Table("Trackers after a loss of signal", columns, rows, notes)
+    return tabulate("Trackers after a loss of signal", columns, notes)
 
 
 def _figures(product: AssistedTracking) -> dict[str, Figure]:

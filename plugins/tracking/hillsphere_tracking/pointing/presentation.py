@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FieldColumns, FilledColumn, column, tabulate, text_column
 from hillsphere.time import Epoch
 from hillsphere_tracking.pointing.figures import (
     draw_axes,
@@ -19,63 +21,6 @@ from hillsphere_tracking.pointing.figures import (
 from hillsphere_tracking.pointing.products import Pointing
 
 __all__ = ["present_pointing"]
-
-_PASS = (
-    Column("mount", "", "mount"),
-    Column("station", "", "station"),
-    Column("satellite", "", "satellite"),
-    Column("revolution", "-", "revolution"),
-)
-_ERRORS = (
-    *_PASS,
-    Column("elevation_max_deg", "deg", "highest elevation", 4),
-    Column("keyhole_distance_deg", "deg", "least distance from the keyhole", 4),
-    Column("error_max_deg", "deg", "largest error, planned", 3),
-    Column("error_max_unramped_deg", "deg", "largest error, only the turn planned", 3),
-    Column("error_max_naive_deg", "deg", "largest error, naive", 3),
-    Column("outside_s", "s", "beyond the lock angle, planned", 5),
-    Column("outside_unramped_s", "s", "beyond it, only the turn planned", 5),
-    Column("outside_naive_s", "s", "beyond it, naive", 5),
-    Column("followed", "", "kept within the lock angle"),
-)
-_AXES = (
-    *_PASS,
-    Column("begin", "", "begins, UTC"),
-    Column("primary_begin_deg", "deg", "primary at the beginning", 5),
-    Column("primary_end_deg", "deg", "primary at the end", 5),
-    Column("flipped", "", "over the top"),
-    Column("ramp_s", "s", "on ramps", 5),
-    Column("pre_slew_s", "s", "ramp begins before the keyhole", 5),
-    Column("primary_rate_on_target_deg_s", "deg/s", "primary's rate if on target", 4),
-    Column("primary_rate_max_deg_s", "deg/s", "primary's rate used", 4),
-    Column("primary_acceleration_max_deg_s2", "deg/s2", "its acceleration used", 3),
-    Column("secondary_rate_max_deg_s", "deg/s", "secondary's rate used", 4),
-    Column("secondary_acceleration_max_deg_s2", "deg/s2", "its acceleration used", 3),
-)
-_MOUNTS = (
-    Column("mount", "", "mount"),
-    Column("kind", "", "kind"),
-    *(
-        Column(f"{axis}_{name}_{unit.replace('/', '_')}", unit, f"{axis}: {label}", 5)
-        for axis in ("primary", "secondary")
-        for name, unit, label in (
-            ("lower", "deg", "lower stop"),
-            ("upper", "deg", "upper stop"),
-            ("rate_limit", "deg/s", "largest rate"),
-            ("acceleration_limit", "deg/s2", "largest acceleration"),
-        )
-    ),
-    Column("passes", "-", "passes"),
-    Column("followed", "-", "kept within the lock angle, planned"),
-    Column("followed_naive", "-", "kept within it, naive"),
-)
-_PREDICTIONS = (
-    *_PASS[1:],
-    Column("commands", "-", "commands"),
-    Column("sampling_error_deg", "deg", "course of the satellite, from half its samples", 2),
-    Column("interpolation_error_deg", "deg", "error between predictions", 2),
-    Column("interpolation_bound_deg", "deg", "its bound", 2),
-)
 
 
 def present_pointing(product: Pointing, start: Epoch) -> Presentation:
@@ -105,20 +50,19 @@ def present_pointing(product: Pointing, start: Epoch) -> Presentation:
         "All axes begin at rest at the rise, on their first command.",
     )
     tables = {
-        "pointing_mounts": Table("Mounts", _MOUNTS, _mount_rows(product)),
-        "pointing_errors": Table("Errors of pointing", _ERRORS, _error_rows(product), notes),
-        "pointing_axes": Table(
+        "pointing_mounts": tabulate("Mounts", _mount_columns(product)),
+        "pointing_errors": tabulate("Errors of pointing", _error_columns(product), notes),
+        "pointing_axes": tabulate(
             "Motion of the axes, planned",
-            _AXES,
-            _axis_rows(product, start),
+            _axis_columns(product, start),
             (
                 'Accelerations include the start from rest. The column "ramp begins before the '
                 'keyhole" counts from the beginning of the ramp to the nearest approach to the '
                 "keyhole. Rewinds are ramps, too.",
             ),
         ),
-        "pointing_predictions": Table(
-            "Predictions and what lies between them", _PREDICTIONS, _prediction_rows(product)
+        "pointing_predictions": tabulate(
+            "Predictions and what lies between them", _prediction_columns(product)
         ),
     }
     return Presentation(
@@ -140,96 +84,113 @@ def _outside(product: Pointing, error: Array, mount: int) -> Array:
     return np.asarray(product.period_s * beyond)
 
 
-def _pass_cells(product: Pointing, k: int) -> dict[str, Cell]:
-    return {
-        "station": product.stations[k],
-        "satellite": product.satellites[k],
-        "revolution": int(product.revolution[k]),
-    }
+def _each_mount(product: Pointing, values: Callable[[int], Array]) -> Array:
+    """Return values (P,) of each mount, one mount after the other."""
+    return np.concatenate([values(m) for m in range(len(product.mounts))])
 
 
-def _mount_rows(product: Pointing) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for m, name in enumerate(product.mounts):
-        row: dict[str, Cell] = {"mount": name, "kind": product.kinds[m]}
-        for axis, limits in (
-            ("primary", product.primary_limits),
-            ("secondary", product.secondary_limits),
-        ):
-            for key, value in zip(
-                ("lower_deg", "upper_deg", "rate_limit_deg_s", "acceleration_limit_deg_s2"),
-                np.degrees(limits[:, m]).tolist(),
-                strict=True,
-            ):
-                row[f"{axis}_{key}"] = value
-        row["passes"] = int(product.count.size)
-        for key, error in (
-            ("followed", product.error_rad),
-            ("followed_naive", product.naive_error_rad),
-        ):
-            row[key] = int(np.count_nonzero(_outside(product, error, m) == 0.0))
-        rows.append(row)
-    return rows
+def _pass_columns(of: FieldColumns) -> list[FilledColumn]:
+    return [of("stations", "station"), of("satellites", "satellite"), of("revolution")]
 
 
-def _error_rows(product: Pointing) -> list[dict[str, Cell]]:
-    rows: list[dict[str, Cell]] = []
-    for m, name in enumerate(product.mounts):
-        distance = np.degrees(np.nanmin(product.keyhole_distance(m), axis=0))
-        planned, naive = (_largest(q, m) for q in (product.error_rad, product.naive_error_rad))
-        lost, lost_naive = (
-            _outside(product, q, m) for q in (product.error_rad, product.naive_error_rad)
-        )
-        rows += [
-            {
-                "mount": name,
-                **_pass_cells(product, k),
-                "elevation_max_deg": float(np.degrees(product.elevation_max_rad[k])),
-                "keyhole_distance_deg": float(distance[k]),
-                "error_max_deg": float(planned[k]),
-                "error_max_unramped_deg": float(np.degrees(product.unramped_error_max_rad[k, m])),
-                "error_max_naive_deg": float(naive[k]),
-                "outside_s": float(lost[k]),
-                "outside_unramped_s": float(product.unramped_outside_s[k, m]),
-                "outside_naive_s": float(lost_naive[k]),
-                "followed": bool(lost[k] == 0.0),
-            }
-            for k in range(product.count.size)
-        ]
-    return rows
+def _mount_columns(product: Pointing) -> list[FilledColumn]:
+    of, mounts = FieldColumns(product, "mounts"), range(len(product.mounts))
+    columns = [of("mounts", "mount"), of("kinds", "kind")]
+    for axis, limits in (
+        ("primary", product.primary_limits),
+        ("secondary", product.secondary_limits),
+    ):
+        columns += [
+            column(f"{axis}_lower_deg", limits[0], f"{axis}: lower stop", 5),
+            column(f"{axis}_upper_deg", limits[1], f"{axis}: upper stop", 5),
+            column(f"{axis}_rate_limit_deg_s", limits[2], f"{axis}: largest rate", 5),
+            column(
+                f"{axis}_acceleration_limit_deg_s2", limits[3], f"{axis}: largest acceleration", 5,
+                unit="deg/s2",
+            ),
+        ]  # fmt: skip
+    columns.append(column("passes", [int(product.count.size)] * len(mounts), "passes"))
+    for key, error, label in (
+        ("followed", product.error_rad, "kept within the lock angle, planned"),
+        ("followed_naive", product.naive_error_rad, "kept within it, naive"),
+    ):
+        kept = [int(np.count_nonzero(_outside(product, error, m) == 0.0)) for m in mounts]
+        columns.append(column(key, kept, label))
+    return columns
 
 
-def _axis_rows(product: Pointing, start: Epoch) -> list[dict[str, Cell]]:
-    begin = start.isot(product.rise_s, 1)
-    rows: list[dict[str, Cell]] = []
-    for m, name in enumerate(product.mounts):
-        distance = product.keyhole_distance(m)
-        for k, n in enumerate(product.count):
-            primary = product.primary_rad[:n, k, m]
-            ramp = product.ramp[:n, k, m]
-            rate, acceleration = _peak_motion(primary, product.period_s)
-            rate_2, acceleration_2 = _peak_motion(product.secondary_rad[:n, k, m], product.period_s)
-            lead = _lead(ramp, int(np.nanargmin(distance[:, k])))
-            rows.append(
-                {
-                    "mount": name,
-                    **_pass_cells(product, k),
-                    "begin": begin[k],
-                    "primary_begin_deg": float(np.degrees(primary[0])),
-                    "primary_end_deg": float(np.degrees(primary[-1])),
-                    "flipped": bool(product.flipped[:, k, m].any()),
-                    "ramp_s": product.period_s * int(np.count_nonzero(ramp)),
-                    "pre_slew_s": product.period_s * lead,
-                    "primary_rate_on_target_deg_s": float(
-                        np.degrees(product.primary_rate_on_target_rad_s[k, m])
-                    ),
-                    "primary_rate_max_deg_s": rate,
-                    "primary_acceleration_max_deg_s2": acceleration,
-                    "secondary_rate_max_deg_s": rate_2,
-                    "secondary_acceleration_max_deg_s2": acceleration_2,
-                }
-            )
-    return rows
+def _error_columns(product: Pointing) -> list[FilledColumn]:
+    of = FieldColumns(product, "mounts", "passes")
+    planned, naive = product.error_rad, product.naive_error_rad
+    distance = _each_mount(product, lambda m: np.nanmin(product.keyhole_distance(m), axis=0))
+    largest, largest_naive = (
+        _each_mount(product, lambda m, error=error: np.nanmax(error[:, :, m], axis=0))
+        for error in (planned, naive)
+    )
+    outside, outside_naive = (
+        _each_mount(product, lambda m, error=error: _outside(product, error, m))
+        for error in (planned, naive)
+    )
+    return [
+        of("mounts", "mount"),
+        *_pass_columns(of),
+        of("elevation_max_rad"),
+        column("keyhole_distance_deg", distance, "least distance from the keyhole", 4),
+        column("error_max_deg", largest, "largest error, planned", 3),
+        of("unramped_error_max_rad", "error_max_unramped_deg"),
+        column("error_max_naive_deg", largest_naive, "largest error, naive", 3),
+        column("outside_s", outside, "beyond the lock angle, planned", 5),
+        of("unramped_outside_s", "outside_unramped_s"),
+        column("outside_naive_s", outside_naive, "beyond it, naive", 5),
+        text_column("followed", outside == 0.0, "kept within the lock angle"),
+    ]
+
+
+def _axis_columns(product: Pointing, start: Epoch) -> list[FilledColumn]:
+    of = FieldColumns(product, "mounts", "passes")
+    mounts = range(len(product.mounts))
+    pairs = [(m, k, int(n)) for m in mounts for k, n in enumerate(product.count)]
+    nearest = [np.nanargmin(product.keyhole_distance(m), axis=0) for m in mounts]
+    begin = tuple(start.isot(product.rise_s, 1))
+    flipped = [product.flipped[:, k, m].any() for m, k, _ in pairs]
+    leads = [_lead(product.ramp[:n, k, m], int(nearest[m][k])) for m, k, n in pairs]
+    columns = [
+        of("mounts", "mount"),
+        *_pass_columns(of),
+        text_column("begin", of.spread(begin, "passes"), "begins, UTC"),
+        column(
+            "primary_begin_deg", [product.primary_rad[0, k, m] for m, k, _ in pairs],
+            "primary at the beginning", 5,
+        ),
+        column(
+            "primary_end_deg", [product.primary_rad[n - 1, k, m] for m, k, n in pairs],
+            "primary at the end", 5,
+        ),
+        text_column("flipped", flipped, "over the top"),
+        column(
+            "ramp_s",
+            [product.period_s * int(np.count_nonzero(product.ramp[:n, k, m])) for m, k, n in pairs],
+            "on ramps", 5,
+        ),
+        column(
+            "pre_slew_s", [product.period_s * lead for lead in leads],
+            "ramp begins before the keyhole", 5,
+        ),
+        of("primary_rate_on_target_rad_s"),
+    ]  # fmt: skip
+    for axis, angles in (("primary", product.primary_rad), ("secondary", product.secondary_rad)):
+        motion = [_peak_motion(angles[:n, k, m], product.period_s) for m, k, n in pairs]
+        columns += [
+            column(
+                f"{axis}_rate_max_deg_s", [rate for rate, _ in motion], f"{axis}'s rate used", 4,
+                is_si=False,
+            ),
+            column(
+                f"{axis}_acceleration_max_deg_s2", [most for _, most in motion],
+                "its acceleration used", 3, unit="deg/s2", is_si=False,
+            ),
+        ]  # fmt: skip
+    return columns
 
 
 def _peak_motion(angle: Array, period_s: float) -> tuple[float, float]:
@@ -246,16 +207,14 @@ def _lead(ramp: NDArray[np.bool_], nearest: int) -> int:
     return nearest - (int(off[-1]) + 1 if off.size else 0)
 
 
-def _prediction_rows(product: Pointing) -> list[dict[str, Cell]]:
+def _prediction_columns(product: Pointing) -> list[FilledColumn]:
+    of = FieldColumns(product, "passes")
     return [
-        {
-            **_pass_cells(product, k),
-            "commands": int(product.count[k]),
-            "sampling_error_deg": float(np.degrees(product.sampling_error_rad[k])),
-            "interpolation_error_deg": float(np.degrees(product.interpolation_error_rad[k])),
-            "interpolation_bound_deg": float(np.degrees(product.interpolation_bound_rad[k])),
-        }
-        for k in range(product.count.size)
+        *_pass_columns(of),
+        of("count", "commands"),
+        of("sampling_error_rad"),
+        of("interpolation_error_rad"),
+        of("interpolation_bound_rad"),
     ]
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hillsphere.interfaces import Array, Integers
+from hillsphere.products.fields import Label, Shape
 from hillsphere_tracking.topocentric import direction_cosines
 
 __all__ = ["Pointing"]
@@ -20,81 +22,83 @@ class Pointing:
     Arrays over the commands of a pass contain NaN (or False) after its end. Naive commands have no
     plan: each axis moves to its angle on target as fast as it can, on the turn nearest to the
     middle of its stops, and rewinds at a stop.
-
-    Parameters
-    ----------
-    mounts, kinds : tuple of str, length M
-        Names, and ``"azimuth_elevation"`` or ``"x_y"``.
-    axes : ndarray, shape (3, 3, M)
-        Axes of each mount, see `mounts.Mount`.
-    primary_limits, secondary_limits : ndarray, shape (4, M)
-        Lower and upper stop, rad, largest rate, rad/s, and acceleration, rad/s².
-    start : str
-        Origin of the passes' times, UTC.
-    stations, satellites : tuple of str, length P
-        Station and satellite of each pass.
-    revolution : ndarray of int, shape (P,)
-        Revolution of each pass.
-    rise_s, elevation_max_rad : ndarray, shape (P,)
-        Rise and highest elevation of each pass.
-    short : int
-        Number of passes that are left out because they are too short for a plan.
-    lock_angle_rad, period_s : float
-        Largest error at which the receiver keeps lock, and interval between commands.
-    count : ndarray of int, shape (P,)
-        Number of commands; the first is at the rise.
-    azimuth_rad, elevation_rad : ndarray, shape (K, P)
-        Direction of the satellite at each command.
-    primary_rad, secondary_rad, error_rad : ndarray, shape (K, P, M)
-        Commanded axis angles with a plan, and angle between beam and satellite.
-    naive_primary_rad, naive_secondary_rad, naive_error_rad : ndarray, shape (K, P, M)
-        The same quantities without a plan.
-    unramped_error_max_rad, unramped_outside_s : ndarray, shape (P, M)
-        Largest error, and time beyond the lock angle, if only the turn is planned: the primary
-        begins on the turn of the plan and then follows the target without ramps.
-    ramp, flipped : ndarray of bool, shape (K, P, M)
-        Where the primary axis leaves the target by plan (keyholes, rewinds), and where the mount is
-        flipped.
-    primary_rate_on_target_rad_s : ndarray, shape (P, M)
-        Largest rate of a primary axis that stays on target without a flip.
-    sampling_error_rad : ndarray, shape (P,)
-        Error of a spline through every second sample of the pass at the other samples; the spline
-        through all samples, which is used, is more accurate.
-    interpolation_error_rad, interpolation_bound_rad : ndarray, shape (P,)
-        Largest error of interpolation between predictions, and its bound.
     """
 
-    mounts: tuple[str, ...]
-    kinds: tuple[str, ...]
-    axes: Array
-    primary_limits: Array
-    secondary_limits: Array
+    mounts: Annotated[tuple[str, ...], Shape("mounts"), Label("mount")]
+    """Names of the mounts."""
+    kinds: Annotated[tuple[str, ...], Shape("mounts"), Label("kind")]
+    """``"azimuth_elevation"`` or ``"x_y"``."""
+    axes: Annotated[Array, Shape(3, 3, "mounts")]
+    """Axes of each mount, see `mounts.Mount`."""
+    primary_limits: Annotated[Array, Shape(4, "mounts")]
+    """Lower and upper stop of the primary axis, rad, largest rate, rad/s, and acceleration,
+    rad/s²."""
+    secondary_limits: Annotated[Array, Shape(4, "mounts")]
+    """The same limits of the secondary axis."""
     start: str
-    stations: tuple[str, ...]
-    satellites: tuple[str, ...]
-    revolution: Integers
-    rise_s: Array
-    elevation_max_rad: Array
+    """Origin of the passes' times, UTC."""
+    stations: Annotated[tuple[str, ...], Shape("passes"), Label("station")]
+    """Station of each pass."""
+    satellites: Annotated[tuple[str, ...], Shape("passes"), Label("satellite")]
+    """Satellite of each pass."""
+    revolution: Annotated[Integers, Shape("passes"), Label("revolution")]
+    """Revolution of each pass."""
+    rise_s: Annotated[Array, Shape("passes")]
+    """Rise of each pass."""
+    elevation_max_rad: Annotated[Array, Shape("passes"), Label("highest elevation", 4, "deg")]
+    """Highest elevation of each pass."""
     short: int
+    """Number of passes that are left out because they are too short for a plan."""
     lock_angle_rad: float
+    """Largest error at which the receiver keeps lock."""
     period_s: float
-    count: Integers
-    azimuth_rad: Array
-    elevation_rad: Array
-    primary_rad: Array
-    secondary_rad: Array
-    error_rad: Array
-    naive_primary_rad: Array
-    naive_secondary_rad: Array
-    naive_error_rad: Array
-    unramped_error_max_rad: Array
-    unramped_outside_s: Array
-    ramp: NDArray[np.bool_]
-    flipped: NDArray[np.bool_]
-    primary_rate_on_target_rad_s: Array
-    sampling_error_rad: Array
-    interpolation_error_rad: Array
-    interpolation_bound_rad: Array
+    """Interval between commands."""
+    count: Annotated[Integers, Shape("passes"), Label("commands")]
+    """Number of commands of each pass; the first is at the rise."""
+    azimuth_rad: Annotated[Array, Shape("times", "passes")]
+    """Azimuth of the satellite at each command."""
+    elevation_rad: Annotated[Array, Shape("times", "passes")]
+    """Elevation of the satellite at each command."""
+    primary_rad: Annotated[Array, Shape("times", "passes", "mounts")]
+    """Commanded angle of the primary axis, with a plan."""
+    secondary_rad: Annotated[Array, Shape("times", "passes", "mounts")]
+    """Commanded angle of the secondary axis, with a plan."""
+    error_rad: Annotated[Array, Shape("times", "passes", "mounts")]
+    """Angle between beam and satellite, with a plan."""
+    naive_primary_rad: Annotated[Array, Shape("times", "passes", "mounts")]
+    """Commanded angle of the primary axis, without a plan."""
+    naive_secondary_rad: Annotated[Array, Shape("times", "passes", "mounts")]
+    """Commanded angle of the secondary axis, without a plan."""
+    naive_error_rad: Annotated[Array, Shape("times", "passes", "mounts")]
+    """Angle between beam and satellite, without a plan."""
+    unramped_error_max_rad: Annotated[
+        Array, Shape("passes", "mounts"), Label("largest error, only the turn planned", 3, "deg")
+    ]
+    """Largest error if only the turn is planned: the primary begins on the turn of the plan and
+    then follows the target without ramps."""
+    unramped_outside_s: Annotated[
+        Array, Shape("passes", "mounts"), Label("beyond it, only the turn planned", 5)
+    ]
+    """Time beyond the lock angle if only the turn is planned."""
+    ramp: Annotated[NDArray[np.bool_], Shape("times", "passes", "mounts")]
+    """Where the primary axis leaves the target by plan (keyholes, rewinds)."""
+    flipped: Annotated[NDArray[np.bool_], Shape("times", "passes", "mounts")]
+    """Where the mount is flipped (the beam goes over the top)."""
+    primary_rate_on_target_rad_s: Annotated[
+        Array, Shape("passes", "mounts"), Label("primary's rate if on target", 4, "deg_s")
+    ]
+    """Largest rate of a primary axis that stays on target without a flip."""
+    sampling_error_rad: Annotated[
+        Array, Shape("passes"), Label("course of the satellite, from half its samples", 2, "deg")
+    ]
+    """Error of a spline through every second sample of the pass at the other samples; the spline
+    through all samples, which is used, is more accurate."""
+    interpolation_error_rad: Annotated[
+        Array, Shape("passes"), Label("error between predictions", 2, "deg")
+    ]
+    """Largest error of interpolation between predictions."""
+    interpolation_bound_rad: Annotated[Array, Shape("passes"), Label("its bound", 2, "deg")]
+    """Bound of that error."""
 
     def keyhole_distance(self, mount: int) -> Array:
         """Return the distance of the satellite from the nearest keyhole, rad, shape (K, P).
