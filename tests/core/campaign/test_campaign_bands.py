@@ -39,7 +39,7 @@ from hillsphere_campaigns.band_figures import MOST_PANELS, band_figure
 from hillsphere_campaigns.bands import Parts, bands_of, lines_of
 from hillsphere_campaigns.engine import run_campaign
 from hillsphere_campaigns.line_figures import line_figure
-from hillsphere_campaigns.stages import Sweep
+from hillsphere_campaigns.sweep import Sweep
 from hillsphere_flight.specs import ClosedLoopSpec
 
 LEVELS = (0.05, 0.5, 0.95)

@@ -16,11 +16,11 @@ from hillsphere.errors import InputError
 from hillsphere.interfaces.stages import Context
 from hillsphere.presentation import Presentation
 from hillsphere.products import CaseTable
+from hillsphere_campaigns.campaign import Campaign
 from hillsphere_campaigns.campaign_comparison.presentation import chosen, present_comparison
 from hillsphere_campaigns.campaign_comparison.products import CampaignComparison, PairedMetrics
 from hillsphere_campaigns.campaign_comparison.specs import CampaignComparisonSpec
 from hillsphere_campaigns.pairing import PlannedDraws, pair_cases
-from hillsphere_campaigns.stages import Campaign
 from hillsphere_campaigns.statistics import mean_interval
 
 __all__ = [
