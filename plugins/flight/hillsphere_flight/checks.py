@@ -8,7 +8,7 @@ from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.simulation import ContinuousLaw, Flights
 from hillsphere_flight.specs import ClosedLoopSpec
 
-__all__ = ["begun_after_its_end", "check", "ended_at_start", "lands"]
+__all__ = ["check", "ended_at_start", "lands", "refuse_ended_at_start"]
 
 
 def lands(spec: ClosedLoopSpec) -> bool:
@@ -64,14 +64,14 @@ def check(spec: ClosedLoopSpec, rows: Rows, law: Compensator | ContinuousLaw, ki
     if spec.design > 1 and not waits:
         raise InputError("design: the law waits for no synthesis; leave it out")
     wrong = "largest_acceleration_m_s2" if kind == "impulses" else "largest_impulse_m_s"
-    if getattr(spec.require, wrong) is not None:
+    if spec.require.limit(wrong) is not None:
         raise InputError(f"require.{wrong}: the law commands {kind}; limit those")
     missing = [name for name in others if name not in spec.start.others]
     if missing and not spec.needs.reference:
         raise InputError(f"start.others: give the value of {', '.join(missing)}")
 
 
-def begun_after_its_end(flights: Flights) -> None:
+def refuse_ended_at_start(flights: Flights) -> None:
     """Raise if the first flight ended before its law acted.
 
     Raises

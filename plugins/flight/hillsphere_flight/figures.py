@@ -46,13 +46,13 @@ def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec)
             top,
             _to_the_end(product, product.position_error_m, final["final_position_error"]),
             limits.position_error_m,
-            require.largest_position_error_m,
+            require.limit("largest_position_error_m"),
         ),
         (
             bottom,
             _to_the_end(product, product.velocity_error_m_s, final["final_velocity_error"]),
             limits.velocity_error_m_s,
-            require.largest_velocity_error_m_s,
+            require.limit("largest_velocity_error_m_s"),
         ),
     ):
         axes.plot(time, error, color=PALETTE["blue"], label="from the reference")

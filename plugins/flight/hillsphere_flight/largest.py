@@ -15,9 +15,9 @@ from hillsphere.engine.simulation.flow import thrust_vectors
 from hillsphere.simulation import BLOCK, Moment
 from hillsphere_flight.between import hermite_points, largest_square, slope_points
 
-__all__ = ["Largest", "PlannedEnd"]
+__all__ = ["SAME_TIME", "Largest", "PlannedEnd"]
 
-_SAME_TIME = 1e-9
+SAME_TIME = 1e-9
 """Part of a duration by which two times may differ by rounding alone."""
 
 _SHORT = 1e-3
@@ -299,7 +299,7 @@ class Largest:
         begins = np.flatnonzero(np.arange(len(after)) % nodes != nodes - 1)
         flying = np.repeat([one.flying for one in counted], nodes - 1, axis=0)
         full = np.concatenate([one.full for one in counted])
-        counts = (after[begins + 1] <= self._planned_s * (1.0 + _SAME_TIME)) & flying
+        counts = (after[begins + 1] <= self._planned_s * (1.0 + SAME_TIME)) & flying
         gap = x - goal
         self._follow_deviations(
             gap[:, begins], gap[:, begins + 1], after[begins + 1] - after[begins], full, counts,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hillsphere.cases.case_classes import UNDECIDED, what_left_it_undecided
+from hillsphere.engine.flight_metrics import limit_shown
 from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
 from hillsphere_flight.figures import (
     draw_accelerations,
@@ -13,7 +14,7 @@ from hillsphere_flight.figures import (
     draw_path,
     has_accelerations,
 )
-from hillsphere_flight.metrics import requirement
+from hillsphere_flight.metrics import LANDING_METRICS, METRICS
 from hillsphere_flight.products import ClosedLoopFlight
 from hillsphere_flight.specs import ClosedLoopSpec
 
@@ -53,16 +54,15 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
         return f"{name}_{spec.label}" if spec.label else name
 
     rows: list[dict[str, Cell]] = []
+    declared = {metric.name: metric for metric in (*METRICS, *LANDING_METRICS)}
     for name, unit, value in zip(product.metrics, product.units, product.values, strict=True):
-        most = requirement(spec.require, name)
-        if name == "final_speed" and most is None:
-            most = spec.require.touchdown_speed_m_s
+        metric = declared[name]
         rows.append(
             {
-                "metric": name.replace("_", " "),
+                "metric": metric.label,
                 "value": float(value) if np.isfinite(value) else None,
                 "unit": unit,
-                "required": most,
+                "required": limit_shown(metric, spec.require),
             }
         )
     figures = {
@@ -127,7 +127,7 @@ def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
 def _overtime(spec: ClosedLoopSpec) -> str:
     if not spec.overtime_s:
         return ""
-    late = spec.require.late_s
+    late = spec.require.limit("late_s")
     return (
         f" A flight that has not ended with its reference goes on for at most "
         f"{spec.overtime_s:g} s, rounded up to whole periods of the law, along the reference's "

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import model_validator
 
+from hillsphere.engine import flight_metrics
 from hillsphere.engine.start_specs import StartSpec
 from hillsphere.spec import Ref, Spec, StageSpec, need, option, quantity, reference, rule
+from hillsphere_flight.metrics import LANDING_METRICS, METRICS
 
 __all__ = [
     "ActuatorSpec",
@@ -121,56 +123,11 @@ class LimitsSpec(Spec):
     dv_m_s: float | None = quantity("speed", "Δv at hand", default=None, ge=0)
 
 
-class RequirementsSpec(Spec):
-    """Largest values of metrics; a flight that ends well but beyond one of them has failed."""
-
-    dv_m_s: float | None = quantity("speed", "Δv", default=None, ge=0)
-    final_position_error_m: float | None = quantity(
-        "length", "distance from the reference at the end", default=None, gt=0
-    )
-    final_velocity_error_m_s: float | None = quantity(
-        "speed", "difference in velocity from the reference at the end", default=None, gt=0
-    )
-    largest_position_error_m: float | None = quantity(
-        "length", "largest distance from the reference over the flight", default=None, gt=0
-    )
-    largest_velocity_error_m_s: float | None = quantity(
-        "speed", "largest difference in velocity over the flight", default=None, gt=0
-    )
-    largest_acceleration_m_s2: float | None = quantity(
-        "acceleration",
-        "held and continuous laws: largest command of the law alone over the flight",
-        default=None,
-        gt=0,
-    )
-    largest_impulse_m_s: float | None = quantity(
-        "speed", "impulsive laws: the same", default=None, gt=0
-    )
-    final_speed_m_s: float | None = quantity(
-        "speed", "speed in the plant's frame at the end", default=None, gt=0
-    )
-    touchdown_speed_m_s: float | None = quantity(
-        "speed", "the same of flights that end by an impact, no others", default=None, gt=0
-    )
-    landing_miss_m: float | None = quantity(
-        "length",
-        "distance from where a flight ended to the end of the reference; of flights along one that "
-        "may end by an impact",
-        default=None,
-        gt=0,
-    )
-    early_s: float | None = quantity(
-        "time",
-        "how long before the end of the reference, or before the last sample if this is sooner, a "
-        "flight may end",
-        default=None,
-        gt=0,
-    )
-    late_s: float | None = quantity(
-        "time",
-        "how long after the end of the reference a flight may end; with overtime_s",
-        default=None,
-        gt=0,
+if TYPE_CHECKING:
+    RequirementsSpec = flight_metrics.RequirementsSpec
+else:
+    RequirementsSpec = flight_metrics.requirements_spec(
+        "RequirementsSpec", __name__, (*METRICS, *LANDING_METRICS)
     )
 
 
@@ -350,9 +307,10 @@ class ClosedLoopSpec(StageSpec):
         if not self.overtime_s:
             if self.overtime_command != "held":  # also a spec made anew from all of another one
                 raise rule("overtime_command", "there is no overtime_s; leave it out")
-            if self.require.late_s is not None:
+            if self.require.limit("late_s") is not None:
                 raise rule("require", "late_s: no flight ends later without overtime_s")
-        if self.require.landing_miss_m is not None and not (given and "impact" in self.success):
+        lands = given and "impact" in self.success
+        if self.require.limit("landing_miss_m") is not None and not lands:
             raise rule(
                 "require",
                 "landing_miss_m: flights that land follow a needs.reference, with 'impact' among "
