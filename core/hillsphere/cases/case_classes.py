@@ -24,8 +24,8 @@ __all__ = [
     "FailureRatio",
     "case_class",
     "decided_failures",
-    "ended",
     "failure_ratio",
+    "has_ended",
     "is_undecided",
     "ratio_at_points",
     "ratio_interval",
@@ -100,7 +100,7 @@ def decided_failures(table: Judged) -> Flags:
     return np.asarray(table.failed & ~is_undecided(table.status))
 
 
-def ended(table: Judged) -> Flags:
+def has_ended(table: Judged) -> Flags:
     """Return which cases (N,) came to their end: a success, or short of a requirement."""
     sound = ~table.failed | (table.status == "requirement")
     return np.asarray(sound & ~is_undecided(table.status))

@@ -284,9 +284,10 @@ class SweepSpec(CampaignSpec):
             for here in self._taken(key, flights[0], _value(own, key)):
                 if here != there:
                     yield (
-                        f"stage {name!r} is of another flight: {key} is {_told(there)} in its "
-                        f"stage {flights[1]!r}, but {_told(here)} in {flights[0]!r} here; name a "
-                        f"campaign that repeats {flights[0]!r}, or give both the same {key}"
+                        f"stage {name!r} is of another flight: {key} is "
+                        f"{_format_setting(there)} in its stage {flights[1]!r}, but "
+                        f"{_format_setting(here)} in {flights[0]!r} here; name a campaign that "
+                        f"repeats {flights[0]!r}, or give both the same {key}"
                     )
                     break
 
@@ -306,7 +307,7 @@ def _value(spec: Spec, key: str) -> Any:
     return found.name if isinstance(found, Ref) else found
 
 
-def _told(value: Any) -> str:
+def _format_setting(value: Any) -> str:
     if isinstance(value, RangeSpec):
         return "swept"
     return "left out" if value is None or value == "" else repr(value)

@@ -94,7 +94,7 @@ class Swept:
             return self.labels
         texts = [
             [
-                f"{name} = {_shown(value)}{'' if unit in ('', '-') else ' ' + unit}"
+                f"{name} = {_format_value(value)}{'' if unit in ('', '-') else ' ' + unit}"
                 for value in level
             ]
             for name, level, unit in zip(self.names, self.levels, units, strict=True)
@@ -110,7 +110,7 @@ def no_sweep() -> Swept:
     return Swept("", (), (), np.empty((0, 1), dtype=np.int64))
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, list | tuple) and all(isinstance(one, str) for one in value):
         return " + ".join(value) or "none"  # no commas: they separate the parts of a point's name
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -9,7 +9,7 @@ from typing import Any
 
 from hillsphere.base.arrays import Integers
 from hillsphere.base.matching import match_names
-from hillsphere.cases.case_classes import ended
+from hillsphere.cases.case_classes import has_ended
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.repeated import Repeated, RepeatedWork
@@ -128,7 +128,7 @@ class Campaign(ABC):
 
     def with_histories(self, table: CaseTable, parts: Parts) -> CaseTable:
         """Return the table with what is made of the histories that were kept."""
-        kept = table.case[ended(table) & independent_cases(table)]
+        kept = table.case[has_ended(table) & independent_cases(table)]
         return replace(table, bands=bands_of(parts, kept, self.spec.quantiles))
 
     def present(self, product: CaseTable, **needs: Any) -> Presentation:

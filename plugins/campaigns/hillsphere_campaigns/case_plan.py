@@ -85,7 +85,7 @@ def plan_of(
     for first, last in parts:
         choice = {swept.names[i]: int(swept.index[i, first]) for i in keys}
         values = {swept.names[i]: swept.levels[i][choice[swept.names[i]]] for i in keys}
-        there = _changed(repeated, values, inputs)
+        there = _change_keys(repeated, values, inputs)
         # A dispersion that changes leaves the stage as it is: it need not be built again.
         of_stage = tuple(pair for pair in choice.items() if not pair[0].startswith("dispersions."))
         if of_stage not in stages:
@@ -94,7 +94,7 @@ def plan_of(
         assembly = Assembly(there.mission)
         models: dict[str, Dispersion] = {n: assembly.get("dispersions", n) for n in dispersions}
         dispersed = resolve(models, there, offered)
-        active, groups = _drawn(dispersed, design, cases)
+        active, groups = _select_drawn(dispersed, design, cases)
         if groups not in samples:
             samples[groups] = Design(design, cases, groups, root, stream)
         set_there = _set_there(swept, there, offered)
@@ -212,7 +212,7 @@ def _by_variant(swept: Swept, keys: Sequence[int]) -> tuple[Swept, list[tuple[in
     return swept, list(pairwise(bounds))
 
 
-def _changed(
+def _change_keys(
     repeated: Repeated, values: Mapping[str, Any], inputs: Sequence[Parameter]
 ) -> Repeated:
     """Return the stage with changed keys; a fault names what the stage takes case by case too."""
@@ -234,7 +234,7 @@ def _changed(
         raise
 
 
-def _drawn(
+def _select_drawn(
     dispersed: Dispersed, design: DesignName, cases: int
 ) -> tuple[NDArray[np.bool_], tuple[tuple[str, int], ...]]:
     """Return which quantities a design draws (k,), and how many of each group."""

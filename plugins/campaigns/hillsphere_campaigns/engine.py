@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from hillsphere.base.errors import StageError
-from hillsphere.cases.block_outcome import BlockOutcome, joined, lost_rows, named_alike
+from hillsphere.cases.block_outcome import BlockOutcome, complete_metrics, join_outcomes, lost_rows
 from hillsphere.cases.case_classes import decided_failures
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.isolation import only
@@ -175,7 +175,7 @@ class _Campaign:
         return bool(self.stopped) or len(self._prefix) == self.plan.blocks
 
     def outcomes(self) -> list[BlockOutcome]:
-        return named_alike(self._prefix)
+        return complete_metrics(self._prefix)
 
     def resume(self) -> None:
         """Take up what was kept."""
@@ -312,7 +312,7 @@ class _Campaign:
         if sum(len(o.numbers) for o in parts.values()) < cases:
             return []
         del self._parts[piece.first]
-        return [(piece.first, [joined([parts[lane] for lane in sorted(parts)])])]
+        return [(piece.first, [join_outcomes([parts[lane] for lane in sorted(parts)])])]
 
     def _book(self, number: int, outcome: BlockOutcome) -> None:
         """Take a finished block into the list."""
@@ -321,7 +321,7 @@ class _Campaign:
             if self._known and self.tell_metrics:
                 self.tell_metrics(outcome.metrics)
         else:
-            named_alike([self._known, outcome])
+            complete_metrics([self._known, outcome])
         self._done[number] = outcome
         if (failed := decided_failures(outcome)).any():
             self._failures += int(failed.sum())

@@ -14,7 +14,7 @@ from hillsphere.cases.case_classes import (
     LEVEL,
     UNDECIDED,
     decided_failures,
-    ended,
+    has_ended,
     is_undecided,
     ratio_at_points,
     ratio_of,
@@ -25,6 +25,7 @@ from hillsphere_campaigns.band_figures import band_figure
 from hillsphere_campaigns.convergence import convergence_of_failures, convergence_of_mean
 from hillsphere_campaigns.figures import (
     Shown,
+    axis_label,
     draw_convergence,
     draw_correlations,
     draw_cumulative,
@@ -32,7 +33,6 @@ from hillsphere_campaigns.figures import (
     draw_scatter,
     draw_sobol,
     grid_size,
-    labelled,
 )
 from hillsphere_campaigns.headlines import clearest, outcome, worst_points
 from hillsphere_campaigns.result_tables import (
@@ -207,7 +207,7 @@ def _metric_values(found: Sequence[MetricStatistics]) -> dict[str, Metric]:
 def _distributions(
     table: CaseTable, found: Sequence[MetricStatistics], level: float
 ) -> dict[str, Figure]:
-    usable = independent_cases(table) & ended(table)
+    usable = independent_cases(table) & has_ended(table)
     varied = [
         (Shown(values[usable & np.isfinite(values)], one), values)
         for one, values in zip(found, table.values, strict=True)
@@ -294,7 +294,7 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
     """Return median, 5 % and 95 % of the first metrics at every point."""
     order = np.argsort(table.point, kind="stable")
     parts = np.split(order, np.searchsorted(table.point[order], np.arange(1, count)))
-    made, sound = [], ended(table)
+    made, sound = [], has_ended(table)
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
         ends = np.full((3, count), np.nan)
         for p, rows in enumerate(parts):
@@ -303,7 +303,7 @@ def _medians(table: CaseTable, count: int, repeated: bool) -> list[PointValues]:
                 ends[:, p] = np.quantile(kept, [0.05, 0.5, 0.95])
         known = ends[1][np.isfinite(ends[1])]
         if known.size > 1 and np.nanmin(ends) < np.nanmax(ends):
-            label = labelled(name, unit)
+            label = axis_label(name, unit)
             made.append(
                 PointValues(label, ends[1], ends[0], ends[2])
                 if repeated
@@ -319,7 +319,7 @@ def _sensitivities(table: CaseTable, found: RankCorrelations, level: float) -> d
     rows = independent_cases(table) & ~is_undecided(table.status)
     given = explanatory(table)
     arguments: Mapping[str, Any] = {
-        "values": np.where(ended(table), table.values, np.nan)[:, rows],
+        "values": np.where(has_ended(table), table.values, np.nan)[:, rows],
         "units": table.units,
         "failed": decided_failures(table)[rows],
     }

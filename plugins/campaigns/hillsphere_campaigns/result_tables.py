@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hillsphere.cases.case_classes import (
     case_class,
     decided_failures,
-    ended,
+    has_ended,
     is_undecided,
     ratio_at_points,
     undecided_sentence,
@@ -237,7 +237,7 @@ def extreme_table(table: CaseTable, each: int = 3) -> Table:
     """Return the cases with the least and the largest values of every metric."""
     rows: list[dict[str, Cell]] = []
     for name, unit, values in zip(table.metrics, table.units, table.values, strict=True):
-        kept = np.flatnonzero(ended(table) & np.isfinite(values))
+        kept = np.flatnonzero(has_ended(table) & np.isfinite(values))
         if kept.size < 2 or np.ptp(values[kept]) == 0.0:
             continue
         order = kept[np.argsort(values[kept], kind="stable")]

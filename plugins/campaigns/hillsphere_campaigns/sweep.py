@@ -17,7 +17,13 @@ from hillsphere_campaigns.campaign import Campaign
 from hillsphere_campaigns.case_plan import plan_of
 from hillsphere_campaigns.crossings import crossing_table
 from hillsphere_campaigns.line_figures import MOST_LINES, line_figure
-from hillsphere_campaigns.sweep_points import case_list, crossed, grid, listed, sampled
+from hillsphere_campaigns.sweep_points import (
+    case_list,
+    cross_points,
+    grid,
+    points_of_list,
+    sample_ranges,
+)
 
 __all__ = ["Sweep"]
 
@@ -100,8 +106,9 @@ class Sweep(Campaign):
         if spec.rows is not None:
             rows = case_list(spec.rows)
         if rows is not None:
-            return crossed(listed(rows), grid(spec.over)) if spec.over else listed(rows)
+            points = points_of_list(rows)
+            return cross_points(points, grid(spec.over)) if spec.over else points
         if spec.design not in ("latin_hypercube", "sobol"):
             return grid(spec.over)
         ranges = {name: v for name, v in spec.over.items() if isinstance(v, RangeSpec)}
-        return sampled(ranges, spec.design, spec.points or 1, seed=seed, stream=stream)
+        return sample_ranges(ranges, spec.design, spec.points or 1, seed=seed, stream=stream)

@@ -8,7 +8,7 @@ from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.simulation import ContinuousLaw, Flights
 from hillsphere_flight.specs import ClosedLoopSpec
 
-__all__ = ["check", "ended_at_start", "lands", "refuse_ended_at_start"]
+__all__ = ["check", "format_end_at_start", "lands", "refuse_ended_at_start"]
 
 
 def lands(spec: ClosedLoopSpec) -> bool:
@@ -82,10 +82,10 @@ def refuse_ended_at_start(flights: Flights) -> None:
         earlier stage says where the flight begins.
     """
     if flights.status[0] in ("impact", "escape", "constraint") and not flights.samples[0]:
-        raise InputError(ended_at_start("start", flights.cause[0]))
+        raise InputError(format_end_at_start("start", flights.cause[0]))
 
 
-def ended_at_start(key: str, cause: str) -> str:
+def format_end_at_start(key: str, cause: str) -> str:
     """Return what is said of a flight that has ended where it begins."""
     return (
         f"{key}: the flight has ended where it begins, by {cause!r}; begin above the ground, and "

@@ -47,8 +47,8 @@ from hillsphere_flight.parts import (
     Effectiveness,
     actuator_of,
     command_rows,
+    law_input_rows,
     navigation_of,
-    seen_rows,
     unit_of,
 )
 from hillsphere_flight.presentation import present_flight, warnings_of
@@ -122,7 +122,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         self.spec = spec = with_placed_start_of(spec, plant)
         self.law: Compensator | ContinuousLaw = spec.law.get()
         super().__init__(plant)
-        self._seen = seen_rows(self.rows, self.law, spec.sees)
+        self._seen = law_input_rows(self.rows, self.law, spec.sees)
         self._navigation = navigation_of(spec.navigation, self.rows, self._seen)
         self.commands = command_rows(self.plant, self.rows, self.law)
         self._actuator = actuator_of(spec.actuator, self.law, len(self.commands))

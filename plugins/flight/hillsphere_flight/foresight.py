@@ -14,7 +14,7 @@ from hillsphere.interfaces.control import Compensator, SynthesisedLaw
 from hillsphere.interfaces.plant import ExternalEvents, Plant
 from hillsphere.simulation import ContinuousLaw
 from hillsphere.symbolic import constant, time, variable
-from hillsphere_flight.checks import ended_at_start
+from hillsphere_flight.checks import format_end_at_start
 from hillsphere_flight.limits import limits_of
 from hillsphere_flight.specs import ClosedLoopSpec
 
@@ -96,13 +96,13 @@ def check_start(
         return
     for name, value in events_at(plant, x, t_s, values).items():
         if value < 0.0:
-            raise InputError(ended_at_start(key, name))
+            raise InputError(format_end_at_start(key, name))
     # Of an unknown reference only the distances from the centre count: the errors are zero here.
     held = course_at(rows, x) if course is None else course
     for limit in limits_of(spec.limits, rows, held, np.array([t_s])):
         value = limit.value(np.array([t_s]), x[:, None], np.zeros(1, dtype=np.int64))[0]
         if value < 0.0:
-            raise InputError(ended_at_start(key, limit.name))
+            raise InputError(format_end_at_start(key, limit.name))
 
 
 def check_first_step(

@@ -329,7 +329,7 @@ class Largest:
             for vector in range(self._vectors):
                 own = control[:, vector * axes : (vector + 1) * axes]
                 bound = np.einsum("kasb,kasb->ksb", own, own).max(axis=0)
-                step, lane = np.nonzero((bound > _padded(least)) & counts)
+                step, lane = np.nonzero((bound > _pad_block(least)) & counts)
                 kept = lane < width
                 step, lane = step[kept], lane[kept]
                 if lane.size:
@@ -385,6 +385,6 @@ def _to_the_ends(passage: Passage) -> tuple[Array, Array]:
     return np.where(beyond, passage.end_t, t), np.where(beyond, passage.end_y[:, None], passage.y)
 
 
-def _padded(squares: Array) -> Array:
+def _pad_block(squares: Array) -> Array:
     """Return squares (B,) of a block that is not full, infinite where it only is filled."""
     return np.pad(squares, (0, BLOCK - len(squares)), constant_values=np.inf)

@@ -29,13 +29,13 @@ __all__ = [
     "Effectiveness",
     "actuator_of",
     "command_rows",
+    "law_input_rows",
     "navigation_of",
-    "seen_rows",
     "unit_of",
 ]
 
 
-def seen_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence[str]) -> list[int]:
+def law_input_rows(rows: Rows, law: Compensator | ContinuousLaw, names: Sequence[str]) -> list[int]:
     """Return which states the law sees.
 
     Parameters

@@ -25,7 +25,7 @@ from hillsphere.base.errors import StageError
 from hillsphere.base.processors import processors
 from hillsphere.base.signals import child_groups
 from hillsphere.cases.executors.channel import Channel
-from hillsphere.cases.executors.sending import pickled
+from hillsphere.cases.executors.sending import pickle_work
 from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.cases.executors.worker import MOST_FAULTS
 from hillsphere.interfaces.tasks import Failed, Finished, Job, Lost, Outcome, Work, unready
@@ -111,7 +111,7 @@ class PoolCrew:
 
     def __init__(self, work: Work, workers: int) -> None:
         self.slots = workers
-        self._work = pickled(work)
+        self._work = pickle_work(work)
         self._workers: list[_Worker] = []
         self._waiting: deque[Job] = deque()
         self._ended: deque[Outcome] = deque()
@@ -186,7 +186,7 @@ class PoolCrew:
                     self._remove(worker)
         starting = sum(not w.ready for w in self._workers)
         while starting < len(self._waiting) and len(self._workers) < self.slots:
-            self._workers.append(_started())
+            self._workers.append(_start_worker())
             starting += 1
 
     def _hear(self, worker: _Worker) -> None:
@@ -280,7 +280,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
-def _started() -> _Worker:
+def _start_worker() -> _Worker:
     """Start a process; it says hello when it has come up."""
     ours, theirs = socket.socketpair()
     # The standard streams' numbers may be free if they were closed: there it would be lost.

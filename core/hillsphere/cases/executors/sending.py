@@ -10,14 +10,14 @@ from typing import Any
 from hillsphere.base.errors import StageError
 from hillsphere.interfaces.tasks import Work
 
-__all__ = ["Unsendable", "pickled"]
+__all__ = ["Unsendable", "pickle_work"]
 
 
 class Unsendable(StageError):  # noqa: N818 - a state of the work, not a fault
     """Work that no other process can be given."""
 
 
-def pickled(work: Work) -> bytes:
+def pickle_work(work: Work) -> bytes:
     """Return work as bytes; `Unsendable` if it cannot be sent, or not be found again elsewhere."""
     stream = BytesIO()
     try:
