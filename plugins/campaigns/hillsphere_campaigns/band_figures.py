@@ -21,6 +21,8 @@ MOST_PANELS = 9
 """Panels of the figure: a page."""
 
 _MOST_SAMPLES = 1000
+"""Samples drawn per line at most: a panel is narrower than 1000 pixels, more would not be seen."""
+
 _SHADES = (0.35, 0.65, 0.9)
 """Opacity of the bands, from the outermost inwards."""
 

@@ -36,7 +36,11 @@ __all__ = [
 ]
 
 _MOST_DOTS = 2000
+"""Dots of a scatter plot at most: more of them merge into an area and slow the drawing down."""
+
 _MOST_STEPS = 500
+"""Steps of a distribution function at most: a panel is some 400 pixels wide."""
+
 _FENCE = 8.0
 """Interquartile ranges beyond the quartiles from which on values are not drawn but counted."""
 

@@ -25,6 +25,7 @@ __all__ = ["MOST_LINES", "line_figure"]
 MOST_LINES = 1000
 """Cases of which lines are drawn at most."""
 _THIN, _FAINT = 0.9, 0.75
+"""Width, points, and opacity of the lines, so that crossing lines and bands behind stay visible."""
 
 
 def line_figure(table: CaseTable, lines: Lines, bands: Bands | None) -> Figure:

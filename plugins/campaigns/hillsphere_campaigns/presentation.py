@@ -64,7 +64,10 @@ _PANELS = 6
 """Panels of a figure; a campaign has a dozen figures at most, however many metrics it has."""
 
 _BARS = 20
+"""Bars of correlations at most: with more their labels overlap in a figure of one page."""
+
 _METRICS = 20
+"""Metrics of the campaign that enter the summary of the run at most; the tables hold all."""
 
 _CAVEATS = {
     "latin_hypercube": "The cases of a Latin hypercube are more even than random ones: the "

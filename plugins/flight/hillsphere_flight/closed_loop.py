@@ -62,6 +62,9 @@ _SAFETY = 2.0
 """Factor on the difference to a flight with half the steps, which is the error of the coarse one
 but for some per cent where the formula converges at its order: twice allows for where not."""
 _ENDS = 1e-9
+"""Part of a period by which a duration may differ from whole periods by rounding alone. With less,
+one that is computed from hours or days could gain or lose a sample; a larger part would ignore a
+real rest of a period."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import zoom
 
 from hillsphere.base.arrays import Array
+from hillsphere.base.constants import DAY_S, HOUR_S
 from hillsphere.presentation import PALETTE
 from hillsphere_flight.histories import NOWHERE
 from hillsphere_flight.products import ClosedLoopFlight
@@ -21,6 +22,8 @@ __all__ = ["draw_accelerations", "draw_command", "draw_errors", "draw_path", "ha
 
 _COLOURS = ("blue", "vermillion", "green", "purple", "orange", "sky", "black")
 _LONG_H = 72.0
+"""Hours beyond which the axis of time is in days: three-digit hours are hard to read."""
+
 _NEAR = 3.0
 """A limit is drawn if the flight comes within this factor of it; else it would hide the flight."""
 _ARROWS, _ARROW = 14, 0.35
@@ -206,9 +209,9 @@ def _to_the_end(product: ClosedLoopFlight, samples: Array, end: Array | float) -
 
 
 def _in_units(seconds: Any, product: ClosedLoopFlight) -> Any:
-    return seconds / (86400.0 if _is_long(product) else 3600.0)
+    return seconds / (DAY_S if _is_long(product) else HOUR_S)
 
 
 def _is_long(product: ClosedLoopFlight) -> bool:
     flown = product.time_s[np.isfinite(product.time_s)]
-    return bool(flown.size and np.ptp(flown) > _LONG_H * 3600.0)
+    return bool(flown.size and np.ptp(flown) > _LONG_H * HOUR_S)

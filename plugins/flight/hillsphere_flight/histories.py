@@ -54,7 +54,7 @@ def flight_histories(
             FlightHistory(
                 f"{kind}.{states[i]}",
                 state_units[i],
-                partial(_sampled, source=source, rows=len(seen), row=row),
+                partial(_row_at_samples, source=source, rows=len(seen), row=row),
             )
             for row, i in enumerate(seen)
         ]
@@ -63,7 +63,7 @@ def flight_histories(
             FlightHistory(
                 f"{kind}.{name}",
                 unit,
-                partial(_sampled, source=source, rows=len(commands), row=row),
+                partial(_row_at_samples, source=source, rows=len(commands), row=row),
             )
             for row, (name, unit) in enumerate(zip(commands, command_units, strict=True))
         ]
@@ -91,7 +91,7 @@ def _end_state(block: FlownBlock, row: int) -> Array:
     return np.asarray(block.flights.x[row])
 
 
-def _sampled(block: FlownBlock, source: str, rows: int, row: int) -> Array:
+def _row_at_samples(block: FlownBlock, source: str, rows: int, row: int) -> Array:
     """Return a row (K + 1, N) of something that acts at samples."""
     values: Array = getattr(block.flights.history, source)
     return append_end(fill_rows(values, rows)[row])

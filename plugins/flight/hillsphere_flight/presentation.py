@@ -21,6 +21,9 @@ from hillsphere_flight.specs import ClosedLoopSpec
 __all__ = ["present_flight", "warnings_of"]
 
 _BEYOND_HILL = 0.01
+"""Part of the distance to the primary beyond which the neglected terms of the Hill approximation,
+of that relative order, are mentioned: from 1 % on they change the third digit of a table."""
+
 _COARSE = 1e-3
 """Part of the largest distance from the reference that the sub-steps may cost unremarked."""
 

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 __all__ = ["present_comparison", "select_shown"]
 
 _PANELS = 6
+"""Panels of the figure of differences: two rows of three fill a page."""
+
 _SENTENCES = 6
+"""Comparisons told in the verdict at most; the tables hold all."""
+
 _BARS = 40
+"""Intervals of failure ratios drawn at most: with more their labels overlap on a page."""
 
 _WHO = (Column("campaign", "", "campaign"), Column("point", "", "point"))
 _FAILURES = (
