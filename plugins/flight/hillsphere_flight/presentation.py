@@ -6,7 +6,8 @@ import numpy as np
 
 from hillsphere.cases.case_classes import UNDECIDED, what_left_it_undecided
 from hillsphere.engine.flight_metrics import limit_shown
-from hillsphere.presentation import Cell, Column, Figure, Metric, Presentation, Table
+from hillsphere.presentation import Figure, Metric, Presentation
+from hillsphere.show.tables import FilledColumn, column, tabulate, text_column
 from hillsphere_flight.figures import (
     draw_accelerations,
     draw_command,
@@ -26,13 +27,6 @@ of that relative order, are mentioned: from 1 % on they change the third digit o
 
 _COARSE = 1e-3
 """Part of the largest distance from the reference that the sub-steps may cost unremarked."""
-
-_COLUMNS = (
-    Column("metric", "", "metric"),
-    Column("value", "", "value", 6),
-    Column("unit", "", "unit"),
-    Column("required", "", "at most", 6),
-)
 
 
 def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentation:
@@ -56,18 +50,6 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     def named(name: str) -> str:
         return f"{name}_{spec.label}" if spec.label else name
 
-    rows: list[dict[str, Cell]] = []
-    declared = {metric.name: metric for metric in (*METRICS, *LANDING_METRICS)}
-    for name, unit, value in zip(product.metrics, product.units, product.values, strict=True):
-        metric = declared[name]
-        rows.append(
-            {
-                "metric": metric.label,
-                "value": float(value) if np.isfinite(value) else None,
-                "unit": unit,
-                "required": limit_shown(metric, spec.require),
-            }
-        )
     figures = {
         "closed_loop_errors": Figure(
             "Distance and speed from the reference",
@@ -106,11 +88,26 @@ def present_flight(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> Presentat
     return Presentation(
         metrics={named(name): metric for name, metric in metrics.items()},
         tables={
-            named("closed_loop"): Table("Nominal flight", _COLUMNS, rows, _notes(product, spec))
+            named("closed_loop"): tabulate(
+                "Nominal flight", _metric_columns(product, spec), _notes(product, spec)
+            )
         },
         figures={named(name): figure for name, figure in figures.items()},
         verdict=_verdict(product, spec),
     )
+
+
+def _metric_columns(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[FilledColumn]:
+    """Return the columns of the table of metrics, each with the limit that is set on it."""
+    declared = {metric.name: metric for metric in (*METRICS, *LANDING_METRICS)}
+    metrics = [declared[name] for name in product.metrics]
+    values = np.where(np.isfinite(product.values), product.values, np.nan)
+    return [
+        text_column("metric", [metric.label for metric in metrics], "metric"),
+        column("value", values, "value", 6, unit=""),
+        text_column("unit", product.units, "unit"),
+        column("required", [limit_shown(m, spec.require) for m in metrics], "at most", 6, unit=""),
+    ]
 
 
 def _notes(product: ClosedLoopFlight, spec: ClosedLoopSpec) -> list[str]:
