@@ -1,4 +1,4 @@
-"""The stage ``closed_loop``: a plant under a law that follows a reference, N cases at once."""
+"""The stage ``closed_loop``: a plant under a control law that follows a reference."""
 
 from __future__ import annotations
 
@@ -59,8 +59,10 @@ __all__ = ["ClosedLoopStage"]
 
 _PLANT = "plant."
 _SAFETY = 2.0
-"""Factor on the difference to a flight with half the steps, which is the error of the coarse one
-but for some per cent where the formula converges at its order: twice allows for where not."""
+"""Factor on the difference to a flight with half the steps. Where the integration converges at its
+order, the difference is the error of the coarser flight within some per cent; the factor 2 allows
+for flights that converge more slowly."""
+
 _ENDS = 1e-9
 """Part of a period by which a duration may differ from whole periods by rounding alone. With less,
 one that is computed from hours or days could gain or lose a sample; a larger part would ignore a
@@ -74,23 +76,24 @@ class _Loop:
     Parameters
     ----------
     law : Compensator or ContinuousLaw
-        What commands.
+        The control law.
     course : Course
-        What is followed.
+        The reference at any time.
     planned_s : float
-        How long they are to last: until the last sample, or the end of the reference.
+        Planned duration: until the last sample, or the end of the reference if this comes first.
     site : ndarray, shape (n,), or None
-        The reference at its end, where flights that may end by an impact are to land.
+        Landing site, the end of the reference, of flights that may end by an impact.
     beyond : ndarray, shape (p,)
-        See `Course.acceleration_beyond`.
+        Acceleration of the reference beyond its end; see `Course.acceleration_beyond`.
     samples : int
-        At how many samples the law acts, those of the overtime included.
+        Number K of samples at which the law acts, those of the overtime included.
     goal : ndarray, shape (n, K + 1)
-        The reference at them, and at the end of the last.
+        Reference states at the samples and at the end of the last period, SI.
     reference : SampledReference
-        The same as the law sees it.
+        The states among them that the law sees, with the command of the reference.
     simulators : dict
-        By names of run-time parameters and number of sub-steps; filled when first needed.
+        Compiled simulations by names of run-time parameters and number of sub-steps; each is made
+        when it is first needed.
     """
 
     law: Compensator | ContinuousLaw
@@ -105,7 +108,7 @@ class _Loop:
 
 
 class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
-    """A plant under a law.
+    """A plant under a control law: the nominal flight, and blocks of cases for campaigns.
 
     Parameters
     ----------
@@ -153,9 +156,10 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         return self._metrics
 
     def check_needs(self, reference: object = None, controller: object = None) -> None:
-        """Refuse a start that ends the flight, and a law that takes other values than it sees.
+        """Refuse a start that ends the flight, and a law whose input does not fit.
 
-        As far as both are known before anything runs; of a start on a reference `run` tells it.
+        Only starts that are known before any stage runs are checked; `run` checks a start on the
+        reference of an earlier stage.
         """
         spec, rows = self.spec, self.rows
         course = self._held() if spec.needs.reference is None else None
@@ -206,9 +210,9 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         ctx : Context
             Seed and progress.
         reference : FlightSet, optional
-            What is followed.
+            Trajectory to follow.
         controller : ControlDesign, optional
-            What a law that waits for one flies.
+            Controller of a synthesis, for a law that takes one.
 
         Returns
         -------
@@ -218,7 +222,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         Raises
         ------
         InputError
-            If the flight begins below the ground, or beyond where it has escaped.
+            If an event of the plant or a limit ends the flight before its law acts.
         """
         loop = self._plan(reference=reference, controller=controller)
         batch = self._own_batch(ctx.seed, 1, self.spec.flight_inputs)
@@ -243,7 +247,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         return present_flight(product, self.spec)
 
     def case_warnings(self, product: ClosedLoopFlight) -> tuple[str, ...]:
-        """Return what the nominal flight warns of, which holds for all cases."""
+        """Return the warnings of the nominal flight that hold for all cases."""
         return tuple(warnings_of(product))
 
     def _given_start(self) -> Array:
@@ -278,7 +282,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         held = spec.overtime_command == "held"
         beyond = course.acceleration_beyond(held=held)
         if spec.overtime_s:
-            # To the end of the last period, which may be later than the overtime.
+            # The last period may end later than the overtime.
             course = course.extended(samples * period - length, held=held)
         times: Array = np.arange(samples + 1, dtype=float) * period
         goal = course.at(times)
@@ -288,7 +292,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
         return _Loop(law, course, planned, site, beyond, samples, goal, followed, {})
 
     def _held(self) -> Course:
-        """Return the state that is held."""
+        """Return the reference of a stage that holds one state."""
         target, rows = self.spec.target, self.rows
         x = self._start.copy()
         if target is not None and target.position_m is not None:
@@ -342,7 +346,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
     ) -> FlownBlock:
         """Fly a block; with twice as many sub-steps if `finer` is set."""
         spec = self.spec
-        # In the plant's order, whatever that of the batch: one compiled map for all.
+        # The plant's order of names: batches with another order share the compiled simulation.
         names = self._run_time(batch.names)
         p = np.array([batch.value(_PLANT + name, 0.0) for name in names])
         width = len(batch.numbers)
@@ -502,7 +506,7 @@ class ClosedLoopStage(FlyingStage[_Loop, FlownBlock]):
 
 
 def _periods(duration_s: float, period_s: float) -> int:
-    """Return how many whole periods, one at least, last so long; `InputError` if too many."""
+    """Return the number of whole periods of a duration, at least one; `InputError` if too many."""
     periods = duration_s / period_s * (1.0 - _ENDS)
     if not periods <= MOST_SAMPLES:
         raise InputError(
@@ -513,7 +517,7 @@ def _periods(duration_s: float, period_s: float) -> int:
 
 
 def _final_goal(loop: _Loop, flights: Flights, begun: Array) -> Array:
-    """Return the states (n, N) that were to be reached where flights ended."""
+    """Return the reference states (n, N) at the ends of flights, SI."""
     goal = np.repeat(loop.goal[:, -1:], len(begun), axis=1)
     short = np.array(flights.status) != "completed"
     if short.any():

@@ -25,13 +25,17 @@ _LONG_H = 72.0
 """Hours beyond which the axis of time is in days: three-digit hours are hard to read."""
 
 _NEAR = 3.0
-"""A limit is drawn if the flight comes within this factor of it; else it would hide the flight."""
+"""A limit is drawn if it is at most this factor above the largest error: a higher line would
+press the errors to the bottom of the figure."""
 _ARROWS, _ARROW = 14, 0.35
-"""Accelerations drawn along a path, and the longest of them as a part of its length."""
+"""Number of accelerations drawn along a path, and the length of the longest of them as a part of
+the extent of the path: more or longer arrows cross each other."""
 _FINER = 4
-"""Finer mesh of a body's surface where only a part of it is shown."""
+"""Factor by which the mesh of a surface is refined where only a part of it is shown; the coarse mesh
+would show its facets there."""
 _FAR_KM = 1.0
-"""Flights that span less are drawn in metres about their reference."""
+"""Flights of a smaller extent, km, are drawn in metres about their reference: labels in kilometres
+would differ only in their last digits."""
 
 
 def draw_errors(figure: Figure, product: ClosedLoopFlight, spec: ClosedLoopSpec) -> None:

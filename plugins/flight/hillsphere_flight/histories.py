@@ -1,4 +1,4 @@
-"""Flights sample by sample, under the names by which a campaign asks for them."""
+"""Quantities over time of flights, under the names by which a campaign asks for them."""
 
 from __future__ import annotations
 

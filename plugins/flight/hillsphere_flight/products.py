@@ -1,4 +1,4 @@
-"""What the stage ``closed_loop`` hands on."""
+"""Product of the stage ``closed_loop``."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class TargetSpec(Spec):
 
 
 class NavigationSpec(Spec):
-    """Errors of what the law sees, each axis on its own."""
+    """Errors of the states that the law sees, independent for each axis."""
 
     position_m: float = quantity("length", "standard deviation of each position", default=0.0, ge=0)
     velocity_m_s: float = quantity(
@@ -64,29 +64,32 @@ class NavigationSpec(Spec):
     )
     correlation_time_s: float = quantity(
         "time",
-        "time in which errors are forgotten (first-order Gauss-Markov); zero: they are independent "
-        "from sample to sample",
+        "correlation time of the errors (first-order Gauss-Markov process); zero: errors are "
+        "independent from sample to sample",
         default=0.0,
         ge=0,
     )
 
 
 class ActuatorSpec(Spec):
-    """Limits and errors of what is done of a command, for each thrust vector on its own."""
+    """Limits and execution errors of the thrust, for each thrust vector on its own."""
 
     magnitude: float = option(
-        "standard deviation of the size, as a fraction, new at each sample", default=0.0, ge=0, lt=1
+        "relative standard deviation of the magnitude, drawn anew at each sample",
+        default=0.0,
+        ge=0,
+        lt=1,
     )
     pointing_rad: float = quantity(
         "angle",
-        "standard deviation of the direction about each axis normal to the command, new at each "
-        "sample",
+        "standard deviation of the direction about each axis normal to the command, drawn anew at "
+        "each sample",
         default=0.0,
         ge=0,
         lt=1,
     )
     minimum_acceleration_m_s2: float = quantity(
-        "acceleration", "held laws: a smaller command is not done", default=0.0, ge=0
+        "acceleration", "held laws: a smaller command is not executed", default=0.0, ge=0
     )
     maximum_acceleration_m_s2: float | None = quantity(
         "acceleration", "held laws: a larger command is cut to this", default=None, gt=0
@@ -95,7 +98,7 @@ class ActuatorSpec(Spec):
         "acceleration", "held laws: commands are rounded to multiples of this", default=0.0, ge=0
     )
     minimum_impulse_m_s: float = quantity(
-        "speed", "impulsive laws: a smaller impulse is not done", default=0.0, ge=0
+        "speed", "impulsive laws: a smaller impulse is not executed", default=0.0, ge=0
     )
     maximum_impulse_m_s: float | None = quantity(
         "speed", "impulsive laws: a larger impulse is cut to this", default=None, gt=0
@@ -106,7 +109,7 @@ class ActuatorSpec(Spec):
 
 
 class LimitsSpec(Spec):
-    """What ends a flight, beside the events of the plant (impact, escape)."""
+    """Limits that end a flight, beside the events of the plant (impact, escape)."""
 
     position_error_m: float | None = quantity(
         "length", "largest distance from the reference (a tube about it)", default=None, gt=0
@@ -120,7 +123,7 @@ class LimitsSpec(Spec):
     distance_max_m: float | None = quantity(
         "length", "largest distance from the centre of the plant's frame", default=None, gt=0
     )
-    dv_m_s: float | None = quantity("speed", "Δv at hand", default=None, ge=0)
+    dv_m_s: float | None = quantity("speed", "Δv budget", default=None, ge=0)
 
 
 if TYPE_CHECKING:
@@ -134,12 +137,13 @@ else:
 class ClosedLoopSpec(StageSpec):
     """A plant under a law that follows a reference: flown once, or repeated by a campaign.
 
-    What may differ from case to case, and be dispersed or swept at run time: the plant's
-    parameters; ``state.NAME`` (the start) or ``offset.NAME`` (added to it) of each state;
-    ``start_time``; ``dv_budget`` where one is given; ``actuator.scale``, and for each row of the
+    The inputs that may differ from case to case, to be dispersed or swept, are: the parameters of
+    the plant; ``state.NAME`` (the start) or ``offset.NAME`` (added to it) of each state;
+    ``start_time``; ``dv_budget`` where one is given; ``actuator.scale``; for each row of the
     command ``actuator.gain.ROW`` (effectiveness) and ``actuator.turn.ROW`` (misalignment about that
-    axis, rad), and ``actuator.coupling`` (what part of each component the others of its thrust
-    vector get), all constant over a flight and of the whole command, the reference's included.
+    axis, rad); and ``actuator.coupling`` (the part of each component that is added to the other
+    components of its thrust vector). Those of the actuator are constant over a flight and apply to
+    the whole command, the reference's included.
     """
 
     produces = "hillsphere_flight.products:ClosedLoopFlight"
@@ -175,7 +179,7 @@ class ClosedLoopSpec(StageSpec):
 
     needs: ClosedLoopNeeds = option("products of earlier stages", default=ClosedLoopNeeds())
     plant: Ref = reference("plant", "equations of motion")
-    law: Ref = reference("compensator", "what commands")
+    law: Ref = reference("compensator", "control law")
     follow: str = option(
         "with needs.reference: name of the trajectory in it that is followed; left out: the only "
         "one",
@@ -204,7 +208,7 @@ class ClosedLoopSpec(StageSpec):
         gt=0,
     )
     samples: int | None = option(
-        "at how many samples the law acts, instead of a duration",
+        "number of samples at which the law acts, instead of a duration",
         default=None,
         ge=1,
         le=MOST_SAMPLES,
@@ -238,12 +242,12 @@ class ClosedLoopSpec(StageSpec):
     )
     most_substeps: int = option("with tolerance: the most steps", default=1024, ge=2, le=1_000_000)
     navigation: NavigationSpec = option(
-        "errors of what the law sees; left out: none", default=NavigationSpec()
+        "errors of the states that the law sees; left out: none", default=NavigationSpec()
     )
     actuator: ActuatorSpec | None = option(
-        "limits and errors of what is done of a command; left out: none", default=None
+        "limits and execution errors of the thrust; left out: none", default=None
     )
-    limits: LimitsSpec = option("what ends a flight early", default=LimitsSpec())
+    limits: LimitsSpec = option("limits that end a flight early", default=LimitsSpec())
     largest_step_error: float = option(
         "estimated step error, in the plant's natural units, beyond which a flight is undecided, "
         "neither success nor failure; where a smaller one could turn what is required, a flight "
