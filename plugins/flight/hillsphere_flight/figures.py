@@ -31,8 +31,8 @@ _ARROWS, _ARROW = 14, 0.35
 """Number of accelerations drawn along a path, and the length of the longest of them as a part of
 the extent of the path: more or longer arrows cross each other."""
 _FINER = 4
-"""Factor by which the mesh of a surface is refined where only a part of it is shown; the coarse mesh
-would show its facets there."""
+"""Factor by which the mesh of a surface is refined where only a part of it is shown; the coarse
+mesh would show its facets there."""
 _FAR_KM = 1.0
 """Flights of a smaller extent, km, are drawn in metres about their reference: labels in kilometres
 would differ only in their last digits."""
