@@ -1,4 +1,4 @@
-"""What came of the cases of one block: rows, joined and divided without changing a bit."""
+"""Outcomes of the cases of a block, and lossless joining and division of such outcomes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class BlockOutcome:
-    """What came of the cases of a block, or of a part of one; lanes that only filled it are gone.
+    """Outcomes of the cases of a block, or of a part of one, without the filler lanes.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ class BlockOutcome:
     failed : ndarray of bool, shape (n,)
         Whether that counts as a failure; never of an undecided case.
     message_case : ndarray of int, shape (F,)
-        Numbers of the cases of which there is more to say.
+        Numbers of the cases that have a message.
     messages : tuple of str
-        What there is to say: class and text of the exception, on one line.
+        Class and text of the exception, on one line.
     histories : Histories or None
         Of all n cases, if they were asked for and the stage keeps any.
     tracebacks : tuple of str
@@ -73,7 +73,7 @@ class BlockOutcome:
 def lost_rows(
     numbers: Integers, status: str, cause: str, message: str, tracebacks: tuple[str, ...] = ()
 ) -> BlockOutcome:
-    """Return rows of undecided cases (n,) that came to no metric."""
+    """Return the outcome of undecided cases (n,) without metrics."""
     count = len(numbers)
     return BlockOutcome(
         numbers=numbers,
@@ -90,7 +90,7 @@ def lost_rows(
 
 
 def complete_metrics(outcomes: Sequence[BlockOutcome]) -> list[BlockOutcome]:
-    """Return outcomes that all have the metrics of those that have any, NaN where they had none.
+    """Return the outcomes with the same metrics each; values that a block did not have are NaN.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _join_errors(parts: Sequence[BlockOutcome]) -> Array | None:
 
 
 def reorder_cases(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
-    """Return the same cases in another order, that of their places `order` (n,)."""
+    """Return the outcomes with the case at place `order[i]` (n,) in row i."""
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     number_of = {number: i for i, number in enumerate(outcome.numbers.tolist())}
@@ -171,7 +171,7 @@ def reorder_cases(outcome: BlockOutcome, order: Integers) -> BlockOutcome:
 def divide_outcome(
     outcome: BlockOutcome, counts: Sequence[int], seconds: Sequence[float]
 ) -> list[BlockOutcome]:
-    """Return the parts that were joined, of so many cases and seconds each, without histories."""
+    """Return the parts of a joined outcome, by their numbers of cases and seconds; no histories."""
     ends = np.cumsum(counts)
     # Messages are in the order of the cases, but not every case has one.
     place = {number: i for i, number in enumerate(outcome.numbers.tolist())}

@@ -97,7 +97,7 @@ def compute(
 
 
 def _impossible_inputs(stage: CaseStage, batch: CaseBatch) -> dict[int, tuple[str, str]]:
-    """Return the lanes whose draw means nothing, such as a negative density, with input and why."""
+    """Return the lanes with an impossible draw (a negative density), with input and reason."""
     found: dict[int, tuple[str, str]] = {}
     for q in stage.case_inputs():
         if q.name not in batch.names:
@@ -174,7 +174,7 @@ def _rows(
     kept: Histories | None,
     tracebacks: bool,
 ) -> BlockOutcome:
-    """Return the rows of these lanes; a sound case whose metrics are not finite is none."""
+    """Return the rows of these lanes; a case with metrics that are not finite is undecided."""
     values = np.array(results.values, dtype=np.float64)[:, lanes]
     status = [results.status[i] for i in lanes]
     cause = [results.cause[i] for i in lanes]

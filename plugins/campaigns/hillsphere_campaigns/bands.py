@@ -107,7 +107,7 @@ def lines_of(parts: Parts, cases: Integers) -> Lines | None:
 
 
 def _places(numbers: Integers, cases: Integers) -> tuple[Integers, Integers]:
-    """Return which of the numbers are among the cases, and where."""
+    """Return the places of `numbers` that are cases, and their places among `cases`."""
     if not cases.size:
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     place = np.minimum(np.searchsorted(cases, numbers), cases.size - 1)

@@ -28,7 +28,7 @@ __all__ = ["Campaign"]
 
 
 class Campaign(ABC):
-    """What the campaigns share; see `hillsphere_campaigns.engine`.
+    """Base of the campaigns: plan, run, product and report; see `hillsphere_campaigns.engine`.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Campaign(ABC):
         self.foreseen = self.plan(repeated)
 
     def run(self, ctx: Context, *, repeat: Repeated, **needs: Any) -> CaseTable:
-        """Compute the cases, and take up what an interrupted run has left.
+        """Compute the cases; blocks that an interrupted run has finished are not computed again.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class Campaign(ABC):
         Returns
         -------
         CaseTable
-            Every case, whatever became of it.
+            All cases, with the failed and the undecided ones.
 
         Raises
         ------
@@ -127,12 +127,12 @@ class Campaign(ABC):
         return self.with_histories(table, parts)
 
     def with_histories(self, table: CaseTable, parts: Parts) -> CaseTable:
-        """Return the table with what is made of the histories that were kept."""
+        """Return the table with quantiles of the histories over the cases."""
         kept = table.case[has_ended(table) & independent_cases(table)]
         return replace(table, bands=bands_of(parts, kept, self.spec.quantiles))
 
     def present(self, product: CaseTable, **needs: Any) -> Presentation:
-        """Return statistics, failures, sensitivities and figures."""
+        """Return statistics, failures, sensitivities and figures of the campaign."""
         return present_campaign(
             product,
             levels=self.spec.quantiles,

@@ -80,7 +80,7 @@ def grid_of(figure: Figure, count: int) -> list[Axes]:
 
 
 def _within(values: Array) -> tuple[Array, str]:
-    """Return the values that are drawn, and how many lie too far out for it."""
+    """Return the values that are drawn, and the number of outliers that are not."""
     low, high = np.quantile(values, [0.25, 0.75])
     reach = _FENCE * (high - low)
     kept = values if reach == 0.0 else values[(values >= low - reach) & (values <= high + reach)]
@@ -153,7 +153,7 @@ def draw_cumulative(figure: Figure, shown: Sequence[Shown], level: float) -> Non
 def draw_convergence(
     figure: Figure, traces: Sequence[tuple[str, Convergence]], level: float
 ) -> None:
-    """Draw how estimates and their intervals settle as the campaign grows."""
+    """Draw the convergence of estimates and their intervals with the number of cases."""
     for axes, (label, trace) in zip(grid_of(figure, len(traces)), traces, strict=True):
         low, high = trace.interval
         axes.fill_between(trace.cases, low, high, color=PALETTE["sky"], alpha=0.4, lw=0,
@@ -182,7 +182,7 @@ def draw_scatter(
     units: Sequence[str],
     failed: NDArray[np.bool_],
 ) -> None:
-    """Draw metrics against the inputs that they go with most; for failure, who fails where."""
+    """Draw metrics and failures against the inputs with the strongest rank correlation."""
     for axes, (i, j) in zip(grid_of(figure, len(pairs)), pairs, strict=True):
         x = given.values[i]
         axes.set_xlabel(axis_label(given.names[i], given.units[i]))

@@ -16,7 +16,7 @@ __all__ = ["MonteCarlo"]
 
 
 class MonteCarlo(Campaign):
-    """Many cases with what is uncertain drawn at random.
+    """Many cases with uncertain quantities drawn at random.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a campaign shows: sentences, metrics, tables and figures, however large it is."""
+"""Report of a campaign: verdict, metrics, tables and figures of bounded size."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from hillsphere_campaigns.figures import (
     draw_sobol,
     grid_size,
 )
-from hillsphere_campaigns.headlines import clearest, outcome, worst_points
+from hillsphere_campaigns.headlines import failure_sentences, strongest_correlations, worst_points
 from hillsphere_campaigns.result_tables import (
     class_table,
     correlation_table,
@@ -124,7 +124,7 @@ def present_campaign(
     drawn = not repeated and table.design in ("random", "latin_hypercube", "sobol")
     tables: dict[str, Table] = {"campaign_classes": class_table(table, level, drawn)}
     metrics = _counts(table, level, drawn)
-    verdict = outcome(table, level, drawn)
+    verdict = failure_sentences(table, level, drawn)
     if decided_failures(table).any():
         tables["campaign_failed"] = failed_table(table)
     if is_undecided(table.status).any():
@@ -149,7 +149,7 @@ def present_campaign(
     if correlations.strongest() and table.design != "list":  # of chosen cases ρ says nothing
         tables["campaign_correlations"] = correlation_table(correlations, level)
         figures |= _sensitivities(table, correlations, level)
-        verdict += clearest(correlations, level)
+        verdict += strongest_correlations(correlations, level)
     if table.design == "sobol_indices":
         indices = sobol_of(table, level=level)
         if isinstance(indices, str):

@@ -52,7 +52,7 @@ _INTERVALS = (
 
 
 def number(value: float) -> float | None:
-    """Return a table's cell: nothing for what is not finite."""
+    """Return a table's cell: None for a number that is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -169,7 +169,7 @@ def class_table(table: CaseTable, level: float, drawn: bool) -> Table:
 
 
 def _step_error_notes(table: CaseTable) -> list[str]:
-    """Say how large the step errors are."""
+    """Return a note on the size of the step errors."""
     errors = table.step_error
     if errors is None or not (known := np.flatnonzero(np.isfinite(errors))).size:
         return []
@@ -181,13 +181,13 @@ def _step_error_notes(table: CaseTable) -> list[str]:
 
 
 def failed_table(table: CaseTable) -> Table:
-    """Return the first failed cases, so that they can be repeated one by one."""
+    """Return the first failed cases with the numbers by which they can be repeated."""
     why = too_few_failures(table)
     return _cases_table("Failed cases", table, decided_failures(table), [why] if why else [])
 
 
 def undecided_table(table: CaseTable) -> Table:
-    """Return the first undecided cases with what left them so."""
+    """Return the first undecided cases with the reasons."""
     left = is_undecided(table.status)
     notes = [
         "Neither successes nor failures: no ratio and no statistics counts them.",

@@ -1,4 +1,4 @@
-"""What the results of a campaign depend on: rank correlations and Sobol indices."""
+"""Sensitivity of the results of a campaign: rank correlations and Sobol indices."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SAMPLES = 1000
 
 @dataclass(frozen=True)
 class Explanatory:
-    """What differed from case to case.
+    """Explanatory quantities: the inputs that differ from case to case.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def rank_correlations(table: CaseTable, level: float = LEVEL) -> RankCorrelation
 
 
 def too_few_failures(table: CaseTable) -> str:
-    """Say why failure is correlated with nothing; ``""`` if it is, or none or all failed."""
+    """Explain why no correlation with failure is given; ``""`` where nothing is to explain."""
     usable = independent_cases(table) & ~is_undecided(table.status)
     failures = int(np.count_nonzero(decided_failures(table) & usable))
     others = int(np.count_nonzero(usable)) - failures
@@ -214,7 +214,7 @@ def too_few_failures(table: CaseTable) -> str:
 
 
 def _centre_ranks(ranks: Array) -> Array:
-    """Return ranks (k, n) about their mean, of length one; NaN where all are equal."""
+    """Return ranks (k, n) minus their mean, normalised to length one; NaN where all are equal."""
     about = ranks - ranks.mean(axis=1, keepdims=True)
     size = np.sqrt(np.sum(about**2, axis=1, keepdims=True))
     unit: Array = np.divide(about, size, out=np.full_like(about, np.nan), where=size > 0)
@@ -282,7 +282,7 @@ def independent_cases(table: CaseTable) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Which share of the variance of each metric comes from which input.
+    """Shares of the variance of each metric that are due to each input.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ def sobol_of(
 
 
 def _weights(n: int, resamples: int, seed: int) -> Iterator[Array]:
-    """Yield how much each of n rows counts in bootstrap samples, (R, n), a few megabytes each."""
+    """Yield the weights (R, n) of n rows in bootstrap samples, a few megabytes at a time."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     left = resamples
     while left > 0:

@@ -31,7 +31,7 @@ _NO_BANDS = "needs.behind: this campaign has no bands; let it keep some"
 
 
 class Sweep(Campaign):
-    """A stage at chosen points, and at each of them cases with what is uncertain drawn at random.
+    """A stage at chosen points, with cases of randomly drawn uncertain quantities at each.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Sweep(Campaign):
         return replace(table, lines=lines_of(parts, table.case))
 
     def present(self, product: CaseTable, **needs: Any) -> Presentation:
-        """Return what `Campaign.present` does, and where failures exceed the threshold."""
+        """Return the report of `Campaign.present`, with the crossings of the threshold."""
         shown = super().present(product, **needs)
         if product.lines is not None:
             behind: CaseTable | None = needs.get("behind")

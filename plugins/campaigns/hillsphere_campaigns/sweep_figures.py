@@ -1,4 +1,4 @@
-"""Figures of a sweep: what changes from point to point."""
+"""Figures of a sweep: metrics and failure ratios over the points."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ def case_list(path: str | Path) -> CaseList:
 
 
 def _in_range(given: RangeSpec, u: Array) -> Array:
-    """Return values at shares u of the way from one end to the other; both ends exactly."""
+    """Return values that divide a range at the fractions u; exact at both ends."""
     if given.spacing == "log":
         inner = given.first * (given.last / given.first) ** u
     else:

@@ -190,7 +190,7 @@ class PoolCrew:
             starting += 1
 
     def _hear(self, worker: _Worker) -> None:
-        """Take up all that a worker has told; half a message waits for its other half."""
+        """Process the complete messages of a worker; the rest of a message is read later."""
         try:
             while worker in self._workers and (message := worker.channel.arrived()) is not None:
                 self._take(worker, *pickle.loads(message))
@@ -239,7 +239,7 @@ class PoolCrew:
         self._ended.append(Lost(task, "time_limit", f"stopped after {task.limit_s:g} s"))
 
     def _bury(self, worker: _Worker) -> None:
-        """Say what a worker that ended by itself was doing."""
+        """Report the task of a worker that ended by itself as lost."""
         # Its channel closes a moment before it has ended.
         with suppress(subprocess.TimeoutExpired):
             worker.process.wait(FAREWELL_S)
@@ -281,7 +281,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _start_worker() -> _Worker:
-    """Start a process; it says hello when it has come up."""
+    """Start a worker process; it sends ``("hello",)`` when it is ready."""
     ours, theirs = socket.socketpair()
     # The standard streams' numbers may be free if they were closed: there it would be lost.
     descriptor = fcntl(theirs.fileno(), F_DUPFD_CLOEXEC, 3)

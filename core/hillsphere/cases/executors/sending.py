@@ -1,4 +1,4 @@
-"""Work as bytes for other processes; what none of them could find is refused here."""
+"""Pickling of work for other processes, which refuses objects that these cannot import."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def pickle_work(work: Work) -> bytes:
 
 
 class _Pickler(pickle.Pickler):
-    """Refuses here what no other process could find."""
+    """Pickler that refuses classes and functions of the program that was started."""
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, type | FunctionType) and obj.__module__ == "__main__":
