@@ -38,7 +38,7 @@ EARLY = FlightMetric[Block](
     ),
 )  # fmt: skip
 METRICS = (SPEED, EARLY)
-Limits = requirements_spec("Limits", __name__, METRICS)
+Limits: Any = requirements_spec("Limits", __name__, METRICS)
 
 
 def flights(*status: str) -> Flights:

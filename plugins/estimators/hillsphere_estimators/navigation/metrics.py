@@ -281,4 +281,4 @@ def navigation_histories(rows: Rows) -> tuple[FlightHistory[Record], ...]:
 
 def _row_of(record: Record, source: str, row: int) -> Array:
     values: Array = getattr(record, source)
-    return values[row]
+    return np.asarray(values[row])
