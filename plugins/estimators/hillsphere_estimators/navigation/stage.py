@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from hillsphere.base.seeds import draws
-from hillsphere.engine.course import Rows
+from hillsphere.engine.flight_metrics import FlightMetric
+from hillsphere.engine.flying_stage import FlyingStage, collect_histories
+from hillsphere.engine.requirements import Judgement
 from hillsphere.engine.start_states import with_placed_start_of
 from hillsphere.errors import InputError
 from hillsphere.estimation import Belief
@@ -22,17 +24,21 @@ from hillsphere.interfaces import (
     Plant,
     Scene,
 )
-from hillsphere.interfaces.cases import CaseBatch, CaseResults
+from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.presentation import Presentation
 from hillsphere.products import FlightSet
 from hillsphere.sensor_suite import SensorSuite
-from hillsphere.simulation import BLOCK, Cases, Flights, Simulator
+from hillsphere.simulation import BLOCK, Cases, Simulator
 from hillsphere_estimators.bias_states import BiasAugmentedModel
 from hillsphere_estimators.navigation.bounds import bound_along_plan
 from hillsphere_estimators.navigation.divergence import endings, format_ending
 from hillsphere_estimators.navigation.effort import law_delta_v
 from hillsphere_estimators.navigation.filtering import Filtering, FilterLog, SensorScenes
-from hillsphere_estimators.navigation.metrics import Record, histories_of, metrics_of
+from hillsphere_estimators.navigation.metrics import (
+    Record,
+    navigation_histories,
+    navigation_metrics,
+)
 from hillsphere_estimators.navigation.parts import (
     InitialBeliefs,
     biases_of,
@@ -61,13 +67,20 @@ from hillsphere_estimators.plant_model import PlantModel
 
 __all__ = ["NavigationStage"]
 
-_STREAM = "navigation"
 _ORBIT = ("primary_gm", "semi_major_axis", "eccentricity", "true_anomaly")
 """Parameters of the body's orbit. Kepler's equation is solved for a few lanes at a time, until all
 of them have converged: if these differed, a case would take other last bits from its neighbours."""
 
 
-class NavigationStage:
+@dataclass(frozen=True)
+class _Planned:
+    """A plan, and the beliefs of an earlier stage with which its flights begin, if any."""
+
+    plan: Plan
+    belief: InitialBeliefs | None
+
+
+class NavigationStage(FlyingStage[_Planned, Record]):
     """Flights with sensors, a filter and a law in a closed loop.
 
     Parameters
@@ -81,8 +94,10 @@ class NavigationStage:
         If plant, law, sensors and Spec do not fit together.
     """
 
+    kind = "navigation"
+
     def __init__(self, spec: NavigationSpec) -> None:
-        self.plant: Plant = spec.plant.get()
+        super().__init__(spec.plant.get())
         self.spec = spec = with_placed_start_of(spec, self.plant)
         self.true_plant: Plant = self.plant if spec.truth.plant is None else spec.truth.plant.get()
         names = [tuple(v.name for v in plant.states) for plant in (self.plant, self.true_plant)]
@@ -91,7 +106,6 @@ class NavigationStage:
                 f"truth.plant: its states are {', '.join(names[1])}, those of plant "
                 f"{', '.join(names[0])}; they must be the same"
             )
-        self.rows = Rows(self.plant)
         if self.rows.others:
             other = ", ".join(self.rows.names[i] for i in self.rows.others)
             raise InputError(
@@ -121,7 +135,12 @@ class NavigationStage:
         self._opening: Estimator = opening.get()
         self._count = intervals_of(spec) + 1
         self._since: Array = np.arange(self._count, dtype=float) * spec.interval_s
-        self._known: tuple[object, object, Plan] | None = None
+        self._metrics = navigation_metrics(self.rows.vectors, self._since, spec.report_at_s)
+
+    @property
+    def metrics(self) -> tuple[FlightMetric[Record], ...]:
+        """Metrics of its flights; see `navigation_metrics`."""
+        return self._metrics
 
     def case_inputs(self) -> tuple[Parameter, ...]:
         """Return the inputs that may differ from case to case; see `NavigationSpec`."""
@@ -158,58 +177,11 @@ class NavigationStage:
             Case by case.
         """
         advance = ctx.track("navigation", BLOCK)
-        numbers = np.arange(BLOCK)
-        batch = CaseBatch(
-            numbers, numbers, np.zeros(BLOCK, bool), (), np.zeros((0, BLOCK)), ctx.seed, _STREAM
-        )
-        plan = self._plan(reference, belief)
-        record, flights = self._fly(plan, batch, belief)
+        planned = self._plan(reference=reference, belief=belief)
+        batch = self._own_batch(ctx.seed, BLOCK)
+        record = self._fly_block(planned, batch)
         advance(BLOCK)
-        return self._product(plan, record, flights)
-
-    def run_cases(
-        self,
-        batch: CaseBatch,
-        history: bool | Sequence[str] = False,
-        reference: FlightSet | None = None,
-        belief: InitialBeliefs | None = None,
-    ) -> CaseResults:
-        """Fly a block of cases.
-
-        Parameters
-        ----------
-        batch : CaseBatch
-            Inputs by the names of `case_inputs`, and numbers of the random draws.
-        history : bool or sequence of str
-            Whether to keep histories, or which; see `histories_of`.
-        reference : FlightSet, optional
-            Trajectories of which one is followed.
-        belief : InitialBeliefs, optional
-            Beliefs at the start.
-
-        Returns
-        -------
-        CaseResults
-            Metrics as in `metrics_of`. A flight that was lost, or whose filter has diverged, counts
-            as failed; see `endings`.
-        """
-        plan = self._plan(reference, belief)
-        record, flights = self._fly(plan, batch, belief)
-        names, units, values = self._metrics(record)
-        status, cause = endings(record, flights, self.spec.diverged_beyond)
-        kept = histories_of(record, plan.begin_s, history) if history else None
-        failed = np.array(status) != "completed"
-        return CaseResults(names, units, values, status, cause, failed, kept)
-
-    def prepare_cases(
-        self,
-        names: Sequence[str],
-        reference: FlightSet | None = None,
-        belief: InitialBeliefs | None = None,
-    ) -> None:
-        """Compile the equations that `run_cases` needs for batches of these inputs."""
-        self._plan(reference, belief)
-        self._simulator(self._run_time(names), None)
+        return self._product(planned, batch, record)
 
     def present(
         self,
@@ -248,15 +220,13 @@ class NavigationStage:
     def _scene(self, t_s: Array, believed: Array) -> Scene:
         return proximity_scene(self.plant, self.rows.positions, t_s, believed, self._sky)
 
-    def _plan(self, product: FlightSet | None, belief: InitialBeliefs | None) -> Plan:
-        """Return the plan of flights along this reference, made once."""
-        known = self._known
-        if known is not None and known[0] is product and known[1] is belief:
-            return known[2]
-        plan = plan_of(self.spec, self.plant, self.rows, self._since, product, belief)
+    def _make_plan(
+        self, reference: FlightSet | None = None, belief: InitialBeliefs | None = None
+    ) -> _Planned:
+        """Return what flights along this reference share."""
+        plan = plan_of(self.spec, self.plant, self.rows, self._since, reference, belief)
         check_step(plan, self.rows, self._model, self._model_with_step(0.5), self._since)
-        self._known = (product, belief, plan)
-        return plan
+        return _Planned(plan, belief)
 
     def _bound(self, plan: Plan, x0: Array, start: Belief) -> Array:
         """Return the Cramér-Rao bounds (S, K, N) of the position errors along the planned paths."""
@@ -311,15 +281,15 @@ class NavigationStage:
         truth, mean = (off, planned) if self.spec.belief.off == "truth" else (planned, off)
         return np.ascontiguousarray(truth), prior_of(plan.sigma, mean, t0)
 
-    def _fly(
-        self, plan: Plan, batch: CaseBatch, belief: InitialBeliefs | None
-    ) -> tuple[Record, Flights]:
-        """Fly a block of cases."""
+    def _compile(self, planned: _Planned, names: Sequence[str]) -> Simulator:
+        """Compile the simulation of cases that differ in these inputs."""
+        return self._simulator(self._run_time(names), None)
+
+    def _fly_block(self, planned: _Planned, batch: CaseBatch, *, history: bool = True) -> Record:
+        """Fly a block; the measurements are recorded whether histories are wanted or not."""
+        plan, belief = planned.plan, planned.belief
         spec, rows = self.spec, self.rows
-        known = {q.name: q.value for q in self.case_inputs()}
         fixed = {n: self._nominal[n].value * spec.truth.scale.get(n, 1.0) for n in self._nominal}
-        if unknown := [name for name in batch.names if name not in known]:
-            raise InputError(f"navigation has no input {', '.join(unknown)}")
         names = self._run_time(batch.names)
         width = len(batch.numbers)
         p = {name: batch.value(self._prefix + name, fixed[name]) for name in names}
@@ -377,25 +347,37 @@ class NavigationStage:
         assert flights.history is not None
         x = flights.history.x[:, : self._count]
         record = Record.of(
-            rows, log, self._since, x, plan.goal, self._bound(plan, x0, start), len(spec.sensors)
-        )
+            rows, log, self._since, x, plan.goal, self._bound(plan, x0, start), len(spec.sensors),
+            spec.rms_from_s, flights,
+        )  # fmt: skip
         dv = law_delta_v(
             self.plant, self.law, spec.method, spec.step_s, plan.begin_s + self._since,
             x + record.error, plan.goal, thrust,
         )  # fmt: skip
-        return replace(record, dv_m_s=dv), flights
+        return replace(record, dv_m_s=dv)
 
-    def _metrics(self, record: Record) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
-        return metrics_of(record, self.spec.report_at_s, self.spec.rms_from_s)
+    def _judge(
+        self, planned: _Planned, batch: CaseBatch, record: Record, values: Array
+    ) -> Judgement:
+        """Return how flights ended; all fail whose filter was lost or diverged, see `endings`."""
+        status, cause = endings(record, record.flights, self.spec.diverged_beyond)
+        return status, cause, np.array(status) != "completed"
 
-    def _product(self, plan: Plan, record: Record, flights: Flights) -> NavigationFlight:
-        truth = self.spec.truth
-        names, units, values = self._metrics(record)
+    def _histories(
+        self, planned: _Planned, record: Record, wanted: bool | Sequence[str]
+    ) -> Histories:
+        """Return the histories that are wanted; see `navigation_histories`."""
+        times = record.time_s[:, None] + planned.plan.begin_s
+        time_s = np.where(np.isnan(record.nees), np.nan, times)
+        return collect_histories(navigation_histories(self.rows), record, time_s, wanted)
+
+    def _product(self, planned: _Planned, batch: CaseBatch, record: Record) -> NavigationFlight:
+        truth, plan = self.spec.truth, planned.plan
+        results = self._results(planned, batch, record)
         crafts = getattr(self.plant, "spacecraft", None)
         labels = tuple(crafts or (f"spacecraft {i + 1}" for i in range(self.rows.vectors)))
         matched = truth.plant is None and not truth.sensors and not truth.scale
         x = record.x[:, :, 0]
-        status, cause = endings(record, flights, self.spec.diverged_beyond)
         return NavigationFlight(
             frame=self.plant.frame,
             spacecraft=labels,
@@ -405,10 +387,10 @@ class NavigationStage:
             estimate=x + record.error[:, :, 0],
             goal=plan.goal,
             sigma=record.sigma[:, :, 0],
-            position_error_m=record.lengths(record.error, "position"),
-            velocity_error_m_s=record.lengths(record.error, "velocity"),
-            position_sigma_m=record.lengths(record.sigma, "position"),
-            control_error_m=record.lengths(record.x - plan.goal[:, :, None], "position"),
+            position_error_m=record.position_error_m,
+            velocity_error_m_s=record.velocity_error_m_s,
+            position_sigma_m=record.position_sigma_m,
+            control_error_m=record.control_error_m,
             nees=record.nees,
             nis=record.nis,
             used=record.used,
@@ -418,8 +400,8 @@ class NavigationStage:
             seen=np.mean(record.seen, axis=1),
             matched=matched and truth.thrust == 1.0,
             lost=int(np.isnan(record.nees[-1]).sum()),
-            endings=tuple(map(format_ending, status, cause)),
-            metrics=names,
-            units=units,
-            values=values,
+            endings=tuple(map(format_ending, results.status, results.cause)),
+            metrics=results.metrics,
+            units=results.units,
+            values=results.values,
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hillsphere.cases.case_classes import ended
+from hillsphere.cases.case_classes import has_ended
 from hillsphere.errors import InputError
 from hillsphere.interfaces import Array
 from hillsphere.products import CaseTable
@@ -78,7 +78,7 @@ def outages_of(table: CaseTable, name: str) -> Outages:
     parsed = [MetricName.parse(metric) for metric in table.metrics]
     known = [(row, p) for row, p in enumerate(parsed) if p is not None and p.measure in MEASURES]
     # A case counts as diverged if one tracker diverges; the values of the others remain valid.
-    done = np.asarray(ended(table) | (table.status == "diverged"))
+    done = np.asarray(has_ended(table) | (table.status == "diverged"))
     if not np.any(done):
         raise InputError(
             f"campaign {name!r}: none of its {table.case.size} cases was completed; see its "
