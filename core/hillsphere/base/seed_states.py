@@ -24,13 +24,20 @@ __all__ = ["generators"]
 _Words = NDArray[np.uint32]
 
 _POOL = 4
+"""Words of entropy that NumPy's SeedSequence holds: its default ``pool_size``."""
+# Constants of the hash and mixing functions of NumPy's SeedSequence: they must be its own, or the
+# streams differ from those that NumPy promises to keep.
 _INIT_A, _MULT_A = 0x43B0D7E5, 0x931E8875
+# Those of its output function.
 _INIT_B, _MULT_B = 0x8B51F9DD, 0x58F38DED
 _MIX_L, _MIX_R = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
 _SHIFT = np.uint32(16)
 _MASK = 2**32 - 1
+"""Reduces Python integers modulo 2³², as the hash computes with words of 32 bits."""
 _PCG_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+"""Multiplier of PCG64's linear congruential generator ([1]_, O'Neill)."""
 _MASK_128 = 2**128 - 1
+"""Reduces Python integers modulo 2¹²⁸, the modulus of PCG64."""
 
 
 def generators(

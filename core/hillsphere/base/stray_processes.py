@@ -35,6 +35,7 @@ _FRAMEWORK = frozenset(
 other plugins too and fork nothing themselves."""
 
 _PID_BYTES = 8
+"""Bytes of a process number in the pipe: at least those of any system's ``pid_t``."""
 
 _sites: set[tuple[str, int]] = set()
 """Where plugins have forked: of the children of one place the first says why it ends."""

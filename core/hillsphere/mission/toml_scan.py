@@ -22,6 +22,7 @@ MAX_DEPTH = 32
 """Deepest nesting of tables, dotted keys and brackets, counted together."""
 
 _MOST_FAULTS = 100
+"""Reading stops after this number of faults: a file that is not TOML has one on every line."""
 
 # Possessive quantifiers: a failing match gives up at once instead of backtracking.
 _BLANK = re.compile(r"[ \t]*+")

@@ -8,6 +8,7 @@ from datetime import datetime
 __all__ = ["value_fault"]
 
 _LONGEST = 200
+"""Longest text that is examined as a number or a date, in characters; a double needs at most 25."""
 _INT = r"[+-]?(?:0|[1-9](?:_?[0-9])*+)"
 _DATE = r"[0-9]{4}-[0-9]{2}-[0-9]{2}"
 _TIME = r"[0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]++)?+"

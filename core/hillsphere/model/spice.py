@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 __all__ = ["SpiceOrbit"]
 
 _LIMIT_S = 60.0
+"""Time limit for the start of SPICE, which takes 1 s; a machine under load may be fifty times
+slower."""
 _LIMIT_PER_TIME_S = 1e-3
-"""Time that SPICE is given. It starts in 1 s and takes some 20 µs for a state; a machine under load
-may be fifty times slower."""
+"""Further time limit for each state, which takes some 20 µs, with the same margin."""
 
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "

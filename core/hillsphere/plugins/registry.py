@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hillsphere.spec.base import Spec
 
 API_VERSION = 1
+"""Version of the plugin interface. It rises when a plugin written for it would no longer work."""
 ENTRY_POINT_GROUP = "hillsphere"
 KINDS = (
     "body",

@@ -39,6 +39,7 @@ __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_produ
 T = TypeVar("T")
 
 FORMAT = 1
+"""Version of the file format; files of another version are refused."""
 HEADER = "__product__"
 _SPECIAL_FLOATS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _MOST_BYTES = 1 << 30

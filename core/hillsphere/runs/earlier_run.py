@@ -22,6 +22,7 @@ from hillsphere.runs.store import RunDirectory, plain_json
 __all__ = ["EarlierRun"]
 
 _LISTED = 20
+"""Differences that a message lists; further ones are counted."""
 
 
 @dataclass(frozen=True)

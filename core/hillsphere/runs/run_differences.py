@@ -13,6 +13,7 @@ __all__ = ["differences"]
 
 _TEXT = ("name", "title", "description")
 _DIGITS = 12
+"""Hexadecimal digits shown of a digest: 48 bits, enough to tell any two files of a run apart."""
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

@@ -20,6 +20,7 @@ __all__ = ["MANIFEST", "SCHEMA", "parse_time", "read_manifest", "read_record"]
 
 MANIFEST = "manifest.json"
 SCHEMA = 1
+"""Version of the manifest's layout; manifests of another version are refused."""
 MAX_BYTES = 64 << 20
 """Most bytes of a record. The manifest of a sweep of a thousand campaigns has 2 MB."""
 

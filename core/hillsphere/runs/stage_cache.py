@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 __all__ = ["StageCache", "StageKeys", "file_digest", "plain_spec", "source_digest"]
 
 FORMAT = 1
+"""Version of the layout of an entry; it is part of every key, so that others are never read."""
 MAX_BYTES = 2 << 30
+"""Largest size of the cache, 2 GB by default; then the entries unused for longest are removed."""
 
 
 class StageCache:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["history_csv", "history_figure", "time_unit"]
 
 _COLUMNS = 3
+"""Panels side by side; with more the labels of neighbouring axes would meet."""
 _TIMES = (("d", DAY_S), ("h", HOUR_S), ("min", MINUTE_S))
 
 

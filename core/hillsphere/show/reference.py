@@ -26,6 +26,7 @@ __all__ = ["PAPER_SUFFIX", "ReferenceTable", "beside", "difference_notes", "with
 
 PAPER_SUFFIX = "_paper"
 MAX_BYTES = 1 << 20
+"""Largest reference table, 1 MB: a printed table of a thousand rows has a tenth of it."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from hillsphere.show.reference import PAPER_SUFFIX
 __all__ = ["Report", "Section", "render"]
 
 MAX_ROWS = 200
+"""Most rows of a table in the report, so that the page stays readable; the CSV file has all."""
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _HEADLINES = {
     "success": "Success",

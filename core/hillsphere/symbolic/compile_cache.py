@@ -39,10 +39,13 @@ from hillsphere.symbolic.expressions import Expr, variable
 __all__ = ["kept_function"]
 
 MAX_BYTES = 1 << 30
+"""Largest size of the cache, 1 GB, and so of one entry; beyond it the entries that were not used
+for longest are removed."""
 WORTH_S = 0.1
 """What is compiled within this time is not kept: reading it back would save little."""
 
 _PROTOCOL = 5
+"""Version of the pickle format, fixed so that keys do not change with Python's default."""
 _SUFFIX = ".function"
 _DIGEST_BYTES = sha256().digest_size
 

@@ -13,7 +13,11 @@ from hillsphere.base.errors import InputError
 __all__ = ["copula_covariance", "correlated_factor"]
 
 _TERMS = 64
+"""Terms of Mehler's series. The rest falls at least as fast as ρ^64, which is 1e-10 at |ρ| = 0.7;
+the Hermite coefficients of smooth functions fall as well."""
 _GRID = np.linspace(-10.0, 10.0, 2001)
+"""Points of the quadrature, in standard deviations: beyond ±10 the normal density is below 1e-21,
+and at a spacing of 0.01 the trapezoidal rule is exact to rounding for smooth functions."""
 
 
 def correlated_factor(correlation: Array) -> Array:

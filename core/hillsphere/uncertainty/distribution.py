@@ -23,6 +23,8 @@ Sizes = float | tuple[float, ...]
 """One size for all quantities, or one for each."""
 
 _SMALLEST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53
+"""Bounds of a probability whose normal quantile is finite: 0 and 1 would give −∞ and ∞. The upper
+one is the largest float below one; the two quantiles are −8.3 and 8.2."""
 
 
 def si_unit(unit: str) -> tuple[str, float]:

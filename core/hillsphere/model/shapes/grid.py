@@ -16,6 +16,8 @@ from hillsphere.model.shapes.sphere import unit_vectors
 __all__ = ["GridShape"]
 
 _SAME = 1e-9
+"""Relative difference of equal radii at a pole: above the rounding of a unit's conversion, below
+the last digit of any published table."""
 
 
 class GridShape:

@@ -18,7 +18,10 @@ from hillsphere.model.shapes.specs import METRES, PolyhedronShapeSpec
 __all__ = ["MeshSurface", "PolyhedronShape"]
 
 _CHUNK = 100_000
+"""Pairs of a point and a face that are evaluated at once: 0.8 MB for each intermediate array,
+whatever the size of the mesh and the number of points."""
 _FULL = 4.0 * np.pi
+"""Solid angle of the whole sphere, sr."""
 
 
 class MeshSurface:
