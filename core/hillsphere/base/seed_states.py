@@ -1,4 +1,4 @@
-"""Many random generators at once: NumPy's seeding for whole arrays of case numbers.
+"""Seeding of many random generators at once, with the same streams as NumPy's SeedSequence.
 
 ``numpy.random.PCG64(numpy.random.SeedSequence(seed, spawn_key=(place, number, what)))`` takes about
 13 µs, mostly to make objects. Here the same states come from array operations, and one generator is
@@ -50,15 +50,16 @@ def generators(
     seed : int
         Root seed, ≥ 0.
     place, what : int
-        Keys before and after the number, ≥ 0 (`hillsphere.base.seeds.name_key`).
+        Elements of the spawn key before and after the number, ≥ 0
+        (`hillsphere.base.seeds.name_key`).
     numbers : ndarray of int, shape (N,)
-        0 … 2³² − 1.
+        Middle elements of the spawn keys, 0 … 2³² − 1.
 
     Yields
     ------
     numpy.random.Generator
-        Always the same object, set to the beginning of the number's own stream: use it before the
-        next is taken.
+        One object, set anew to the beginning of each number's stream: draw from it before the next
+        one is requested.
     """
     bits = np.random.PCG64(0)
     generator = np.random.Generator(bits)
