@@ -64,7 +64,7 @@ class Overloaded:
     (`hillsphere.engine.dynamics.bounds`). Functions that only the engine has raise a TypeError.
     """
 
-    __array_ufunc__ = None  # a number of numpy times this is the business of this
+    __array_ufunc__ = None  # numpy's operators defer to the ones of this class
 
     @classmethod
     def of(cls, item: object) -> Any:
