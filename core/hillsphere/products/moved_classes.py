@@ -1,4 +1,4 @@
-"""Where the classes of products are now that an earlier version stored under another path."""
+"""Present import paths of product classes that have moved since an earlier version."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ _MOVED = {
     "hillsphere_tracking.pass_products": "hillsphere_tracking.passes.products",
 }
 # fmt: on
-"""Module of an earlier version → module of the same class today."""
+"""Module in an earlier version → present module."""
 
 
 def current_class(path: str) -> str:
-    """Return the path of a product's class today, ``"module:Class"``.
+    """Return the present import path of a product's class, ``"module:Class"``.
 
     Parameters
     ----------
     path : str
-        As a file says it: of this version or of an earlier one.
+        Path in a file, of this version or of an earlier one.
 
     Returns
     -------
     str
-        The path itself if its module has not moved.
+        The present path; `path` itself if the module has not moved.
     """
     module, _, name = path.partition(":")
     return f"{_MOVED.get(module, module)}:{name}"
