@@ -1,1 +1,1 @@
-"""Ground: arrays, files, signals, seeds, time, problems; nothing above it is imported."""
+"""The lowest layer: files, signals, seeds, time, constants, errors; it imports no other room."""

@@ -1,4 +1,4 @@
-"""Types of arrays."""
+"""Names for the types of arrays that the framework passes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Files that are either complete or absent: written beside their place, then renamed into it.
+"""Atomic writing of files: to a temporary file in the same directory, which is then renamed.
 
-A rename puts the new file in the place of whatever stands there. A device or a FIFO is therefore
-refused, and a link that the user has named is followed, lest either be replaced by a file.
+A rename replaces any existing entry. A device or a FIFO is therefore refused, and a link that the
+user has named is followed; otherwise the new file would replace them.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from hillsphere.base.regular_files import check_regular
 __all__ = ["PART_SUFFIX", "output_place", "replacing", "write_bytes", "write_text"]
 
 PART_SUFFIX = ".part"
-"""Ending of a file that is still being written; one that stays behind is the trace of a crash."""
+"""Ending of a temporary file; a crash can leave one behind."""
 
 
 def output_place(path: Path) -> Path:
-    """Return where a file that the user has named is to be written: links are followed.
+    """Return the path at which a file that the user has named is written, with links followed.
 
     Parameters
     ----------
     path : Path
-        The name; there need be no such file yet.
+        The name; the file need not exist yet.
 
     Raises
     ------
     OSError
-        If something stands there that is no regular file: a device, a FIFO, a socket, a directory
-        or a link in a circle. It is not opened. Its `strerror` says which.
+        If the path leads to a device, a FIFO, a socket, a directory or a circle of links. Nothing
+        is opened. Its `strerror` names the kind.
     """
     try:
         place = Path(os.path.realpath(path))
@@ -51,29 +51,30 @@ def output_place(path: Path) -> Path:
 def replacing(
     path: Path, *, follow_links: bool = False, mode: int | None = None
 ) -> Iterator[BinaryIO]:
-    """Open a file that takes its place only when the block ends without an error.
+    """Open a temporary file that is renamed to `path` if the block ends without an error.
 
     Parameters
     ----------
     path : Path
-        Final place; its directory exists.
+        Final path; its directory must exist.
     follow_links : bool
-        Whether a link there is followed, as for a file that the user has named; else the file takes
-        the place of the link.
+        Whether a link at `path` is followed, as for a file that the user has named; otherwise the
+        file replaces the link.
     mode : int, optional
-        Permissions of the file whatever the umask, ``0o600``; left out: those of a new file.
+        Permissions of the file, independent of the umask, e.g. ``0o600``; by default those of any
+        new file.
 
     Yields
     ------
     BinaryIO
-        The part file. It is flushed to the disk before the rename, so that a crash leaves the old
-        content, or none, but never half of the new one.
+        The temporary file. It is flushed to the disk before the rename, so that a crash leaves the
+        old content or none, never a part of the new one.
 
     Raises
     ------
     OSError
-        If writing fails, or what stands there is neither a regular file nor a link; the part file
-        is removed and what stood at `path` is untouched.
+        If writing fails, or `path` is neither a regular file nor a link. The temporary file is
+        removed and `path` stays as it was.
     """
     if follow_links:
         path = output_place(path)
@@ -97,13 +98,13 @@ def replacing(
 
 
 def write_bytes(path: Path, data: bytes, *, follow_links: bool = False) -> None:
-    """Write a whole file, or leave what stood there; see `replacing`."""
+    """Write a whole file, or leave the old one unchanged; see `replacing`."""
     with replacing(path, follow_links=follow_links) as stream:
         stream.write(data)
 
 
 def write_text(path: Path, text: str, *, follow_links: bool = False) -> None:
-    """Write a whole UTF-8 file, or leave what stood there; see `replacing`.
+    """Write a whole UTF-8 file, or leave the old one unchanged; see `replacing`.
 
     A lone surrogate (from an undecodable file name in a message) is written as an escape.
     """

@@ -1,4 +1,4 @@
-"""Files of a cache: digests of what they were made from, and the size of them all."""
+"""Files of a cache: digests of their sources, and a limit on their total size."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["drop_oldest", "file_digest", "tree_digest"]
 
 
 def file_digest(path: Path, *, follow_links: bool = True) -> str:
-    """Return the SHA-256 of a regular file's content; `InputError` if it cannot be read.
+    """Return the SHA-256 of a regular file's content.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def file_digest(path: Path, *, follow_links: bool = True) -> str:
 
 
 def tree_digest(place: Path) -> str:
-    """Digest of a source file, or of every file of a package: code, compiled code and data."""
+    """Return the SHA-256 of a source file, or of all files of a package, data included."""
     if place.is_file():
         return file_digest(place)
     digest = sha256()
@@ -42,16 +42,16 @@ def tree_digest(place: Path) -> str:
 
 
 def drop_oldest(directory: Path, suffixes: Collection[str], max_bytes: int) -> None:
-    """Remove the files that were not used for longest, until the rest is within a size.
+    """Remove the least recently used files until the rest is within a size.
 
     Parameters
     ----------
     directory : Path
-        Where they are; other processes may add and remove some at the same time.
+        Their directory; other processes may add and remove files at the same time.
     suffixes : collection of str
-        Which files count; others are left alone.
+        Endings of the files that count; others are left alone.
     max_bytes : int
-        Size of all that stays.
+        Largest total size of the files that stay.
     """
     entries = []
     for path in directory.iterdir():

@@ -19,7 +19,9 @@ __all__ = [
 ]
 
 MINUTE_S = 60.0
+"""By definition, as the hour."""
 HOUR_S = 3600.0
+"""By definition."""
 DAY_S = 86400.0
 """By definition; a day of UTC may have one second more (ITU-R TF.460-6)."""
 

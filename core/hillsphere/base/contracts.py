@@ -1,4 +1,4 @@
-"""Contracts: protocols that are checked by what an object answers.
+"""Contracts: protocols whose check accepts delegating wrappers.
 
 From Python 3.12 on ``isinstance(x, SomeProtocol)`` looks members up with
 `inspect.getattr_static`, which does not call ``__getattr__``. A wrapper that delegates to the
@@ -36,7 +36,7 @@ else:
 
 
 class _AnsweredContract(_ProtocolMeta):
-    """Metaclass of contracts: an instance is what answers to every member of the protocol."""
+    """Metaclass of contracts: an instance has every member of the protocol, own or delegated."""
 
     def __instancecheck__(self, instance: Any) -> bool:
         """Return whether an object has the members of a protocol, its own or delegated ones."""
@@ -55,7 +55,7 @@ class _AnsweredContract(_ProtocolMeta):
 
 @cache
 def _members(contract: type) -> frozenset[str]:
-    """Return the names of what a protocol and those that it extends declare."""
+    """Return the names of the members of a protocol and of the protocols that it extends."""
     bases = [base for base in contract.__mro__ if base.__dict__.get("_is_protocol", False)]
     declared = {name for base in bases for name in (*base.__dict__, *_annotated(base))}
     # What Python itself puts into a class is private: _is_protocol, __init__, __annotations__ …
@@ -66,6 +66,6 @@ def _members(contract: type) -> frozenset[str]:
 class Contract(Protocol, metaclass=_AnsweredContract):
     """Base of protocols that plugins may implement: ``class Sensor(Contract, Protocol)``.
 
-    Members are public attributes, properties and methods. A property is evaluated when it is
-    looked for; an error other than AttributeError is passed on.
+    Members are public attributes, properties and methods. The check evaluates properties; an error
+    other than AttributeError is passed on.
     """

@@ -1,4 +1,4 @@
-"""What a result's last bits depend on: versions, machine and CPU features."""
+"""The environment on which the last bits of results depend: versions, machine, CPU features."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KERNEL_VARIABLES = (
     "MKL_ENABLE_INSTRUCTIONS",
     "OPENBLAS_CORETYPE",
 )
-"""Environment variables that choose among the kernels of a library by hand."""
+"""Environment variables by which a user selects other numerical kernels of a library."""
 
 
 @cache

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 
 def describe_error(error: BaseException) -> str:
-    """Return the message of an error on one line, with its class if it is none of ours."""
+    """Return the message of an error on one line; its class as well, unless it is ours."""
     text = " ".join(str(error).split())
     if isinstance(error, HillsphereError) and text:
         return text
@@ -16,11 +16,11 @@ def describe_error(error: BaseException) -> str:
 
 
 class HillsphereError(Exception):
-    """Base of every error that the framework raises on purpose."""
+    """Base class of all errors that the framework raises itself."""
 
 
 class InputError(HillsphereError, ValueError):
-    """The caller gave something that cannot be used; the message says what and how to mend it."""
+    """An argument, a key or a file cannot be used; the message says why and gives the remedy."""
 
 
 class PluginError(HillsphereError):
@@ -28,7 +28,7 @@ class PluginError(HillsphereError):
 
 
 class UnknownComponentError(InputError, LookupError):
-    """No component of the asked kind and type is installed."""
+    """No installed component has the requested kind and type."""
 
 
 class PropagationError(HillsphereError, ArithmeticError):
@@ -40,18 +40,18 @@ class ConvergenceError(HillsphereError, ArithmeticError):
 
 
 class StageError(HillsphereError, RuntimeError):
-    """A stage of a mission failed; the earlier stages' results stand in the run directory."""
+    """A stage of a mission failed; the run directory holds the results of the stages before."""
 
 
 class Interrupted(HillsphereError):  # noqa: N818 - a state of affairs, not a fault
-    """The run was asked to stop; what was finished is kept.
+    """The run was asked to stop; finished work is kept.
 
     Parameters
     ----------
     message : str
-        What was stopped.
+        Names the stopped stage or command.
     kept : str
-        What the stage that was stopped has already, part of a sentence for the user.
+        The part of the interrupted stage's work that is kept, as part of a sentence for the user.
     """
 
     def __init__(self, message: str = "", *, kept: str = "") -> None:

@@ -69,7 +69,7 @@ def ecef(
     latitude_rad, longitude_rad, height_m : ndarray, shape (N,)
         Geodetic latitude, longitude east of the prime meridian, height above the ellipsoid.
     ellipsoid : Ellipsoid
-        To which they refer.
+        The ellipsoid of these coordinates.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def geodetic(r_ecef_m: Array, ellipsoid: Ellipsoid = WGS84) -> tuple[Array, Arra
     Raises
     ------
     InputError
-        If the shape is another one or a position is not finite.
+        If the shape is not (3, N) or a position is not finite.
     """
     r = np.asarray(r_ecef_m, dtype=float)
     if r.ndim != 2 or r.shape[0] != 3:
@@ -131,7 +131,7 @@ def geodetic(r_ecef_m: Array, ellipsoid: Ellipsoid = WGS84) -> tuple[Array, Arra
 
 @dataclass(frozen=True)
 class Station:
-    """A place on the Earth from which a satellite is seen.
+    """A ground station, given by its geodetic coordinates.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class Station:
     def axes(self) -> Array:
         """Local axes, shape (3, 3), read-only: rows are east, north and up (ellipsoid normal).
 
-        ``axes @ d`` gives an Earth-fixed difference d in them.
+        ``axes @ d`` resolves an Earth-fixed difference d along these axes.
         """
         sin_lat, cos_lat = sin(self.latitude_rad), cos(self.latitude_rad)
         sin_lon, cos_lon = sin(self.longitude_rad), cos(self.longitude_rad)
@@ -208,7 +208,7 @@ class Station:
         Returns
         -------
         Station
-            There.
+            The station.
         """
         place = np.asarray(r_ecef_m, dtype=float).reshape(-1, 1)
         latitude, longitude, height = geodetic(place, ellipsoid)

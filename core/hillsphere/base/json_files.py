@@ -1,4 +1,4 @@
-"""JSON files that anybody may have written: bounded in size and depth, without NaN."""
+"""Safe reading of JSON files from untrusted sources: bounded in size and depth, without NaN."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def read_json(path: Path, max_bytes: int, *, follow_links: bool = True) -> Any:
     Raises
     ------
     InputError
-        If it cannot be read or is not JSON; the file is named.
+        If it cannot be read or is not JSON; the message names the file.
     """
     try:
         data = read_bytes(path, max_bytes, follow_links=follow_links)
@@ -40,7 +40,7 @@ def read_json(path: Path, max_bytes: int, *, follow_links: bool = True) -> Any:
 
 
 def parse_json(text: str) -> Any:
-    """Return what JSON text says.
+    """Return the value of a JSON text.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-r"""Linear time-invariant systems, as they pass between stages.
+r"""Linear time-invariant systems in state space.
 
 .. math::
 
@@ -35,12 +35,13 @@ class LtiSystem:
     dt_s : float or None
         Sampling period, s; None in continuous time.
     inputs, outputs, states : tuple of str
-        Names of the signals, each once; left out: none have names.
+        Names of the signals, all different; by default signals have no names.
 
     Raises
     ------
     InputError
-        If the shapes do not fit, an entry is not finite, or names are too few, too many or twice.
+        If the shapes do not match, an entry is not finite, or the names are not one per signal and
+        all different.
     """
 
     a: Array
@@ -145,7 +146,7 @@ class LtiSystem:
         return made
 
     def of(self, outputs: Sequence[str], inputs: Sequence[str]) -> LtiSystem:
-        """Return the part from some inputs to some outputs, by name, in the order given.
+        """Return the subsystem from some inputs to some outputs, by name, in the order given.
 
         Raises
         ------
@@ -163,7 +164,7 @@ class LtiSystem:
 
 
 def real_matrix(given: object, name: str) -> Array:
-    """Return a copy of a matrix; of what is none of finite real numbers, `InputError` by name."""
+    """Return a copy of a matrix; `InputError` unless it is a matrix of finite real numbers."""
     try:
         matrix = np.array(given)
     except ValueError:
@@ -180,7 +181,7 @@ def real_matrix(given: object, name: str) -> Array:
 
 
 def indices_of(known: Sequence[str], wanted: Sequence[str], what: str) -> list[int]:
-    """Return the places of names among those known; `InputError` for one that is not there."""
+    """Return the indices of names among the known ones; `InputError` if one is unknown."""
     places = []
     for name in wanted:
         if name not in known:

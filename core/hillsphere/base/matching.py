@@ -1,4 +1,4 @@
-"""Which quantities of a table or a model a dispersion stands for."""
+"""Matching of names with patterns that contain ``*``."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ __all__ = ["match_names"]
 def match_names(
     patterns: Sequence[str], names: Sequence[str], where: str, what: str = "quantity"
 ) -> tuple[str, ...]:
-    """Return the names that patterns stand for, pattern by pattern, each in the order of `names`.
+    """Return the names that match patterns: pattern by pattern, each in the order of `names`.
 
     Parameters
     ----------
     patterns : sequence of str
         Whole names; ``*`` stands for any characters.
     names : sequence of str
-        What there is.
+        All names.
     where : str
-        Whose names they are, for the message.
+        Owner of the names, for the message.
     what : str
-        What they name, for the message.
+        Noun for a named item, for the message.
 
     Returns
     -------
     tuple of str
-        Each name once, at the first pattern that finds it.
+        Each name once, at the first pattern that it matches.
 
     Raises
     ------
     InputError
-        If a pattern finds nothing, with the nearest name.
+        If a pattern matches no name; the message gives the nearest name.
     """
     found: dict[str, None] = {}
     for pattern in patterns:
@@ -49,7 +49,7 @@ def match_names(
 
 
 def _compile_pattern(pattern: str) -> re.Pattern[str]:
-    """Return a regular expression that takes a time linear in the name, however many ``*``."""
+    """Return a regular expression that takes linear time, whatever the number of ``*``."""
     if "*" not in pattern:
         return re.compile(re.escape(pattern))
     first, *middle, last = (re.escape(part) for part in re.split(r"\*+", pattern))

@@ -1,8 +1,8 @@
-"""Arrays in ``.npz`` files of which nothing is believed before it is measured.
+"""Safe reading of ``.npz`` files from untrusted sources.
 
-An archive may claim what it does not hold: members that unpack to a thousand times its size, arrays
-whose header asks for a terabyte, Python objects, which are pickles. `read_arrays` adds up what is
-claimed, compares it with what is there, and asks for memory only then.
+A malicious archive can hold members that unpack to a thousand times its size, arrays whose header
+claims a terabyte, or Python objects, whose unpickling runs code. `read_arrays` compares the claimed
+sizes with the size of the file before it allocates memory, and refuses objects.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-"""Versions of the header of an array. The third is for field names outside Latin-1 only."""
+"""Accepted versions of an array's header. The third exists for field names outside Latin-1."""
 
 
 def read_arrays(stream: BinaryIO, *, compressed: bool) -> dict[str, np.ndarray[Any, Any]]:
@@ -36,19 +36,20 @@ def read_arrays(stream: BinaryIO, *, compressed: bool) -> dict[str, np.ndarray[A
     stream : BinaryIO
         An open ``.npz`` file.
     compressed : bool
-        Whether members may be compressed; if not, one that is is an error.
+        Whether members may be compressed; otherwise a compressed one is an error.
 
     Returns
     -------
     dict of str to ndarray
-        By name of the member, without ``.npy``.
+        Name of the member, without ``.npy``, to its array.
 
     Raises
     ------
     zipfile.BadZipFile, ValueError, EOFError, LookupError, RuntimeError, NotImplementedError
-        If it is no such archive, is damaged, claims more than it holds, or has Python objects.
+        If the file is not such an archive, is damaged, claims more than it holds, or has Python
+        objects.
     OSError, MemoryError
-        If it cannot be read just now.
+        If reading fails for another reason; it may succeed later.
     """
     size = os.fstat(stream.fileno()).st_size
     arrays: dict[str, np.ndarray[Any, Any]] = {}

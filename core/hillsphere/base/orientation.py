@@ -1,8 +1,8 @@
-"""How the Earth is turned: UT1 and polar motion.
+"""Earth orientation parameters: UT1 and polar motion.
 
-Beside the angle that follows from a time scale, the Earth's rotation has an irregular part that
-must be observed. It is a constant here, or a table of the International Earth Rotation Service
-(IERS): the one in the package ``astropy-iers-data``, or a file of the same format.
+The Earth's rotation has an irregular part that must be observed. It is given by constants, or by a
+table of the International Earth Rotation Service (IERS): the one in the package
+``astropy-iers-data``, or a file of the same format.
 
 References
 ----------
@@ -40,7 +40,7 @@ __all__ = [
 
 
 class EarthOrientationWarning(UserWarning):
-    """Times lie beyond the observed and predicted rotation of the Earth."""
+    """Times lie after the end of the table of Earth orientation."""
 
 
 @dataclass(frozen=True)
@@ -68,19 +68,22 @@ class EarthOrientation(Protocol):
         ...
 
     def lapse(self, epoch: Epoch, t_s: Array) -> str | None:
-        """Return a sentence for the verdict if the source does not cover the times, else None."""
+        """Return a sentence for the verdict if the source does not cover the times, else None.
+
+        Times (N,) are SI seconds after the epoch.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class ConstantOrientation:
-    """UT1 − UTC and polar motion that do not change, for spans of hours or for comparisons.
+    """Constant UT1 − UTC and polar motion, for spans of hours or for comparisons.
 
     Parameters
     ----------
     ut1_minus_utc_s : float
-        At the epoch of the times asked for; from there UT1 runs on with SI seconds, also across a
-        leap second.
+        Value at the epoch from which times count; from there UT1 advances with SI seconds, also
+        across a leap second.
     x_pole_rad, y_pole_rad : float
         Polar motion.
 
@@ -116,30 +119,31 @@ class ConstantOrientation:
 
 
 UT1_IS_UTC = ConstantOrientation()
-"""UT1 := UTC and no polar motion: what older papers do; wrong by up to 4e-3° of rotation."""
+"""UT1 = UTC without polar motion, as in older papers: an error of rotation of up to 4e-3°."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrientationTable:
-    """Daily values of the IERS, observed and predicted about a year ahead.
+    """Table of daily IERS values, observed and predicted about a year ahead.
 
-    Linear between the days, in UT1 − TAI, so that no leap second is interpolated. What that misses,
-    and tides within the day, is below 0.1 ms of UT1 and 1 mas of the pole (5 cm on the equator).
+    Values between the days are interpolated linearly. UT1 − TAI is interpolated rather than
+    UT1 − UTC, which jumps at leap seconds. The errors of interpolation and of tides within a day
+    are below 0.1 ms of UT1 and 1 mas of the pole (5 cm on the equator).
 
-    Times before the table are an error. Beyond its end the last values are held, which is wrong by
-    about a millisecond for every further day: `at` gives an `EarthOrientationWarning`, and `lapse`
-    the sentence for a verdict.
+    Times before the table are an error. After its end the last values are held, an error that
+    grows by about 1 ms per day: `at` gives an `EarthOrientationWarning`, and `lapse` the sentence
+    for a verdict.
 
     Parameters
     ----------
     source : str
-        Where the table is from, for messages.
+        Name of the table in messages.
     mjd_tai : ndarray, shape (K,)
         Modified Julian dates of the values, rising.
     ut1_minus_tai_s, x_pole_rad, y_pole_rad : ndarray, shape (K,)
         The values.
     observed_to_mjd : float
-        Date of the last value that is no prediction.
+        Modified Julian date of the last observed value; later ones are predictions.
 
     Raises
     ------
@@ -170,7 +174,7 @@ class OrientationTable:
     def read(cls, path: str | Path) -> OrientationTable:
         """Read a file of the format finals2000A (``.all``, ``.data`` or ``.daily``).
 
-        Values of Bulletin B are taken where there are any, else those of Bulletin A.
+        Values of Bulletin B are preferred to those of Bulletin A.
 
         Parameters
         ----------
@@ -262,21 +266,21 @@ class OrientationTable:
 
 
 def doubts(orientation: EarthOrientation, epoch: Epoch, t_s: Array) -> tuple[str, ...]:
-    """Return what a verdict must say of the Earth's rotation at some times.
+    """Return warnings for the verdict about the Earth orientation at some times.
 
     Parameters
     ----------
     orientation : EarthOrientation
-        That was used.
+        The source that was used.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     t_s : ndarray, shape (N,)
-        The first and last times are enough, SI seconds.
+        Times, SI seconds after the epoch; the first and the last are enough.
 
     Returns
     -------
     tuple of str
-        Sentences: that the table ends before, that UT1 is taken as UTC; none if all is well.
+        Sentences: the table ends before the times, or UT1 = UTC was assumed. Empty if neither.
     """
     found = []
     if (lapse := orientation.lapse(epoch, t_s)) is not None:
@@ -287,7 +291,7 @@ def doubts(orientation: EarthOrientation, epoch: Epoch, t_s: Array) -> tuple[str
 
 
 def tai_of(epoch: Epoch) -> tuple[float, float]:
-    """Return the two-part Julian date of an epoch in TAI; remembered, as it is asked often."""
+    """Return the two-part Julian date of an epoch in TAI; cached, as it is needed often."""
     tai = _tai(epoch)
     return tai.day, tai.fraction
 

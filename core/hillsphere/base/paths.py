@@ -11,8 +11,8 @@ from pathlib import Path
 def cache_directory() -> Path:
     """Return the cache directory: HILLSPHERE_CACHE, or the platform's user cache.
 
-    What is kept there is run. If anybody else may have written to it, a private and fresh directory
-    takes its place, with a warning: see `hillsphere.base.private_cache`.
+    The cache holds code that is executed. If another user could have written to it, a fresh private
+    directory is used instead, with a warning (`hillsphere.base.private_cache`).
     """
     from hillsphere.base.private_cache import trusted_cache
 
@@ -20,9 +20,9 @@ def cache_directory() -> Path:
 
 
 def compiled_code_directory() -> Path:
-    """Return where the compile layer keeps machine code: HEYOKA_CACHE_DIR, or in our cache.
+    """Return the directory of compiled machine code: HEYOKA_CACHE_DIR, or a part of the cache.
 
-    Nobody else can have written what is there: see `cache_directory`.
+    No other user can have written to it: see `cache_directory`.
     """
     from hillsphere.base.private_cache import trusted_cache
 
@@ -44,7 +44,7 @@ def _wanted_cache() -> Path:
 
 
 def missions_directory() -> Path:
-    """Return the packaged missions: inside the wheel, or beside the core in a source tree."""
+    """Return the directory of the packaged missions, in the wheel or in the source tree."""
     here = Path(__file__).resolve().parents[1]
     installed = here / "missions"
     return installed if installed.is_dir() else here.parents[1] / "missions"

@@ -1,10 +1,9 @@
-"""Whether a cache directory can be trusted, and the private one that takes its place if not.
+"""Check that no other user can write to the cache; otherwise a private cache is used.
 
-What is in the cache is run: compiled functions are pickles and machine code, and the compile layer
-loads its own database without asking whose it is. A directory is trusted only if nobody but its
-owner, who is this user, and the administrator can have put anything there: this is a matter of the
-directory, of the files in it, and of every directory above it, since whoever may write to one of
-those may put another cache in the place of ours.
+The cache holds code that is executed: compiled functions are pickles and machine code, and the
+compile layer loads its own database without a check of its owner. A directory is trusted only if
+this user owns it and nobody else but the administrator can write to it, to the files in it, or to
+any directory above it: write access to one of those allows replacing the whole cache.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _PREFIX = "hillsphere-cache-"
 
 
 def is_private(found: os.stat_result) -> bool:
-    """Whether what has this status belongs to this user and nobody else may write to it."""
+    """Return whether a file with this status is this user's and only this user may write to it."""
     if sys.platform == "win32":  # the cache is in the user's own profile, whose access is Windows's
         return True
     return found.st_uid == os.geteuid() and not found.st_mode & _OTHERS_WRITE
@@ -45,7 +44,7 @@ def cache_fault(directory: Path) -> str:
     Parameters
     ----------
     directory : Path
-        The cache. What is missing of it is made, for this user alone.
+        The cache. Missing directories are made, with access for this user alone.
 
     Returns
     -------
@@ -55,14 +54,14 @@ def cache_fault(directory: Path) -> str:
     Raises
     ------
     OSError
-        If it is not there and cannot be made, or is no directory.
+        If it does not exist and cannot be made, or is not a directory.
 
     Notes
     -----
-    Each directory is judged before a name is looked up in it. Where all of them pass, only this
-    user and the administrator can change what the path means, so that the verdict still holds when
-    the path is used. A directory that all may write to is passed if its sticky bit is set and what
-    the path takes from it is ours or the administrator's, as in ``/tmp``.
+    Each directory is checked before a name is looked up in it. If all of them pass, only this user
+    and the administrator can redirect the path, so that the result still holds when the path is
+    used. A directory that everybody may write to passes if its sticky bit is set and the next
+    entry of the path belongs to this user or the administrator, as in ``/tmp``.
     """
     if sys.platform == "win32":
         directory.mkdir(parents=True, exist_ok=True)
@@ -113,9 +112,9 @@ def cache_fault(directory: Path) -> str:
 
 
 def _entry_fault(directory: Path) -> str:
-    """Say which entry of a cache, or of what the compile layer keeps in it, is not ours alone.
+    """Say which entry of a cache, or of the compile layer's part of it, others may write to.
 
-    Entries of our own below that are judged when they are opened.
+    Deeper entries are checked when they are opened.
     """
     for place in (directory, directory / "compiled"):
         if not place.is_dir():
@@ -134,17 +133,18 @@ def _entry_fault(directory: Path) -> str:
 
 
 def trusted_cache(directory: Path) -> Path:
-    """Return a cache directory, or a private one in its place if it cannot be trusted.
+    """Return a cache directory, or a private one if others may write to it.
 
     Parameters
     ----------
     directory : Path
-        The cache that is asked for.
+        The requested cache.
 
     Returns
     -------
     Path
-        The same, if it can be trusted, or if it cannot be used at all: who writes to it says so.
+        `directory` if it can be trusted. Also if it cannot be used at all: the code that writes to
+        it reports that.
     """
     try:
         fault = cache_fault(directory)
@@ -154,9 +154,9 @@ def trusted_cache(directory: Path) -> Path:
 
 
 def private_cache(directory: Path, fault: str) -> Path:
-    """Return a fresh cache directory of this user alone, that lasts as long as this process.
+    """Return a fresh cache directory for this user alone, which is removed with this process.
 
-    It is said once, and told to the processes that this one starts by ``HILLSPHERE_CACHE``.
+    A warning is given once. Child processes learn of the directory by ``HILLSPHERE_CACHE``.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def private_cache(directory: Path, fault: str) -> Path:
     Raises
     ------
     InputError
-        If there is no place where nobody else can interfere with it.
+        If others may write to every directory for temporary files.
     """
     place = _fresh_directory()
     atexit.register(partial(_remove, place, os.getpid()))
@@ -184,7 +184,7 @@ def private_cache(directory: Path, fault: str) -> Path:
 
 
 def _fresh_directory() -> Path:
-    """Make a directory of mode 0700 where nobody else can put another in its place."""
+    """Make a directory of mode 0700 at a path that no other user can redirect."""
     for base in (tempfile.gettempdir(), "/tmp", "/var/tmp", str(Path.home())):
         with suppress(OSError):
             place = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=base))

@@ -1,4 +1,4 @@
-"""What is wrong with an input, and where: one line of text per problem."""
+"""Problems of an input: location, key and message, each as one line of text."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ Key = tuple[str | int, ...]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _SHOWN_CHARACTERS = 60
+"""Length at which a name is cut in a message: longer than any valid name."""
 _CANDIDATES = 300
+"""Valid names that are compared with a misspelt one; a comparison takes up to 0.1 ms."""
 _LISTED = 24
+"""Valid names that a message lists if none is near: about three lines on a terminal."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with a mission.
+    """One fault of a mission file or a setting.
 
     Parameters
     ----------
@@ -41,17 +44,18 @@ class Problem:
     line : int or None
         Line in that file, counted from 1; None for a setting and for the file as a whole.
     key : tuple
-        Path of the key that is meant; empty for the file as a whole.
+        Path of the faulty key; empty for the file as a whole.
     message : str
-        What is wrong and the remedy.
+        The fault and its remedy.
     is_remark : bool
-        It is about the list of problems, not one of them: it belongs at the end.
+        Whether this is a remark on the list of problems, to be shown at its end.
     user : str
-        The table that suffers from it, if the value stands in another one which that is like.
+        Table that inherits the faulty value by ``like``; empty if the value is its own.
     is_idle : bool
-        It is a setting without any effect, as its table is dropped: sound where the table stays.
+        Whether this is a setting without effect because its table is dropped; it is no fault if
+        another value of `for` keeps the table.
     given : str
-        What a table with `for` stood for where it suffers: ``"controller = 'k0'"``.
+        Values of a table with `for` for which the fault occurs: ``"controller = 'k0'"``.
     """
 
     source: str
@@ -77,7 +81,7 @@ class Problem:
 
 
 class MissionError(InputError):
-    """A mission that cannot be run; every problem found stands in `problems`.
+    """A mission cannot be run; `problems` lists all its faults.
 
     Parameters
     ----------
@@ -115,11 +119,11 @@ def did_you_mean(word: str, valid: Iterable[str], *, otherwise: str = "valid") -
     Parameters
     ----------
     word : str
-        What stood there.
+        The invalid word.
     valid : iterable of str
-        What could have stood there.
+        The valid words.
     otherwise : str
-        Heading of the list if nothing is near.
+        Heading of the list of valid words, which is given if none is similar.
 
     Returns
     -------
@@ -137,7 +141,7 @@ def did_you_mean(word: str, valid: Iterable[str], *, otherwise: str = "valid") -
 
 
 def format_value(value: Any) -> str:
-    """Say what a value is, in the words of a mission file, on one short line."""
+    """Describe a value in the terms of a mission file, on one short line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):

@@ -1,8 +1,8 @@
-"""Progress on the terminal: the one place that draws it.
+"""Progress bars on the terminal.
 
-A run shows one bar for its stages and, below it, one for what the running stage tracks: what is
-done, of how much, how fast, and the time left. Everything goes to the standard error stream, and
-only if that is a terminal; results on the standard output stay clean.
+A run shows one bar for its stages and, below it, one for the work of the running stage: the items
+done, their total, the rate, and the time left. The bars go to the standard error stream, and only
+if that is a terminal, so that the standard output holds results alone.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Progress:
         name : str
             Name of the stage.
         number, total : int
-            It is the number-th (from 1) of so many.
+            Its position, from 1, and the number of all stages.
         """
         bars = self._bars
         if bars is None:
@@ -100,12 +100,13 @@ class Progress:
         total : int, optional
             Number of items; without it the bar pulses.
         note : callable, optional
-            Returns what stands behind the bar; called whenever it is drawn, in another thread.
+            Returns a text to show behind the bar; called whenever the bar is drawn, in another
+            thread.
 
         Returns
         -------
         callable
-            ``advance(count)``; cheap, and callable from any thread.
+            ``advance(count)`` adds to the items done; cheap, and callable from any thread.
         """
         bars = self._bars
         if bars is None:
@@ -144,7 +145,7 @@ def _bars(stream: TextIO) -> RichProgress:
             return Text(f"{speed:.3g}/s" if speed >= 1 else f"{60 * speed:.3g}/min")
 
     class Note(ProgressColumn):
-        """What the stage has to say besides, as it is when the bar is drawn."""
+        """The text of the running stage's `note`, evaluated when the bar is drawn."""
 
         def render(self, task: Task) -> Text:
             note = task.fields.get("note")

@@ -1,9 +1,9 @@
-"""Ranges of physical quantities: what lies outside is a slip, most often in a unit.
+"""Ranges of physical quantities, by which values in a wrong unit are refused.
 
-A range does not say what is likely but what is possible for anything that this framework is for,
-so that a value outside it can be refused without asking. Each has its reason; a component whose
-quantity means something narrower (the radius of a body, the density of rock) gives its own bounds,
-some of which stand here because several components share them.
+A range holds all values that are possible in the framework's applications, not only likely ones; a
+value outside it is a mistake, most often of the unit. A component whose quantity is narrower (the
+radius of a body, the density of rock) gives its own bounds; those that several components share
+are given here.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ outside."""
 
 
 def within_largest(dimension: str, bounds: Mapping[str, float]) -> dict[str, float]:
-    """Return bounds that leave no value beyond `LARGEST`.
+    """Return bounds completed by `LARGEST` on the sides that have none.
 
     Parameters
     ----------

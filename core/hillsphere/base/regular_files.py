@@ -1,9 +1,9 @@
-"""Regular files: how every file that somebody else may have written is opened.
+"""Safe opening of regular files that another user may have written.
 
 A path in a mission, a run directory or on the command line may lead to a FIFO, whose opening waits
-for a writer for ever, or to a device, whose opening alone may do something. `open_regular` refuses
-both before it opens anything, and judges what it has opened once more, since the name may lead
-somewhere else by then. Every reader of the framework and of its plugins reads through this module.
+for a writer for ever, or to a device, whose opening can have effects. `open_regular` refuses both
+before it opens anything, and checks the open file once more, since the name may have been given to
+another file meanwhile. The framework and its plugins read files through this module only.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def open_regular(
     path : str or path
         The file.
     max_bytes : int
-        Most bytes that it may have.
+        Largest size that is accepted.
     follow_links : bool
         Whether `path` itself may be a symbolic link.
 
@@ -72,9 +72,9 @@ def open_regular(
         If the path leads to a FIFO, a socket, a device or a link that may not be followed, none of
         which is opened.
     OSError
-        If it cannot be opened. Its `strerror` reads behind "cannot be read: ". ``EINVAL`` if the
-        path is none, ``EISDIR`` if it leads to a directory, ``EFBIG`` if the file is larger than it
-        may be.
+        If it cannot be opened. Its `strerror` completes the sentence "cannot be read: ". ``EINVAL``
+        if the path holds a null character, ``EISDIR`` if it leads to a directory, ``EFBIG`` if the
+        file is larger than `max_bytes`.
     """
     name = os.fspath(path)
     try:
@@ -101,7 +101,7 @@ def open_regular(
 
 
 def check_regular(found: os.stat_result, name: str) -> None:
-    """Raise the `OSError` of `open_regular` if a status is not that of a regular file."""
+    """Raise the `OSError` of `open_regular` unless the status is that of a regular file."""
     if stat.S_ISREG(found.st_mode):
         return
     if stat.S_ISDIR(found.st_mode):
@@ -111,7 +111,7 @@ def check_regular(found: os.stat_result, name: str) -> None:
 
 
 def read_bytes(path: str | os.PathLike[str], max_bytes: int, *, follow_links: bool = True) -> bytes:
-    """Return the content of a regular file; arguments and errors as those of `open_regular`."""
+    """Return the content of a regular file; arguments and errors as for `open_regular`."""
     blocks, count = [], 0
     with open_regular(path, max_bytes, follow_links=follow_links) as stream:
         while block := stream.read(1 << 20):

@@ -1,4 +1,4 @@
-"""Many random generators at once: NumPy's seeding for whole arrays of case numbers.
+"""Seeding of many random generators at once, with the same streams as NumPy's SeedSequence.
 
 ``numpy.random.PCG64(numpy.random.SeedSequence(seed, spawn_key=(place, number, what)))`` takes about
 13 µs, mostly to make objects. Here the same states come from array operations, and one generator is
@@ -24,13 +24,20 @@ __all__ = ["generators"]
 _Words = NDArray[np.uint32]
 
 _POOL = 4
+"""Words of entropy that NumPy's SeedSequence holds: its default ``pool_size``."""
+# Constants of the hash and mixing functions of NumPy's SeedSequence: they must be its own, or the
+# streams differ from those that NumPy promises to keep.
 _INIT_A, _MULT_A = 0x43B0D7E5, 0x931E8875
+# Those of its output function.
 _INIT_B, _MULT_B = 0x8B51F9DD, 0x58F38DED
 _MIX_L, _MIX_R = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
 _SHIFT = np.uint32(16)
 _MASK = 2**32 - 1
+"""Reduces Python integers modulo 2³², as the hash computes with words of 32 bits."""
 _PCG_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+"""Multiplier of PCG64's linear congruential generator ([1]_, O'Neill)."""
 _MASK_128 = 2**128 - 1
+"""Reduces Python integers modulo 2¹²⁸, the modulus of PCG64."""
 
 
 def generators(
@@ -43,15 +50,16 @@ def generators(
     seed : int
         Root seed, ≥ 0.
     place, what : int
-        Keys before and after the number, ≥ 0 (`hillsphere.base.seeds.name_key`).
+        Elements of the spawn key before and after the number, ≥ 0
+        (`hillsphere.base.seeds.name_key`).
     numbers : ndarray of int, shape (N,)
-        0 … 2³² − 1.
+        Middle elements of the spawn keys, 0 … 2³² − 1.
 
     Yields
     ------
     numpy.random.Generator
-        Always the same object, set to the beginning of the number's own stream: use it before the
-        next is taken.
+        One object, set anew to the beginning of each number's stream: draw from it before the next
+        one is requested.
     """
     bits = np.random.PCG64(0)
     generator = np.random.Generator(bits)

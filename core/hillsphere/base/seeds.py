@@ -1,4 +1,4 @@
-"""Seeds that depend on names and numbers of cases, never on the order of the work."""
+"""Random numbers that depend on the seed, the names and the case, not on the order of work."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["draws", "name_key"]
 
 
 def name_key(name: str) -> int:
-    """Return the first 8 bytes of the SHA-256 of a name, as a number."""
+    """Return the first 8 bytes of the SHA-256 of a name as an integer, for use as a seed."""
     return int.from_bytes(sha256(name.encode("utf-8", "surrogatepass")).digest()[:8], "big")
 
 
 def draws(seed: int, stage: str, cases: Integers, stream: str, shape: tuple[int, ...]) -> Array:
-    """Draw standard normal numbers, for each case from a generator of its own.
+    """Draw standard normal numbers from a separate generator for each case.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def draws(seed: int, stage: str, cases: Integers, stream: str, shape: tuple[int,
     cases : ndarray of int, shape (N,)
         Numbers of the cases, ≥ 0.
     stream : str
-        What is drawn; streams are independent.
+        Name of the drawn quantity; streams of different names are independent.
     shape : tuple of int
         Shape of the numbers of one case.
 
@@ -36,7 +36,7 @@ def draws(seed: int, stage: str, cases: Integers, stream: str, shape: tuple[int,
     -------
     ndarray, shape (*shape, N)
         From PCG64 seeded by ``SeedSequence(seed, spawn_key=(key of stage, case, key of stream))``:
-        the numbers of a case depend on nothing but these.
+        the numbers of a case depend on these only, not on the other cases.
     """
     place, what = name_key(stage), name_key(stream)
     out = np.empty((*shape, len(cases)))

@@ -10,18 +10,18 @@ __all__ = ["shell_line"]
 
 
 def shell_line(words: Iterable[str]) -> str:
-    r"""Return words as one line that a POSIX shell takes apart into the same words.
+    r"""Return words as one line that a POSIX shell splits into the same words.
 
     Parameters
     ----------
     words : iterable of str
-        A command and its arguments; they may come from a file that somebody else has written.
+        A command and its arguments; they may come from another user's file.
 
     Returns
     -------
     str
-        Quoted where it must be. Control characters, which would steer the terminal, stand as
-        ``$'\x1b'``, which bash and zsh understand.
+        The line, quoted where necessary. Control characters, which could manipulate the terminal,
+        are written as ``$'\x1b'``, which bash and zsh understand.
     """
     return " ".join(_quote(word) for word in words)
 

@@ -1,7 +1,7 @@
-"""The signals that end a process, as one exception and one event; imports nothing heavy.
+"""Handling of the signals that end a process: by an exception, an event, and a time limit.
 
 Python handles a signal between two of its own instructions. Compiling the equations of a mission is
-one instruction that may take minutes: `end_in_time` ends a command that does not come to its end.
+one instruction that may take minutes: `end_in_time` ends a process that does not react in time.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ STOPPING = tuple(
 
 
 GRACE_S = 2.5
-"""Time that a command has to end by itself after a signal. What sends one, such as a batch system,
-often kills after 5 or 10 s: then nobody would end the workers, nor say how to go on."""
+"""Time that a command has to end by itself after a signal. Senders such as batch systems often
+kill after 5 or 10 s: by then the workers must be stopped and the user told how to resume."""
 
 INTERRUPTED = 130
 """Exit code, as `hillsphere.cli.endings` explains."""
@@ -48,14 +48,14 @@ def interrupt(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def ignore(number: int, frame: FrameType | None) -> None:
-    """Handle a signal by nothing: the process is about to exit, and `end_in_time` sees to it."""
+    """Handle a signal by doing nothing: `end_in_time` is already ending the process."""
 
 
 @contextmanager
 def stop_signals(stopped: threading.Event) -> Iterator[None]:
     """Set the event at the signals of `STOPPING`, then raise `KeyboardInterrupt`, in the block.
 
-    Threads that look at the event learn of the signal at once, whatever the main thread is doing.
+    Threads that poll the event notice the signal at once, whatever the main thread is doing.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def stop_signals(stopped: threading.Event) -> Iterator[None]:
 
 @contextmanager
 def remedy(text: str) -> Iterator[None]:
-    """Say, if `end_in_time` ends the process within the block, what is kept and how to go on."""
+    """Set the message that `end_in_time` prints in the block: what is kept, how to resume."""
     _remedies.append(text)
     try:
         yield
@@ -120,7 +120,7 @@ def remedy(text: str) -> Iterator[None]:
 def end_in_time() -> None:
     """End this process `GRACE_S` after a signal of `STOPPING` if it has not ended by then.
 
-    For a command line, which nobody else's code shares. The workers of `child_groups` are killed.
+    Only for the command line, which owns its process. The workers of `child_groups` are killed.
 
     Notes
     -----
@@ -149,14 +149,14 @@ def _end_late(reading: int) -> None:
 
 
 def _is_ours(number: int) -> bool:
-    """Whether a signal interrupts what this process does, or has begun to."""
+    """Return whether a signal interrupts this process by a handler of ours or of Python."""
     handler = signal.getsignal(number)
     usual = (interrupt, ignore, signal.default_int_handler)
     return handler in usual or handler in _handlers
 
 
 def _leave_to_parent() -> None:
-    """In a child that a plugin forks, take signals as usual: its parent's pipe is not told of them.
+    """Restore usual signal handling in a forked child, so that it does not write to our pipe.
 
     `multiprocessing` ends its children by SIGTERM, which must not end the run.
     """

@@ -1,4 +1,4 @@
-"""Processes that a plugin forks end when they come back into the framework.
+"""Child processes that a plugin forks are ended when they return into the framework.
 
 After ``os.fork()`` both processes return from the plugin's function. The child that does so goes on
 with the run as its parent does: it computes the remaining cases, calls the plugin again, which
@@ -35,12 +35,13 @@ _FRAMEWORK = frozenset(
 other plugins too and fork nothing themselves."""
 
 _PID_BYTES = 8
+"""Bytes of a process number in the pipe: at least those of any system's ``pid_t``."""
 
 _sites: set[tuple[str, int]] = set()
-"""Where plugins have forked: of the children of one place the first says why it ends."""
+"""Places in plugins that have forked: only the first child of each place prints a message."""
 
 _ended: tuple[int, int] | None = None
-"""Ends of a pipe on which children that are ended say so, for their parent to reap them."""
+"""Ends of a pipe to which ended children write their numbers, so that their parent reaps them."""
 
 _known: tuple[int, int] | None = None
 """The same in a child: its parent's pipe."""
@@ -61,7 +62,8 @@ def install() -> None:
 def end_child_of(process: int) -> None:
     """End this process if a plugin has forked it from that one.
 
-    For what a stage calls in a loop of its own, where its children never come back to a caller.
+    It guards functions that a stage calls in a loop of its own: a child that stays in that loop
+    never returns to the framework.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ def end_child_of(process: int) -> None:
 
 
 def _before() -> None:
-    """Make ready for a child that may come back, and reap those that have."""
+    """Prepare for a child that may return, and reap the children that have."""
     global _ended, _is_first
     forking = sys._getframe(1)
     if _home(forking) is None:
@@ -88,7 +90,7 @@ def _before() -> None:
 
 
 def _reap(descriptor: int) -> None:
-    """Wait for children that said that they end, lest they fill the system's table."""
+    """Wait for the children that have ended, so that none stays in the process table."""
     with suppress(BlockingIOError):
         while data := os.read(descriptor, 512 * _PID_BYTES):
             _unreaped.extend(
@@ -126,7 +128,7 @@ def _after_in_child() -> None:
 
 
 def _home(frame: FrameType | None) -> FrameType | None:
-    """Return the framework's innermost frame under a call of fork; None if none can be met."""
+    """Return the framework's innermost frame that called fork; None if there is none."""
     while frame is not None:
         package = str(frame.f_globals.get("__name__")).partition(".")[0]
         if package in _FRAMEWORK:
@@ -142,7 +144,7 @@ def _site(frame: FrameType) -> tuple[str, int]:
 
 
 def _end(site: tuple[str, int], home: FrameType) -> NoReturn:
-    """End this process, with a message, and without anything that its parent would do as well."""
+    """End this process with a message, without the cleanup that its parent will do as well."""
     message = (
         f"a process that {site[0]}:{site[1]} has forked came back into "
         f"{home.f_globals.get('__name__')} and was ended; let it end by os._exit(), or start it by "

@@ -1,4 +1,4 @@
-"""Epochs in a named time scale, kept in two parts so that nanoseconds survive.
+"""Epochs in a named time scale, as two-part Julian dates, which resolve nanoseconds.
 
 The calendar, leap seconds and the change between scales come from ERFA, the library behind the
 standards of the International Astronomical Union.
@@ -24,7 +24,7 @@ from hillsphere.base.errors import InputError
 __all__ = ["J2000", "SCALES", "Epoch"]
 
 SCALES = ("TDB", "TT", "TAI", "UTC")
-"""Time scales known here."""
+"""Names of the time scales that `Epoch` accepts."""
 
 _ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d(?:\.\d{1,12})?))?)?")
 
@@ -56,12 +56,12 @@ class Epoch:
         text : str
             ``"2027-06-01"``, ``"2027-06-01T12:30"`` or ``"2027-06-01T12:30:00.5"``.
         scale : str
-            Scale in which it is meant.
+            Time scale of the text.
 
         Returns
         -------
         Epoch
-            That instant.
+            The instant.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Epoch:
         return Epoch(float(pair[0]), float(pair[1]), scale)
 
     def seconds_since(self, other: Epoch) -> float:
-        """Return the SI seconds from another epoch to this one, of this one's scale.
+        """Return the time elapsed since another epoch, in SI seconds of this epoch's scale.
 
         UTC days differ in length, so two epochs in UTC are compared in TAI.
         """
@@ -132,7 +132,7 @@ class Epoch:
         Parameters
         ----------
         offsets_s : ndarray, shape (K,)
-            Seconds after it, of its scale (in UTC: SI seconds).
+            Seconds after this epoch, in its scale (in UTC: SI seconds).
         digits : int
             Decimals of the second.
 
@@ -174,7 +174,11 @@ def _to_tt(epoch: Epoch) -> tuple[float, float]:
 
 
 def _tdb_minus_tt(day: float, fraction: float) -> float:
-    """Return TDB − TT, s, at the geocentre; TT or TDB as argument make no difference."""
+    """Return TDB − TT, s, at the geocentre.
+
+    The argument may be in TT or TDB: the two differ by 2 ms, which changes the result by less than
+    1e-12 s.
+    """
     return float(erfa.dtdb(day, fraction, 0.0, 0.0, 0.0, 0.0))
 
 

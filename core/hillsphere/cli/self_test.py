@@ -23,6 +23,8 @@ from hillsphere.symbolic.expressions import sin as sine
 __all__ = ["CHECKS", "KeplerPlant", "kepler_state"]
 
 ECCENTRICITY = 0.5
+"""Eccentricity of the test orbit: the angular velocity varies by a factor of nine along it, so
+that a fault of the step-size control shows."""
 TOLERANCE = 1e-11
 """Largest error of a state of order one; the propagators reach about 1e-14."""
 

@@ -15,6 +15,8 @@ from hillsphere.products.products import FlightSet
 __all__ = ["Course", "Rows", "course_along", "course_at"]
 
 _SAME_TIME = 1e-9
+"""Part of the length of a trajectory (and at least 1 ns) within which two times are the same: far
+above the rounding of sums of periods, far below any sampling period."""
 
 
 class Rows:

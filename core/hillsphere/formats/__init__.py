@@ -1,1 +1,1 @@
-"""Readers of the field's file formats; each yields plain records and names file and line."""
+"""Readers of file formats: spherical-harmonic coefficients and triangle meshes."""

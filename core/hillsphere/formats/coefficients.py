@@ -1,4 +1,4 @@
-"""What every file of spherical-harmonic coefficients holds, whatever its format."""
+"""Common parts of readers of spherical-harmonic coefficients."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Coefficient", "CoefficientTable", "LineReader"]
 _REAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 _INTEGER = re.compile(r"[0-9]{1,6}")
 _MOST_SHOWN = 300
-"""Characters of a message: a torn file may be one line of many megabytes."""
+"""Longest part of a line in a message, in characters; a damaged file may be one long line."""
 
 
 class Coefficient(NamedTuple):
@@ -34,7 +34,7 @@ class Coefficient(NamedTuple):
 
 @dataclass(frozen=True)
 class CoefficientTable:
-    """A gravity field as its file states it.
+    """A gravity field as given by its file.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class LineReader:
             yield line
 
     def fault(self, text: str, line: int | None = None) -> InputError:
-        """Make an error that names the file and a line: the present one, or none if `line` is 0."""
+        """Return an error with file and line number, by default of the present line; 0 for none."""
         number = self.number if line is None else line
         text = text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "…"
         return InputError(f"{self.path}:{number}: {text}" if number else f"{self.path}: {text}")

@@ -14,7 +14,7 @@ from hillsphere.formats.coefficients import LineReader
 __all__ = ["read_obj"]
 
 _IGNORED = ("vn", "vt", "vp", "o", "g", "s", "usemtl", "mtllib")
-"""Keywords without a bearing on the shape."""
+"""Keywords that are ignored, since they do not affect the shape."""
 
 
 def read_obj(path: str | Path) -> tuple[Array, Integers]:
@@ -23,8 +23,8 @@ def read_obj(path: str | Path) -> tuple[Array, Integers]:
     Parameters
     ----------
     path : str or Path
-        The file. Faces may give texture and normal beside each vertex (``1/2/3``), and count
-        vertices from the end by negative numbers; both as the format has it.
+        The file. As the format allows, faces may give texture and normal with each vertex
+        (``1/2/3``), and count vertices from the end by negative numbers.
 
     Returns
     -------
@@ -36,8 +36,8 @@ def read_obj(path: str | Path) -> tuple[Array, Integers]:
     Raises
     ------
     InputError
-        Names file and line: an unknown keyword, a malformed number, a face that is no triangle or
-        names a vertex that has not been given.
+        If there is an unknown keyword, a malformed number, or a face that is not a triangle or
+        refers to a missing vertex. The message names file and line.
     """
     lines = LineReader(Path(path))
     vertices: list[tuple[float, ...]] = []

@@ -9,6 +9,7 @@ from hillsphere.formats.coefficients import Coefficient, LineReader
 __all__ = ["read_shape_harmonics"]
 
 _MOST = 2000
+"""Largest degree: 2 million coefficients. A larger number in the first column is no degree."""
 
 
 def read_shape_harmonics(path: str | Path) -> tuple[Coefficient, ...]:

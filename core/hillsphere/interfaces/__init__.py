@@ -1,8 +1,7 @@
-"""The interfaces between the core and its plugins: one small Protocol per kind.
+"""Interfaces between the core and its plugins: one small Protocol per kind of component.
 
 A component is made from its bound `Spec` and holds configuration, no hidden state. N is always
-the number of independent cases, the last axis of an array. Interfaces of kinds that no plugin
-fills yet appear here together with the first one that does.
+the number of independent cases, the last axis of an array.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What estimators pass on: beliefs, sets of measurements, and what these brought.
+"""Data of estimators: beliefs, sets of measurements, and innovations.
 
-N cases at once, independent of each other. A belief carries a root of its covariance, so that
-what is made of it stays positive definite.
+Each holds N independent cases. A belief stores a square root of its covariance, so that the
+covariance stays positive definite in spite of rounding.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from hillsphere.interfaces.sensing import Channel
 __all__ = ["Belief", "Innovation", "MeasurementSet"]
 
 _SKEW = 1e-8
-"""Part of its size by which a covariance may differ from its transpose, by rounding."""
+"""Largest relative asymmetry of a covariance that is accepted as rounding."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Belief:
     x : ndarray, shape (n, N)
         Means, SI.
     root : ndarray, shape (N, n, n)
-        Lower triangular roots S of the covariances S Sᵀ.
+        Lower triangular square roots S of the covariances S Sᵀ.
     t_s : ndarray, shape (N,)
         Times, s.
 
@@ -69,13 +69,13 @@ class Belief:
         Returns
         -------
         Belief
-            Of them.
+            With the Cholesky factors of the covariances.
 
         Raises
         ------
         InputError
-            If a mean is not finite, a covariance not finite, symmetric and positive definite, or
-            the shapes do not fit.
+            If a mean is not finite, a covariance is not finite, symmetric and positive definite, or
+            the shapes do not match.
         """
         if not np.isfinite(x).all():
             case = np.argwhere(~np.isfinite(x))[0, -1]
@@ -120,20 +120,20 @@ class Belief:
 
 @dataclass(frozen=True)
 class MeasurementSet:
-    """What the sensors of N cases showed at one time of each, whichever of them did.
+    """Measurements of all sensors for N cases, at one time per case; some may be missing.
 
     Parameters
     ----------
     t_s : ndarray, shape (N,)
         Times, s.
     values : ndarray, shape (m, N)
-        Measured values, SI; of a row that is not present, anything.
+        Measured values, SI; arbitrary in rows that are not present.
     sigma : ndarray, shape (m, N)
-        Standard deviations of their errors, which are independent of each other; positive where
-        something is present. All rows of a direction hold the same, rad across it.
+        Standard deviations of the independent errors; positive where a row is present. All rows of
+        a direction hold the same value, in rad perpendicular to it.
     blocks : tuple of tuple of Channel
-        The channels of each block, in the order of the rows; a block is what one sensor measures
-        at once, and is believed or not as a whole.
+        The channels of each block, in the order of the rows. A block is one sensor's measurement
+        at a time; a gate accepts or rejects it as a whole.
     present : ndarray of bool, shape (m, N)
         Which rows were measured; of a direction all or none.
 
@@ -172,7 +172,7 @@ class MeasurementSet:
     def of(
         cls, t_s: Array, values: Array, sigma: Array, blocks: tuple[tuple[Channel, ...], ...]
     ) -> Self:
-        """Make a set in which what is NaN was not measured.
+        """Make a set of measurements in which rows that are NaN count as not measured.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class MeasurementSet:
         Returns
         -------
         MeasurementSet
-            Of them.
+            The set; `present` is False where a value is NaN.
         """
         values = np.asarray(values, dtype=float)
         spread = np.broadcast_to(np.asarray(sigma, dtype=float), values.shape)
@@ -197,19 +197,20 @@ class MeasurementSet:
 
 @dataclass(frozen=True)
 class Innovation:
-    """What a set of measurements brought: measured minus expected, before the update.
+    """Innovation of a set of measurements: measured minus predicted, before the update.
 
-    Rows of a direction are two coordinates across the expected one, in rad, and an empty third.
+    Of the three rows of a direction, two are angles perpendicular to the predicted direction, rad;
+    the third is unused.
 
     Parameters
     ----------
     residual : ndarray, shape (m, N)
-        Measured minus expected, SI; angles the short way round. Zero where nothing was used.
+        Measured minus predicted, SI; angles in [−π, π]. Zero in rows that were not used.
     covariance : ndarray, shape (N, m, m)
-        Its covariance; rows that were not used are independent, with the variance stated for
-        them, or 1.
+        Innovation covariance S. Rows that were not used are independent, with their stated
+        variance, or 1.
     used : ndarray of bool, shape (m, N)
-        Which rows were used: present and, if there is a gate, within it.
+        Rows that were used: present and accepted by the gate, if there is one.
     nis : ndarray, shape (N,)
         Normalised innovation squared νᵀ S⁻¹ ν of the rows used.
     """

@@ -1,4 +1,4 @@
-"""A block of cases, and what comes of it: what the campaign and the stage it repeats exchange."""
+"""Blocks of cases and their results: the data between a campaign and the stage it repeats."""
 
 from __future__ import annotations
 
@@ -17,36 +17,35 @@ __all__ = ["LANES", "CaseBatch", "CaseResults", "Histories", "histories_to_keep"
 Flags = NDArray[np.bool_]
 
 LANES = 64
-"""Cases that are computed together, always: another width would give other last bits."""
+"""Lanes of every block. Another number would change the last bits of results."""
 
 
 @dataclass(frozen=True)
 class CaseBatch:
     """A block of 64 lanes, one case each.
 
-    Lanes without a case of their own repeat another case of the block and are `filler`: a stage
-    whose cases share no arrays may leave them out (any result will do); one that computes on arrays
-    computes all lanes, so that the bits of a case never depend on how full its block is.
+    Lanes without a case of their own repeat another case of the block and are marked as `filler`.
+    A stage that computes case by case may skip them (their results are ignored); a stage that
+    computes on arrays computes all lanes, so that the bits of a case do not depend on the number
+    of cases in its block.
 
     Parameters
     ----------
     numbers : ndarray of int, shape (64,)
         Number of each case, unique in the campaign.
     draws : ndarray of int, shape (64,)
-        Number by which the stage draws the noise of each case; cases that are to see the same
-        noise share it.
+        Number by which the noise of each case is drawn; cases with equal numbers have equal noise.
     filler : ndarray of bool, shape (64,)
         Lanes that only fill the block.
     names : tuple of str
-        Names of the k inputs that differ from case to case, of those that the stage offers
-        (`CaseStage.case_inputs`).
+        Names of the k inputs that differ from case to case, among `CaseStage.case_inputs`.
     values : ndarray, shape (k, 64)
         Their values, SI.
     seed : int
         Root seed of the mission.
     stream : str
-        Name of the campaign's random numbers: with `seed` and `draws` it fixes all noise
-        (`hillsphere.base.seeds.draws`).
+        Name of the campaign's random numbers. Together with `seed` and `draws` it determines all
+        noise (`hillsphere.base.seeds.draws`).
     """
 
     numbers: Integers
@@ -58,7 +57,7 @@ class CaseBatch:
     stream: str
 
     def value(self, name: str, nominal: float) -> Array:
-        """Return an input of every lane (64,), SI; `nominal` where it does not differ."""
+        """Return an input of every lane (64,), SI; `nominal` if the campaign does not change it."""
         if name in self.names:
             return np.ascontiguousarray(self.values[self.names.index(name)])
         return np.full(len(self.numbers), float(nominal))
@@ -66,7 +65,7 @@ class CaseBatch:
 
 @dataclass(frozen=True)
 class Histories:
-    """Cases sample by sample.
+    """Time histories of cases, at common samples and at each case's end.
 
     Parameters
     ----------
@@ -77,10 +76,10 @@ class Histories:
     values : ndarray, shape (q, K, N)
         Their values.
     end_s : ndarray, shape (N,), or None
-        When a case ended that did so after its last sample; NaN where the last sample was the end.
-        None: it was so of all. Samples are at common times, ends are not.
+        Time of the end of each case, if it lies after the last sample; NaN where the last sample
+        is the end. None if that is so for all cases.
     end_values : ndarray, shape (q, N), or None
-        The values then; NaN for what only samples have.
+        Values at `end_s`; NaN for quantities that exist at samples only.
     """
 
     time_s: Array
@@ -91,7 +90,7 @@ class Histories:
     end_values: Array | None = None
 
     def of_cases(self, places: Integers) -> Histories:
-        """Return those of some of the cases, by their places."""
+        """Return the histories of some of the cases, by their indices."""
         return replace(
             self,
             time_s=np.asarray(self.time_s, dtype=np.float64)[:, places],
@@ -101,7 +100,7 @@ class Histories:
         )
 
     def of_quantities(self, rows: Sequence[int]) -> Histories:
-        """Return those of some of the quantities, by their places."""
+        """Return the histories of some of the quantities, by their indices."""
         return replace(
             self,
             names=tuple(self.names[i] for i in rows),
@@ -113,26 +112,27 @@ class Histories:
 
 @dataclass(frozen=True)
 class CaseResults:
-    """What came of N cases.
+    """Results of N cases.
 
     Parameters
     ----------
     metrics, units : tuple of str
         Names and units of the m metrics; the same for every block of a stage.
     values : ndarray, shape (m, N)
-        Their values; of a case that did not fail all must be finite.
+        Values of the metrics; all must be finite for a case that did not fail.
     status : tuple of str
-        How each case ended, one of a few words. A case that came to its end but missed what is
-        required of its metrics is said to be ``"requirement"``: its metrics enter the statistics.
-        One of `hillsphere.cases.case_classes.UNDECIDED` says that the case is undecided.
+        How each case ended, one of a few words. ``"requirement"``: the case was completed but
+        missed a requirement on its metrics; these enter the statistics. A word of
+        `hillsphere.cases.case_classes.UNDECIDED`: the case is undecided.
     cause : tuple of str
-        What ended it (name of an event, of a limit); ``""`` for none.
+        Event or limit that ended the case; ``""`` without one.
     failed : ndarray of bool, shape (N,)
-        Whether that counts as a failure; of undecided cases it is not looked at.
+        Whether the case counts as a failure; ignored for undecided cases.
     histories : Histories or None
-        The way there, if it was asked for.
+        Time histories, if requested.
     step_error : ndarray, shape (N,), or None
-        Estimate of each case's step error, in units that the stage documents; None for none.
+        Estimate of each case's integration error per step, in units that the stage documents;
+        None without an estimate.
     """
 
     metrics: tuple[str, ...]
@@ -146,20 +146,20 @@ class CaseResults:
 
 
 def histories_to_keep(history: bool | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the histories that a call of ``run_cases`` has to keep.
+    """Return the names of the histories that a call of ``run_cases`` must return.
 
     Parameters
     ----------
     history : bool or sequence of str
-        As ``run_cases`` is given it.
+        Argument of ``run_cases``.
     names : sequence of str
-        All that the stage can keep.
+        Names of all histories of the stage.
 
     Returns
     -------
     tuple of str
-        In the order of `names`; all of them if a pattern finds none, so that whoever asks can say
-        what there is.
+        In the order of `names`; all of them if a pattern matches none, so that the caller's
+        message can list the valid names.
     """
     if isinstance(history, bool):
         return tuple(names) if history else ()

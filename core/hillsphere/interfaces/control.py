@@ -1,4 +1,4 @@
-"""Controllers at samples, and laws that a synthesis fills."""
+"""Sampled-data control laws, and laws that take their controller from a synthesis."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ __all__ = ["Compensator", "SynthesisedLaw"]
 
 @runtime_checkable
 class Compensator(Contract, Protocol):
-    """A run-time law that acts at samples: what it sees to what the actuator is told.
+    """A sampled-data control law, from measurement and reference to the command.
 
-    Pure functions of arrays, lane by lane: the law keeps nothing between calls, its memory is the
-    array `xc` that `hillsphere.simulation` carries for it. Laws that act between samples too are
+    Pure functions of arrays, lane by lane. The law keeps no state between calls: its memory is the
+    array `xc`, which the simulation passes from sample to sample. Laws in continuous time are
     `hillsphere.simulation.ContinuousLaw`.
     """
 
     @property
     def period_s(self) -> float:
-        """Time between two samples."""
+        """Sampling period, s."""
         ...
 
     @property
     def actuation(self) -> Literal["hold", "impulse"]:
-        """Whether u is held until the next sample (m/s²), or added to the velocities (m/s)."""
+        """``"hold"``: u is held, m/s²; ``"impulse"``: u is added to the velocities, m/s."""
         ...
 
     def initial(self, n_cases: int) -> Array:
@@ -40,22 +40,22 @@ class Compensator(Contract, Protocol):
     def step(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> tuple[Array, Array]:
         """Return u (p, N) and the law's states (m, N) after sample k; change no argument.
 
-        t_s (N,) is the time, y (q, N) what the navigation gives (the plant's states, SI), ref
-        (q, N) what it should be. u has one row per control of the plant, in their order, for
-        ``"hold"``; one per velocity, in the order of the states, for ``"impulse"``.
+        t_s (N,) is the time, y (q, N) the navigated states, SI, ref (q, N) their reference. For
+        ``"hold"`` u has one row per control of the plant, in order; for ``"impulse"`` one row per
+        velocity, in the order of the states.
         """
         ...
 
 
 @runtime_checkable
 class SynthesisedLaw(Contract, Protocol):
-    """A law, at samples or continuous, that may wait for the controller of an earlier stage."""
+    """A law whose controller may come from an earlier stage, in sampled or continuous time."""
 
     @property
     def complete(self) -> bool:
-        """Whether it has a controller of its own; one without takes no step."""
+        """Whether it has a controller; without one it cannot be run."""
         ...
 
     def flying(self, controller: LtiSystem) -> Compensator | ContinuousLaw:
-        """Return the law with this controller; period and actuation stay."""
+        """Return the law with this controller; period and actuation are unchanged."""
         ...

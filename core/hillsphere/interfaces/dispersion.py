@@ -10,16 +10,16 @@ __all__ = ["Dispersion"]
 
 
 class Dispersion(Protocol):
-    """How some quantities of a mission are distributed about their nominal values."""
+    """Joint distribution of some quantities of a mission about their nominal values."""
 
     @property
     def of(self) -> str:
-        """Table of the mission that they belong to, ``"gravity.phobos"``."""
+        """Table of the mission to which the quantities belong, ``"gravity.phobos"``."""
         ...
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Their names there: parameters of a model, ``"state.x"``; ``*`` is any characters."""
+        """Names of the quantities in that table, ``"state.x"``; ``*`` matches any characters."""
         ...
 
     @property
@@ -28,9 +28,9 @@ class Dispersion(Protocol):
         ...
 
     def quantiles(self, u: Array, nominal: Array) -> Array:
-        """Return values (k, N), SI, for numbers u (k, N) in (0, 1), independent and uniform.
+        """Return values (k, N), SI, for independent uniform numbers u (k, N) in (0, 1).
 
-        nominal (k,) are the nominal values. Correlation is brought in here.
+        nominal (k,) are the nominal values. The values have the declared correlation.
         """
         ...
 
@@ -39,12 +39,12 @@ class Dispersion(Protocol):
         ...
 
     def covariance(self, nominal: Array) -> Array:
-        """Return the covariance (k, k), SI: for filters."""
+        """Return the covariance (k, k), SI, as filters use it."""
         ...
 
     def bounds(self, nominal: Array, sigmas: float) -> tuple[Array, Array]:
-        """Return least and largest values (k,), SI, at so many standard deviations: for LFTs.
+        """Return least and largest values (k,), SI, at `sigmas` standard deviations, for LFTs.
 
-        A distribution of bounded support never exceeds it.
+        They lie within the support of a bounded distribution.
         """
         ...

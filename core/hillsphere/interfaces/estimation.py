@@ -1,4 +1,4 @@
-"""Estimators, and the models that they are told."""
+"""Estimators, and the models of motion and measurement that they use."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ __all__ = ["ConsiderModel", "EstimationModel", "Estimator", "LinearisedModel"]
 
 
 class EstimationModel(Protocol):
-    """What an estimator believes of the world: motion, its noise, and what sensors would show.
+    """The estimator's model: state transition, process noise, and measurement function.
 
-    Pure functions of columns, each of which belongs to a case: K columns hold, for instance, the
-    sigma points of all cases, and `case` (K,) says which column is whose. States are SI.
+    Pure functions of K columns, for instance the sigma points of all cases; `case` (K,) gives the
+    case of each column. States are SI.
     """
 
     def advance(self, x: Array, t0_s: Array, t1_s: Array, control: Array, case: Integers) -> Array:
-        """Return the states (n, K) at times t1_s (K,) of those x (n, K) at t0_s (K,), s.
+        """Propagate the states x (n, K) from times t0_s (K,) to t1_s (K,), s.
 
-        control (p, K) is that of the case of each column; p may be zero.
+        control (p, K) is the held control of each column; p may be zero.
         """
         ...
 
     def process_noise(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
-        """Return roots G (N, n, r) of the covariance G Gᵀ that noise adds meanwhile.
+        """Return factors G (N, n, r) of the covariance G Gᵀ of the process noise from t0 to t1.
 
         x (n, N), t0_s and t1_s (N,), control (p, N): one column a case.
         """
         ...
 
     def observe(self, x: Array, t_s: Array, case: Integers) -> Array:
-        """Return what perfect sensors show of x (n, K) at t_s (K,), SI, (m, K).
+        """Return the error-free measurements (m, K) of x (n, K) at t_s (K,), SI.
 
-        In the order of the rows of a `hillsphere.estimation.MeasurementSet`; what is not measured
-        may be anything.
+        Rows are those of a `hillsphere.estimation.MeasurementSet`; rows that are not measured hold
+        arbitrary values.
         """
         ...
 
 
 @runtime_checkable
 class LinearisedModel(EstimationModel, Contract, Protocol):
-    """An `EstimationModel` that knows its derivatives; else they are taken by differences."""
+    """An `EstimationModel` with analytic derivatives; without them differences are used."""
 
     def transition(self, x: Array, t0_s: Array, t1_s: Array, control: Array) -> Array:
         """Return the derivatives (N, n, n) of `advance` by the states x (n, N)."""
@@ -61,19 +61,19 @@ class LinearisedModel(EstimationModel, Contract, Protocol):
 
 @runtime_checkable
 class ConsiderModel(EstimationModel, Contract, Protocol):
-    """An `EstimationModel` some of whose states are not estimated, only reckoned with."""
+    """An `EstimationModel` with consider states, whose uncertainty counts but is not reduced."""
 
     @property
     def considered(self) -> NDArray[np.bool_]:
-        """Which states no measurement may change, (n,)."""
+        """Mask of the consider states, bool (n,): measurements do not change them."""
         ...
 
 
 @runtime_checkable
 class Estimator(Contract, Protocol):
-    """From measurements to a belief of the states, N independent cases at once.
+    """An estimator (filter): from measurements to beliefs, for N independent cases at once.
 
-    Pure functions of frozen beliefs; streaming is N = 1.
+    Pure functions of frozen beliefs. For a single stream of measurements, N = 1.
     """
 
     def predict(
@@ -85,8 +85,8 @@ class Estimator(Contract, Protocol):
     def update(
         self, model: EstimationModel, belief: Belief, measurements: MeasurementSet
     ) -> tuple[Belief, Innovation]:
-        """Return the belief after the measurements, taken at its own time, and what they brought.
+        """Return the belief after measurements at its own time, and their innovation.
 
-        Rows that are not present change nothing.
+        Rows that are not present have no effect.
         """
         ...

@@ -72,26 +72,27 @@ class ArrayGravityModel(Contract, Protocol):
 
 @runtime_checkable
 class SeriesGravity(Contract, Protocol):
-    """Gravity as a series that is sure to converge only outside a sphere about the centre."""
+    """Gravity as a series, whose convergence is guaranteed only outside a sphere."""
 
     @property
     def series_radius_m(self) -> float | None:
-        """Radius of that sphere as far as the model knows it, m; None if there is no series."""
+        """Radius of that sphere about the centre, m; None if the model has no series."""
         ...
 
 
 @runtime_checkable
 class BoundedGravity(Contract, Protocol):
-    """A gravity model, of expressions or arrays, that bounds the size of its acceleration.
+    """A gravity model, of expressions or arrays, with a bound of its acceleration.
 
-    From it events are proved (`hillsphere.engine.dynamics.enclosures`). A `GravityModel` that is
-    written in plain arithmetic needs none; one that differentiates a potential does.
+    The proof of events needs the bound (`hillsphere.engine.dynamics.enclosures`) if the model
+    differentiates a potential; for a `GravityModel` in plain arithmetic it is derived from the
+    expressions.
     """
 
     def acceleration_bound(self, distance: Expr, p: Params) -> Expr:
-        """Return an upper bound of |∇U|, m/s², wherever the distance from the centre is as given.
+        """Return an upper bound of |∇U|, m/s², over all directions at a distance from the centre.
 
-        The distance, m, is an interval, as what `p` holds; written with the functions of
+        The distance, m, and the values of `p` are intervals. Write the bound with the functions of
         `hillsphere.symbolic`.
         """
         ...
@@ -102,9 +103,9 @@ class Piecewise(Contract, Protocol):
     """A `GravityModel` whose expressions change branch (`hillsphere.symbolic.select`)."""
 
     def switches(self, r: Vec3, p: Params) -> tuple[Expr, ...]:
-        """Return functions that vanish where the branch changes, at the body-fixed position r, m.
+        """Return switching functions of the body-fixed position r, m, zero where a branch changes.
 
-        Without dimension and of order one about the body, with a slope at their zeros. The
-        position may be any expression: do not differentiate by it.
+        They are without dimension, of order one near the body, and have non-zero slope at their
+        zeros. The position may be any expression: do not differentiate by it.
         """
         ...

@@ -1,4 +1,4 @@
-"""Guidance: a task, its solver and the flight that solves it."""
+"""Guidance: the boundary-value task, its solver, and the planned flight."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ __all__ = ["Guidance", "GuidanceTask", "GuidedFlight"]
 
 @dataclass(frozen=True)
 class GuidanceTask:
-    """From where to where guidance is to plan a flight, and in which time.
+    """Boundary conditions and duration of a flight to be planned.
 
     Parameters
     ----------
     start : ndarray, shape (n,)
         All states of the plant at the start, SI.
     end_position_m, end_velocity_m_s : ndarray, shape (d,)
-        The plant's positions and velocities at the end, in their order.
+        Positions and velocities at the end, in the order of the plant's states.
     duration_s : float
         Length of the flight.
     time_s : float
@@ -41,20 +41,20 @@ class GuidanceTask:
 
 @dataclass(frozen=True)
 class GuidedFlight:
-    """A planned flight, as functions of the time since its start.
+    """A planned flight, as functions of the time since its start, s.
 
     Parameters
     ----------
     duration_s : float
-        Its length.
+        Duration of the flight.
     states : callable
         t (K,) → the plant's states (n, K), SI.
     command : callable
-        t (K,) → its controls (p, K), SI, just after t where they jump.
+        t (K,) → the plant's controls (p, K), SI; at a jump, the value after it.
     breaks_s : ndarray, shape (B,)
         Times between which the command is smooth, rising from 0 to the duration.
     account : str
-        How it was found and how well, in a few words.
+        Method and quality of the solution, in a few words.
     """
 
     duration_s: float
@@ -66,9 +66,10 @@ class GuidedFlight:
 
 @runtime_checkable
 class Guidance(Contract, Protocol):
-    """Plans a flight between two states of a plant, with the command that flies it.
+    """Plans a flight between two states of a plant, with its open-loop command.
 
-    Where there is no such flight the method raises, a named error that says what cannot be met.
+    `plan` raises a `HillsphereError` if there is no such flight; the message names the condition
+    that cannot be met.
     """
 
     def plan(self, plant: Plant, task: GuidanceTask) -> GuidedFlight:

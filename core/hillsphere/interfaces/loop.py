@@ -1,8 +1,8 @@
-"""What plugs into the loop beside plant and compensator: one small Protocol per role.
+"""Parts of the control loop besides plant and compensator: one small Protocol per role.
 
-All act on arrays of N lanes, lane by lane, and keep nothing between calls. The loop hands them
-blocks of 64 lanes; noise arrives as standard normal numbers that were drawn per case, so that
-no case depends on its neighbours.
+All act on arrays of N lanes, lane by lane, and keep no state between calls. The loop passes blocks
+of 64 lanes. Noise is passed in as standard normal numbers drawn per case, so that no case depends
+on its neighbours.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ __all__ = ["Actuator", "CommandSteps", "ContinuousLaw", "KnownPoles", "Navigatio
 
 
 class Navigation(Protocol):
-    """From the true states to what the law sees: errors, or sensors and an estimator.
+    """Navigation: from the true states to the law's input, by an error model or an estimator.
 
-    Its memory (an error, a belief) is any object, which the loop carries from sample to sample.
+    Its memory (an error, a belief) is any object, which the loop passes from sample to sample.
     """
 
     @property
     def noise(self) -> int:
-        """Standard normal numbers per case: as many at the start, as many at each sample."""
+        """Numbers of standard normal numbers per case: at the start, and at each sample."""
         ...
 
     def initial(self, t_s: Array, x: Array, w: Array) -> Any:
@@ -42,24 +42,29 @@ class Navigation(Protocol):
     def observe(
         self, k: int, t_s: Array, x: Array, u: Array, w: Array, memory: Any
     ) -> tuple[Array, Any]:
-        """Return y (q, N), SI, and the memory after sample k.
+        """Return the navigated states y (q, N), SI, and the memory after sample k.
 
-        u (p, N) is what the law commanded at the sample before (zero at the first, and for a
-        continuous law its command there), w (noise, N) is new at each sample.
+        u (p, N) is the law's command at the sample before (zero at the first sample; for a
+        continuous law its value at that instant). w (noise, N) is new at each sample.
         """
         ...
 
 
 @dataclass(frozen=True)
 class CommandSteps:
-    """A command that changes between two samples, in steps.
+    """A command that is piecewise constant between two samples.
 
     Parameters
     ----------
     shares : ndarray, shape (J,)
-        What part of the period each step lasts, in their order; their sum is one.
+        Durations of the steps as fractions of the period, in order; positive, with the sum one.
     u : ndarray, shape (J, p, N) or (J, p, 1)
-        The command of each, SI.
+        Command of each step, SI.
+
+    Raises
+    ------
+    InputError
+        If a share is not positive, their sum is not one, or the shapes do not match.
     """
 
     shares: Array
@@ -80,67 +85,68 @@ class CommandSteps:
 
 @runtime_checkable
 class Reference(Contract, Protocol):
-    """What the law should see, and what it is told to do besides."""
+    """The reference that the law tracks, and its feedforward command."""
 
     def at(self, k: int, t_s: Array, y: Array, cases: Integers) -> Array:
         """Return the reference (q, N), SI, at sample k.
 
-        t_s (N,) is the time, y (q, N) what the navigation gives, cases (N,) the numbers of the
-        cases, integers, with which a reference of its own for each case is looked up.
+        t_s (N,) is the time, y (q, N) the output of the navigation, cases (N,) the integer numbers
+        of the cases, by which a reference can differ from case to case.
         """
         ...
 
     def feedforward(self, k: int, t_s: Array, cases: Integers) -> Array | CommandSteps | None:
-        """Return what is added to the law's command from sample k on, or None.
+        """Return the feedforward from sample k on, which is added to the law's command, or None.
 
-        (p, N) or (p, 1), held until the next sample; or in steps, for laws that do not command
-        impulses.
+        An array (p, N) or (p, 1) is held until the next sample. `CommandSteps` change within the
+        period; laws that command impulses do not accept them.
         """
         ...
 
 
 class Actuator(Protocol):
-    """From what is commanded to what is done."""
+    """Actuator model: from the commanded to the executed control."""
 
     @property
     def noise(self) -> int:
-        """Standard normal numbers per case and sample."""
+        """Number of standard normal numbers per case and sample."""
         ...
 
     def execute(self, u: Array, w: Array) -> Array:
-        """Return what is done (p, N) for the command u (p, N), with w (noise, N)."""
+        """Return the executed control (p, N) for the command u (p, N), with noise w (noise, N)."""
         ...
 
 
 @runtime_checkable
 class ContinuousLaw(Contract, Protocol):
-    """A law that acts between samples: its equations are compiled with those of the plant.
+    """A continuous-time law, whose equations are compiled with those of the plant.
 
-    Its states ẋ_c = f(x_c, y, r, t) join those of the plant, and its command u = g(x_c, y, r, t)
-    stands in the plant's equations. Sub-steps must be short beside its fastest pole λ: on the real
-    axis the step map is stable up to |λ| h = 2.85 (rk6) and 6.39 (dop853), and follows the decay
-    to 1e-3 up to 1.07 and 3.5; a filter of 0.05 Hz asks for h ≤ 3.4 s and 11 s. `Simulator`
-    refuses longer ones of a law that tells its poles (`KnownPoles`).
+    Its states ẋ_c = f(x_c, y, r, t) are appended to those of the plant, and its command
+    u = g(x_c, y, r, t) enters the plant's equations. The sub-step h must be short compared with the
+    time constant 1/|λ| of its fastest pole: on the real axis the step map is stable up to
+    |λ| h = 2.85 (rk6) and 6.39 (dop853), and reproduces the decay to 1e-3 up to 1.07 and 3.5. A
+    filter of 0.05 Hz requires h ≤ 3.4 s and 11 s. `Simulator` refuses longer sub-steps if the law
+    declares its poles (`KnownPoles`).
     """
 
     @property
     def period_s(self) -> float:
-        """Time between two samples: then y and ref are renewed, and `sample` is called."""
+        """Sampling period, s: at each sample y and ref are updated, and `sample` is called."""
         ...
 
     @property
     def measurement(self) -> Literal["held", "continuous"]:
-        """Whether y is held between samples or is the plant's true states at every instant."""
+        """``"held"``: y is held between samples; ``"continuous"``: y is the true state."""
         ...
 
     @property
     def inputs(self) -> int:
-        """Number q of rows of y and ref; for ``"continuous"`` that of the plant's states."""
+        """Number q of rows of y and ref; the plant's number of states for ``"continuous"``."""
         ...
 
     @property
     def states(self) -> tuple[Variable, ...]:
-        """The law's own states, of names that the plant does not use; may be none."""
+        """The law's own states, with names that the plant does not use; may be empty."""
         ...
 
     def initial(self, n_cases: int) -> Array:
@@ -148,9 +154,9 @@ class ContinuousLaw(Contract, Protocol):
         ...
 
     def sample(self, k: int, t_s: Array, y: Array, ref: Array, xc: Array) -> Array:
-        """Return the law's states (m, N) after sample k; `xc` itself if a sample changes none.
+        """Return the law's states (m, N) after sample k; `xc` itself if they do not jump.
 
-        An observer puts its corrected estimate in place here.
+        An observer replaces its prediction by the corrected estimate here.
         """
         ...
 
@@ -169,9 +175,9 @@ class ContinuousLaw(Contract, Protocol):
 
 @runtime_checkable
 class KnownPoles(Contract, Protocol):
-    """A `ContinuousLaw` that can say how short its sub-steps must be."""
+    """A `ContinuousLaw` with known poles, by which the length of its sub-steps is checked."""
 
     @property
     def fastest_rad_s(self) -> float:
-        """Size of the fastest pole of its own equations, 1/s; zero without states."""
+        """Magnitude of the fastest pole of its own equations, 1/s; zero without states."""
         ...

@@ -12,19 +12,19 @@ __all__ = ["OrbitFamily", "OrbitProblem"]
 
 
 class OrbitProblem(Protocol):
-    """Equations whose solutions are the periodic orbits of one family.
+    """Equations F(z) = 0 whose solutions are the periodic orbits of one family.
 
-    m unknowns z satisfy F(z) = 0, where F has rank m − 1: a curve of orbits, which continuation
-    follows on any plant.
+    dF/dz has rank m − 1 for m unknowns z, so that the solutions form a curve, which continuation
+    follows.
     """
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of the m unknowns, in order; scaled to be of order one."""
+        """Names of the m unknowns, in order; their values are of order one."""
         ...
 
     def residual(self, z: Array) -> tuple[Array, Array]:
-        """Return F (k, N) and dF/dz (k, m, N) at z (m, N); k ≥ m − 1, of rank m − 1 if F = 0."""
+        """Return F (k, N) and dF/dz (k, m, N) at z (m, N), with k ≥ m − 1."""
         ...
 
     def state(self, z: Array) -> Array:
@@ -47,5 +47,5 @@ class OrbitFamily(Contract, Protocol):
 
     @property
     def problem(self) -> tuple[OrbitProblem, str]:
-        """The equations that a member solves, and in words why these."""
+        """The equations of a member, and a sentence that justifies them."""
         ...

@@ -1,4 +1,4 @@
-"""Equations of motion in a named frame, and what a plant may offer besides."""
+"""Plants: equations of motion in a named frame, and optional properties of them."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = [
 class Plant(Protocol):
     """Equations of motion in a named frame, SI.
 
-    A plant whose gravity is an `ArrayGravityModel` also offers `ExternalInputs`; one with an
-    integral of motion `ConservedQuantity`, with a time-reversal symmetry `MirrorSymmetry`; one
-    whose expressions change branch offers `PiecewisePlant`, and one some of whose events are no
-    expressions `ExternalEvents`.
-    `hillsphere.engine.dynamics.system` makes a system of equations of it, normalised or not.
+    Optional protocols: `ExternalInputs` for gravity that is an `ArrayGravityModel`,
+    `ConservedQuantity` for an integral of motion, `MirrorSymmetry` for a time-reversal symmetry,
+    `PiecewisePlant` for expressions that change branch, `ExternalEvents` for events that are not
+    expressions. `hillsphere.engine.dynamics.system` composes the system of equations, normalised
+    or in SI.
     """
 
     @property
@@ -40,17 +40,17 @@ class Plant(Protocol):
 
     @property
     def states(self) -> tuple[Variable, ...]:
-        """States in order; positions, then velocities, then others."""
+        """States in order: positions, then velocities, then others."""
         ...
 
     @property
     def controls(self) -> tuple[Variable, ...]:
-        """Controls in order (may be none)."""
+        """Controls in order; may be empty."""
         ...
 
     @property
     def scales(self) -> Scales:
-        """Natural units."""
+        """Units of length and time in which the plant's numbers are of order one."""
         ...
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -64,22 +64,22 @@ class Plant(Protocol):
         ...
 
     def events(self, x: tuple[Expr, ...], t: Expr, p: Params) -> Mapping[str, Expr]:
-        """Return functions whose fall through zero ends a flight (``"impact"`` …)."""
+        """Return event functions by name (``"impact"`` …); a fall through zero ends the flight."""
         ...
 
 
 @runtime_checkable
 class ExternalInputs(Contract, Protocol):
-    """A plant some of whose terms are functions of arrays, not expressions (tabulated gravity).
+    """A plant with terms that are functions of arrays, not expressions (tabulated gravity).
 
-    Its `derivative` uses them as plain variables, ``symbolic.variable(name)``, of the names listed
-    in `external`. The step map evaluates them at every Runge–Kutta stage; the Taylor propagator,
-    which must differentiate in time, cannot take such a plant.
+    Its `derivative` uses them as plain variables, ``symbolic.variable(name)``, with the names in
+    `external`. The step map evaluates them at every Runge–Kutta stage; the Taylor propagator,
+    which needs derivatives in time, refuses such a plant.
     """
 
     @property
     def external(self) -> tuple[Variable, ...]:
-        """The m terms in order; empty for a plant that is wholly symbolic."""
+        """Names of the m terms in order; empty for a plant of expressions alone."""
         ...
 
     def external_array(self, x: Array, t: Array, p: Array) -> Array:
@@ -97,16 +97,16 @@ class ExternalInputs(Contract, Protocol):
 
 @runtime_checkable
 class ExternalEvents(Contract, Protocol):
-    """A plant some of whose events are functions of arrays (contact with a polyhedron).
+    """A plant with events that are functions of arrays (contact with a polyhedron).
 
-    Its `events` use them as plain variables of the names listed in `event_terms`; nothing else of
-    the plant may. The step map evaluates them where it watches events, not at every stage; the
-    Taylor propagator, which needs the events as series in time, refuses such an event.
+    Its `events`, and nothing else of the plant, use them as plain variables with the names in
+    `event_terms`. The step map evaluates them where it checks events, not at every stage; the
+    Taylor propagator, which needs events as series in time, refuses such an event.
     """
 
     @property
     def event_terms(self) -> tuple[Variable, ...]:
-        """The m terms in order; empty for a plant whose events are all expressions."""
+        """Names of the m terms in order; empty if all events are expressions."""
         ...
 
     def event_terms_array(self, x: Array, t: Array, p: Array) -> Array:
@@ -124,17 +124,17 @@ class ConservedQuantity(Contract, Protocol):
 
     @property
     def integral_variable(self) -> Variable:
-        """Its name and dimension."""
+        """Name and dimension of the integral."""
         ...
 
 
 @runtime_checkable
 class MirrorSymmetry(Contract, Protocol):
-    """A plant that is unchanged when time runs backwards and some states change sign."""
+    """A plant whose equations are unchanged by time reversal with sign changes of some states."""
 
     @property
     def mirrors(self) -> Mapping[str, tuple[int, ...]]:
-        """Mirror name (``"xz"``: the plane that stays) → sign of each state under time reversal."""
+        """Name of the mirror plane (``"xz"``) → sign of each state under time reversal."""
         ...
 
 
@@ -143,26 +143,26 @@ class PiecewisePlant(Contract, Protocol):
     """A plant whose derivative changes branch, its own or that of a `Piecewise` gravity model."""
 
     def switches(self, x: tuple[Expr, ...], t: Expr, p: Params) -> tuple[Expr, ...]:
-        """Return functions that vanish where the branch changes.
+        """Return switching functions, which vanish where the branch changes.
 
-        Without dimension and of order one, with a slope at their zeros. The Taylor propagator
-        begins a new series where one of them changes sign; they end no flight.
+        They are without dimension, of order one, and have non-zero slope at their zeros. The Taylor
+        propagator begins a new series where one of them changes sign; they do not end a flight.
         """
         ...
 
 
 @runtime_checkable
 class TimedPlant(Contract, Protocol):
-    """A plant that names terms of its derivative that depend on time and parameters only.
+    """A plant with named terms of its derivative that depend only on time and parameters.
 
-    Where many lanes fly at the same times, as the sigma points of a filter do, these are computed
-    once for all of them instead of in every lane.
+    If many lanes share their times, as the sigma points of a filter do, these terms are computed
+    once for all of them.
     """
 
     def time_terms(self, t: Expr, p: Params) -> Mapping[str, Expr]:
-        """Return the terms by their names, which no parameter has.
+        """Return the terms by name; no parameter may have one of these names.
 
-        `Plant.derivative` may find some of these names in its `p` and must then use what stands
-        there in place of its own expressions.
+        If `p` of `Plant.derivative` holds one of these names, the derivative must use that value in
+        place of its own expression.
         """
         ...

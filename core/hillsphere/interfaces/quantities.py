@@ -1,4 +1,4 @@
-"""Numbers and variables of models, and the units in which they are of order one."""
+"""Parameters and variables of models, and units in which their values are of order one."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Parameter:
     unit : str
         E.g. ``"m3/s2"``, ``"-"``.
     positive : bool
-        Whether only values above zero mean anything: a case of a campaign that draws another is
-        not computed.
+        Whether the value must be positive; a case of a campaign with another value is not
+        computed.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Sensors: channels, the scene that they see, and their errors."""
+"""Sensors: channels, the observed scene, and measurement errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Channel", "Scene", "Sensor", "StationSensor"]
 
 @dataclass(frozen=True)
 class Channel:
-    """One thing that a sensor measures.
+    """One measured quantity of a sensor: one row, or the three rows of a direction.
 
     Parameters
     ----------
@@ -38,49 +38,49 @@ class Channel:
 
     @property
     def rows(self) -> int:
-        """Number of rows that it takes in an array of measurements."""
+        """Number of rows in an array of measurements: 3 for a direction, else 1."""
         return 3 if self.kind == "direction" else 1
 
 
 Scene: TypeAlias = Mapping[str, Array]
-"""What surrounds a sensor at the times of its measurements, by name; the last axis is N or 1."""
+"""The surroundings of a sensor at the times of measurement: name → array, last axis N or 1."""
 
 
 @runtime_checkable
 class Sensor(Contract, Protocol):
-    """What is measured of a state, and with which errors.
+    """A sensor: its measurement function, visibility, and error model.
 
     Pure functions on N lanes: states x (n, N), SI, positions first, at times t_s (N,), s. All
-    randomness comes in as standard normal numbers, drawn by whoever repeats the cases
-    (`hillsphere.base.seeds`). Each sensor documents what it takes from the scene.
+    randomness is passed in as standard normal numbers (`hillsphere.base.seeds`). Each sensor
+    documents the entries of the scene that it needs.
     """
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What is measured; together m rows."""
+        """The measured quantities, with m rows in total."""
         ...
 
     @property
     def draws(self) -> tuple[int, int]:
-        """How many normal numbers the constant errors of a case take, and each measurement."""
+        """Numbers k and l of normal numbers for a case's constant errors and for a measurement."""
         ...
 
     def observe(self, x: Array, t_s: Array, scene: Scene) -> Array:
-        """Return what a perfect sensor shows, SI, (m, N), visible or not."""
+        """Return the error-free measurements (m, N), SI, visible or not."""
         ...
 
     def visible(self, x: Array, t_s: Array, scene: Scene) -> NDArray[np.bool_]:
-        """Say where there is something to measure, (N,)."""
+        """Return the lanes in which a measurement is possible, bool (N,)."""
         ...
 
     def sigma(self, x: Array, t_s: Array, scene: Scene) -> Array:
-        """Return the standard deviations of the random errors, SI, (m, N)."""
+        """Return the standard deviations (m, N) of the random errors, SI."""
         ...
 
     def measure(self, x: Array, t_s: Array, scene: Scene, constant: Array, noise: Array) -> Array:
-        """Return what is measured, SI, (m, N); NaN where nothing is.
+        """Return the measurements with errors (m, N), SI; NaN in lanes without a measurement.
 
-        constant (k, N) and noise (l, N) are standard normal, k and l as `draws` says.
+        constant (k, N) and noise (l, N) are standard normal, with k and l from `draws`.
         """
         ...
 
@@ -89,22 +89,22 @@ class Sensor(Contract, Protocol):
 class StationSensor(Sensor, Protocol):
     """A `Sensor` at a ground station that measures azimuth and elevation, in this order.
 
-    From the scene it takes ``"earth_fixed"``, shape (3, 3, N): what turns positions of the states'
-    frame to Earth-fixed ones (`hillsphere.model.earth.rotation.earth_fixed`).
+    It needs ``"earth_fixed"`` from the scene, shape (3, 3, N): the rotation from the states' frame
+    to the Earth-fixed frame (`hillsphere.model.earth.rotation.earth_fixed`).
     """
 
     @property
     def station(self) -> Station:
-        """Where it truly stands."""
+        """The true position of the station."""
         ...
 
     def believed_stations(self, constant: Array) -> tuple[Station, ...]:
-        """Return where trackers are told that it stands, for each of N cases.
+        """Return the station positions that trackers assume, one for each of N cases.
 
         constant (k, N) are the normal numbers behind the constant errors, as for `measure`.
         """
         ...
 
     def bias(self, x: Array, t_s: Array, scene: Scene, constant: Array) -> Array:
-        """Return the systematic errors, measured minus true, rad, (2, N)."""
+        """Return the systematic errors (2, N), measured minus true, rad."""
         ...

@@ -1,4 +1,4 @@
-"""Stages of a mission, and what the pipeline gives them."""
+"""Stages of a mission, and the context in which the pipeline runs them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["CaseStage", "Context", "NeedsCheck", "Stage"]
 
 
 class Context(Protocol):
-    """What the pipeline gives a running stage."""
+    """Services of the pipeline for a running stage: seed, log, progress, executor."""
 
     @property
     def seed(self) -> int:
@@ -29,7 +29,7 @@ class Context(Protocol):
         ...
 
     def rng(self, stream: str = "") -> np.random.Generator:
-        """Return a generator that depends on the mission's seed, the stage and the stream only."""
+        """Return a random generator, seeded by the mission's seed, the stage and the stream."""
         ...
 
     def info(self, message: str) -> None:
@@ -38,16 +38,16 @@ class Context(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of all that the stage's result depends on, in hexadecimal digits."""
+        """SHA-256 of everything that the stage's result depends on, in hexadecimal digits."""
         ...
 
     @property
     def executor(self) -> Executor:
-        """Where campaigns, and stages by `hillsphere.runs.workers`, do what they divide."""
+        """Executor for blocks of campaigns and for work divided by `hillsphere.runs.workers`."""
         ...
 
     def workspace(self) -> Path:
-        """Return a directory that outlives an interruption, until the product is stored."""
+        """Return a directory that is kept when the run is interrupted, until the product exists."""
         ...
 
     def track(
@@ -55,7 +55,7 @@ class Context(Protocol):
     ) -> Callable[[int], None]:
         """Show progress; the returned function advances it and raises if the run was stopped.
 
-        `note` says what stands behind the bar; it is called whenever the bar is drawn.
+        `note` returns a text to show behind the bar; it is called whenever the bar is drawn.
         """
         ...
 
@@ -81,20 +81,20 @@ class Stage(Protocol):
 
 @runtime_checkable
 class NeedsCheck(Contract, Protocol):
-    """A `Stage` with keys that name what the stages that it needs make: stations, trackers.
+    """A `Stage` with keys that name results of the stages that it needs, such as stations.
 
-    What its keys make impossible by themselves, or with what they refer to, a component refuses
+    Only keys that depend on needed stages are checked here; a component refuses other invalid keys
     when it is made.
     """
 
     @property
     def check_needs(self) -> Callable[..., None]:
-        """Refuse keys that cannot be met: ``check_needs(**needs)``.
+        """Refuse keys that the needed stages cannot meet: ``check_needs(**needs)``.
 
-        It is called before any stage runs, with the components of those stages where `Stage.run`
-        gets their products, and raises `hillsphere.errors.InputError`. A message that begins with a
-        key of the stage (``stations: …``) is told at that key's line. The component may be of any
-        class whose stage yields the product that is needed.
+        Called before any stage runs, with the components of the needed stages in place of the
+        products that `Stage.run` receives; raises `hillsphere.errors.InputError`. A message that
+        begins with a key of the stage (``stations: …``) is shown at that key's line. A component
+        may be of any class whose stage yields the needed product.
         """
         ...
 
@@ -103,22 +103,23 @@ class NeedsCheck(Contract, Protocol):
 class CaseStage(Contract, Protocol):
     """A `Stage` that can be repeated over many cases, by ``monte_carlo`` and ``sweep``.
 
-    Its cases are independent: what comes of one depends on nothing but its inputs, its noise and
-    its lane's width (see `CaseBatch`).
+    Its cases are independent: the result of a case depends only on its inputs, its noise and the
+    number of lanes of a block (see `CaseBatch`).
 
-    It may have a method ``prepare_cases(names, **inputs)``, called in each worker before the blocks
-    with inputs of these names: what it compiles there does not count against a block's time limit.
-    It may have a method ``case_warnings(product)``, given what its own run yielded, which returns
-    sentences that warn of all its cases: they stand in every campaign that repeats it.
+    An optional method ``prepare_cases(names, **inputs)`` is called in each worker before blocks
+    whose inputs have these names; compilation there does not count against a block's time limit.
+
+    An optional method ``case_warnings(product)`` receives the product of the stage's own run and
+    returns sentences that concern all its cases; every campaign that repeats the stage shows them.
     """
 
     def case_inputs(self) -> tuple[Parameter, ...]:
-        """Return what may differ from case to case, with nominal values, SI.
+        """Return the inputs that may differ from case to case, with nominal values, SI.
 
-        Each is named by its path from the stage's own Spec: a run-time parameter of the plant that
-        the field ``plant`` refers to is ``"plant.gravity.C2,0"``; what belongs to the stage itself
-        has a plain name (``"state.x"``). A nominal value that only the products of earlier stages
-        fix is NaN.
+        An input is named by its path from the stage's Spec: a run-time parameter of the plant that
+        the field ``plant`` refers to is ``"plant.gravity.C2,0"``; an input of the stage itself has
+        a plain name (``"state.x"``). A nominal value that depends on products of earlier stages is
+        NaN.
         """
         ...
 
@@ -126,9 +127,9 @@ class CaseStage(Contract, Protocol):
     def run_cases(self) -> Callable[..., CaseResults]:
         """Compute one block: ``run_cases(batch, history=False, **inputs)``.
 
-        `history` is True where all histories are wanted, or names and patterns (``*``) of those
-        that are; others may be kept as well (see `hillsphere.interfaces.cases.histories_to_keep`).
-        `inputs` are the products of the stage's needs, as for `Stage.run`. No context is given:
-        the call is pure, may run in another process, and shows no progress.
+        `history` is True if all histories are wanted, or a sequence of names and patterns (``*``);
+        others may be returned too (see `hillsphere.interfaces.cases.histories_to_keep`).
+        `inputs` are the products of the stage's needs, as for `Stage.run`. There is no context:
+        the function is pure, may run in another process, and shows no progress.
         """
         ...

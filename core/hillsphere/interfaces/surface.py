@@ -15,17 +15,17 @@ __all__ = ["ArraySurface", "Enclosed", "SlopedSurface", "Surface"]
 
 @runtime_checkable
 class SlopedSurface(Contract, Protocol):
-    """A surface whose function is Lipschitz continuous: contact with it can be proved."""
+    """A surface with a Lipschitz continuous function, by which contact can be proved."""
 
     @property
     def steepest_per_m(self) -> float:
-        """Lipschitz constant of the surface function, 1/m, everywhere off the centre."""
+        """Lipschitz constant of the surface function outside the centre, 1/m."""
         ...
 
 
 @runtime_checkable
 class Surface(Contract, Protocol):
-    """A body with a surface: positive outside, zero on it, negative inside."""
+    """A surface as an implicit function: positive outside, zero on it, negative inside."""
 
     def surface(self, r: Vec3) -> Expr:
         """Return the implicit surface function at the body-fixed position r, m."""
@@ -48,17 +48,17 @@ class ArraySurface(Contract, Protocol):
         ...
 
     def normal_array(self, r: Array) -> Array:
-        """Return the unit outward normals (3, N) where the rays from the centre through r pass."""
+        """Return the unit outward normals (3, N) where the rays from the centre to r exit."""
         ...
 
     def semi_axes_m(self) -> tuple[float, float, float]:
-        """Return half the extent along x, y, z, m, of a box about the centre that holds all."""
+        """Return the half-lengths along x, y, z, m, of a box about the centre around the body."""
         ...
 
 
 @runtime_checkable
 class Enclosed(Contract, Protocol):
-    """A surface of which is known how far from the centre it reaches, in whatever direction."""
+    """A surface with a known bounding sphere about the centre."""
 
     @property
     def largest_radius_m(self) -> float:

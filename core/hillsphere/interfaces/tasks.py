@@ -1,4 +1,4 @@
-"""What an executor is given and gives back: jobs, such as tasks of blocks, and how each ended."""
+"""Interface of executors: jobs, such as tasks of blocks, and how each of them ended."""
 
 from __future__ import annotations
 
@@ -23,21 +23,20 @@ __all__ = [
 
 
 class Work(Protocol):
-    """What is done with a job; picklable, so that it can be sent to a worker once."""
+    """The work done on jobs; picklable, so that it can be sent to a worker once."""
 
     def prepare(self) -> Callable[[Any], Any]:
-        """Make the function that does a job; called once in each worker, it may take long.
+        """Return the function that does a job; called once in each worker, may take long.
 
-        The function takes jobs of the class that the crew is given. It may have a method
-        ``ready(job)``, which is called before each job: what it makes ready, such as compiled
-        code, counts against `Job.ready_limit_s`, not `limit_s`.
+        An optional method ``ready(job)`` of the function is called before each job; its time, for
+        instance of compilation, counts against `Job.ready_limit_s`, not `limit_s`.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker is given at a time; subclasses say what it is to do.
+    """A unit of work for one worker; subclasses hold its data.
 
     Parameters
     ----------
@@ -46,7 +45,7 @@ class Job:
     limit_s : float or None
         Wall-clock time after which its worker is stopped.
     ready_limit_s : float or None
-        The same for what is made ready before.
+        The same for its preparation by ``ready``.
     """
 
     number: int
@@ -75,7 +74,7 @@ class Task(Job):
 
 @dataclass(frozen=True)
 class Finished:
-    """A job was done; `value` is what the work's function returned."""
+    """A job that was done; `value` is the result of the work's function."""
 
     task: Job
     value: Any
@@ -83,7 +82,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Lost:
-    """The worker of a job died (``"killed"``) or was stopped at its limit (``"time_limit"``)."""
+    """A job whose worker died (``"killed"``) or reached the time limit (``"time_limit"``)."""
 
     task: Job
     how: str
@@ -92,7 +91,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class Failed:
-    """The work could not be prepared, or its function raised, which it must not."""
+    """A job whose work could not be prepared or whose function raised, which it must not."""
 
     task: Job
     error: str
@@ -103,7 +102,7 @@ Outcome = Finished | Lost | Failed
 
 
 def unready(task: Job) -> str:
-    """Say that a worker was stopped while it made ready for a job."""
+    """Return the message that a worker was stopped during the preparation of a job."""
     return (
         f"preparing the stage did not end within {task.ready_limit_s:g} s (ten times the limit of "
         "a block, at least 300 s), and its worker was stopped; give a longer block_limit or none"
@@ -111,19 +110,19 @@ def unready(task: Job) -> str:
 
 
 class Crew(Protocol):
-    """Workers that do one kind of work; a context manager, whose end stops them all at once."""
+    """Workers for one kind of work; a context manager, whose exit stops all of them."""
 
     @property
     def slots(self) -> int:
-        """How many jobs can be under way."""
+        """Largest number of jobs that can run at the same time."""
         ...
 
     def submit(self, task: Job) -> None:
-        """Give a job to a free worker; no more than `slots` may be under way."""
+        """Give a job to a free worker; at most `slots` jobs may run at the same time."""
         ...
 
     def outcome(self) -> Outcome:
-        """Wait for a job to end. A worker that was lost is replaced before this returns."""
+        """Wait for a job to end and return its outcome; a lost worker is replaced first."""
         ...
 
     def __enter__(self) -> Crew: ...
@@ -132,7 +131,7 @@ class Crew(Protocol):
 
 
 class Executor(Protocol):
-    """Where jobs are done: in this process, in others, on other machines."""
+    """Runs jobs in this process, in other processes, or on other machines."""
 
     def crew(self, work: Work) -> Crew:
         """Return workers for this work."""

@@ -1,4 +1,4 @@
-"""Trackers of a target from the ground."""
+"""Trackers, which point a ground antenna at a satellite."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ State = TypeVar("State")
 
 
 class Tracker(Protocol[State]):
-    """From a nominal orbit and measured angles to where an antenna must point.
+    """Predicts pointing angles of an antenna from a nominal orbit and measured angles.
 
     Pure functions of frozen states, N cases at once, independent of each other. Times are SI
     seconds after the epoch given to `initial`; angles are radians, azimuth from north over east.
@@ -27,7 +27,7 @@ class Tracker(Protocol[State]):
 
     @property
     def short_period(self) -> bool:
-        """Whether its elements are mean ones to which it adds the short-period terms of J2."""
+        """Whether it adds the short-period terms of J2 to its mean elements."""
         ...
 
     def initial(
@@ -41,29 +41,29 @@ class Tracker(Protocol[State]):
         """Return the state before the first measurement.
 
         elements (6, N) are nominal mean elements a, e, i, Ω, ω, M (m, rad) of Brouwer's theory in
-        the frame ``teme``, at times t_s (N,) or (1,); the stations one, or one a case.
+        the frame ``teme``, at times t_s (N,) or (1,). `stations` holds one station for all cases,
+        or one per case.
         """
         ...
 
     def update(
         self, state: State, t_s: Array, az_rad: Array, el_rad: Array, sigma_rad: Array
     ) -> State:
-        """Return the state after one measurement a case.
+        """Return the state after one measurement per case.
 
-        t_s, az_rad, el_rad are (N,); where an angle is not finite, the case has no measurement.
-        sigma_rad, (), (N,) or (2, N), are the standard deviations of both angles or of each.
+        t_s, az_rad, el_rad are (N,); a case whose angles are not finite has no measurement.
+        sigma_rad, shape (), (N,) or (2, N), is the standard deviation of both angles, or of each.
         """
         ...
 
     def predict(
         self, state: State, times_s: Array, biased: bool = True
     ) -> tuple[Array, Array, Array]:
-        """Return what the antenna will show at times (K,) or (K, N), and how surely.
+        """Return azimuth, elevation and their covariance at times (K,) or (K, N).
 
-        Azimuth in [0, 2π) and elevation up to π/2, (K, N), contain the angle biases that the state
-        knows of, and the times are those by which the measurements are dated, with the clock's bias
-        that it knows of. Without `biased` all that is taken off: it is where the satellite is at
-        the true times. The covariance (2, 2, K, N), rad², is that of the answer on the sky, finite
-        at the zenith: of cross-elevation (azimuth times cos h) and elevation.
+        With `biased`, azimuth in [0, 2π) and elevation up to π/2, (K, N), contain the estimated
+        biases of the angles, and the times those of the clock, as measurements do. Otherwise they
+        are the estimated true angles at true times. The covariance (2, 2, K, N), rad², is of
+        cross-elevation (azimuth times cos h) and elevation, which stays finite at the zenith.
         """
         ...

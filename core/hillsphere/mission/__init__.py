@@ -1,7 +1,7 @@
-"""Mission files: a TOML text becomes validated Specs, linked to each other and in order.
+"""Reading and validation of mission files, from TOML text to linked Specs.
 
-The public names are those of `hillsphere.mission.load`, which is imported when one of them is used:
-other modules of this package are used without it.
+The public names are those of `hillsphere.mission.load`, which is imported when one of them is used,
+so that other modules of this package load without it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tables of a mission that are dropped: by `false` in place of one, or by patterns of `drop`."""
+"""Dropping of tables from a mission: by `false` in place of a table, or by patterns of `drop`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def find_dropped(
 ) -> tuple[dict[tuple[str, str], tuple[Origin, Key]], list[Problem]]:
     """Find the tables that are dropped.
 
-    The later layer holds. `false` or `true` for a single table holds before that for the table
-    with `for` which stands for it.
+    A later layer overrides an earlier one. `false` or `true` for a single table overrides the value
+    for the table with `for` from which it is expanded.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def find_dropped(
     dropped : dict
         (kind, name) → the layer that drops the table, and the key there.
     problems : list of Problem
-        Patterns that match nothing, and what is no list of patterns.
+        Patterns that match no table, and values of `drop` that are not lists of patterns.
     """
     dropped: dict[tuple[str, str], tuple[Origin, Key]] = {}
     problems: list[Problem] = []

@@ -1,9 +1,10 @@
-"""Tables that stand for several: ``for = "controller"`` over the lists of ``[each]``, and ``drop``.
+"""Expansion of tables with ``for = "controller"`` over the lists of ``[each]``.
 
-A table with `for` becomes one table per value. Its name with ``_VALUE`` behind it, or with the
-value in place of ``{controller}``, is the name of each; ``{controller}`` in its strings is the
-value. A table of such a name changes that one: its keys win. All of this happens after profile and
-settings are laid over the file, so both reach the table that stands for all, and single ones.
+A table with `for` is expanded to one table per value. The name of each is that of the table with
+``_VALUE`` appended, or with the value in place of ``{controller}``; ``{controller}`` in its strings
+is replaced too. Keys of a table that is written under such a name override those of the expanded
+table. Profile and settings are applied before, so that they can change the table with `for` as well
+as single expanded tables.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from hillsphere.mission.layers import Layers, Origin
 __all__ = ["EACH_NAME", "Expanded", "expand_tables"]
 
 EACH_NAME = r"[a-z][a-z0-9_-]{0,63}"
-"""Pattern of the name of a list in ``[each]``."""
+"""Pattern of a list's name in ``[each]``."""
 
 _MOST_TABLES = 1000
-"""Tables that all tables with `for` may stand for; the largest packaged mission has 80."""
+"""Largest total number of expanded tables; the largest packaged mission has 80."""
 _MOST_CHARACTERS = 1 << 20
-"""Characters and values of all these tables together: as much as the largest file may hold."""
+"""Largest total of characters and values of all expanded tables: that of the largest file."""
 _LONGEST_VALUE = 64
-"""Characters of a value: it becomes a part of a table's name, which has at most as many."""
+"""Longest value, in characters: it becomes a part of a table's name, whose limit this is."""
 _PARTS = re.compile(r"\{\{|\}\}|\{([^{}]*)\}|[{}]")
 
 _Node: TypeAlias = tuple[str, str]
@@ -39,26 +40,26 @@ _Values: TypeAlias = Mapping[str, _Value]
 
 @dataclass
 class Expanded:
-    """Tables in which every `for` is carried out, and which of them are dropped.
+    """Tables with every `for` expanded, and the tables that are dropped.
 
     Parameters
     ----------
     layers : Layers
-        The tables as they are written, with what is laid over them.
+        The tables as they are written, with profile and settings applied.
     tables : dict
         The same with one table per value in place of every table with `for`.
     sources : dict
         (kind, name) of a table → name of the table with `for` that it comes from.
     values : dict
-        (kind, name) of such a table → what each variable is in it.
+        (kind, name) of an expanded table → value of each variable.
     problems : list of Problem
-        Faults of `[each]`, `for` and strings with braces: nothing behind them can be judged.
+        Faults of `[each]`, `for` and strings with braces, which prevent further checks.
     dropped : dict
-        (kind, name) of a table that is dropped → the layer that does it, and the key there.
+        (kind, name) of a dropped table → the layer that drops it, and the key there.
     drop_problems : list of Problem
         Faults of `drop`.
     characters : int
-        Size of the tables with `for`, once per table that they stand for.
+        Total size of the expanded tables.
     """
 
     layers: Layers
@@ -71,7 +72,7 @@ class Expanded:
     characters: int = 0
 
     def written_as(self, kind: str, name: str) -> tuple[str, ...]:
-        """Return the names under which a table's keys are written, the one that wins first."""
+        """Return the names under which a table's keys are written, in order of precedence."""
         source = self.sources.get((kind, name))
         if source is None:
             return (name,)
@@ -89,14 +90,14 @@ class Expanded:
         return None if drop is None else drop[0].problem(drop[1], "").place
 
     def laid_on_dropped(self, kind: str, name: str, used: Iterable[str]) -> Problem | None:
-        """Return what is wrong with a setting that changes only tables dropped before.
+        """Return the problem of a setting that changes only dropped tables, or None.
 
         Parameters
         ----------
         kind, name : str
-            A table as it is written; one with `for` stands for several.
+            A table as it is written, possibly with `for`.
         used : iterable of str
-            Names of tables of this kind that other tables begin as.
+            Names of tables of this kind to which a ``like`` refers.
         """
         origin = self.layers.last_origin(kind, name)
         if origin is None:
@@ -114,21 +115,21 @@ class Expanded:
 
 
 def expand_tables(layers: Layers, kinds: Iterable[str]) -> Expanded:
-    """Carry out every `for`, and find the tables that are dropped.
+    """Expand every table with `for`, and find the tables that are dropped.
 
     Parameters
     ----------
     layers : Layers
-        The mission's tables with profile and settings laid over them.
+        The mission's tables with profile and settings applied.
     kinds : iterable of str
         Kinds of table.
 
     Returns
     -------
     Expanded
-        The tables, and what is wrong. They stand in the place of the table with `for`, in the order
-        of the list. Stages that follow each other with the same `for` stand value by value: all of
-        them with the first value, then all with the second.
+        The tables and their faults. Expanded tables take the place of the table with `for`, in the
+        order of the list. Consecutive stages with the same `for` are ordered value by value: all
+        of them with the first value, then all with the second.
     """
     result = Expanded(layers, dict(layers.tables))
     lists = _lists(result)
@@ -163,7 +164,7 @@ def _refuse(result: Expanded, key: Key, message: str) -> None:
 
 
 def _lists(result: Expanded) -> dict[str, Sequence[_Value]]:
-    """Return the lists of ``[each]``, and add a problem for each that is not sound."""
+    """Return the lists of ``[each]``, and add a problem for each invalid one."""
     given = result.layers.tables.get("each", {})
     if not isinstance(given, dict):
         _refuse(
@@ -274,7 +275,7 @@ def _names(
     lists: Mapping[str, Sequence[_Value]],
     result: Expanded,
 ) -> list[str]:
-    """Return the names of the tables that a table stands for, and note where each comes from."""
+    """Return the names of the tables that a table expands to, and record their source."""
     made: list[str] = []
     pattern = source if "{" in source else "_".join((source, *(f"{{{v}}}" for v in variables)))
     for combination in product(*(lists[variable] for variable in variables)):
@@ -295,7 +296,7 @@ def _names(
 
 
 def _runs(names: Iterable[str], variables: Mapping[str, tuple[str, ...]]) -> Iterator[list[str]]:
-    """Yield tables alone, and together those that follow each other with the same `for`."""
+    """Yield groups of consecutive tables with the same `for`; other tables alone."""
     run: list[str] = []
     for name in names:
         if run and (name not in variables or variables[name] != variables.get(run[0])):
@@ -309,7 +310,7 @@ def _runs(names: Iterable[str], variables: Mapping[str, tuple[str, ...]]) -> Ite
 def _substitute(
     value: Any, key: Key, values: _Values, result: Expanded, as_text: bool = False
 ) -> Any:
-    """Return a value with those of variables in the strings of it; the same object without any."""
+    """Replace variables in the strings of a value; without any, return the same object."""
     if isinstance(value, list):
         items = [_substitute(item, (*key, k), values, result) for k, item in enumerate(value)]
         return items if any(a is not b for a, b in zip(items, value, strict=True)) else value
@@ -338,7 +339,7 @@ def _substitute(
 
 
 def _size(value: Any) -> int:
-    """Return how many values there are, and characters of strings among them."""
+    """Return the number of values plus the number of characters in strings."""
     if isinstance(value, dict):
         return sum(1 + _size(item) for item in value.values())
     if isinstance(value, list):
@@ -360,7 +361,7 @@ def _explain_part(
 
 
 def _merge_tables(below: Any, above: Any) -> Any:
-    """Return a table with the keys of another one merged into it; what is no table is ignored."""
+    """Return a table with the keys of another one merged into it; ignore other values."""
     if not isinstance(above, dict):
         return below
     table = dict(below)

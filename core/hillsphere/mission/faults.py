@@ -1,4 +1,4 @@
-"""pydantic's errors in the user's words: the key that was written, its unit, what stood there."""
+"""Translation of pydantic's errors: the key as the user wrote it, its unit, and its value."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ __all__ = ["Fault", "faults_of"]
 S = TypeVar("S", bound=Spec)
 
 MOST_FAULTS = 100
-"""Faults of one table that are explained; nobody reads more, and each costs a fuzzy search."""
+"""Largest number of explained faults of one table; each takes a fuzzy search of similar names."""
 
 _SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong with the keys of a component.
+    """One fault in the keys of a component.
 
     Parameters
     ----------
     key : tuple
         Path of the key as the user wrote it, or should have written it.
     message : str
-        What is wrong and the remedy.
+        The fault and its remedy.
     is_remark : bool
-        It is about the list of faults, not one of them: it belongs at the end.
+        Whether this is a remark on the list of faults, to be shown at its end.
     """
 
     key: Key
@@ -48,7 +48,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where an error stands: the user's path to it and what the declaration says there."""
+    """Location of an error: the user's path to it, and the declaration of that field."""
 
     key: Key
     annotation: Any
@@ -61,7 +61,7 @@ class _Place:
 
 @dataclass
 class _Table:
-    """The unknown and missing keys of one table, which explain each other."""
+    """Unknown and missing keys of one table, which are explained together."""
 
     spec: type[Spec]
     value: Mapping[str, Any]
@@ -70,21 +70,21 @@ class _Table:
 
 
 def faults_of(spec: type[S], keys: Mapping[str, Any]) -> tuple[S | None, list[Fault]]:
-    """Validate keys against a Spec and explain everything that is wrong with them.
+    """Validate keys against a Spec and explain every fault.
 
     Parameters
     ----------
     spec : type
         The Spec class.
     keys : mapping
-        As a mission would write them, unit suffixes included.
+        Keys and values as in a mission, unit suffixes included.
 
     Returns
     -------
     spec : Spec or None
-        The Spec, if nothing is wrong.
+        The Spec, if there is no fault.
     faults : list of Fault
-        Otherwise at least one, in the order in which the keys were written; missing keys last.
+        Faults in the order in which the keys were written; missing keys last.
     """
     try:
         return spec.model_validate(dict(keys)), []
@@ -185,10 +185,10 @@ def _one_branch_each(
     keys: Mapping[str, Any],
     located: list[tuple[ErrorDetails, _Place]],
 ) -> Iterator[tuple[ErrorDetails, _Place]]:
-    """Of a union's errors keep those of the member that the user most likely meant.
+    """Of a union's errors, keep those of the member that the user most likely meant.
 
-    A member is likely if its type fits and only something inside is wrong: of these, the one with
-    the fewest errors. If none fits, one error says what all of them expect.
+    Candidates are members whose type fits and that have errors only inside; among them the one with
+    the fewest errors is taken. If no type fits, one error lists what all members expect.
     """
     counts: dict[Key, dict[str, list[int]]] = {}
     for detail, place in located:
@@ -219,7 +219,7 @@ def _one_branch_each(
 def _location_of(
     spec: type[Spec], keys: Mapping[str, Any], detail: ErrorDetails, key: Key
 ) -> tuple[int | str, ...]:
-    """Shortest head of an error's location that leads to a user's key."""
+    """Return the shortest head of an error's location that leads to a user's key."""
     location = detail["loc"]
     for length in range(len(location) + 1):
         if _place(spec, keys, location[:length]).key == key:
@@ -342,7 +342,7 @@ _WORDS: dict[str, Callable[[_Place, Mapping[str, Any]], str]] = {
 
 
 def _unknown_and_missing(table: _Table) -> Iterator[tuple[str, str]]:
-    """Explain them together: a misspelt key is one fault, not an unknown and a missing one."""
+    """Explain unknown and missing keys together: a misspelt key is one fault, not two."""
     fields = {name: _keys(table.spec, name) for name in table.spec.model_fields}
     # All keys, as a misspelt one may stand beside the right one (as with --set); absent ones first,
     # as they are the likelier ones.
@@ -390,7 +390,7 @@ def _suffix(spec: type[Spec], name: str) -> str:
 
 
 def _without_unit(spec: type[Spec], word: str, valid: Mapping[str, str]) -> str | None:
-    """Quantity that a word names without a unit or with one that is not in the closed list."""
+    """Return the quantity that a word names without a unit, or with an unknown one."""
     for name in dict.fromkeys(valid.values()):
         suffix = _suffix(spec, name)
         stem = name.removesuffix(suffix)

@@ -1,8 +1,8 @@
-"""A mission's tables with what is laid over them: a profile, then each ``--set``.
+"""Layers of a mission: the file, the profile over it, and over both each ``--set``.
 
-Tables merge deeply, everything else is replaced whole, and `false` in place of a named table drops
-it; patterns under ``drop`` drop more (`hillsphere.mission.drop`). Every value remembers where it
-came from, so that a message names the line of the file, the profile's own line or the setting.
+Tables are merged recursively; any other value is replaced as a whole. `false` in place of a named
+table drops it, as do patterns under ``drop`` (`hillsphere.mission.drop`). The origin of every value
+is recorded, so that messages name the line of the file or profile, or the setting.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _UNQUOTED = re.compile(r"[^\s\"'\[\]{}#=,](?:[^\"'\[\]{}#=,\n]*[^\s\"'\[\]{}#=,]
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a value came from; of two values for one quantity, the higher layer holds.
+    """Origin of a value; of two values for one quantity, the one of the higher layer is used.
 
     Parameters
     ----------
     layer : int
-        0 for the file itself.
+        0 for the file itself; profile and settings follow in order.
     locations : Locations or None
-        Of the file or the profile; None for a setting.
+        Lines of the file; None for a setting.
     prefix : tuple
         Path of the profile in the file.
     source : str
@@ -54,11 +54,11 @@ class Setting:
     Parameters
     ----------
     text : str
-        As the user wrote it.
+        The setting as the user wrote it.
     key : tuple of str
-        Path.
+        Path of the key.
     value : object
-        Value.
+        Its new value.
     """
 
     text: str
@@ -73,14 +73,14 @@ class Setting:
 
 @dataclass
 class Layers:
-    """Tables of a mission and the origin of what was laid over them.
+    """Tables of a mission with all layers applied, and the origin of their values.
 
     Parameters
     ----------
     tables : dict
-        The mission file's tables; not changed, every changed table is a copy.
+        The mission file's tables; they are copied where a layer changes them.
     locations : Locations
-        Where they stand.
+        Lines of the tables and keys.
     """
 
     tables: dict[str, Any]
@@ -92,19 +92,19 @@ class Layers:
     _layer: int = 0
 
     def __post_init__(self) -> None:
-        """Note what the file itself drops."""
+        """Record the tables that the file itself drops."""
         if "drop" in self.tables:
             own = Origin(0, self.locations, (), self.locations.source)
             self._drops.append((own, self.tables["drop"]))
 
     def lay_profile(self, prefix: Key, tables: Mapping[str, Any]) -> None:
-        """Merge a profile that stands in the same file under `prefix`."""
+        """Merge a profile of the same file, whose path is `prefix`."""
         self._layer += 1
         origin = Origin(self._layer, self.locations, prefix, self.locations.source)
         self.tables = self._merged(self.tables, tables, (), origin)
 
     def lay_setting(self, setting: Setting) -> Problem | None:
-        """Merge a setting; returns what is wrong if it points into an array."""
+        """Merge a setting; return a problem if its key is an item of an array, else None."""
         self._layer += 1
         origin = Origin(self._layer, None, (), setting.source)
         here: Any = self.tables
@@ -139,24 +139,24 @@ class Layers:
         return dict(above) if isinstance(above, Mapping) else above
 
     def drops(self) -> list[tuple[Origin, Any]]:
-        """Return every ``drop`` as it was given: that of the file, then what was laid over it."""
+        """Return the ``drop`` of every layer: that of the file first."""
         return self._drops
 
     def switch(self, kind: str, name: str) -> tuple[bool, Origin] | None:
-        """Return what was given last in place of a table, `false` or `true`, and where."""
+        """Return the last `false` or `true` that was given in place of a table, and its origin."""
         return self._switches.get((kind, name))
 
     def last_origin(self, kind: str, name: str) -> Origin | None:
-        """Return the last layer that says something in a table; None for the file alone."""
+        """Return the last layer that changes a table; None if only the file defines it."""
         return self._laid.get((kind, name))
 
     def layer(self, key: Key) -> int:
-        """Return 0 for what the file says itself, more for what was laid over it later."""
+        """Return the layer of a key: 0 for the file, higher for later layers."""
         origin = self._origin(key)
         return origin.layer if origin else 0
 
     def problem(self, key: Key, message: str) -> Problem:
-        """Return a problem located where the key, or what is nearest around it, was written."""
+        """Return a problem at the line of the key, or of the nearest table around it."""
         origin = self._origin(key)
         if origin is not None:
             return origin.problem(key, message)
@@ -170,12 +170,12 @@ class Layers:
 
 
 def parse_setting(text: str) -> Setting:
-    """Read ``a.b.c=value``: a TOML value, or a bare word, which is taken as a string.
+    """Parse ``a.b.c=value``; the value is TOML, or a bare word, which is taken as a string.
 
     Parameters
     ----------
     text : str
-        What follows ``--set``.
+        Argument of ``--set``.
 
     Returns
     -------

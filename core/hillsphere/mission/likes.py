@@ -1,7 +1,7 @@
-"""Tables that begin as a copy of another one of the same kind: ``like = "NAME"``.
+"""Tables that copy another one of the same kind: ``like = "NAME"``.
 
-The copy is taken from the other table as profile and settings leave it, and what the table says
-itself, in the file or laid over it, is merged into that copy. Chains are allowed.
+The other table is copied with profile and settings applied; then the table's own keys, from the
+file or a layer, are merged into the copy. Chains are allowed.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ _Node = tuple[str, str]
 
 @dataclass
 class Derived:
-    """Tables in which every ``like`` is carried out.
+    """Tables with every ``like`` resolved.
 
     Parameters
     ----------
     layers : Expanded
-        The tables with every `for` carried out.
+        The tables with every `for` expanded.
     tables : dict
         The same without ``like`` and without the tables that were dropped.
     bases : dict
-        (kind, name) → name of the table that it begins as.
+        (kind, name) → name of the table that it copies.
     unsound : set
-        Those whose ``like`` leads nowhere: nothing more can be said about them.
+        Tables whose ``like`` is invalid; they are not checked further.
     problems : list of Problem
-        What is wrong with those.
+        Faults of every ``like``.
     """
 
     layers: Expanded
@@ -45,7 +45,7 @@ class Derived:
     problems: list[Problem] = field(default_factory=list)
 
     def problem(self, key: Key, message: str) -> Problem:
-        """Return a problem located where the value was written: maybe in a table further down."""
+        """Return a problem where the value was written, which may be in a copied table."""
         where, name, _ = self._written(key)
         found = self.layers.layers.problem(where, message)
         if name is None:
@@ -58,10 +58,10 @@ class Derived:
         )
 
     def rank(self, key: Key) -> tuple[int, int]:
-        """Return what tells two values of one quantity apart: the higher one holds.
+        """Return the precedence of a value; of two values of one quantity the higher is used.
 
-        What a table says itself holds before what it takes from another one; of two values in one
-        table the one that was laid over it later does.
+        A table's own values have precedence over copied ones; among values of one table, those of
+        a later layer.
         """
         where, _, depth = self._written(key)
         return -depth, self.layers.layers.layer(where)
@@ -69,8 +69,8 @@ class Derived:
     def _written(self, key: Key) -> tuple[Key, str | None, int]:
         """Return the key as it is written, the table of the chain that holds it, and its depth.
 
-        A table that another one with `for` stands for has two places: its own, if it is written,
-        and one step deeper that other one.
+        An expanded table has two places: its own name, if it is written, and one step deeper the
+        table with `for`.
         """
         if len(key) < 2 or not isinstance(self.layers.tables.get(str(key[0])), dict):
             return key, None, 0
@@ -89,19 +89,19 @@ class Derived:
 
 
 def resolve_likes(layers: Expanded, kinds: Iterable[str]) -> Derived:
-    """Carry out every ``like``, and leave out the tables that were dropped.
+    """Resolve every ``like``, and leave out the dropped tables.
 
     Parameters
     ----------
     layers : Expanded
-        The mission's tables with profile and settings laid over them, and every `for` carried out.
+        The mission's tables with profile and settings applied, and every `for` expanded.
     kinds : iterable of str
         Kinds of table.
 
     Returns
     -------
     Derived
-        The tables, and what is wrong.
+        The tables and their faults.
     """
     found = Derived(layers, dict(layers.tables), problems=list(layers.drop_problems))
     for kind in kinds:
@@ -127,7 +127,7 @@ def resolve_likes(layers: Expanded, kinds: Iterable[str]) -> Derived:
 def _derive(
     kind: str, root: str, found: Derived, done: dict[str, dict[str, Any]], used: set[str]
 ) -> None:
-    """Carry out the chain of one table, from its far end: no recursion, however long it is."""
+    """Resolve the chain of one table from its far end, without recursion."""
     written: Mapping[str, Any] = found.layers.tables[kind]
     chain: list[str] = []
     place: dict[str, int] = {}
@@ -209,7 +209,7 @@ def _merge(below: Any, above: Any) -> Any:
 
 
 def _holds(table: Any, rest: Key) -> bool:
-    """Return whether a table itself says something at this place, or around it as a whole."""
+    """Return whether a table itself gives this key, or a table or array around it."""
     for part in rest:
         if not isinstance(table, dict):
             return True
@@ -222,7 +222,7 @@ def _holds(table: Any, rest: Key) -> bool:
 def without_superseded_units(
     spec: type[Spec], table: Mapping[str, Any], path: Key, tables: Derived
 ) -> dict[str, Any]:
-    """Drop a quantity in one unit where it is superseded by another.
+    """Remove a quantity in one unit if a value in another unit overrides it.
 
     Parameters
     ----------
@@ -233,12 +233,12 @@ def without_superseded_units(
     path : tuple
         Path of the table in the mission.
     tables : Derived
-        Tells which of two keys holds.
+        Gives the precedence of keys.
 
     Returns
     -------
     dict
-        The keys that hold. Two units of one rank both stay: that is the user's fault to mend.
+        The remaining keys. Two units of equal precedence both stay, and are reported as a fault.
     """
     kept = dict(table)
     for keys in spec.units_by_field().values():
@@ -255,7 +255,7 @@ def without_superseded_units(
 
 
 def _nested_specs(spec: type[Spec]) -> Iterator[tuple[str, type[Spec]]]:
-    """Yield the fields that hold one table of their own Spec (arrays are replaced whole)."""
+    """Yield the fields that hold one nested Spec (arrays are replaced as a whole)."""
     for name, info in spec.model_fields.items():
         annotation = inner(info.annotation)
         if isinstance(annotation, type) and issubclass(annotation, Spec):

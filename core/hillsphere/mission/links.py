@@ -1,4 +1,4 @@
-"""What the tables of a mission say about each other: references, needs, input files, order."""
+"""Links between the tables of a mission: references, needs, input files, and order."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def links_of(spec: Spec) -> dict[Node, Key]:
 
 
 def check_links(tables: Tables, layers: Derived) -> None:
-    """Add a problem for every reference that leads nowhere, to what does not fit or in a circle.
+    """Add a problem for every reference to a missing or unsuitable table, and for every circle.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def check_links(tables: Tables, layers: Derived) -> None:
 
 
 def _dropped_message(kind: str, other_kind: str, other: str, place: str) -> str:
-    """Say that a table which stays refers to one that was dropped."""
+    """Return the message that a table refers to one that was dropped."""
     words = other_kind.replace("_", " ")
     return f"{words} table {other!r} is dropped at {place}; drop this {kind} too, or change the key"
 
@@ -105,7 +105,7 @@ def _check_product(product: str, name: str, key: Key, tables: Tables, layers: De
 
 
 def _yields(record: Registered) -> tuple[str, ...]:
-    """Return what the product of a stage can be taken as, its own class first."""
+    """Return the classes that the product of a stage has, its own class first."""
     try:
         spec = record.load_spec()
     except PluginError:
@@ -119,7 +119,7 @@ def _class_name(path: str) -> str:
 
 
 def _circles(edges: Mapping[Node, Mapping[Node, Key]]) -> list[list[Node]]:
-    """Find circles by depth-first search without recursion; no table stands in two of them."""
+    """Find circles of references by depth-first search; each table is part of at most one."""
     circles: list[list[Node]] = []
     done: set[Node] = set()
     told: set[Node] = set()
@@ -149,12 +149,12 @@ def _circles(edges: Mapping[Node, Mapping[Node, Key]]) -> list[list[Node]]:
 
 
 def topological(nodes: Iterable[Node], specs: Mapping[str, Mapping[str, Spec]]) -> list[Node]:
-    """Order tables so that each stands after those it refers to, else as they are given.
+    """Sort tables topologically: each after those it refers to, otherwise in the given order.
 
     Parameters
     ----------
     nodes : iterable of (kind, name)
-        Where to begin; what they refer to is added.
+        Tables to begin with; those that they refer to are added.
     specs : mapping
         Kind → name → Spec, free of circles.
 
@@ -180,7 +180,7 @@ def topological(nodes: Iterable[Node], specs: Mapping[str, Mapping[str, Spec]]) 
 def resolve_data_paths(
     tables: Tables, layers: Derived, directory: str, *, allow_path: bool
 ) -> None:
-    """Put absolute paths in place of the input files that Specs name.
+    """Replace the paths of input files in Specs by absolute paths.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def resolve_data_paths(
 
 
 def _resolve(path: str, roots: list[str], *, allow_path: bool) -> tuple[str, str]:
-    """Return (absolute path, "") or ("", what is wrong)."""
+    """Return (absolute path, "") or ("", message)."""
     text = path if len(path) <= 100 else path[:100] + "…"
     if "\0" in path:
         return "", f"{text!r} is not a path: it holds a null character"

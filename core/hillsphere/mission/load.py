@@ -1,4 +1,4 @@
-"""Mission files: a TOML text becomes validated Specs, linked to each other and in order."""
+"""Loading of missions: TOML text becomes validated Specs, linked and in order."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = ["FORMAT", "Mission", "MissionError", "load_mission", "packaged_missio
 
 @dataclass(frozen=True)
 class Mission:
-    """A mission, ready to be built and run.
+    """A validated mission, ready to be run.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Mission:
     title : str
         One line that says what it is about.
     seed : int
-        Root seed of everything random.
+        Root seed of all random numbers.
     description : str
-        What a reader should know; may be empty.
+        Description for the report; may be empty.
     path : Path
         The mission file.
     directory : Path
@@ -53,9 +53,9 @@ class Mission:
     text : str
         Its text.
     profile : str or None
-        The profile that was laid over it.
+        The selected profile, if any.
     sets : tuple of str
-        The settings that were laid over it.
+        The settings of ``--set``.
     profiles : tuple of str
         Names of all profiles that the file has.
     specs : mapping
@@ -89,10 +89,10 @@ class Mission:
         return [name for kind, name in nodes if kind == "stage"]
 
     def resolved(self) -> dict[str, Any]:
-        """Return the mission as plain tables in SI, defaults included: what is really computed.
+        """Return the mission as plain tables in SI, with defaults, profile and settings applied.
 
-        The keys are those of a mission file, so the result written as TOML is a mission again.
-        Input files stand with their absolute paths.
+        The keys are those of a mission file, so that the result, written as TOML, is a mission
+        again. Input files have absolute paths.
         """
         tables: dict[str, Any] = {
             "format": self.format, "name": self.name, "title": self.title, "seed": self.seed,
@@ -123,12 +123,12 @@ def load_mission(
     Parameters
     ----------
     name_or_path : str or path
-        Name of a packaged mission, or path of an own one: a path object, or text that ends in
+        Name of a packaged mission, or path of a mission file: a path object, or text that ends in
         ``.toml`` or contains a separator.
     sets : sequence of str
-        Settings ``"stage.family.x_max_km=90"`` laid over the file, and over the profile, in order.
+        Settings ``"stage.family.x_max_km=90"``, applied in order after the profile.
     profile : str, optional
-        Name of the file's ``[profile.NAME]`` to lay over it.
+        Name of a ``[profile.NAME]`` in the file whose keys override those of the file.
     registry : Registry, optional
         Components to choose from; by default all that are installed.
     allow_path : bool
@@ -137,14 +137,13 @@ def load_mission(
     Returns
     -------
     Mission
-        Validated.
+        The validated mission.
 
     Raises
     ------
     MissionError
-        With every problem found. Faults in the form of the text, an unreadable file, an unknown
-        format and lists and `for` that are not sound are told alone, as nothing behind them can be
-        judged.
+        With every problem. An unreadable file, invalid TOML, an unknown format and invalid lists
+        and `for` are reported alone, since nothing else can be checked then.
 
     Examples
     --------
@@ -191,9 +190,9 @@ def load_mission(
 
 
 def packaged_missions() -> list[tuple[str, str]]:
-    """Return (name, title) of the packaged missions, by name; only the head of each is looked at.
+    """Return (name, title) of the packaged missions, sorted by name; only their heads are read.
 
-    The title of a file that is not sound says what is wrong with it.
+    The title of an invalid file is its fault.
     """
     missions = []
     for path in sorted(missions_directory().glob("*.toml")):
@@ -226,7 +225,7 @@ def _find(name_or_path: str | os.PathLike[str]) -> tuple[Path, str]:
 def _profiles(
     tables: Mapping[str, Any], locations: Locations, problems: list[Problem]
 ) -> dict[str, dict[str, Any]]:
-    """Return the sound part of every profile; what is wrong with the chosen one or another."""
+    """Return the valid part of every profile, and add the problems of all profiles."""
 
     def refuse(key: Key, message: str) -> None:
         problems.append(Problem(locations.source, locations.line(key), key, message))
@@ -286,7 +285,7 @@ def _lay_setting(text: str, layers: Layers, problems: list[Problem]) -> None:
 
 
 def _places(tables: Tables, written: Derived) -> dict[Key, str]:
-    """Where the tables, and the keys in them, were written."""
+    """Return where the tables, and the keys in them, were written."""
     keys: list[Key] = []
     for kind, name, spec in tables:
         keys += [(kind, name), *((kind, name, *where) for where, _ in spec.data_paths())]
@@ -303,9 +302,9 @@ def _keys_of(table: Any, key: Key) -> Iterator[Key]:
 
 
 def _sort_and_limit(problems: list[Problem], source: str) -> list[Problem]:
-    """Sort by line, the file before the settings, remarks last; end a list that is too long."""
-    # A fault in a table that others are like, or that stands for several, is told once: of the
-    # table itself, if it stays, and of the first value.
+    """Sort by line, the file before the settings, remarks last; cut a list that is too long."""
+    # A fault that a table passes on by `like`, or that it has for several values of `for`, is
+    # reported once: for the table itself, unless it is dropped, and for the first value.
     alike: dict[Problem, list[Problem]] = {}
     for problem in sorted(problems, key=lambda p: p.user != ""):
         alike.setdefault(replace(problem, user="", given=""), []).append(problem)
@@ -320,7 +319,7 @@ def _sort_and_limit(problems: list[Problem], source: str) -> list[Problem]:
 
 
 def _merge_alike(alike: list[Problem]) -> Problem:
-    """Return the first of problems that are one fault, with the number of values that have it."""
+    """Return the first of several problems with one cause, with the number of affected values."""
     values = {problem.given for problem in alike} - {""}
     if len(values) < 2 or not alike[0].given:
         return alike[0]

@@ -1,9 +1,9 @@
 """JSON Schema of a mission file with every installed plugin, for editors and other programs.
 
-The schema says what a table may hold, key by key, each quantity in every unit. It accepts a little
-more than `load_mission`: rules between keys, references, needs, files, the keys of a table that is
-`like` another one and the values in a table with `for` are checked there only. With `[each]`, a
-table may have neither `type` nor `like`: it changes one that a table with `for` stands for.
+The schema lists the keys of every table, with each quantity in all units. It accepts more than
+`load_mission`, which alone checks rules between keys, references, needs, files, the keys of a table
+with `like` and the values in a table with `for`. With `[each]`, a table may have neither `type` nor
+`like`: it changes one of the tables that a table with `for` expands to.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def mission_schema(registry: Registry) -> dict[str, Any]:
     Returns
     -------
     dict
-        The schema. A component whose Spec cannot be imported stands under ``"x-broken"`` with the
-        reason and is accepted with any keys; what several plugins offer stands there too and is
-        refused, as nobody can say which is meant.
+        The schema. ``"x-broken"`` lists components whose Spec cannot be imported, with the reason;
+        they are accepted with any keys. It also lists components that several plugins offer, which
+        are refused as ambiguous.
     """
     definitions: dict[str, Any] = {}
     broken = {
@@ -124,7 +124,7 @@ _PATTERN_NAME = r"^[a-z0-9_{}-]*\{[a-z0-9_{}-]*$"
 def _kind(
     kind: str, records: list[Registered], definitions: dict[str, Any], broken: dict[str, str]
 ) -> dict[str, Any]:
-    """Tables of one kind: which keys they may hold depends on their type."""
+    """Return the schema of the tables of one kind, whose keys depend on their type."""
     rules = []
     for record in records:
         type_ = record.component.type
@@ -183,7 +183,7 @@ def _kind(
 
 
 def _object(schema: dict[str, Any]) -> dict[str, Any]:
-    """Spread every quantity of a Spec's schema over its units; at most one may be written."""
+    """Replace every quantity of a Spec's schema by one key per unit, of which one is allowed."""
     properties: dict[str, Any] = {}
     required: list[str] = []
     rules: list[dict[str, Any]] = []
@@ -216,7 +216,7 @@ def _object(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def _without_null(schema: Mapping[str, Any]) -> dict[str, Any]:
-    """Drop the alternative null, which TOML does not have."""
+    """Remove the alternative null from a schema, since TOML has no null."""
     made = dict(schema)
     if made.get("default", 0) is None:
         del made["default"]
@@ -231,7 +231,7 @@ def _without_null(schema: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_bounds(schema: Mapping[str, Any], bounds: Mapping[str, float], factor: float) -> Any:
-    """Copy a schema with bounds, given in SI, on every number in it."""
+    """Copy a schema and add bounds, given in SI, to every number in it."""
     made: dict[str, Any] = {}
     for key, value in schema.items():
         if key in ("items", "additionalProperties") and isinstance(value, dict):

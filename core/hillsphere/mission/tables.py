@@ -33,16 +33,16 @@ FORMAT = 1
 """Version of the mission format that this version of the framework reads."""
 
 MISSION_KINDS = tuple(kind for kind in KINDS if kind not in ("executor", "command"))
-"""Kinds of component that stand in a mission; how and where it runs is no part of it."""
+"""Kinds of components in a mission. Executors and commands are not among them."""
 
 MISSION_NAME = r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,62}[A-Za-z0-9_-])?"
 TABLE_NAME = r"[a-z][a-z0-9_-]{0,63}"
 MOST_PROBLEMS = 100
-"""Problems that are listed; a text with more of them is not a mission gone wrong in places."""
+"""Largest number of listed problems; a text with more is most likely not a mission."""
 
 
 class Head(Spec):
-    """What stands above the tables of a mission."""
+    """Keys at the head of a mission file, above its tables."""
 
     examples = ({"name": "phobos-qso", "title": "Orbits around Phobos", "seed": 1},)
 
@@ -69,20 +69,20 @@ TOP_KEYS = ("format", *Head.model_fields, "each", "drop", "profile")
 
 @dataclass
 class Tables:
-    """What validation found.
+    """Result of the validation of a mission's tables.
 
     Parameters
     ----------
     head : Head or None
-        The keys above the tables, if they are sound.
+        The keys above the tables, if they are valid.
     specs : dict
-        Kind → name → Spec, of every table that is sound.
+        Kind → name → Spec, of every valid table.
     components : dict
         Kind → name → the component's record, of every table whose type is installed.
     names : dict
-        Kind → names of all tables, sound or not.
+        Kind → names of all tables, valid or not.
     problems : list of Problem
-        What is wrong.
+        All faults.
     """
 
     head: Head | None = None
@@ -92,19 +92,19 @@ class Tables:
     problems: list[Problem] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[tuple[str, str, Spec]]:
-        """Yield (kind, name, Spec) of every sound table."""
+        """Yield (kind, name, Spec) of every valid table."""
         for kind, table in self.specs.items():
             for name, spec in table.items():
                 yield kind, name, spec
 
 
 def validate_tables(layers: Derived, registry: Registry) -> Tables:
-    """Validate everything in a mission but the links between its tables.
+    """Validate a mission's head and tables, except for the links between tables.
 
     Parameters
     ----------
     layers : Derived
-        The mission's tables with everything laid over them and every ``like`` carried out.
+        The mission's tables with all layers applied and every ``like`` resolved.
     registry : Registry
         The installed components.
 
@@ -143,7 +143,7 @@ def validate_tables(layers: Derived, registry: Registry) -> Tables:
 
 
 def unknown_top_key(key: str) -> str:
-    """Say that a key does not belong above the tables nor name a kind of table."""
+    """Return the message for a top-level key that is neither a key of the head nor a kind."""
     hint = did_you_mean(key, (*MISSION_KINDS, *TOP_KEYS), otherwise="a mission has")
     return f"unknown key or kind of table {key[:60]!r}{hint}"
 

@@ -1,10 +1,10 @@
-"""Where everything stands in a TOML text, and what is wrong with its form.
+"""Scanner of TOML text: lines of all keys, and all syntax errors.
 
 The standard parser gives values without line numbers, recurses into nested brackets and takes
-quadratic time on long dotted keys. This scanner goes over the text first, once, without recursion
-and in linear time: it refuses what nests too deeply, notes the line of every key, header, inline
-table and array item, and names bad values and keys given twice, all of them. What it lets pass is
-parsed by `tomllib`.
+quadratic time on long dotted keys. This scanner reads the text first, once, without recursion and
+in linear time. It refuses text that is nested too deeply, records the line of every key, header,
+inline table and array item, and reports every invalid value and every key given twice. Text that
+passes is parsed by `tomllib`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ MAX_DEPTH = 32
 """Deepest nesting of tables, dotted keys and brackets, counted together."""
 
 _MOST_FAULTS = 100
+"""Reading stops after this number of faults: a file that is not TOML has one on every line."""
 
 # Possessive quantifiers: a failing match gives up at once instead of backtracking.
 _BLANK = re.compile(r"[ \t]*+")
@@ -48,18 +49,18 @@ class Statement:
 
 @dataclass
 class Scan:
-    """What a scan found.
+    """Result of a scan: lines of all keys, and syntax errors.
 
     Parameters
     ----------
     starts : dict
-        Path → first line. An item of an array stands here only if it is not on the array's line.
+        Path → first line. Items of an array are included if they are not on the array's line.
     ends : dict
-        Path → last line, where that is another one.
+        Path → last line, if it differs from the first.
     statements : list of Statement
-        In order.
+        Headers and keys in order.
     faults : list
-        (line, path, message) of everything that is wrong.
+        (line, path, message) of every error.
     sound_to : int or None
         Index of the character at which the first statement with a fault begins; None without.
     """
@@ -72,7 +73,7 @@ class Scan:
 
 
 class _Stop(Exception):  # noqa: N818 - control flow inside this module
-    """The text is not TOML from here on."""
+    """Ends the scan at a syntax error after which the text cannot be read on."""
 
 
 @dataclass
@@ -86,7 +87,7 @@ class _Frame:
 
 
 def scan(text: str) -> Scan:
-    """Find the place of everything in a TOML text.
+    """Find the lines of all keys of a TOML text, and its syntax errors.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def scan(text: str) -> Scan:
     Returns
     -------
     Scan
-        Places and faults. The scan ends at the first fault of form, and after 100 others.
+        Lines and faults. The scan ends at the first syntax error, or after 100 other faults.
     """
     scanner = _Scanner(text)
     scanner.run()

@@ -1,4 +1,4 @@
-"""Reading TOML text safely, and where each key of it stands.
+"""Safe reading of TOML text, with the line of each key.
 
 The text is checked before it is parsed: size, encoding, line ends, control characters, depth. The
 parser is `tomllib`; it sees only what the scanner (`hillsphere.mission.toml_scan`) let pass.
@@ -37,7 +37,7 @@ class Locations:
     source : str
         The file as the user named it.
     scan : Scan
-        What the scanner noted.
+        Result of the scanner.
     """
 
     source: str
@@ -56,7 +56,7 @@ class Locations:
         return None if start is None else (start, self.scan.ends.get(key, start))
 
     def statement_at(self, line: int) -> Statement | None:
-        """Return the header or key that stands on a line, or last before it."""
+        """Return the header or key on a line, or else the last one before it."""
         index = bisect_right(self.scan.statements, line, key=lambda statement: statement.line)
         return self.scan.statements[index - 1] if index else None
 
@@ -74,11 +74,11 @@ def read_toml(path: Path, source: str) -> tuple[dict[str, Any], Locations, str]:
     Returns
     -------
     tables : dict
-        What the text says.
+        Content of the file.
     locations : Locations
-        Where it says so.
+        Lines of its keys.
     text : str
-        The text itself, lines ending with a line feed.
+        Its text, with lines ending with a line feed.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def read_toml(path: Path, source: str) -> tuple[dict[str, Any], Locations, str]:
 
 
 def parse_toml(data: bytes, source: str) -> tuple[dict[str, Any], Locations, str]:
-    """Parse TOML text; arguments, results and errors as those of `read_toml`."""
+    """Parse TOML text; arguments, results and errors as for `read_toml`."""
     text = _decode(data, source)
     locations = Locations(source, scan(text))
     found = locations.scan

@@ -1,4 +1,4 @@
-"""Which numbers and dates of TOML a mission accepts: finite ones, of 64 bits, with a zone."""
+"""Numbers and dates that a mission accepts: finite, within 64 bits, dates with a time zone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from datetime import datetime
 __all__ = ["value_fault"]
 
 _LONGEST = 200
+"""Longest text that is examined as a number or a date, in characters; a double needs at most 25."""
 _INT = r"[+-]?(?:0|[1-9](?:_?[0-9])*+)"
 _DATE = r"[0-9]{4}-[0-9]{2}-[0-9]{2}"
 _TIME = r"[0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]++)?+"
@@ -22,17 +23,17 @@ _VALUE = re.compile(
 
 
 def value_fault(token: str) -> str | None:
-    """Say what is wrong with a number, boolean or date.
+    """Return the fault of a number, boolean or date.
 
     Parameters
     ----------
     token : str
-        As it stands in the text, without blanks around it.
+        Text of the value, without surrounding blanks.
 
     Returns
     -------
     str or None
-        What is wrong and the remedy; None if a mission may hold it.
+        The fault and its remedy; None if the value is accepted.
     """
     if len(token) > _LONGEST:
         return f"a value of {len(token)} characters is neither a number nor a date"

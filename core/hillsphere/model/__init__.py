@@ -1,1 +1,1 @@
-"""Models of the world: bodies, frames, ephemerides, shapes, the Earth."""
+"""Physical models: bodies and their orbits, ephemerides, reference frames, shapes, the Earth."""

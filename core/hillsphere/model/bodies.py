@@ -1,4 +1,4 @@
-"""Bodies: what orbits what, and how fast."""
+"""Small bodies: moons and asteroids on Keplerian orbits, with their rotation."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class MoonSpec(Spec):
 
 
 class AsteroidSpec(MoonSpec):
-    """An asteroid that turns uniformly, on a Keplerian orbit around the Sun."""
+    """An asteroid that rotates uniformly, on a Keplerian orbit around the Sun."""
 
     examples = (
         {
@@ -190,7 +190,7 @@ class Orientation:
 
 @runtime_checkable
 class SurfacedBody(Contract, Protocol):
-    """A body that may have a surface: by semi-axes (m), or by a shape."""
+    """A body that may have a surface, given by semi-axes (m) or by a shape."""
 
     semi_axes_m: tuple[float, float, float] | None
     shape: Surface | ArraySurface | None
@@ -198,9 +198,9 @@ class SurfacedBody(Contract, Protocol):
 
 @runtime_checkable
 class OrbitingBody(SurfacedBody, Protocol):
-    """A small body on a Keplerian orbit, as plants and sensors need it; `Moon` says what is what.
+    """Interface of a small body on a Keplerian orbit, for plants and sensors; see `Moon`.
 
-    Elements, the epoch, the orientation and the rotation rate are ``None`` where they are unknown.
+    Unknown elements, epoch, orientation and rotation rate are ``None``.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Where bodies are on Keplerian orbits around the Sun, and the frames that go with them.
+"""Ephemerides of bodies on Keplerian orbits around the Sun, and their Hill frames.
 
 States are rows of position (m) and velocity (m/s), heliocentric, in the axes of ecliptic and
-equinox J2000. Ellipses only.
+equinox J2000. Elements describe ellipses; `kepler_step` also propagates hyperbolas.
 
 References
 ----------
@@ -37,14 +37,16 @@ __all__ = [
 ]
 
 ECLIPTIC_OBLIQUITY_RAD = 84381.448 / 3600.0 * np.pi / 180.0
-"""Between ecliptic and equator of J2000, as heliocentric elements are published with (IAU 1976)."""
+"""Obliquity of the ecliptic at J2000 (IAU 1976), the convention of published elements."""
 
 _ITERATIONS = 60
+"""Most iterations for Kepler's equation. Newton's method takes about five; bisection alone, where
+every Newton step leaves its bracket, reaches rounding after 54."""
 
 
 @runtime_checkable
 class Ephemeris(Contract, Protocol):
-    """Where a body is in the Solar System over time."""
+    """The position and velocity of a body in the Solar System over time."""
 
     @property
     def name(self) -> str:
@@ -54,16 +56,17 @@ class Ephemeris(Contract, Protocol):
     def states(self, t_s: Array, epoch: Epoch | None = None) -> Array:
         """Return the heliocentric states (6, N), m and m/s, at times (N,), s after an epoch.
 
-        In the axes of ecliptic and equinox J2000. Without an epoch times count from the body's own.
+        The axes are those of ecliptic and equinox J2000. Without an epoch, times count from the
+        epoch of the body.
         """
         ...
 
 
 @runtime_checkable
 class FixedOrbit(Contract, Protocol):
-    """A body that has fixed elements, as `KeplerOrbit`.
+    """A body with constant orbital elements, such as `KeplerOrbit`.
 
-    ``elements``, shape (6,), are a (m), e, i, Ω, ω, M (rad), ``gm_m3_s2`` is that of the Sun.
+    ``elements``, shape (6,), are a (m), e, i, Ω, ω, M (rad); ``gm_m3_s2`` is that of the Sun.
     """
 
     elements: Array
@@ -71,7 +74,7 @@ class FixedOrbit(Contract, Protocol):
 
 
 class KeplerOrbit:
-    """A body on a fixed ellipse around the Sun.
+    """A body on a Keplerian ellipse around the Sun.
 
     Parameters
     ----------
@@ -96,27 +99,27 @@ class KeplerOrbit:
 
     @classmethod
     def of(cls, body: OrbitingBody, mean_anomaly_rad: float | None = None) -> KeplerOrbit:
-        """Return the orbit of a body of type ``asteroid`` that gives all elements.
+        """Return the orbit of a body of type ``asteroid`` with all six elements.
 
-        Without an epoch of its own (`Moon.epoch`) its mean anomaly is that at whatever epoch times
-        count from.
+        If the body has no epoch (`Moon.epoch`), its mean anomaly is valid at the origin of the
+        times.
 
         Parameters
         ----------
         body : OrbitingBody
             The body.
         mean_anomaly_rad : float, optional
-            Mean anomaly instead of the body's own, at whatever epoch times count from.
+            Mean anomaly at the origin of the times; by default the body's own.
 
         Returns
         -------
         KeplerOrbit
-            Its ellipse.
+            The orbit.
 
         Raises
         ------
         InputError
-            If some are missing.
+            If an element is missing.
         """
         mean = body.mean_anomaly_rad if mean_anomaly_rad is None else mean_anomaly_rad
         angles = (body.inclination_rad, body.node_rad, body.periapsis_rad, mean)
@@ -143,7 +146,7 @@ class KeplerOrbit:
         t_s : ndarray, shape (N,)
             Seconds after the epoch.
         epoch : Epoch, optional
-            From which they count; left out: that of the elements.
+            Origin of the times; by default the epoch of the elements.
         """
         t = np.atleast_1d(np.asarray(t_s, dtype=float))
         a = self.elements[0]
@@ -197,9 +200,10 @@ def states_of_elements(elements: Array, gm_m3_s2: Array | float) -> Array:
 
 
 def kepler_step(states: Array, duration_s: Array | float, gm_m3_s2: float) -> Array:
-    """Carry heliocentric states (6, N) along their orbits over durations (N,), of either sign.
+    """Propagate heliocentric states (6, N) on Keplerian orbits over durations (N,) of either sign.
 
-    An orbit of the speed of escape or more is a hyperbola; a parabola one that hardly differs.
+    From the escape speed on the orbit is a hyperbola; a parabola is replaced by a hyperbola that
+    hardly differs from it.
     """
     x = np.asarray(states, dtype=float)
     dt = np.broadcast_to(np.asarray(duration_s, dtype=float), x.shape[1:])
@@ -227,9 +231,10 @@ def kepler_step(states: Array, duration_s: Array | float, gm_m3_s2: float) -> Ar
 
 
 def _hyperbolic_step(x: Array, dt: Array, gm_m3_s2: float) -> Array:
-    """Carry states (6, N) along hyperbolas, by the change D of the hyperbolic anomaly [1]_.
+    """Propagate states (6, N) on hyperbolas, by the change D of the hyperbolic anomaly [1]_.
 
-    Of sinh D − D + ε sinh D + s (cosh D − 1) = M, with ε = r₀/|a| and s = r·v/√(GM |a|).
+    D solves sinh D − D + ε sinh D + s (cosh D − 1) = M, with ε = r₀/|a|, s = r·v/√(GM |a|) and
+    M = √(GM/|a|³) Δt.
     """
     r0 = np.sqrt(np.sum(x[:3] ** 2, axis=0))
     inverse = np.maximum(np.sum(x[3:] ** 2, axis=0) / gm_m3_s2 - 2.0 / r0, 1e-12 / r0)
@@ -254,7 +259,7 @@ def _hyperbolic_step(x: Array, dt: Array, gm_m3_s2: float) -> Array:
 
 
 def _sinh_less(d: Array) -> Array:
-    """Return sinh D − D, by its series where the two nearly cancel."""
+    """Return sinh D − D, by its series for small D, where the two terms cancel."""
     q = d * d
     series = d * q / 6.0 * (1.0 + q / 20.0 * (1.0 + q / 42.0 * (1.0 + q / 72.0)))
     return np.where(np.abs(d) < 0.1, series, np.sinh(d) - d)
@@ -271,9 +276,9 @@ def hill_axes(states: Array) -> tuple[Array, Array]:
     Returns
     -------
     axes : ndarray, shape (3, 3, N)
-        Columns: outward, along the motion, orbit normal, in the axes of the states.
+        Columns: radial, along the motion, orbit normal, in the axes of the states.
     rate : ndarray, shape (3, N)
-        Angular velocity in these axes, rad/s.
+        Angular velocity of the frame along its own axes, rad/s.
     """
     r, v = np.asarray(states, dtype=float)[:3], np.asarray(states, dtype=float)[3:]
     distance = np.sqrt(np.sum(r * r, axis=0))
@@ -287,9 +292,9 @@ def hill_axes(states: Array) -> tuple[Array, Array]:
 
 
 def from_equator(matrices: Array) -> Array:
-    """Return matrices from axes of the ICRF, (3, 3, N), as from ecliptic and equinox J2000.
+    """Convert matrices (3, 3, N) that act on ICRF vectors to act on ecliptic J2000 vectors.
 
-    The matrices multiply column vectors: ``earth_fixed("gcrs", …)`` becomes the turn of
+    The matrices multiply column vectors: ``earth_fixed("gcrs", …)`` becomes the rotation of
     heliocentric vectors to the rotating Earth.
     """
     c, s = np.cos(ECLIPTIC_OBLIQUITY_RAD), np.sin(ECLIPTIC_OBLIQUITY_RAD)
@@ -298,15 +303,15 @@ def from_equator(matrices: Array) -> Array:
 
 
 def _whole(angle: Array) -> Array:
-    """Return what of an angle is whole revolutions, rad."""
+    """Return the multiple of 2π that is nearest to an angle, rad."""
     return np.asarray(2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
 
 
 def _difference(e_sin: Array, e_cos: Array, mean: Array) -> Array:
     """Solve D + s (1 − cos D) − c sin D = M for D, in the revolution of M, by Newton's method.
 
-    Its left side rises and differs from D by less than 2 of a revolution's 2π: where a step leaves
-    the bounds that are known, they are halved.
+    The left side is monotone and differs from D by at most 2 (s² + c²)^½, which gives a first
+    bracket. A Newton step that leaves the bracket is replaced by bisection.
     """
     reduced = np.asarray(mean - _whole(mean))
     size = 2.0 * np.hypot(e_sin, e_cos)

@@ -1,4 +1,4 @@
-"""Specs of bodies in the Solar System: on a Keplerian orbit, or as a SPICE kernel says."""
+"""Specs of bodies in the Solar System: on a Keplerian orbit, or from a SPICE kernel."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class KeplerOrbitSpec(Spec):
 
 
 class SpiceOrbitSpec(Spec):
-    """A body whose place over time is read from a SPICE kernel (SPK), with the extra ``spice``."""
+    """A body whose states are read from a SPICE kernel (SPK); needs the extra ``spice``."""
 
     examples = ({"name": "apophis", "kernel": "apophis.bsp", "target": "20099942"},)
 

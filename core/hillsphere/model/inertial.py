@@ -1,8 +1,8 @@
-"""From the rotating frame of a locked moon to inertial axes.
+"""Transformation from the rotating frame of a tidally locked moon to inertial axes.
 
-The frame ``hill:BODY`` has its x axis away from the primary and turns about the moon's pole with
-its mean motion. The moon's longitude 0 stands at a fixed angle from +x, so that the IAU angles of
-the body at an epoch place the frame among the stars.
+The x axis of the frame ``hill:BODY`` points away from the primary, and the frame rotates about the
+moon's pole with its mean motion. The moon's longitude 0 is at a fixed angle from +x, so that the
+IAU rotation angles of the body at an epoch determine the frame's inertial orientation.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ def _about_z(angle: Array | float) -> Array:
 
 @dataclass(frozen=True)
 class RotatingFrame:
-    """The frame ``hill:BODY`` as it turns among the stars from an epoch on.
+    """The inertial orientation of the frame ``hill:BODY`` from an epoch on.
 
     Parameters
     ----------
     orientation : Orientation
-        Of the moon.
+        Orientation of the moon.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     mean_motion_rad_s : float
-        Rate at which the frame turns.
+        Angular velocity of the frame.
     prime_meridian_rad : float
         Angle about +z from +x (away from the primary) to the moon's longitude 0.
     primary_distance_m : float
@@ -67,7 +67,7 @@ class RotatingFrame:
         return np.asarray(np.einsum("ij,jkn->ikn", tilt, _about_z(angle)))
 
     def to_inertial(self, x: Array, t_s: Array, centre: str = "moon") -> Array:
-        """Return states in the ICRF.
+        """Transform states to the ICRF.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class RotatingFrame:
         t_s : ndarray, shape (K,)
             Times after the epoch.
         centre : str
-            ``"moon"`` or ``"primary"``: what positions and velocities are relative to.
+            Origin of the resulting positions and velocities: ``"moon"`` or ``"primary"``.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class RotatingFrame:
         Raises
         ------
         InputError
-            If the shapes do not fit or the centre is another word.
+            If the shapes do not match or the centre is unknown.
         """
         t_s = np.asarray(t_s, dtype=float)
         if x.shape != (6, t_s.size):

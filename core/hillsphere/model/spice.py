@@ -1,4 +1,4 @@
-"""Where bodies are by SPICE kernels, read through spiceypy (the extra ``spice``).
+"""Ephemerides from SPICE kernels, read through spiceypy (the extra ``spice``).
 
 References
 ----------
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 __all__ = ["SpiceOrbit"]
 
 _LIMIT_S = 60.0
+"""Time limit for the start of SPICE, which takes 1 s; a machine under load may be fifty times
+slower."""
 _LIMIT_PER_TIME_S = 1e-3
-"""Time that SPICE is given. It starts in 1 s and takes some 20 µs for a state; a machine under load
-may be fifty times slower."""
+"""Further time limit for each state, which takes some 20 µs, with the same margin."""
 
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -42,13 +43,13 @@ _START = (
 class SpiceOrbit:
     """A body whose states are read from a kernel; an `hillsphere.model.ephemeris.Ephemeris`.
 
-    The kernel is read when states are asked for, by a process of its own each time: see
+    Each call of `states` reads the kernel in a separate process: see
     `hillsphere.model.spice_process`.
 
     Parameters
     ----------
     spec : SpiceOrbitSpec
-        With the path of its kernel resolved.
+        Its parameters, with the absolute path of the kernel.
     """
 
     def __init__(self, spec: SpiceOrbitSpec) -> None:
@@ -63,12 +64,12 @@ class SpiceOrbit:
         t_s : ndarray, shape (N,)
             Seconds after the epoch.
         epoch : Epoch, optional
-            From which they count; left out: J2000.
+            Origin of the times; by default J2000.
 
         Returns
         -------
         ndarray, shape (6, N)
-            Geometric, from the centre, m and m/s.
+            Geometric states relative to the centre, m and m/s.
 
         Raises
         ------
@@ -112,7 +113,7 @@ class SpiceOrbit:
         return np.ascontiguousarray(1e3 * states.reshape(-1, 6).T)
 
     def _asked(self, t: Array) -> tuple[dict[str, Any], Array]:
-        """Ask a process of its own; return what it says and the states, km and km/s."""
+        """Read states in a separate process; return its answer and the states, km and km/s."""
         environment = _with_library()
         with checked_kernel(self.kernel) as (kernel, held):
             asked = {"kernel": kernel, "target": self.target, "centre": self.centre}
@@ -142,7 +143,7 @@ class SpiceOrbit:
 
 
 def _with_library() -> dict[str, str]:
-    """Return the environment of a process that uses spiceypy; `InputError` if it is not there."""
+    """Return the environment of a process that uses spiceypy; `InputError` without spiceypy."""
     if importlib.util.find_spec("spiceypy") is None:
         raise InputError(
             "a body of type 'spice' needs spiceypy, which is not installed: "
@@ -153,10 +154,10 @@ def _with_library() -> dict[str, str]:
 
 
 def _library() -> str:
-    """Return the library that came with spiceypy, or that of the Python environment.
+    """Return the CSPICE library of spiceypy, or that of the Python environment.
 
-    Left alone spiceypy looks for ``libcspice.so`` in the working directory first, which may be that
-    of a mission of somebody else's, and would run what it finds there.
+    By default spiceypy looks for ``libcspice.so`` in the working directory first. That may be the
+    directory of another user's mission, whose code would be executed.
     """
     spec = importlib.util.find_spec("spiceypy")
     found = (spec.submodule_search_locations if spec else None) or ()

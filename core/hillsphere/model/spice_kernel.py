@@ -1,8 +1,8 @@
-"""What is read through SPICE, judged before SPICE sees it.
+"""Check of kernels before SPICE reads them.
 
 SPICE chooses by a file's first bytes how to read it. A text kernel may be a meta-kernel, which
-names further files for SPICE to load, wherever they are; a mission would read other paths through
-it than it names. Only the binary kernels that the framework has a use for are let through.
+names further files for SPICE to load, so that a mission would read other paths than it names. Only
+the binary kernels that the framework uses are accepted.
 
 References
 ----------
@@ -26,14 +26,14 @@ from hillsphere.base.regular_files import open_regular
 __all__ = ["checked_kernel"]
 
 _WORDS = (b"DAF/SPK ", b"NAIF/DAF")
-"""First eight bytes of what may be read. ``DAF/SPK`` is a table of states over time, which is all
-that a body's place is taken from. ``NAIF/DAF`` is the same as SPICE wrote it before 1993 and as
-JPL still gives DE421; its summaries say that it is one. Not let through: text kernels (``KPL/``),
-which name other files; ``DAF/PCK``, ``DAF/CK`` and ``DAS/`` (attitudes, shapes, events), which
-nothing here reads; transfer files (``DAFETF``), which are text."""
+"""Accepted first eight bytes. ``DAF/SPK`` is a table of states over time, the only kind that is
+needed. ``NAIF/DAF`` is its form before 1993, in which JPL still distributes DE421; its summaries
+identify it. Refused are text kernels (``KPL/``), which may name other files; ``DAF/PCK``,
+``DAF/CK`` and ``DAS/`` (attitudes, shapes, events), which are not used; and transfer files
+(``DAFETF``), which are text."""
 
 _RECORD = 1024
-"""Bytes of a record of a DAF [1]_."""
+"""Length of a record of a DAF in bytes [1]_."""
 
 _SPK_FORMAT = (2, 6)
 """Doubles and integers in a summary of an SPK [1]_: the span; body, centre, frame, type, places."""
@@ -41,7 +41,7 @@ _SPK_FORMAT = (2, 6)
 
 @contextmanager
 def checked_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield a name by which another process reads a kernel that was judged.
+    """Check a kernel, and yield a name by which another process reads the same file.
 
     Parameters
     ----------
@@ -51,16 +51,16 @@ def checked_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
     Yields
     ------
     str
-        A name of the very file that was judged, where the system has one (Linux), whatever `path`
-        leads to by then; else `path`.
+        On Linux a name of the checked file itself, even if `path` leads to another file meanwhile;
+        elsewhere `path`.
     tuple of int
-        Descriptors that the process must inherit for the name to hold.
+        Descriptors that the process must inherit for the name to be valid.
 
     Raises
     ------
     InputError
-        If it cannot be read, is no regular file, no binary SPK kernel, or its records form a circle
-        or lead out of it, which would keep SPICE busy for ever.
+        If it cannot be read, is not a regular file or not a binary SPK kernel, or its records form
+        a circle or lead out of the file, which would make SPICE loop for ever.
     """
     name = Path(path).name
     try:
@@ -83,7 +83,7 @@ def checked_kernel(path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _structure_fault(stream: BinaryIO) -> str:
-    """Follow the summary records as SPICE does; say what would lead it astray."""
+    """Follow the summary records as SPICE does, and return a fault of their links, if any."""
     size = os.fstat(stream.fileno()).st_size
     stream.seek(0)
     first = stream.read(_RECORD)

@@ -1,10 +1,10 @@
 """The process in which SPICE reads a kernel: `hillsphere.model.spice` starts it and asks it once.
 
-CSPICE believes what stands in a kernel; at some damaged ones it reads beyond its arrays, which ends
-the process, or does not come to an end. Here that costs nobody anything.
+CSPICE does not check a kernel's content. Some damaged kernels make it read beyond its arrays, which
+ends the process, or loop for ever; a separate process protects the run from both.
 
-The question is a line of JSON on stdin, with as many doubles behind it as there are times; the
-answer a line of JSON on stdout, with six doubles behind it for each time, if there are states.
+The request is a line of JSON on stdin, followed by one double per time. The answer is a line of
+JSON on stdout, followed by six doubles per time if there are states.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["answer", "main"]
 
 
 def main() -> None:
-    """Answer the question on stdin."""
+    """Answer the request on stdin."""
     asked = json.loads(sys.stdin.buffer.readline())
     times = np.frombuffer(sys.stdin.buffer.read(), dtype=float)
     found, states = answer(asked["kernel"], asked["target"], asked["centre"], times)
@@ -27,7 +27,7 @@ def main() -> None:
 
 
 def answer(kernel: str, target: str, centre: str, times: Any) -> tuple[dict[str, Any], Any]:
-    """Return what a kernel says of a body.
+    """Return the states of a body from a kernel, or a fault.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ def answer(kernel: str, target: str, centre: str, times: Any) -> tuple[dict[str,
     Returns
     -------
     dict
-        ``"fault"`` and ``"text"`` of what went wrong, or ``"spans"``, the intervals that the kernel
-        holds, and ``"bodies"``.
+        ``"fault"`` and ``"text"`` of an error, or ``"spans"``, the intervals that the kernel
+        covers, and ``"bodies"``.
     ndarray, shape (N, 6) or (0,)
-        States, km and km/s, in the axes of ecliptic and equinox J2000; none if something is wrong,
-        or a time is in no interval.
+        States, km and km/s, in the axes of ecliptic and equinox J2000; empty after an error, or if
+        a time is not covered.
     """
     import spiceypy as spice
 
@@ -70,6 +70,6 @@ def answer(kernel: str, target: str, centre: str, times: Any) -> tuple[dict[str,
 
 
 def _first_line(error: Exception) -> str:
-    """Return what SPICE says of an error, without its banner."""
+    """Return the first line of a SPICE error message, without its banner."""
     lines = [line.strip(" =") for line in str(error).splitlines()]
     return next((line for line in lines if line and "Toolkit version" not in line), "no reason")

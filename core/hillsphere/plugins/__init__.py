@@ -1,7 +1,7 @@
-"""Discovery of components: pluggy finds them, a registry names them, nothing heavy is imported.
+"""Discovery of plugins and the registry of the components that they offer.
 
 The public names are those of `hillsphere.plugins.registry`, which is imported when one of them is
-used: other modules of this package are used without it.
+used, so that other modules of this package load without it.
 """
 
 from __future__ import annotations

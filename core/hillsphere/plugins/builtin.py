@@ -1,4 +1,4 @@
-"""The components that the core itself brings, registered like those of any plugin."""
+"""Components of the core itself, registered like those of any plugin."""
 
 from __future__ import annotations
 

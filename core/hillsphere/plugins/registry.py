@@ -1,9 +1,9 @@
-"""Discovery of components: pluggy finds them, a registry names them, nothing heavy is imported.
+"""Registry of components, which pluggy discovers among the installed plugins.
 
-A plugin package carries one entry point in the group ``hillsphere``. The module that it names has
-one function marked with `hookimpl`, ``hillsphere_components``, which returns `Component` records:
-kind, type and where class and Spec are to be found. Classes are imported when a mission first
-uses them, Specs when a mission is validated.
+A plugin package has one entry point in the group ``hillsphere``. It names a module with a function
+``hillsphere_components``, marked with `hookimpl`, which returns `Component` records: kind, type and
+the import paths of class and Spec. Specs are imported when a mission is validated, classes when a
+mission first uses them.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hillsphere.spec.base import Spec
 
 API_VERSION = 1
+"""Version of the plugin interface. It rises when a plugin written for it would no longer work."""
 ENTRY_POINT_GROUP = "hillsphere"
 KINDS = (
     "body",
@@ -43,7 +44,7 @@ KINDS = (
     "executor",
     "command",
 )
-"""Every kind of component; a mission's tables are called by these names."""
+"""All kinds of components: the names of the tables in a mission."""
 
 hookspec = pluggy.HookspecMarker("hillsphere")
 hookimpl = pluggy.HookimplMarker("hillsphere")
@@ -82,7 +83,7 @@ class Component:
 class _Hooks:
     @hookspec
     def hillsphere_components(self) -> Iterable[Component]:  # type: ignore[empty-body]
-        """Return the components of a plugin package."""
+        """Return the `Component` records of a plugin package."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ class Registered:
 
 
 def kind_words(kind: str) -> str:
-    """Return what one component of a kind is called in messages: ``"orbit family"``."""
+    """Return the name of a kind in messages: ``"orbit family"``."""
     return {"dispersions": "distribution"}.get(kind, kind.replace("_", " "))
 
 
@@ -135,7 +136,7 @@ def load_object(path: str) -> Any:
     Returns
     -------
     object
-        What stands there.
+        The imported object.
     """
     module, _, name = path.partition(":")
     return getattr(import_module(module), name)
@@ -143,18 +144,18 @@ def load_object(path: str) -> Any:
 
 @dataclass
 class Registry:
-    """The components of all plugins that loaded, and what is wrong with those that did not.
+    """The components of all plugins that loaded, and the faults of those that did not.
 
     Parameters
     ----------
     strict : bool
-        Raise at the first broken plugin instead of setting it aside.
+        Raise at the first broken plugin instead of recording it in `broken`.
     broken : dict
-        Name of a plugin that was set aside → reason, on one line.
+        Name of a broken plugin → reason, on one line.
     disabled : tuple of str
-        Plugins that were to be left out.
+        Plugins that are to be left out.
     unknown_disabled : tuple of str
-        Those of them that are not installed: most likely misspelt.
+        Names in `disabled` that are not installed, most likely misspelt.
     """
 
     strict: bool = False
@@ -164,16 +165,16 @@ class Registry:
     _offers: dict[tuple[str, str], list[Registered]] = field(default_factory=dict)
 
     def add_plugin(self, name: str, plugin: object, distribution: str = "") -> None:
-        """Register what a plugin module or object offers.
+        """Register the components of a plugin module or object.
 
         Parameters
         ----------
         name : str
             Name of the plugin (its entry point).
         plugin : object
-            Has a `hookimpl` ``hillsphere_components``.
+            Module or object with a `hookimpl` ``hillsphere_components``.
         distribution : str, optional
-            Distribution and version, for lists.
+            Name and version of its distribution, for lists.
 
         Raises
         ------
@@ -213,7 +214,7 @@ class Registry:
 
     @property
     def contested(self) -> Mapping[tuple[str, str], str]:
-        """What several plugins offer and nobody gets: (kind, type) → message that names them."""
+        """Components that several plugins offer, and so none provides: (kind, type) → message."""
         texts = {}
         for (kind, type_), offers in sorted(self._offers.items()):
             if len(offers) > 1:
@@ -244,7 +245,8 @@ class Registry:
         Raises
         ------
         UnknownComponentError
-            With the nearest installed type, and the broken and disabled plugins if there are any.
+            If it is not installed; the message gives the nearest type and the broken and disabled
+            plugins.
         PluginError
             If several plugins offer it.
         """
@@ -276,7 +278,7 @@ class Registry:
 
 
 def _one_line(error: BaseException) -> str:
-    """Say what was raised; lists and messages have a line for each fault."""
+    """Return an error as one line, for lists and messages with one line per fault."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
@@ -352,7 +354,7 @@ def discover(*, strict: bool = False, disabled: Iterable[str] | None = None) -> 
 
 @cache
 def default_registry() -> Registry:
-    """Return the registry of all installed plugins, found once per process."""
+    """Return the registry of all installed plugins, which is made once per process."""
     return discover()
 
 
@@ -366,7 +368,8 @@ def create(kind: str, type_: str, /, **keys: Any) -> Any:
     type_ : str
         Its type.
     **keys
-        What a mission would write, unit suffixes included; a reference takes the object itself.
+        Keys and values of the mission's table, unit suffixes included; a reference takes the object
+        itself.
 
     Returns
     -------
@@ -378,7 +381,7 @@ def create(kind: str, type_: str, /, **keys: Any) -> Any:
     UnknownComponentError
         If no such component is installed.
     InputError
-        If a key is unknown, missing, or of the wrong kind; every fault is named.
+        If a key is unknown, missing, or of the wrong kind; the message lists every fault.
 
     Examples
     --------
@@ -399,9 +402,9 @@ def validate(spec: type[Spec], keys: Mapping[str, Any], *, where: str) -> Spec:
     spec : type
         The Spec class.
     keys : mapping
-        As a mission would write them.
+        Keys and values as in a mission's table.
     where : str
-        What is being made, for the message.
+        Name of the component, for the message.
 
     Returns
     -------
@@ -411,7 +414,7 @@ def validate(spec: type[Spec], keys: Mapping[str, Any], *, where: str) -> Spec:
     Raises
     ------
     InputError
-        With all faults, a line each.
+        If a key is unknown, missing or invalid; the message has a line for each fault.
     """
     from hillsphere.mission.faults import faults_of
 

@@ -1,7 +1,7 @@
-"""What passes between stages: frozen dataclasses of arrays, numbers and strings.
+"""Products, which stages pass to each other, and their files.
 
 The public names are those of `hillsphere.products.products`, which is imported when one of them is
-used: other modules of this package are used without it.
+used, so that other modules of this package load without it.
 """
 
 from __future__ import annotations

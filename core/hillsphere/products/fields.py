@@ -1,4 +1,4 @@
-"""Declaring the fields of a product: shape, label and significant digits beside the type.
+"""Declarations of a product's fields: shape, label and significant digits, beside the type.
 
 ::
 
@@ -63,7 +63,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Label:
-    """How tables show a field, in the annotation of a product's field.
+    """Presentation of a field in tables, in the annotation of a product's field.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Label:
     digits : int
         Significant digits shown.
     unit : str
-        Suffix of the unit it is shown in, ``"km"``; by default that of the field's name.
+        Suffix of the displayed unit, ``"km"``; by default that of the field's name.
     """
 
     text: str
@@ -82,16 +82,16 @@ class Label:
 
 @dataclass(frozen=True)
 class DeclaredField:
-    """What a product's class says of one of its fields.
+    """Declaration of one field of a product's class.
 
     Parameters
     ----------
     name : str
-        Of the field.
+        Name of the field.
     shape : Shape or None
-        None where none is declared.
+        Declared shape, if any.
     label : Label or None
-        Likewise.
+        Declared label, if any.
     is_text : bool
         Whether it holds strings or truth values: its columns have no unit.
     """
@@ -114,7 +114,7 @@ def declared_fields(cls: type) -> Mapping[str, DeclaredField]:
     Returns
     -------
     mapping
-        By the name of the field.
+        Name of the field → its declaration.
 
     Raises
     ------
@@ -147,12 +147,13 @@ def dimension_sizes(product: Any) -> dict[str, int]:
     Returns
     -------
     dict of str to int
-        Dimension to size. Fields of products inside of it are not looked at.
+        Dimension → size. Nested products are not checked.
 
     Raises
     ------
     InputError
-        If a field has another shape than its class declares; the field and both shapes are named.
+        If a field has another shape than its class declares; the message names the field and both
+        shapes.
     """
     cls: type = type(product)
     sizes: dict[str, int] = {}

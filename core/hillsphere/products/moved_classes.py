@@ -37,7 +37,7 @@ _MOVED = {
     "hillsphere_tracking.pass_products": "hillsphere_tracking.passes.products",
 }
 # fmt: on
-"""Module of an earlier version → module of the same class today."""
+"""Module in an earlier version → present module."""
 
 _RENAMED_FIELDS = {
     "hillsphere_orbits.coverage.products:Coverage": {
@@ -54,17 +54,17 @@ _RENAMED_FIELDS = {
 
 
 def current_class(path: str) -> str:
-    """Return the path of a product's class today, ``"module:Class"``.
+    """Return the present import path of a product's class, ``"module:Class"``.
 
     Parameters
     ----------
     path : str
-        As a file says it: of this version or of an earlier one.
+        Path in a file, of this version or of an earlier one.
 
     Returns
     -------
     str
-        The path itself if its module has not moved.
+        The present path; `path` itself if the module has not moved.
     """
     module, _, name = path.partition(":")
     return f"{_MOVED.get(module, module)}:{name}"

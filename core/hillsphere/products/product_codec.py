@@ -1,9 +1,9 @@
-"""Products as files: one generic, lossless npz codec for frozen dataclasses.
+"""Files of products: one generic, lossless npz codec for frozen dataclasses.
 
 A product is a frozen dataclass whose fields are arrays, numbers, strings, ``None``, tuples of
-these and further products. Its file is an ordinary ``.npz``: every array stands under the path of
+these and further products. Its file is an ordinary ``.npz``: the name of every array is the path of
 its field, so that ``numpy.load("family.npz")["orbits.x0"]`` works without this package, and the
-entry ``__product__`` holds the rest as JSON. Nothing is pickled, in either direction.
+entry ``__product__`` holds all other fields as JSON. No pickle is written or read.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ __all__ = ["canonical", "load_product", "read_arrays", "read_fault", "save_produ
 T = TypeVar("T")
 
 FORMAT = 1
+"""Version of the file format; files of another version are refused."""
 HEADER = "__product__"
 _SPECIAL_FLOATS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _MOST_BYTES = 1 << 30
-"""Of one array in a compressed file: as a matrix 11 585 rows square. A small file could grow to
-any size."""
+"""Largest array in a compressed file, that of a square matrix of 11 585 rows. Without a limit a
+small file could unpack to any size."""
 _DAMAGES = (
     zipfile.BadZipFile, zlib.error, EOFError, LookupError, TypeError, ValueError, AttributeError,
     RuntimeError, ArithmeticError, AssertionError, SyntaxError, struct.error, tokenize.TokenError,
@@ -53,12 +54,12 @@ _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 
 def canonical(product: T) -> T:
-    """Return a product as `load_product` would give it back, without a file.
+    """Return a product with the memory layout that `load_product` gives it.
 
     NumPy adds in the order of memory, so that the last bits of a sum or of a matrix product depend
-    on whether an array is in C or in Fortran order, or a view of a larger one. Whatever goes on
-    with a product that may also be read from a file (a later stage, a search that may be resumed)
-    goes on with this form of it: then a run that was interrupted has the bits of one that was not.
+    on whether an array is in C or in Fortran order, or a view of a larger one. Code that continues
+    with a product that may also have been read from a file (a later stage, a resumed search) uses
+    this form, so that an interrupted run and an uninterrupted one have identical bits.
 
     Parameters
     ----------
@@ -68,12 +69,12 @@ def canonical(product: T) -> T:
     Returns
     -------
     object
-        Equal to it, with every array in C order. An array that is so already may be shared.
+        An equal product with every array in C order; arrays may be shared with `product`.
 
     Raises
     ------
     InputError
-        If it is no product; the field is named.
+        If it is not a product; the message names the field.
     """
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     found: T = _decode(_encode_product(product, arrays), arrays, type(product).__name__)
@@ -86,12 +87,12 @@ def save_product(path: str | Path, product: Any, *, own: bool = False) -> None:
     Parameters
     ----------
     path : str or Path
-        Where; the file appears complete or not at all.
+        The file, which is written atomically.
     product : object
         A frozen dataclass of arrays (any dtype but object), numbers, strings, ``None``, tuples of
         these and further such dataclasses. Its class stands at the top level of a module.
     own : bool
-        Let nobody else read or write it, whatever the umask.
+        Give only this user access to the file, independent of the umask.
 
     Raises
     ------

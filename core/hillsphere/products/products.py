@@ -1,6 +1,6 @@
-"""What passes between stages: frozen dataclasses of arrays, numbers and strings.
+"""Products, which stages pass to each other: frozen dataclasses of arrays, numbers and strings.
 
-Nothing compiled and no live object stands in a product, so that every product can be written to a
+A product holds no compiled code and no live object, so that every product can be written to a
 file and read back (`save_product`, `load_product`). A plugin may define its own product classes of
 the same form.
 """
@@ -61,10 +61,10 @@ class PeriodicOrbits:
 
 @dataclass(frozen=True)
 class OrbitSet:
-    """A product with periodic orbits that were asked for.
+    """Base of products with a set of periodic orbits.
 
-    Products of families derive from it, so that any stage that judges orbits takes them, whatever
-    the family and whoever wrote it.
+    Products of orbit families derive from it, so that stages that analyse orbits accept the
+    products of every family.
 
     Parameters
     ----------
@@ -77,10 +77,10 @@ class OrbitSet:
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Coasts, that is flights without manoeuvres, one or more making up each plan.
+    """Coasts, that is flights without manoeuvres; a plan consists of one or several coasts.
 
-    Flights under a command that is known beforehand (a reference to be tracked) stand here too:
-    then `u` gives it.
+    Flights with an open-loop command (a reference to be tracked) are stored likewise, with the
+    command in `u`.
     """
 
     frame: str
@@ -88,7 +88,7 @@ class Trajectories:
     states: Annotated[tuple[str, ...], Shape("states")]
     """Names of the states."""
     plans: Annotated[tuple[str, ...], Shape("coasts")]
-    """Name of the plan that each coast belongs to; those of a plan follow each other."""
+    """Name of the plan of each coast; the coasts of a plan are consecutive."""
     labels: Annotated[tuple[str, ...], Shape("coasts")]
     """Name of each coast."""
     t_s: Annotated[Array, Shape("times", "coasts")]
@@ -98,12 +98,12 @@ class Trajectories:
     controls: Annotated[tuple[str, ...], Shape("controls")] = ()
     """Names of the controls; none for coasts."""
     u: Annotated[Array | None, Shape("controls", "times", "coasts")] = None
-    """Command from each time to the next, held, SI; the last is that beyond the end."""
+    """Command held from each time to the next, SI; the last one holds after the end."""
 
 
 @dataclass(frozen=True)
 class FlightSet:
-    """A product with flights, for stages that write or judge them.
+    """Base of products with flights, for stages that write or analyse them.
 
     Parameters
     ----------
@@ -116,29 +116,29 @@ class FlightSet:
 
 @dataclass(frozen=True)
 class ControlDesign:
-    """A product with a controller, for stages that fly or judge it.
+    """Base of products with a controller, for stages that simulate or analyse it.
 
-    Products of syntheses derive from it, so that a law takes the controller of any of them.
+    Products of syntheses derive from it, so that a law accepts the controller of any of them.
 
     Parameters
     ----------
     controller : LtiSystem
-        From what the law sees to what it commands, SI.
+        Controller from the law's input to its command, SI.
     others : tuple of LtiSystem
-        Those at which other searches of the same synthesis ended, the best first: how much of what
-        a controller does is a matter of the search.
+        Controllers of the other searches of the same synthesis, the best first. They show how far
+        results depend on the search.
     """
 
     controller: LtiSystem
     others: tuple[LtiSystem, ...] = field(default=(), kw_only=True)
 
     def design(self, number: int) -> LtiSystem:
-        """Return the controller for 1, the others for what follows.
+        """Return `controller` for the number 1, and one of `others` for each higher number.
 
         Raises
         ------
         InputError
-            If there are not as many.
+            If there are fewer controllers.
         """
         if not 1 <= number <= 1 + len(self.others):
             raise InputError(
@@ -167,8 +167,8 @@ class Bifurcations:
 class Bands:
     """Quantiles over the cases of a campaign at each sample of their histories.
 
-    Over the cases that came to their end (as for metrics), with the values that they have there: a
-    case that ended sooner than others leaves the bands at its end.
+    Only completed cases count, as for metrics. A case counts up to its own end: at later samples
+    the quantiles are those of the remaining cases.
 
     Parameters
     ----------
@@ -217,17 +217,17 @@ class Lines:
 
 @dataclass(frozen=True)
 class LinesToEnds(Lines):
-    """Histories of cases that do not all end at a sample, with their ends.
+    """Histories of cases of which some end between two samples.
 
     Parameters
     ----------
     names, units, case, time_s, values
-        As of `Lines`.
+        As for `Lines`.
     end_s : ndarray, shape (N,)
-        When a case ended after its last sample, after its first one; NaN where the last sample was
-        the end.
+        Time from the first sample to the end of a case that ends after its last sample; NaN if the
+        last sample is the end.
     end_values : ndarray, shape (q, N)
-        The values then; NaN for what only samples have.
+        Values at `end_s`; NaN for quantities that exist at samples only.
     """
 
     end_s: Array
@@ -236,14 +236,14 @@ class LinesToEnds(Lines):
 
 @dataclass(frozen=True)
 class Ladder:
-    """Points that come in groups, in each of which one thing grows.
+    """Swept points in groups, within each of which one quantity increases.
 
     Parameters
     ----------
     name, unit : str
-        What grows, ``"σ of the worst case"``, and its unit; ``"-"`` for none.
+        Name of this quantity, ``"σ of the worst case"``, and its unit; ``"-"`` for none.
     values : ndarray, shape (P,)
-        How large it is at the P points.
+        Its values at the P points.
     groups : tuple of str
         Name of the group of each point.
     """
@@ -256,25 +256,26 @@ class Ladder:
 
 @dataclass(frozen=True)
 class CaseTable:
-    """What came of a campaign, one row per case, stored by columns.
+    """Results of a campaign: one row per case, stored by columns.
 
     Parameters
     ----------
     stage : str
         Name of the stage that was repeated.
     design : str
-        How the cases were chosen: ``"random"``, ``"latin_hypercube"``, ``"sobol"``,
+        Experimental design: ``"random"``, ``"latin_hypercube"``, ``"sobol"``,
         ``"sobol_indices"``, ``"grid"``, ``"list"``.
     planned : int
-        Number of cases that were to be computed.
+        Number of planned cases.
     stopped : str
-        Why it ended before; ``""`` if it did not.
+        Reason for an early end; ``""`` if all planned cases were computed.
     case : ndarray of int, shape (N,)
         Number of each case, ascending.
     draw : ndarray of int, shape (N,)
-        Number of its random numbers; equal numbers saw equal draws.
+        Number by which the random numbers of each case were drawn; cases with equal numbers have
+        equal draws.
     point : ndarray of int, shape (N,)
-        Its row in the swept points; 0 if nothing was swept.
+        Index of the swept point of each case; 0 without a sweep.
     inputs, input_units : tuple of str
         Names and units of the k inputs that differed.
     input_values : ndarray, shape (k, N)
@@ -284,33 +285,33 @@ class CaseTable:
     values : ndarray, shape (m, N)
         Their values; NaN where a case has none.
     status, cause : ndarray of str, shape (N,)
-        How each case ended, and what ended it.
+        How each case ended, and the event or limit that ended it.
     failed : ndarray of bool, shape (N,)
-        Whether that counts as a failure; never of a case that its status says to be undecided, see
-        `hillsphere.cases.case_classes`.
+        Whether the case failed; False for undecided cases, see `hillsphere.cases.case_classes`.
     message_case : ndarray of int, shape (F,)
-        Numbers of the cases of which there is more to say.
+        Numbers of the cases with a message.
     messages : tuple of str
-        What there is to say of them: class and text of the error.
+        Their messages: class and text of the error.
     swept : tuple of str
         Names of the d quantities that a sweep changed; none for ``monte_carlo``.
     swept_units : tuple of str
-        Their units; ``""`` for what is no number.
+        Their units; ``""`` for a quantity that is not a number.
     points : ndarray, shape (d, P)
-        Their values at the P points; of what is no number its place in the list.
+        Their values at the P points. A quantity that is not a number is given by its index in the
+        list of the mission.
     point_labels : tuple of str
         One name per point.
     bands : Bands or None
-        Quantiles over time, if they were asked for and any case has a history.
+        Quantiles over time, if requested and any case has a history.
     ladder : Ladder or None
-        Of the P points, if their list has one.
+        Groups of the P points, if their list defines them.
     lines : Lines or None
-        Histories of the single cases, if a sweep was asked for them.
+        Histories of the single cases, if requested of a sweep.
     step_error : ndarray, shape (N,), or None
         Estimate of each case's step error, in the plant's natural units; NaN where a case has none,
         None if the stage gives none.
     warnings : tuple of str
-        What is to be borne in mind of all cases: warnings of the nominal flight.
+        Warnings that concern all cases, from the nominal flight.
     """
 
     stage: str
@@ -343,28 +344,29 @@ class CaseTable:
 
     @property
     def reproducible(self) -> bool:
-        """Whether a repetition yields the same: no case was lost for want of time or memory."""
+        """Whether a repetition gives the same results: no case ran out of time or memory."""
         return not np.isin(self.status, ("killed", "time_limit", "memory")).any()
 
 
 @dataclass(frozen=True)
 class CaseList:
-    """Points that a sweep is to compute, one per column.
+    """Points of a sweep, one per column.
 
     Parameters
     ----------
     names : tuple of str
-        What is set: ``"stage.hover.state.x"``, ``"gravity.phobos.C2,0"``, any key of the mission.
+        Quantities that are set: ``"stage.hover.state.x"``, ``"gravity.phobos.C2,0"``, or any key of
+        the mission.
     units : tuple of str
-        Their units, as the models write them (``"m/s"``), for a check; ``""`` for none. Values of
+        Their units, as the models write them (``"m/s"``), for a check; ``""`` skips it. Values of
         run-time inputs are SI, those of keys in the key's own unit.
     values : ndarray, shape (k, N)
         Values of the k quantities at the N points.
     labels : tuple of str
-        One name per point; empty for names made of the values.
+        One name per point; if empty, names are made from the values.
     ladder : Ladder or None
-        Which points differ by the size of one thing only: along it a sweep tells where failures
-        begin.
+        Groups of points that differ in the size of one quantity only; for each group a sweep
+        reports the size at which failures begin.
     """
 
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""From a mission's Specs to its components: classes are imported here, references injected."""
+"""Assembly of a mission's components from their Specs, with references injected."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hillsphere.base.errors import HillsphereError, PluginError
-from hillsphere.mission.load import Mission
-from hillsphere.mission.links import Node, topological
 from hillsphere.base.problems import Key, MissionError, Problem
+from hillsphere.mission.links import Node, topological
+from hillsphere.mission.load import Mission
 from hillsphere.spec.base import Spec
 
 __all__ = ["Assembly", "build", "problem_at", "problem_of"]
 
 _KEYS = re.compile(r"([a-z]\w*(?:\.\w+)*): ")
-"""Keys, with dots between them, at the beginning of a component's message."""
+"""Pattern of a dotted key at the beginning of a component's message."""
 
 
 @dataclass
 class Assembly:
-    """The components of a mission, each made once, when it is first asked for.
+    """The components of a mission, each made once, at its first use.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Assembly:
     _made: dict[Node, Any] = field(default_factory=dict, repr=False)
 
     def get(self, kind: str, name: str) -> Any:
-        """Return the component of a table; what it refers to is made first.
+        """Return the component of a table, after those that it refers to have been made.
 
         Parameters
         ----------
@@ -44,8 +44,8 @@ class Assembly:
         Returns
         -------
         object
-            The component. A stage's references to other stages (its needs) stay unbound: they
-            stand for products, which the pipeline passes.
+            The component. A stage's references to other stages (its needs) stay unbound, since the
+            pipeline passes their products.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class Assembly:
             If the component refuses its Spec or cannot read its data; the message begins with the
             table's file, line and name, or with those of the key that names the data.
         PluginError
-            If its class cannot be imported, or raises what is no `HillsphereError`.
+            If its class cannot be imported, or raises an error other than `HillsphereError`.
         """
         if kind == "stage":
             return self._one(kind, name)
@@ -106,7 +106,7 @@ def problem_at(mission: Mission, key: Key, message: str) -> Problem:
     key : tuple
         Kind and name of the table, then the key in it.
     message : str
-        What is wrong.
+        The fault.
     """
     place = mission.places.get(key) or mission.places[key[:2]]
     source, colon, line = place.rpartition(":")
@@ -116,7 +116,7 @@ def problem_at(mission: Mission, key: Key, message: str) -> Problem:
 
 
 def problem_of(mission: Mission, node: Node, error: HillsphereError | OSError) -> Problem:
-    """Return what a component says of its table, at the key that it is about.
+    """Return the error of a component as a problem, located at the key that it concerns.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _as_written(mission: Mission, node: Node, path: Sequence[str]) -> Key:
 
 
 def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:
-    """Key that names the file which an error is about; empty if it is about no input file.
+    """Return the key of the input file that an error concerns; empty if it concerns none.
 
     An `OSError` carries the file; a reader's message begins with its path or name, as in
     ``orbits.csv:3: …``.
@@ -168,7 +168,7 @@ def _key_of_file(error: HillsphereError | OSError, spec: Spec) -> Key:
 
 
 def build(mission: Mission, kind: str, name: str) -> Any:
-    """Make one component of a mission and what it refers to.
+    """Make one component of a mission, and those that it refers to.
 
     Parameters
     ----------

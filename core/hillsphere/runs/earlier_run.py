@@ -1,4 +1,4 @@
-"""A run that was begun before: what its directory holds, and what has changed since."""
+"""Access to an earlier run: its directory, and the changes since then."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ from hillsphere.runs.store import RunDirectory, plain_json
 __all__ = ["EarlierRun"]
 
 _LISTED = 20
+"""Differences that a message lists; further ones are counted."""
 
 
 @dataclass(frozen=True)
 class EarlierRun:
-    """A run directory that a run has left, or is still writing to.
+    """The directory of an ended or a still active run.
 
     Parameters
     ----------
@@ -41,13 +42,13 @@ class EarlierRun:
 
     @classmethod
     def open(cls, path: str | Path) -> EarlierRun:
-        """Read what a run directory says of its run.
+        """Read the manifest of a run directory.
 
         Raises
         ------
         InputError
-            If it is none, or holds what this version cannot read, or links, FIFOs or devices, which
-            a run does not make and through which another place would be read or written.
+            If it is not a run directory, this version cannot read it, or it holds links, FIFOs or
+            devices, which a run does not make and which could redirect reading and writing.
         """
         place = Path(path)
         try:
@@ -69,7 +70,7 @@ class EarlierRun:
 
     @cached_property
     def local(self) -> Mapping[str, Any]:
-        """Content of ``resume.json``, of which `choices` says what may be taken."""
+        """Content of ``resume.json``; use `choices` for the part that may be trusted."""
         return read_local(self.directory.path)
 
     @property
@@ -80,16 +81,16 @@ class EarlierRun:
     def choices(
         self, given: ResumeChoices, command: tuple[str, ...], *, needs_executor: bool = True
     ) -> ResumeChoices:
-        """Return how the run is continued: see `hillsphere.runs.resume_choices.choose`.
+        """Return the choices for a continuation: see `hillsphere.runs.resume_choices.choose`.
 
         Parameters
         ----------
         given : ResumeChoices
-            What the caller says.
+            Choices of the caller.
         command : tuple of str
-            Words behind ``hillsphere``, the run directory left out: ``("resume",)``.
+            Words after ``hillsphere``, without the run directory: ``("resume",)``.
         needs_executor : bool
-            Whether the command works with the executor of the run.
+            Whether the command uses the executor of the run.
         """
         path = str(self.directory.path)
         name = f"./{path}" if path.startswith("-") else path
@@ -105,12 +106,12 @@ class EarlierRun:
         registry : Registry, optional
             Components to choose from.
         choices : ResumeChoices
-            Of `choices`: which mission, and whether it may read files elsewhere.
+            Result of `choices`: the mission, and whether it may read files elsewhere.
 
         Raises
         ------
         InputError
-            If its file is not there any more, or is not sound any more.
+            If its file no longer exists or is no longer valid.
         """
         assert choices.mission is not None
         return load_mission(
@@ -122,12 +123,12 @@ class EarlierRun:
         )
 
     def continue_in(self, record: RunRecord) -> None:
-        """Make the record of a run that begins now that of this one.
+        """Copy the facts of this run into the record of its continuation.
 
         Parameters
         ----------
         record : RunRecord
-            Of the mission as it is now.
+            Record of the mission in its present state.
 
         Raises
         ------
@@ -146,17 +147,17 @@ class EarlierRun:
                 stage.seconds = float(entry.get("seconds", 0.0))
 
     def refuse_changes(self, record: RunRecord) -> None:
-        """Refuse to go on if the results would depend on something else than they did.
+        """Refuse a continuation if a fact that the results depend on has changed.
 
         Parameters
         ----------
         record : RunRecord
-            Of the mission as it is now.
+            Record of the mission in its present state.
 
         Raises
         ------
         InputError
-            With every difference.
+            If there is a difference; the message lists the differences.
         """
         found = differences(self.manifest, plain_json(record.manifest("running")))
         if not found:
@@ -176,12 +177,12 @@ class EarlierRun:
         )
 
     def has_its_products(self) -> bool:
-        """Say whether the files of all products are those that the run wrote.
+        """Return whether the files of all products are those that the run wrote.
 
         Raises
         ------
         StageError
-            If one cannot be read just now.
+            If reading fails for another reason than a missing or changed file.
         """
         try:
             for stage, entry in self.manifest["stages"].items():
@@ -208,7 +209,7 @@ class EarlierRun:
         return path
 
     def product(self, stage: str, expected: type) -> Any:
-        """Return the product of a stage that this run has stored.
+        """Return the stored product of a stage.
 
         Parameters
         ----------
@@ -220,9 +221,9 @@ class EarlierRun:
         Raises
         ------
         InputError
-            If the file is not what the run wrote, or not there.
+            If the file is missing or not the one that the run wrote.
         StageError
-            If it cannot be read just now.
+            If reading fails for another reason.
         """
         path = self._checked(stage)
         product = load_product(path)

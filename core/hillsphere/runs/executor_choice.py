@@ -1,4 +1,4 @@
-"""Where the work of a campaign is done: an executor, or the table that says which."""
+"""Selection of an executor: by its type, its table, or as an object."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hillsphere.base.errors import InputError
-from hillsphere.plugins.registry import Registry, validate
 from hillsphere.base.problems import with_article
+from hillsphere.plugins.registry import Registry, validate
 
 if TYPE_CHECKING:
     from hillsphere.interfaces.tasks import Executor
@@ -19,31 +19,31 @@ ExecutorChoice: TypeAlias = "str | Mapping[str, Any] | Executor"
 
 
 def executor_table(choice: ExecutorChoice | None) -> dict[str, Any] | None:
-    """Return a choice as a table that can be written down; ``None`` for an executor itself."""
+    """Return a choice as a table that can be stored; ``None`` for an executor object."""
     if isinstance(choice, str):
         return {"type": choice}
     return dict(choice) if isinstance(choice, Mapping) else None
 
 
 def executor_of(choice: ExecutorChoice, registry: Registry) -> Executor:
-    """Make the executor that is chosen.
+    """Return the chosen executor.
 
     Parameters
     ----------
     choice : str, mapping or Executor
         See `ExecutorChoice`.
     registry : Registry
-        Where it is found.
+        Registry of executors.
 
     Returns
     -------
     Executor
-        No work is begun, no process started.
+        The executor; it has not started any process yet.
 
     Raises
     ------
     InputError
-        If there is no such executor, or it has no such keys.
+        If there is no such executor, or its table has an unknown key.
     """
     table = executor_table(choice)
     if table is None:

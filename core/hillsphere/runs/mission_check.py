@@ -1,8 +1,8 @@
-"""What is checked of a mission before its first stage runs, and by ``hillsphere validate``.
+"""Check of a mission before its first stage runs, and by ``hillsphere validate``.
 
 `load_mission` checks each table and the links between them. Here the classes are imported and the
-components made, which reads their data: whatever a component, a campaign or a plugin's declaration
-refuses for the mission's sake is found now, and all of it at once.
+components made, which reads their data, so that all faults that components, campaigns or plugins
+can detect before a run are reported together.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["CheckedMission", "check_mission"]
 
 @dataclass(frozen=True)
 class CheckedMission:
-    """A mission that can be begun.
+    """A mission whose check has found no fault.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class CheckedMission:
 
 
 def check_mission(mission: Mission) -> CheckedMission:
-    """Import and make everything that the stages of a mission consist of.
+    """Import the classes and make the components of all stages of a mission.
 
     Parameters
     ----------
@@ -52,17 +52,17 @@ def check_mission(mission: Mission) -> CheckedMission:
     Returns
     -------
     CheckedMission
-        With the components of its stages.
+        The components of its stages.
 
     Raises
     ------
     MissionError
         With every fault: a component refuses its parameters, a data file cannot be read, a stage
-        needs a product of another type or repeats one that cannot be repeated, a dispersion stands
-        for nothing or has sizes for another number of quantities.
+        needs a product of another type or repeats one that cannot be repeated, a dispersion matches
+        no quantity or has sizes for another number of quantities.
     PluginError
-        If a class cannot be imported, a stage does not say what it produces, or that is no frozen
-        dataclass, which alone can be stored.
+        If a class cannot be imported, or a stage declares no product class that is a frozen
+        dataclass.
     """
     order = tuple(mission.order())
     classes = {name: product_class(mission, name) for name in order}
@@ -83,7 +83,7 @@ def check_mission(mission: Mission) -> CheckedMission:
 
 
 def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
-    """Say which keys of stages the stages that they need cannot meet, by `NeedsCheck`."""
+    """Return problems for keys that the needed stages cannot meet, by `NeedsCheck`."""
     found: list[Problem] = []
     for name, stage in stages.items():
         spec = mission.specs["stage"][name]
@@ -99,7 +99,7 @@ def _unmet_keys(mission: Mission, stages: Mapping[str, Any]) -> list[Problem]:
 def _unused_dispersions(
     mission: Mission, assembly: Assembly, stages: Mapping[str, Any]
 ) -> list[Problem]:
-    """Say what is wrong with dispersions that no stage refers to, and so none has checked."""
+    """Return the problems of dispersions that no stage refers to and therefore checks."""
     used = {
         ref.name
         for spec in mission.specs["stage"].values()

@@ -1,9 +1,8 @@
-"""Running a mission: its stages in order, their products from one to the next, all on disk.
+"""The pipeline: runs a mission's stages in order, passes on their products and stores them.
 
-Everything that can be wrong with the mission is found before the first stage runs: the output
-directory, the types that stages pass on, the components and their data. After that a stage that
-fails takes with it only the stages that need its product. A run that ended early, however it ended,
-is taken up again by `resume_run`: what it has stored is not computed twice.
+The mission is checked before the first stage runs: output directory, product types, components and
+their data. If a stage fails later, only the stages that need its product are skipped. `resume_run`
+continues a run that ended early for any reason, without computing stored products again.
 """
 
 from __future__ import annotations
@@ -19,25 +18,25 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from hillsphere.show.drawing import Drawing, draw
-from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.base.errors import InputError, Interrupted, StageError, describe_error
-from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
-from hillsphere.mission.load import Mission
-from hillsphere.runs.mission_check import check_mission
 from hillsphere.base.paths import cache_directory
-from hillsphere.plugins.registry import Registry, default_registry
-from hillsphere.show.presentation import Figure, check_presentation
-from hillsphere.products.product_codec import canonical
 from hillsphere.base.progress import Progress
+from hillsphere.base.signals import remedy, stop_signals
+from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import Registry, default_registry
+from hillsphere.products.product_codec import canonical
+from hillsphere.runs.earlier_run import EarlierRun
+from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
+from hillsphere.runs.mission_check import check_mission
 from hillsphere.runs.resume_choices import LOCAL, ResumeChoices, local_facts, resume_command
 from hillsphere.runs.run_record import RunRecord, StageRecord
 from hillsphere.runs.run_result import RunResult
-from hillsphere.base.signals import remedy, stop_signals
 from hillsphere.runs.stage_cache import StageCache
 from hillsphere.runs.stage_context import StageContext
 from hillsphere.runs.store import RunDirectory, plain_json
 from hillsphere.runs.wiring import inputs_of, repeated_with_products, takes_from
+from hillsphere.show.drawing import Drawing, draw
+from hillsphere.show.presentation import Figure, check_presentation
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 
@@ -62,24 +61,24 @@ def run_mission(
         Run directory, empty or absent; by default ``runs/<mission>-<UTC>-<8 hex>`` in the working
         directory.
     use_cache : bool
-        Take unchanged results of stages from the cache, and put new ones there.
+        Take unchanged products from the cache, and store new ones there.
     executor : str, mapping or Executor
-        Where campaigns do their work: a type, ``"pool"``, its table, ``{"type": "pool", "workers":
-        4}``, or the object. ``"serial"`` is this process; ``"pool"`` are others, which find only
-        components that stand in modules they can import. The results are the same bits for all.
+        Executor of campaigns: a type, ``"pool"``, its table, ``{"type": "pool", "workers": 4}``, or
+        an object. ``"serial"`` uses this process. ``"pool"`` uses other processes, in which only
+        components of importable modules are available. Results are bit-identical for all.
     figures : bool
         Write every figure as PNG too, which takes about as long again as the SVG that the report
         shows. `hillsphere.runs.run_figures.draw_figures` does so later.
     progress : Progress, optional
-        Where progress is shown; by default nowhere.
+        Progress bars; by default none.
     registry : Registry, optional
-        Where the executor is found and broken plugins are listed from, for the log; the mission
-        already holds its components.
+        Registry of executors, whose broken plugins are listed in the log; the mission already
+        holds its components.
 
     Returns
     -------
     RunResult
-        Also if stages failed: see its `state` and `failures`.
+        The result, also if stages failed: see its `state` and `failures`.
 
     Raises
     ------
@@ -92,8 +91,8 @@ def run_mission(
     StageError
         If the run directory cannot be written to.
     Interrupted
-        If the run was stopped by SIGINT, SIGTERM or SIGHUP; what was finished is in the run
-        directory, its manifest says ``"interrupted"``, and `resume_run` continues it.
+        If the run was stopped by SIGINT, SIGTERM or SIGHUP. The run directory holds the finished
+        stages, its manifest says ``"interrupted"``, and `resume_run` continues it.
     """
     RunDirectory.check(out)
     with _watch_signals(progress) as (bars, stopped):
@@ -118,14 +117,14 @@ def resume_run(
 ) -> RunResult:
     """Continue a run that was interrupted or killed, or in which a stage failed.
 
-    Products that are stored are loaded, the other stages run; campaigns take up the cases that they
-    have kept. What every stage shows is shown anew.
+    Stored products are loaded and the other stages run; campaigns continue from their checkpoints.
+    All stages present their products anew.
 
     Parameters
     ----------
     run : str or Path
-        Its run directory. It is data: what it names beyond a packaged mission and an executor of
-        this machine must be given.
+        Its run directory. Since it may come from another user, choices other than a packaged
+        mission and a local executor must be given (`hillsphere.runs.resume_choices`).
     mission : str or path, optional
         The mission of the run, needed if it is not a packaged one.
     allow_path : bool
@@ -141,15 +140,15 @@ def resume_run(
     Returns
     -------
     RunResult
-        As if the run had not been interrupted, to the bit. Of a run that is finished, too.
+        Bit-identical to that of an uninterrupted run; also for a run that is already finished.
 
     Raises
     ------
     InputError
-        If something must be given that the run directory names, with the command line that does
-        so; if the directory is none of a run, another process is still writing to it, or anything
-        that the results depend on has changed: the mission, its inputs, the code, the versions of
-        the numerical packages, the processor's features. The message shows every difference.
+        If a choice must be given that is not taken from the run directory (the message has the
+        command line); if the directory is not one of a run, another process is writing to it, or a
+        fact that the results depend on has changed: the mission, its inputs, the code, the versions
+        of the numerical packages, the processor's features. The message lists every difference.
     PluginError, StageError, Interrupted
         As `run_mission`.
     """
@@ -173,14 +172,14 @@ def resume_run(
 
 @contextmanager
 def _watch_signals(progress: Progress | None) -> Iterator[tuple[Progress, threading.Event]]:
-    """Show progress, and take the signals that end a run."""
+    """Show progress, and handle the signals that end a run, within the block."""
     stopped = threading.Event()
     with stop_signals(stopped), progress or Progress(quiet=True) as bars:
         yield bars, stopped
 
 
 class _Run:
-    """One run: what is fixed before it starts, and the records that grow while it lasts."""
+    """One run: its fixed choices, and the records that are completed while it lasts."""
 
     def __init__(
         self,
@@ -284,7 +283,7 @@ class _Run:
         return summary
 
     def _stage(self, name: str) -> None:
-        """Run one stage, or say why not; only an interruption leaves this method."""
+        """Run one stage, or record why it cannot run; only an interruption is raised."""
         record = self.record.stages[name]
         missing = [other for other in takes_from(self.specs[name]) if other not in self.products]
         if missing:
@@ -321,7 +320,7 @@ class _Run:
     def _product(
         self, record: StageRecord, inputs: Mapping[str, Any], context: StageContext
     ) -> Any:
-        """Return the product of a stage, which is in the run directory then."""
+        """Return the product of a stage and store it in the run directory."""
         taken = takes_from(self.specs[record.name])
         settled = self.by_chance.isdisjoint(taken)
         if self.earlier is not None and (
@@ -346,7 +345,7 @@ class _Run:
         return product
 
     def _stored(self, record: StageRecord, context: StageContext) -> Any:
-        """Return what an earlier part of this run has stored, or ``None``."""
+        """Return the product that an earlier part of this run has stored, or ``None``."""
         if self.earlier is None or not record.product:
             return None
         try:

@@ -1,4 +1,4 @@
-"""One case of a campaign once more, with its history: is it the same, and how did it come about."""
+"""Repetition of one case of a campaign, with its history and a bit-wise comparison."""
 
 from __future__ import annotations
 
@@ -10,36 +10,42 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.runs.assembly import Assembly
+from hillsphere.base.errors import InputError, StageError
 from hillsphere.cases.block_outcome import BlockOutcome, lost_rows
-from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.executors.pool import Pool
 from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.cases.isolation import only
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.repeated import RepeatedWork
+from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.interfaces.tasks import Executor, Failed, Finished, Lost, Task
-from hillsphere.show.drawing import draw
-from hillsphere.runs.earlier_run import EarlierRun
-from hillsphere.base.errors import InputError, StageError
-from hillsphere.show.history import history_csv, history_figure
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
 from hillsphere.products.products import CaseTable
+from hillsphere.runs.assembly import Assembly
+from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.resume_choices import ResumeChoices
 from hillsphere.runs.run_record import RunRecord
-from hillsphere.runs.wiring import inputs_of, product_class, repeated_stages, repeated_with_products, takes_from
+from hillsphere.runs.wiring import (
+    inputs_of,
+    product_class,
+    repeated_stages,
+    repeated_with_products,
+    takes_from,
+)
+from hillsphere.show.drawing import draw
+from hillsphere.show.history import history_csv, history_figure
 
 __all__ = ["Rerun", "campaigns", "one_campaign", "rerun_case"]
 
 PATIENCE = 2.0
-"""Share of a block's time limit that it is given here: histories take time of their own."""
+"""Factor on a block's time limit for a repetition, since histories take additional time."""
 
 
 @dataclass(frozen=True)
 class Rerun:
-    """A case that was computed once more.
+    """A repeated case.
 
     Parameters
     ----------
@@ -50,15 +56,15 @@ class Rerun:
     point : str
         Label of the swept point; ``""`` if nothing was swept.
     inputs : mapping
-        Name → (value in SI, unit) of what differs at random.
+        Name → (value in SI, unit) of the dispersed inputs.
     now : BlockOutcome
-        What came of it: one row, with its history.
+        Result of the repetition: one row, with its history.
     then : BlockOutcome or None
-        The row of the run; ``None`` if the run did not come so far.
+        Row of the run; ``None`` if the run ended before the case.
     differences : tuple of str
-        What is not the same to the bit.
+        Quantities that are not bit-identical.
     files : tuple of Path
-        What was written.
+        Written files.
     """
 
     campaign: str
@@ -74,7 +80,7 @@ class Rerun:
 
     @property
     def traceback(self) -> str:
-        """Where the case raised; ``""`` if it did not."""
+        """Traceback of the case's error; ``""`` without one."""
         return self.now.tracebacks[0] if self.now.tracebacks else ""
 
 
@@ -91,7 +97,8 @@ def rerun_case(
 ) -> Rerun:
     """Repeat one case of a campaign and write its history to ``cases/`` of the run directory.
 
-    The whole block of the case is computed, on the same 64 lanes, so that its bits are the same.
+    The whole block of the case is computed, on the same 64 lanes, so that results are
+    bit-identical.
 
     Parameters
     ----------
@@ -106,24 +113,24 @@ def rerun_case(
     allow_path : bool
         Accept input files outside the directory of the mission and the packaged data.
     executor : Executor, optional
-        Where it is computed; by default one process of its own, so that a case that kills its
-        process does not kill this one.
+        Executor of the computation; by default a separate process, so that a case that kills its
+        process does not end this one.
     figures : bool
         Write the figure of the history as PNG too.
     registry : Registry, optional
-        Where components are found; by default all that are installed.
+        Registry of components; by default of all installed plugins.
 
     Returns
     -------
     Rerun
-        The case then and now.
+        The case in the run and in the repetition.
 
     Raises
     ------
     InputError
-        If something must be given that the run directory names, with the command line that does
-        so; if there is no such campaign or case, what the results depend on has changed since, or
-        the run is still going on.
+        If a choice must be given that is not taken from the run directory (the message has the
+        command line); if there is no such campaign or case, a fact that the results depend on has
+        changed, or the run has not ended.
     StageError
         If the stage cannot be built in the worker, or the files cannot be written.
     """
@@ -172,12 +179,12 @@ def campaigns(mission: Mission) -> list[str]:
 
 
 def one_campaign(names: list[str], wanted: str | None, run: str | Path) -> str:
-    """Return the campaign that is meant.
+    """Return the selected campaign, or the only one.
 
     Raises
     ------
     InputError
-        If there is none, it is not one of them, or there are several and none is named.
+        If the run has no campaign, none of the wanted name, or several and no name is given.
     """
     if not names:
         raise InputError(f"run {str(run)!r} has no campaign")
@@ -190,7 +197,7 @@ def one_campaign(names: list[str], wanted: str | None, run: str | Path) -> str:
 
 
 def _plan(earlier: EarlierRun, mission: Mission, name: str) -> tuple[Plan, str]:
-    """Return the plan of a campaign, as the stage itself makes it, and what it repeats."""
+    """Return the plan of a campaign, as the stage itself makes it, and the repeated stage."""
     specs = mission.specs["stage"]
     ((field, other),) = repeated_stages(specs[name])
     own = {ref.name for _, _, ref in specs[name].needs_of()}
@@ -222,7 +229,7 @@ def _block_of(plan: Plan, case: int) -> int:
 def _stored_row(
     earlier: EarlierRun, name: str, key: str | None, number: int, case: int
 ) -> BlockOutcome | None:
-    """Return the row of a case, from the table of the campaign or from what it has kept so far."""
+    """Return the row of a case, from the campaign's table or from its checkpoints."""
     if earlier.manifest["stages"].get(name, {}).get("product"):
         return _row_of_table(earlier.product(name, CaseTable), case)
     place = earlier.directory.path / "work" / name
@@ -276,7 +283,7 @@ def _row(outcome: BlockOutcome, case: int) -> BlockOutcome:
 
 
 def _to_the_end(histories: Histories) -> Histories:
-    """Drop the samples after the end of a single case, and let its end follow the last one."""
+    """Remove the samples after the end of a single case, and append its end as a sample."""
     there = np.flatnonzero(np.isfinite(histories.time_s[:, 0]))
     count = int(there[-1]) + 1 if len(there) else 0
     time, values = histories.time_s[:count], histories.values[:, :count]
@@ -317,7 +324,7 @@ def _task(number: int, batch: CaseBatch, variant: int, limit_s: float | None) ->
 
 
 def _differences(then: BlockOutcome, now: BlockOutcome) -> list[str]:
-    """Say what is not the same, to the bit."""
+    """Return the quantities of two outcomes that are not bit-identical."""
     found = [
         f"{what}: {a or 'none'} -> {b or 'none'}"
         for what, a, b in [

@@ -1,13 +1,12 @@
-"""What of a run's ``resume.json`` is taken, and what must be given again.
+"""Choices that `hillsphere resume` takes from ``resume.json``, and those that must be given again.
 
-The file makes `hillsphere resume` work without further arguments. It may also have been written by
-somebody else: a run directory is what people send to each other. It is therefore data. Taken from
-it are the name of a packaged mission, whether the cache is used, whether figures are written as PNG
-too, and an executor of this machine (serial, or a pool with its number of workers). A scheduler's
-address would be connected to, and what it sends is unpickled; any other executor is a program that
-the file would choose; a mission elsewhere, and files outside the directory of a mission, would be
-read. Those must be given by who types the command, also if his own process wrote the file a moment
-ago: nothing in a directory proves that.
+The file makes `hillsphere resume` work without further arguments. Run directories are passed
+between users, so that the file is untrusted. Only harmless choices are taken from it: the name of a
+packaged mission, the use of the cache, figures as PNG, and a local executor (serial, or a pool with
+its number of workers). Other choices could be used for an attack. The address of a scheduler would
+be connected to, and its data unpickled; any other executor is a program; a mission elsewhere, or
+files outside a mission's directory, would be read. These must be given on the command line, even if
+the same user wrote the file, since nothing in a directory proves that.
 """
 
 from __future__ import annotations
@@ -19,29 +18,29 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.errors import InputError
-from hillsphere.runs.executor_choice import ExecutorChoice, executor_table
-from hillsphere.mission.load import Mission
 from hillsphere.base.paths import missions_directory
 from hillsphere.base.processors import processors
-from hillsphere.runs.run_manifest import SCHEMA, read_record
 from hillsphere.base.shell_words import shell_line
+from hillsphere.mission.load import Mission
+from hillsphere.runs.executor_choice import ExecutorChoice, executor_table
+from hillsphere.runs.run_manifest import SCHEMA, read_record
 
 __all__ = ["LOCAL", "ResumeChoices", "choose", "local_facts", "read_local", "resume_command"]
 
 LOCAL = "resume.json"
-"""File of what belongs to this machine."""
+"""File of the choices that concern this machine only."""
 
 _LONGEST_TEXT = 4096
-"""Characters of the longest path of Linux."""
+"""Longest path of Linux, in characters."""
 
 _MOST_WORKERS = 64
-"""Workers that a file may ask for however few processors there are: more, each of which is a Python
-process of some 200 MB, could bring a machine down."""
+"""Largest number of workers that a file may request beyond the number of processors. Each worker is
+a Python process of about 200 MB, so that many could exhaust the memory."""
 
 
 @dataclass(frozen=True)
 class ResumeChoices:
-    """How a run is continued.
+    """Choices for the continuation of a run.
 
     Parameters
     ----------
@@ -50,7 +49,7 @@ class ResumeChoices:
     allow_path : bool
         Whether files outside the directory of the mission may be read.
     executor : str, mapping or Executor, optional
-        Where campaigns do their work.
+        Executor of the campaigns.
     """
 
     mission: str | os.PathLike[str] | None = None
@@ -64,7 +63,7 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any, figures: bool) 
     Parameters
     ----------
     mission : Mission
-        What is run.
+        The mission of the run.
     cache : bool
         Whether results of stages may come from the cache.
     executor : mapping or None
@@ -75,7 +74,7 @@ def local_facts(mission: Mission, *, cache: bool, executor: Any, figures: bool) 
     Returns
     -------
     dict
-        Where the mission is, whether it reads files elsewhere, and the other arguments.
+        Path of the mission, whether it reads files outside its directory, and the other arguments.
     """
     packaged = missions_directory().resolve()
     is_packaged = mission.path.parent.resolve() == packaged and mission.path.suffix == ".toml"
@@ -101,7 +100,7 @@ def read_local(directory: Path) -> Mapping[str, Any]:
     Raises
     ------
     InputError
-        If it cannot be read or is not what a run writes.
+        If it cannot be read or has not the form that a run writes.
     """
     path = directory / LOCAL
     found = read_record(path, ("mission", "allow_path"))
@@ -127,25 +126,25 @@ def choose(
     *,
     needs_executor: bool = True,
 ) -> ResumeChoices:
-    """Return what is given, and of the rest what may be taken from `LOCAL`.
+    """Return the given choices, completed by the harmless ones of `LOCAL`.
 
     Parameters
     ----------
     local : mapping
         Content of `LOCAL`.
     given : ResumeChoices
-        What the caller says.
+        Choices of the caller.
     command : sequence of str
         The command line so far: ``("hillsphere", "resume", "runs/one")``.
     settings : sequence of str
-        Of the run, which its manifest says and which change what the mission reads.
+        Settings in the run's manifest; they can change the files that the mission reads.
     needs_executor : bool
-        Whether the command works with the executor of the run.
+        Whether the command uses the executor of the run.
 
     Raises
     ------
     InputError
-        If something must be given again. The message holds the whole command line.
+        If a choice must be given again. The message gives the whole command line.
     """
     if not needs_executor:
         local = {**local, "executor": None}
@@ -190,16 +189,18 @@ def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
     local : mapping
         Content of its `LOCAL`.
     """
-    return shell_line(["hillsphere", "resume", _as_argument(directory), *_options(_choices_to_give_again(local))])
+    return shell_line(
+        ["hillsphere", "resume", _as_argument(directory), *_options(_choices_to_give_again(local))]
+    )
 
 
 def is_packaged(name: str) -> bool:
-    """Whether a text is the name of a packaged mission."""
+    """Return whether a text is the name of a packaged mission."""
     return name in {path.stem for path in missions_directory().glob("*.toml")}
 
 
 def _choices_to_give_again(local: Mapping[str, Any]) -> ResumeChoices:
-    """Return what a file says, of which only what must be given is an option."""
+    """Return the choices of a file; only those that must be given again become options."""
     executor = local.get("executor")
     return ResumeChoices(
         local["mission"], local["allow_path"], None if _is_of_this_machine(executor) else executor
@@ -207,7 +208,7 @@ def _choices_to_give_again(local: Mapping[str, Any]) -> ResumeChoices:
 
 
 def _is_of_this_machine(executor: Mapping[str, Any] | None) -> bool:
-    """Whether an executor starts nothing but so many processes of this program."""
+    """Return whether an executor starts only a limited number of processes of this program."""
     if executor is None or executor == {"type": "serial"}:
         return True
     workers = executor.get("workers")
@@ -244,7 +245,7 @@ def _option(name: str, value: str) -> list[str]:
 
 
 def _keys_without_option(executor: ExecutorChoice | None) -> str:
-    """Say what of an executor has no option."""
+    """Return the keys of an executor that have no command-line option, as a text."""
     table = executor_table(executor) or {}
     others = sorted(table.keys() - {"type", "scheduler", "workers"})
     if not others:
@@ -267,7 +268,7 @@ def _is_word(value: Any) -> bool:
 
 
 def _quote_harmless(text: str) -> str:
-    """Return a text of a stranger's within quotes, cut short, that cannot steer a terminal."""
+    """Return untrusted text in quotes, shortened, with control characters escaped."""
     return ascii(text[:200]) if not text.isprintable() else repr(text[:200])
 
 

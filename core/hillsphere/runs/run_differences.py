@@ -1,4 +1,4 @@
-"""What the results of two runs depend on, and how it differs: key by key, then and now."""
+"""Differences between two runs in the facts that their results depend on."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ __all__ = ["differences"]
 
 _TEXT = ("name", "title", "description")
 _DIGITS = 12
+"""Hexadecimal digits shown of a digest: 48 bits, enough to tell any two files of a run apart."""
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Say what results depend on and is not the same in two manifests.
+    """Return the differences of two manifests that concern results.
 
     Parameters
     ----------
@@ -26,7 +27,8 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     Returns
     -------
     list of str
-        ``"stage.first.count: 3 -> 4"``; name, title and description do not matter.
+        One line per difference: ``"stage.first.count: 3 -> 4"``. Name, title and description are
+        ignored.
     """
     missions = [
         {k: v for k, v in manifest["mission"].items() if k not in _TEXT} for manifest in (then, now)
@@ -71,7 +73,7 @@ def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 
 def _keys(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Tell a stage whose key has changed for none of the reasons that can be named."""
+    """Return a line for each stage whose key has changed for a reason that is not recorded."""
     found = []
     for name, stage in now.items():
         a, b = then.get(name, {}).get("key"), stage.get("key")

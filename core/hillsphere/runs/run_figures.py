@@ -1,4 +1,4 @@
-"""Figures of a finished run as PNG, drawn from the products that it has stored."""
+"""Figures of a finished run as PNG, drawn from its stored products."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hillsphere.runs.assembly import Assembly
-from hillsphere.show.drawing import draw_png
-from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.base.errors import InputError, StageError, describe_error
+from hillsphere.base.problems import did_you_mean
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
-from hillsphere.show.presentation import Figure, check_presentation
-from hillsphere.base.problems import did_you_mean
+from hillsphere.runs.assembly import Assembly
+from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.resume_choices import ResumeChoices, resume_command
 from hillsphere.runs.run_record import RunRecord, free_name
 from hillsphere.runs.wiring import inputs_of, product_class
+from hillsphere.show.drawing import draw_png
+from hillsphere.show.presentation import Figure, check_presentation
 
 __all__ = ["draw_figures"]
 
@@ -32,7 +32,7 @@ def draw_figures(
 ) -> tuple[Path, ...]:
     """Draw figures of a finished run as PNG, beside the SVG files that the run has written.
 
-    The stages present their stored products once more; none is computed again.
+    The stages present their stored products again; nothing is recomputed.
 
     Parameters
     ----------
@@ -46,19 +46,19 @@ def draw_figures(
     allow_path : bool
         Accept input files outside the directory of the mission and the packaged data.
     registry : Registry, optional
-        Where components are found; by default all that are installed.
+        Registry of components; by default of all installed plugins.
 
     Returns
     -------
     tuple of Path
-        The files, each complete: ``figures/<name>.png`` in the run directory.
+        The written files ``figures/<name>.png`` in the run directory.
 
     Raises
     ------
     InputError
-        If something must be given that the run directory names, with the command line that does
-        so; if the run is not finished, has no figure or stage of that name, or what its results
-        depend on has changed since; if a product is damaged.
+        If a choice must be given that is not taken from the run directory (the message has the
+        command line); if the run is not finished, has no figure or stage of that name, or a fact
+        that its results depend on has changed; if a product is damaged.
     StageError
         If a product cannot be shown, or a file cannot be written.
     """
@@ -101,9 +101,9 @@ def _check_name(earlier: EarlierRun, name: str) -> None:
 def _figures(
     earlier: EarlierRun, mission: Mission, name: str | None
 ) -> Iterator[tuple[str, Figure]]:
-    """Yield the wanted figures under the names that they have in the run.
+    """Yield the requested figures under the names that they have in the run.
 
-    A name depends on those of all earlier stages, which present their products for its sake.
+    A name depends on the figures of all earlier stages, so that these present their products too.
     """
     assembly = Assembly(mission)
     is_stage = name in earlier.manifest["stages"]

@@ -1,7 +1,7 @@
-"""What ``manifest.json`` says, judged before anything is done with it.
+"""Reading of ``manifest.json``, with validation of its content.
 
-A run directory may have been sent by somebody else. Names in its manifest become names of files,
-so that they must be names; everything else must have the type that a run writes.
+A run directory may come from another user. Names in its manifest become names of files, so that
+they must be valid names; every other value must have the type that a run writes.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ __all__ = ["MANIFEST", "SCHEMA", "parse_time", "read_manifest", "read_record"]
 
 MANIFEST = "manifest.json"
 SCHEMA = 1
+"""Version of the manifest's layout; manifests of another version are refused."""
 MAX_BYTES = 64 << 20
-"""Most bytes of a record. The manifest of a sweep of a thousand campaigns has 2 MB."""
+"""Largest size of a record. The manifest of a sweep of a thousand campaigns has 2 MB."""
 
 Test: TypeAlias = Callable[[Any], bool]
 _DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -38,7 +39,7 @@ def read_manifest(directory: Path) -> Mapping[str, Any]:
     Raises
     ------
     InputError
-        If it cannot be read, is of another version, or is not what a run writes.
+        If it cannot be read, is of another version, or has not the form that a run writes.
     """
     path = directory / MANIFEST
     found = read_record(path, ("mission", "stages", "versions", "platform"))
@@ -55,12 +56,12 @@ def read_manifest(directory: Path) -> Mapping[str, Any]:
 
 
 def read_record(path: Path, keys: tuple[str, ...]) -> Mapping[str, Any]:
-    """Return the table of a JSON file that a run has written, which must have these keys.
+    """Return the table of a JSON file that a run has written; it must have the given keys.
 
     Raises
     ------
     InputError
-        If it cannot be read, has not those keys, or is of another version.
+        If it cannot be read, lacks one of the keys, or is of another version.
     """
     found = read_json(path, MAX_BYTES, follow_links=False)
     if not isinstance(found, dict) or not all(key in found for key in keys):
@@ -73,7 +74,7 @@ def read_record(path: Path, keys: tuple[str, ...]) -> Mapping[str, Any]:
 
 
 def parse_time(text: object) -> datetime:
-    """Return a time of the manifest; `InputError` if it is none."""
+    """Parse a time of the manifest; `InputError` if the text is not one."""
     try:
         return datetime.strptime(str(text), "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
     except ValueError as error:
@@ -113,7 +114,7 @@ def _table_of(test: Test, name: str = r"(?s:.*)") -> Test:
 
 
 def _with(tests: Mapping[str, Test]) -> Test:
-    """Return a test of tables: entries with these names, where they are, pass."""
+    """Return a test of tables, which applies each test to the entry of its name, if present."""
     return lambda value: (
         isinstance(value, dict)
         and all(test(value[key]) for key, test in tests.items() if key in value)

@@ -1,4 +1,4 @@
-"""The record of a run: what becomes manifest, summary and report."""
+"""The record of a run, from which manifest, summary and report are written."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hillsphere.show.drawing import Drawing
 from hillsphere.base.environment import environment, package_versions
-from hillsphere.mission.load import Mission
 from hillsphere.base.paths import missions_directory
+from hillsphere.base.shell_words import shell_line
+from hillsphere.mission.load import Mission
+from hillsphere.runs.run_manifest import SCHEMA
+from hillsphere.runs.stage_cache import StageKeys, file_digest
+from hillsphere.show.drawing import Drawing
 from hillsphere.show.presentation import Figure, Metric, Table
 from hillsphere.show.report import Report, Section, render
-from hillsphere.runs.run_manifest import SCHEMA
-from hillsphere.base.shell_words import shell_line
-from hillsphere.runs.stage_cache import StageKeys, file_digest
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
 
@@ -36,7 +36,7 @@ class Failure:
     error : str
         Class of the exception; ``""`` if there was none.
     message : str
-        What went wrong, and where.
+        Error message with its location.
     """
 
     stage: str
@@ -52,7 +52,7 @@ class Failure:
 
 @dataclass
 class StageRecord:
-    """What is known of one stage; grows while it runs.
+    """Facts about one stage, which are completed while it runs.
 
     `product` is the SHA-256 of the file of its product, once that is written.
     """
@@ -75,10 +75,10 @@ class StageRecord:
 
 @dataclass
 class RunRecord:
-    """What is known of a run; its methods return the contents of the files.
+    """Facts about a run; its methods return the contents of the files.
 
     `sources` holds the digest of the source files of every package that the results depend on,
-    `resumed` when the run was taken up again.
+    `resumed` the times at which the run was resumed.
     """
 
     mission: Mission
@@ -97,7 +97,7 @@ class RunRecord:
 
     @classmethod
     def begun(cls, mission: Mission) -> RunRecord:
-        """Return the record of a run that is to begin now: no stage has run, all have keys."""
+        """Return the record of a new run, in which no stage has run and all have keys."""
         keys = StageKeys(mission)
         stages = {
             name: StageRecord(
@@ -108,7 +108,7 @@ class RunRecord:
         return cls(mission, datetime.now(UTC), stages, keys.sources)
 
     def free_name(self, group: str, name: str, stage: str) -> str:
-        """Return an identifier that no other stage used for a metric, table or figure."""
+        """Return an identifier that no other stage has for a metric, table or figure."""
         used = {key for s in self.stages.values() for key in getattr(s, group)}
         return free_name(used, name, stage)
 
@@ -189,7 +189,7 @@ class RunRecord:
         }
 
     def command(self) -> str:
-        """Return what to type to get the same results."""
+        """Return the command line that reproduces the results."""
         path = self.mission.path
         packaged = path.parent.resolve() == missions_directory().resolve()
         words = ["hillsphere", "run", path.stem if packaged else path.name]
@@ -248,7 +248,7 @@ class RunRecord:
 
 
 def free_name(used: Container[str], name: str, stage: str) -> str:
-    """Return an identifier that is not in use: the name, with the stage behind it if need be."""
+    """Return an unused identifier: the name, with the stage appended if necessary."""
     free = name
     while free in used:
         free = f"{free}_{stage.replace('-', '_')}"

@@ -1,4 +1,4 @@
-"""What a run left behind, for those who ran it from Python."""
+"""The result of a run for its caller in Python."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.errors import InputError, StageError
-from hillsphere.show.presentation import Metric, Table
 from hillsphere.runs.run_record import Failure
+from hillsphere.show.presentation import Metric, Table
 
 __all__ = ["RunResult"]
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left behind.
+    """The result of a run.
 
     Parameters
     ----------
@@ -27,9 +27,9 @@ class RunResult:
     notes : tuple of str
         Sentences of the verdict.
     metrics, tables : mapping
-        What the stages show, by identifier.
+        Metrics and tables of the stages, by identifier.
     products : mapping
-        Stage name to product, of the stages that finished.
+        Stage name → product, for the stages that finished.
     failures : tuple of Failure
         One per stage that failed or could not run.
     summary : mapping
@@ -52,7 +52,7 @@ class RunResult:
 
     @property
     def report(self) -> Path:
-        """The report."""
+        """Path of the report."""
         return self.directory / "report.html"
 
     def product(self, stage: str) -> Any:

@@ -1,4 +1,4 @@
-"""Results of stages kept between runs, under a key of all that they depend on.
+"""Cache of stages' products between runs, under a key of everything that they depend on.
 
 The key of a stage is the SHA-256 of: its type and Spec, the types and Specs of the components it
 refers to (and those that they refer to), the contents of its data files, the keys of the stages it
@@ -6,8 +6,8 @@ takes products from, its name and the mission's seed (which make its random numb
 files of the packages that provide all these and of the framework, and the versions and CPU
 features that fix the last bit of a result.
 
-Not in the key, because nobody can list it: what a plugin reads at run time by itself, and other
-packages that a plugin imports. `--no-cache` is for those.
+Files that a plugin reads by itself at run time, and further packages that it imports, cannot be
+listed and are not in the key; for these use `--no-cache`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 __all__ = ["StageCache", "StageKeys", "file_digest", "plain_spec", "source_digest"]
 
 FORMAT = 1
+"""Version of the layout of an entry; it is part of every key, so that others are never read."""
 MAX_BYTES = 2 << 30
+"""Largest size of the cache, 2 GB by default; then the entries unused for longest are removed."""
 
 
 class StageCache:
@@ -47,7 +49,7 @@ class StageCache:
     directory : Path, optional
         By default ``stages`` in the framework's cache directory.
     max_bytes : int
-        The entries that were not used for longest go when the whole is larger.
+        Largest total size; beyond it the least recently used entries are removed.
     """
 
     def __init__(self, directory: Path | None = None, max_bytes: int = MAX_BYTES) -> None:
@@ -58,15 +60,15 @@ class StageCache:
         return self.directory / f"{key}.npz"
 
     def load(self, key: str, expected: type) -> Any:
-        """Return the product under a key, or ``None`` if it is not there.
+        """Return the product under a key, or ``None`` without one.
 
         Raises
         ------
         InputError
-            If the entry is damaged, holds something else, or somebody else may have written it; it
-            is removed.
+            If the entry is damaged, holds another class, or another user may have written it; the
+            entry is removed.
         StageError
-            If it cannot be read just now; it stays.
+            If reading fails for another reason; the entry stays.
         """
         path = self._path(key)
         if not path.exists():
@@ -83,7 +85,7 @@ class StageCache:
         return product
 
     def save(self, key: str, product: Any) -> None:
-        """Keep a product, and drop the oldest ones if there is too much.
+        """Store a product, and remove the least recently used ones beyond `max_bytes`.
 
         Raises
         ------
@@ -111,7 +113,7 @@ class StageKeys:
 
     @property
     def sources(self) -> dict[str, str]:
-        """Package → SHA-256 of its source files, of all that the keys made so far depend on."""
+        """Package → SHA-256 of its source files, for all packages in the keys made so far."""
         return dict(sorted(self._sources.items()))
 
     def of(self, stage: str) -> str | None:
@@ -125,8 +127,8 @@ class StageKeys:
         Returns
         -------
         str or None
-            64 hexadecimal digits; ``None`` if it depends on code that is in no file (a class
-            defined at a prompt), whose results cannot be kept.
+            64 hexadecimal digits; ``None`` if the stage depends on code outside any file (a class
+            defined at a prompt), so that its product cannot be stored.
         """
         if stage not in self._keys:
             self._keys[stage] = self._key(stage)
@@ -221,10 +223,7 @@ def _plain(value: Any, is_path: bool) -> Any:
 
 
 def _source_of(module: str) -> tuple[str, Path] | None:
-    """Return the outermost regular package (a directory) or the file that a module is in.
-
-    Its name comes first.
-    """
+    """Return name and path of a module's outermost regular package, or of the module itself."""
     parts = module.split(".")
     for depth in range(1, len(parts) + 1):
         name = ".".join(parts[:depth])

@@ -1,4 +1,4 @@
-"""What the pipeline gives a running stage: seeds, a log, progress, the stop sign, a workplace."""
+"""The context of a running stage: seeds, log, progress, request to stop, workspace, executor."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 from hillsphere.base.errors import Interrupted
 from hillsphere.base.progress import Progress
 from hillsphere.base.seeds import name_key
-from hillsphere.runs.store import RunDirectory
 from hillsphere.base.stray_processes import end_child_of
+from hillsphere.runs.store import RunDirectory
 
 if TYPE_CHECKING:
     from hillsphere.interfaces.tasks import Executor
@@ -33,15 +33,15 @@ class StageContext:
     seed : int
         Root seed of the mission.
     directory : RunDirectory
-        Where the log is.
+        Run directory with the log.
     progress : Progress
-        Where progress is shown.
+        Progress bars.
     stopped : threading.Event
         Set when the run was asked to stop.
     fingerprint : str
         Key of the stage.
     executor : Executor
-        Where campaigns and other stages do what they divide.
+        Executor for campaigns and for other divided work.
     """
 
     def __init__(
@@ -65,27 +65,27 @@ class StageContext:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of all that the stage's result depends on, in hexadecimal digits.
+        """SHA-256 of everything that the stage's result depends on, in hexadecimal digits.
 
-        Of a stage that depends on code in no file (a class defined at a prompt), random digits:
-        nothing that it kept is taken up by another run.
+        If the stage depends on code outside any file (a class defined at a prompt), the digits are
+        random, so that no other run uses its stored data.
         """
         return self._fingerprint
 
     @property
     def executor(self) -> Executor:
-        """Where campaigns, and stages by `hillsphere.runs.workers`, do what they divide."""
+        """Executor for blocks of campaigns and for work divided by `hillsphere.runs.workers`."""
         end_child_of(self._process)
         return self._executor
 
     def workspace(self) -> Path:
-        """Return a directory for what the stage wants to find again if the run is interrupted.
+        """Return a directory for data that the stage needs if the run is resumed.
 
         Returns
         -------
         Path
-            It exists; it is removed once the stage's product is stored. A resumed run finds in it
-            what the interrupted one left.
+            An existing directory, which is removed once the stage's product is stored. A resumed
+            run finds the files of the interrupted one in it.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class StageContext:
         return self._seed
 
     def rng(self, stream: str = "") -> np.random.Generator:
-        """Return a generator that depends on the mission's seed, the stage and the stream only.
+        """Return a random generator, seeded by the mission's seed, the stage and the stream.
 
         Parameters
         ----------
@@ -129,11 +129,11 @@ class StageContext:
         Parameters
         ----------
         description : str
-            What is being done.
+            Name of the work.
         total : int, optional
             Number of items.
         note : callable, optional
-            Returns what else is to be said (``"3 failed"``); called each time the bar is drawn, in
+            Returns an additional text (``"3 failed"``); called each time the bar is drawn, in
             another thread.
 
         Returns

@@ -1,4 +1,4 @@
-"""The run directory: what a mission leaves behind, every file complete or absent.
+"""The run directory with all files of a run, each of which is complete or absent.
 
 ::
 
@@ -36,10 +36,10 @@ import numpy as np
 
 from hillsphere.base.atomic import PART_SUFFIX, write_bytes, write_text
 from hillsphere.base.errors import InputError, StageError
-from hillsphere.show.presentation import Printed, Table
-from hillsphere.products.product_codec import save_product
 from hillsphere.base.regular_files import check_regular
+from hillsphere.products.product_codec import save_product
 from hillsphere.runs.stage_cache import file_digest
+from hillsphere.show.presentation import Printed, Table
 
 if sys.platform != "win32":
     import fcntl
@@ -49,13 +49,13 @@ __all__ = ["RunDirectory", "csv_text", "plain_json"]
 T = TypeVar("T")
 
 _held: set[BinaryIO] = set()
-"""Files that hold the locks of this process's runs."""
+"""Open files whose locks mark the runs of this process."""
 
 
 def _leave_locks_to_parent() -> None:
-    """In a forked child, close what holds a lock: else it lasts until the child has ended too.
+    """Close the locked files in a forked child, so that the locks end with their parent.
 
-    Children of a plugin that outlive a killed run would keep it from being resumed.
+    Otherwise children of a plugin that outlive a killed run would keep it from being resumed.
     """
     while _held:
         _held.pop().close()
@@ -84,7 +84,7 @@ class RunDirectory:
         Raises
         ------
         InputError
-            If `out` is there and is not an empty directory.
+            If `out` exists and is not an empty directory.
         """
         if out is None:
             return
@@ -144,15 +144,15 @@ class RunDirectory:
         return cls(path)
 
     def refuse_links(self) -> None:
-        """Refuse a directory with anything in it but regular files and directories.
+        """Refuse a directory with entries other than regular files and directories.
 
-        A run makes nothing else. Through a link, files elsewhere would be read, written or removed;
-        a FIFO would be waited for.
+        A run makes no others. Through a link, files elsewhere would be read, written or removed; a
+        FIFO would block.
 
         Raises
         ------
         InputError
-            Naming the first such entry, or if the directory cannot be read.
+            If there is such an entry, which the message names, or the directory cannot be read.
         """
         waiting = [self.path]
         try:
@@ -173,7 +173,7 @@ class RunDirectory:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other processes from writing to the same run, within the block.
+        """Lock the run directory against other processes within the block.
 
         Raises
         ------
@@ -182,8 +182,8 @@ class RunDirectory:
 
         Notes
         -----
-        The lock is the system's, on ``log.txt``: it ends with the process, however that ends. A
-        file system without locks has none.
+        The operating system's lock on ``log.txt`` is used, which ends with the process in any case.
+        On a file system without locks there is none.
         """
         try:
             log = self._open_log()
@@ -207,7 +207,7 @@ class RunDirectory:
                 _held.discard(log)
 
     def workspace(self, stage: str) -> Path:
-        """Return the directory ``work/<stage>``, made if it is not there.
+        """Return the directory ``work/<stage>``, which is made if necessary.
 
         Raises
         ------
@@ -222,13 +222,13 @@ class RunDirectory:
         return path
 
     def clear_workspace(self, stage: str) -> None:
-        """Remove ``work/<stage>`` and all in it, if it is there; what cannot be removed stays."""
+        """Remove ``work/<stage>`` with its content; ignore entries that cannot be removed."""
         shutil.rmtree(self.path / "work" / stage, ignore_errors=True)
         with suppress(OSError):  # another stage's may be there still
             (self.path / "work").rmdir()
 
     def clear_parts(self) -> None:
-        """Remove files that a killed run was writing; single cases may be repeated just now."""
+        """Remove temporary files of a killed run, but none in ``cases/``: a repeat may write there."""
         for part in self.path.rglob(f".*{PART_SUFFIX}"):
             if part.relative_to(self.path).parts[0] != "cases":
                 with suppress(OSError):
@@ -244,7 +244,7 @@ class RunDirectory:
             raise self._full("log.txt", error) from error
 
     def _open_log(self) -> BinaryIO:
-        """Open ``log.txt`` at its end: the only file that is written where it stands."""
+        """Open ``log.txt`` for appending: the only file that is not written atomically."""
         path = self.path / "log.txt"
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_CLOEXEC", 0)
         # Neither to another file through a link, nor waiting for the reader of a FIFO.
@@ -280,7 +280,7 @@ class RunDirectory:
         return self._write(f"{folder}/{name}.png", lambda path: write_bytes(path, png))
 
     def put_json(self, name: str, content: Mapping[str, Any]) -> None:
-        """Write a JSON file; see `plain_json` for what becomes of numbers."""
+        """Write a JSON file; see `plain_json` for the conversion of values."""
         text = json.dumps(plain_json(content), indent=2, ensure_ascii=False, allow_nan=False)
         self._write(name, lambda path: write_text(path, text + "\n"))
 
@@ -307,7 +307,7 @@ class RunDirectory:
 def csv_text(table: Table) -> str:
     """Return a table as CSV: a line of column names, then the rows with every digit.
 
-    An empty cell is a value that is not there; a `Printed` number stands as printed.
+    An empty cell is a missing value; a `Printed` number is written as printed.
     """
     stream = StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -327,7 +327,7 @@ def _csv_cell(value: Any) -> Any:
 
 
 def plain_json(value: Any) -> Any:
-    """Return a value as JSON knows it: nan and infinities become null, arrays lists.
+    """Convert a value to JSON types: nan and infinities become null, arrays become lists.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def plain_json(value: Any) -> Any:
     Returns
     -------
     object
-        Nothing but dict, list, str, int, float, bool and ``None``.
+        Consists of dict, list, str, int, float, bool and ``None``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What stages pass to each other: products, and the stage that a campaign repeats."""
+"""Inputs of stages: products of earlier stages, and the stage that a campaign repeats."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hillsphere.runs.assembly import problem_at
 from hillsphere.base.errors import InputError, PluginError
+from hillsphere.base.problems import MissionError, Problem, with_article
 from hillsphere.interfaces.stages import CaseStage
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import load_object
-from hillsphere.base.problems import MissionError, Problem, with_article
+from hillsphere.runs.assembly import problem_at
 from hillsphere.spec.base import Ref, Spec
 
 if TYPE_CHECKING:
@@ -29,13 +29,12 @@ __all__ = [
 
 
 def product_class(mission: Mission, stage: str) -> type:
-    """Return the class of what a stage yields.
+    """Return the product class of a stage.
 
     Raises
     ------
     PluginError
-        If its Spec does not say, or what it names is no class that can be imported, or none that
-        can be stored: a frozen dataclass.
+        If its Spec declares none, or the class cannot be imported or is not a frozen dataclass.
     """
     path = str(getattr(mission.specs["stage"][stage], "produces", ""))
     what = f"stage {stage!r} ({_type(mission, stage)})"
@@ -51,7 +50,7 @@ def product_class(mission: Mission, stage: str) -> type:
 
 
 def needs_faults(mission: Mission, classes: Mapping[str, type]) -> Iterator[Problem]:
-    """Yield a problem for every need that is not met by a product of the class that is needed.
+    """Yield a problem for every need whose stage yields a product of another class.
 
     Parameters
     ----------
@@ -74,15 +73,15 @@ def needs_faults(mission: Mission, classes: Mapping[str, type]) -> Iterator[Prob
 
 
 def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what is wrong with stages that repeat others.
+    """Yield the problems of stages that repeat others.
 
     Parameters
     ----------
     mission : Mission
         The mission.
     stages : mapping
-        Stage → its component. What its method ``check`` raises, if it has one, is told with the
-        place of the stage in the mission; it is given the `Repeated` without products.
+        Stage → its component. Its optional method ``check`` is called with the `Repeated` without
+        products; an error that it raises becomes a problem at the stage's line.
     """
     for name, stage in stages.items():
         for field, other in repeated_stages(mission.specs["stage"][name]):
@@ -110,7 +109,7 @@ def repeat_faults(mission: Mission, stages: Mapping[str, Any]) -> Iterator[Probl
 
 
 def repeated_stages(spec: Spec) -> Iterator[tuple[str, str]]:
-    """Yield (field, name of the stage) of what a stage repeats, see `hillsphere.spec.repeated`."""
+    """Yield (field, name) of the stages that a stage repeats, see `hillsphere.spec.repeated`."""
     for field in type(spec).model_fields:
         value = getattr(spec, field)
         if isinstance(value, Ref) and type(spec).schema_extra(field).get("x-repeats"):
@@ -118,21 +117,21 @@ def repeated_stages(spec: Spec) -> Iterator[tuple[str, str]]:
 
 
 def takes_from(spec: Spec) -> list[str]:
-    """Return the stages whose products a stage cannot do without, each once, by name."""
+    """Return the names of the stages whose products a stage requires, each once."""
     return sorted(
         {ref.name for _, _, ref in spec.needs_of()} | {name for _, name in repeated_stages(spec)}
     )
 
 
 def inputs_of(spec: Spec, products: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a stage is given by earlier ones.
+    """Return the inputs of a stage from earlier ones.
 
     Parameters
     ----------
     spec : Spec
-        The stage's.
+        Spec of the stage.
     products : mapping
-        Stage → product, at least of those that it needs.
+        Stage → product, at least for the stages that it needs.
 
     Returns
     -------
@@ -142,7 +141,10 @@ def inputs_of(spec: Spec, products: Mapping[str, Any]) -> dict[str, Any]:
     needs = getattr(spec, "needs", None)
     if not isinstance(needs, Spec):
         return {}
-    return {field: _resolve_product(getattr(needs, field), products) for field in type(needs).model_fields}
+    return {
+        field: _resolve_product(getattr(needs, field), products)
+        for field in type(needs).model_fields
+    }
 
 
 def _resolve_product(value: Any, products: Mapping[str, Any]) -> Any:
@@ -155,11 +157,15 @@ def _resolve_product(value: Any, products: Mapping[str, Any]) -> Any:
     return value
 
 
-def repeated_with_products(mission: Mission, stage: str, products: Mapping[str, Any]) -> dict[str, Repeated]:
-    """Return what a stage repeats, by field, each with the products that it needs itself."""
+def repeated_with_products(
+    mission: Mission, stage: str, products: Mapping[str, Any]
+) -> dict[str, Repeated]:
+    """Return the repeated stages by field, each with the products that it needs itself."""
     return {
         field: replace(
-            _make_repeated(mission, other, inputs_of(mission.specs["stage"][other], products), by=stage),
+            _make_repeated(
+                mission, other, inputs_of(mission.specs["stage"][other], products), by=stage
+            ),
             nominal=products.get(other),
         )
         for field, other in repeated_stages(mission.specs["stage"][stage])

@@ -1,9 +1,8 @@
-"""Independent pieces of one stage's work, done by the workers of the run's executor.
+"""Parallel work of one stage, in independent pieces, on the workers of the run's executor.
 
-Compiled code runs outside the interpreter's lock, but much Python between short calls does not:
-threads gain little there, processes gain all. What a stage divides must be pieces whose results
-depend on nothing but the piece and on what all have in common; then they are the same bits for any
-number of workers, and for none.
+Compiled code releases the interpreter's lock, but Python code between short calls does not:
+processes are then faster than threads. The result of a piece must depend only on the piece and on
+the data common to all, so that it has the same bits for any number of workers.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from hillsphere.interfaces.tasks import Crew, Failed, Finished, Job, Lost
 __all__ = ["Divisible", "Workers"]
 
 TRIES = 3
-"""How often a piece may lose its worker, for which another piece or user may be to blame."""
+"""Attempts at a piece whose worker is lost; the cause may be another piece or another user."""
 
 HERE_S = 1.0
-"""How long the run's own process works before it starts others, which takes about as long: what is
-done within this time is not worth them."""
+"""Time that the run's own process works before it starts workers, s. Their start takes about as
+long, so that shorter work gains nothing from them."""
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -40,31 +39,31 @@ T_contra = TypeVar("T_contra", contravariant=True)
 R_co = TypeVar("R_co", covariant=True)
 
 _Result: TypeAlias = tuple[Any, Exception | None]
-"""What came of a piece, and what it raised."""
+"""Result of a piece, and the error that it raised, if any."""
 
 
 class Divisible(Protocol[T_contra, R_co]):
-    """What all pieces have in common; picklable, so that it can be sent to a worker once."""
+    """Data common to all pieces; picklable, so that it can be sent to a worker once."""
 
     def prepare(self) -> Callable[[T_contra], R_co]:
-        """Make the function that does a piece; called once in each worker, it may take long."""
+        """Return the function that does a piece; called once in each worker, may take long."""
         ...
 
 
 class Workers(Generic[T, R]):
-    """Workers for the pieces of one work; a context manager, whose end stops them all at once.
+    """Workers for the pieces of one work; a context manager, whose exit stops all of them.
 
-    They are those of the run's executor, begun when they are worth it: this process does the last
-    pieces itself until `HERE_S` have passed. It does all of them where there is no other worker
-    (the serial executor, one processor), and of work that cannot be sent, such as with a plant that
-    was defined at a prompt.
+    The workers of the run's executor are started only after `HERE_S`; until then this process does
+    pieces itself, the last ones first. It does all pieces if there is no other worker (the serial
+    executor, one processor), or if the work cannot be pickled, such as with a plant that was
+    defined at a prompt.
 
     Parameters
     ----------
     ctx : Context
-        Gives the executor; its log is told if the work cannot be sent.
+        Gives the executor, and the log for a note that the work cannot be sent.
     work : Divisible
-        What is done.
+        The work.
 
     Examples
     --------
@@ -90,25 +89,25 @@ class Workers(Generic[T, R]):
         self._stack.close()
 
     def map(self, items: Sequence[T]) -> Generator[R, None, None]:
-        """Yield what the work's function returns for every item, in order.
+        """Yield the results of the work's function for all items, in order.
 
-        To be used up before it is called again; stopping early is for the end of the context.
+        Exhaust the iterator before another call; to stop early, leave the context.
 
         Parameters
         ----------
         items : sequence
-            Picklable; begun in their order, so that those that take longest are best put first.
+            Picklable. They are begun in order, so that the longest ones should come first.
 
         Yields
         ------
         object
-            Results. What the function raises is raised here at its place; what it raised in
-            another process has the traceback in its notes.
+            Results. An error of the function is raised in place of its result; an error in another
+            process has the traceback in its notes.
 
         Raises
         ------
         StageError
-            If the work cannot be prepared, or a piece lost its worker time after time.
+            If the work cannot be prepared, or a piece lost its worker `TRIES` times.
         """
         done: dict[int, _Result] = {}
         following = 0
@@ -123,10 +122,10 @@ class Workers(Generic[T, R]):
                 following += 1
 
     def ended(self, items: Sequence[T]) -> Generator[R, None, None]:
-        """Yield what the work's function returns for every item, as they end.
+        """Yield the results of the work's function in the order in which they are completed.
 
-        For results that say whose they are and are kept at once; otherwise as `map`. What the
-        function raises is raised as soon as it did.
+        The results must identify their items. An error of the function is raised at once;
+        otherwise as `map`.
         """
         for _, (value, error) in self._results(items):
             if error is not None:
@@ -159,7 +158,7 @@ class Workers(Generic[T, R]):
             return None, error
 
     def _hire(self) -> None:
-        """Get workers, if there are others than this process."""
+        """Start the executor's workers, if it has others than this process."""
         with ExitStack() as stack:
             try:
                 crew = stack.enter_context(self._ctx.executor.crew(_Pieces(self._work)))
@@ -243,7 +242,7 @@ class _Doing:
 
 @dataclass(frozen=True)
 class _Refusing:
-    """Says of every piece why the work could not be prepared."""
+    """Returns for every piece the error by which the work could not be prepared."""
 
     error: Exception
 

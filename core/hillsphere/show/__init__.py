@@ -1,1 +1,1 @@
-"""Presentation: tables, figures, the report."""
+"""Presentation of results: metrics, tables, figures, comparison with papers, and the report."""

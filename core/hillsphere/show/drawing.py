@@ -1,4 +1,4 @@
-"""Figures drawn to files: one style, no display, the same bytes every time."""
+"""Drawing of figures to files, in one style, without a display, with reproducible bytes."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ STYLE: dict[str, Any] = {
 
 
 _MARGIN_IN = 0.08
-"""Empty margin of a picture."""
+"""Empty margin around a figure."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure as SVG, and as PNG where that was asked for or a report needs it."""
+    """A figure as SVG, and as PNG if requested or needed by the report."""
 
     svg: bytes
     png: bytes | None = None
 
     @property
     def is_large(self) -> bool:
-        """Whether a report shows the PNG instead of the SVG: see `MAX_SVG_BYTES`."""
+        """Whether the SVG exceeds `MAX_SVG_BYTES`, so that the report shows the PNG."""
         return len(self.svg) > MAX_SVG_BYTES
 
 
@@ -70,15 +70,15 @@ def draw(figure: Figure, *, png: bool = False) -> Drawing:
     Parameters
     ----------
     figure : Figure
-        What a stage shows.
+        Figure of a stage.
     png : bool
-        Draw it as PNG too. A figure whose SVG is larger than `MAX_SVG_BYTES` always is.
+        Draw it as PNG too. This is always done if the SVG is larger than `MAX_SVG_BYTES`.
 
     Returns
     -------
     Drawing
-        Neither file holds a date, a host or a random identifier. What the figure's own ``draw``
-        raises goes through.
+        Neither file contains a date, a host or a random identifier. Errors of the figure's own
+        ``draw`` are passed on.
 
     Notes
     -----
@@ -113,7 +113,7 @@ def _save_png(made: MatplotlibFigure, whole: BboxBase) -> bytes:
 
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[tuple[MatplotlibFigure, BboxBase]]:
-    """Yield the figure with its layout settled, and its box in inches, with our style in force."""
+    """Yield the laid-out figure and its box in inches, within the context of our style."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,4 +1,4 @@
-"""The history of one case as a file and as a figure."""
+"""The time history of one case, as a CSV file and as a figure."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ if TYPE_CHECKING:
 __all__ = ["history_csv", "history_figure", "time_unit"]
 
 _COLUMNS = 3
+"""Panels side by side; with more the labels of neighbouring axes would meet."""
 _TIMES = (("d", DAY_S), ("h", HOUR_S), ("min", MINUTE_S))
 
 
 def time_unit(span_s: float) -> tuple[str, float]:
-    """Return the unit in which a figure over such a time is read best, and its size in s."""
+    """Return a suitable unit for the time axis of a figure, and its size in s."""
     return next(((u, s) for u, s in _TIMES if span_s >= 3 * s), ("s", 1.0))
 
 
 def history_csv(histories: Histories) -> str:
-    """Return the history of a single case as CSV, every digit, ``nan`` where there is no value.
+    """Return the history of a single case as CSV, in full precision, ``nan`` for missing values.
 
     Parameters
     ----------
@@ -57,9 +58,9 @@ def history_figure(title: str, histories: Histories) -> Figure:
     Parameters
     ----------
     title : str
-        What it shows.
+        Title of the figure.
     histories : Histories
-        Of one case. Quantities that differ in what stands before the last dot of their name
+        History of one case. Quantities whose names differ only in the part before the last dot
         (``"x"``, ``"seen.x"``, ``"ref.x"``) share a panel.
     """
     time_s = histories.time_s[:, 0]

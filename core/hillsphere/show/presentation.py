@@ -1,4 +1,4 @@
-"""What a stage shows of its result: metrics, tables and figures, without drawing anything yet."""
+"""Presentation of a stage's result: metrics, tables and figures, which are drawn later."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ PALETTE: Mapping[str, str] = {
 }
 """Colours that survive colour-blindness (Okabe and Ito, 2008).
 
-A figure that names no colours takes them by itself in this order (but for yellow, which is too
-light for a line); name one where a colour means a thing.
+Figures without explicit colours use them in this order, except yellow, which is too light for a
+line. Name a colour where it carries a meaning.
 """
 
 
 class Printed(float):
-    """A number as a paper prints it: its value, and how many digits it claims.
+    """A number as printed in a paper: its value and its number of digits.
 
-    It behaves as a float everywhere; in a table it stands in a ``*_paper`` column beside the
-    computed one, and the report says whether the two agree to the printed digit.
+    It is a float. In a table it belongs in a ``*_paper`` column beside the computed one; the report
+    marks whether the two agree to the printed digit.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Printed(float):
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of a result with its unit (``"-"`` where it has none)."""
+    """One number of a result with its unit (``"-"`` for none)."""
 
     value: float | int | bool | str
     unit: str = "-"
@@ -110,14 +110,14 @@ class Column:
     Parameters
     ----------
     name : str
-        Key of its cells, with the unit as suffix where it has one (``"x0_km"``). A column
-        ``NAME_paper`` holds what a paper gives for the column ``NAME``.
+        Key of its cells, with the unit, if any, as suffix (``"x0_km"``). A column ``NAME_paper``
+        holds the published values for the column ``NAME``.
     unit : str
         ``"-"`` for numbers without unit, ``""`` for text.
     label : str
         Heading in the report; by default the name without the unit's suffix.
     digits : int
-        Significant digits shown in the report; files always hold the full number.
+        Significant digits in the report; files have full precision.
     """
 
     name: str
@@ -139,7 +139,7 @@ class Table:
     rows : sequence of mapping
         Column name to cell; a missing cell is ``None``. Nothing is rounded here.
     notes : sequence of str
-        What a reader must know: source of the ``*_paper`` columns, why a value differs.
+        Notes for the reader: source of the ``*_paper`` columns, reasons for differences.
     """
 
     title: str
@@ -160,7 +160,7 @@ class Figure:
         ``draw(figure)`` fills an empty `matplotlib.figure.Figure`; matplotlib is imported only
         when a report is made.
     caption : str
-        What is to be seen.
+        Description of the figure's content.
     size_in : tuple of float
         Width and height in inches.
     """
@@ -173,13 +173,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Presentation:
-    """Everything that a stage shows.
+    """Metrics, tables, figures, verdict and files of a stage.
 
     Parameters
     ----------
     metrics, tables, figures : mapping
-        By identifier (lower case, underscores), which names the file too. Where two stages of a
-        mission use the same one, the later is called ``IDENTIFIER_STAGE``.
+        Items by identifier (lower case, underscores), which is the name of the file too. If two
+        stages of a mission use the same one, the later becomes ``IDENTIFIER_STAGE``.
     verdict : sequence of str
         Sentences for the head of the report, model-validity warnings among them.
     files : mapping
@@ -194,12 +194,12 @@ class Presentation:
 
 
 def check_presentation(shown: object) -> Presentation:
-    """Return what ``present`` of a stage has returned, if that can be written to files.
+    """Return the result of a stage's ``present``, after a check that it can be written to files.
 
     Raises
     ------
     StageError
-        If it is no `Presentation`, or `presentation_faults` finds anything.
+        If it is not a `Presentation`, or `presentation_faults` finds a fault.
     """
     if not isinstance(shown, Presentation):
         raise StageError(f"present must return a Presentation, got a {type(shown).__name__}")
@@ -209,18 +209,18 @@ def check_presentation(shown: object) -> Presentation:
 
 
 def presentation_faults(presentation: Presentation) -> list[str]:
-    """Say what is wrong with a presentation, a sentence each; an empty list if nothing is.
+    """Return the faults of a presentation, one sentence each.
 
     Parameters
     ----------
     presentation : Presentation
-        What a stage shows.
+        Presentation of a stage.
 
     Returns
     -------
     list of str
-        An identifier that cannot name a file, a table with a column twice, a cell without a
-        column, or a value that is no number, text or ``None``.
+        Faults: an identifier that cannot name a file, a column that occurs twice, a cell without a
+        column, or a value that is not a number, a text or ``None``. Empty without any.
     """
     faults = []
     for what, group in (

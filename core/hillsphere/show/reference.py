@@ -1,13 +1,13 @@
-"""Published values beside computed ones: cited CSV tables, matched row by row.
+"""Comparison of computed with published values, from cited CSV tables, row by row.
 
-A reference table is a CSV file whose head says where its numbers are from::
+A reference table is a CSV file whose head cites the source of its numbers::
 
     # source: Title, authors, year, Table 1
     name,x0_km,y_max_km,period_h
     QSO-H,100,198.47,7.59
 
-Its columns are called as the computed ones are. The numbers are kept as they are printed, so that
-a comparison knows how many digits they claim.
+Its columns have the names of the computed ones. The numbers are kept as printed, so that a
+comparison accounts for the number of printed digits.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ __all__ = ["PAPER_SUFFIX", "ReferenceTable", "beside", "difference_notes", "with
 
 PAPER_SUFFIX = "_paper"
 MAX_BYTES = 1 << 20
+"""Largest reference table, 1 MB: a printed table of a thousand rows has a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ReferenceTable:
     columns : tuple of str
         In the order of the file.
     rows : tuple of mapping
-        Column to `Printed` number, text, or ``None`` where the file has nothing.
+        Column → `Printed` number, text, or ``None`` for an empty cell.
     about : mapping
         Further ``# key: value`` lines of the head.
     """
@@ -100,7 +101,7 @@ class ReferenceTable:
         return cls(about.pop("source"), tuple(columns), tuple(rows), about)
 
     def match(self, on: str, value: Cell, tol: float) -> Mapping[str, Printed | str | None] | None:
-        """Return the row whose `on` is nearest to the value, within tol; ``None`` without one."""
+        """Return the row whose cell in column `on` is nearest, within tol; ``None`` without one."""
         if isinstance(value, str | None):
             return next((r for r in self.rows if value is not None and r[on] == value), None)
         near = [
@@ -115,7 +116,7 @@ class ReferenceTable:
 def beside(
     rows: Iterable[Mapping[str, Cell]], reference: ReferenceTable, *, on: str, tol: float = 0.0
 ) -> list[dict[str, Cell]]:
-    """Put published values beside computed ones.
+    """Add the published values to rows of computed ones.
 
     Parameters
     ----------
@@ -126,14 +127,14 @@ def beside(
     on : str
         Column by which rows are matched, in both.
     tol : float
-        Largest difference in `on`, in the unit of that column, at which two rows are the same
-        case; text must be equal.
+        Largest difference in `on`, in the unit of that column, between matching rows; text must be
+        equal.
 
     Returns
     -------
     list of dict
-        The rows with a ``NAME_paper`` cell (a `Printed`) directly after each ``NAME`` that the
-        matching row of the reference gives a number for.
+        The rows with a ``NAME_paper`` cell (a `Printed`) directly after each ``NAME`` for which the
+        matching row of the reference has a number.
 
     Raises
     ------
@@ -159,19 +160,19 @@ def beside(
 
 
 def with_paper(columns: Sequence[Column], rows: Iterable[Mapping[str, Cell]]) -> list[Column]:
-    """Declare the ``*_paper`` columns that `beside` added, each after its computed one.
+    """Return columns with those that `beside` added, ``*_paper``, each after its computed one.
 
     Parameters
     ----------
     columns : sequence of Column
         The computed columns.
     rows : iterable of mapping
-        What `beside` returned.
+        Result of `beside`.
 
     Returns
     -------
     list of Column
-        With a twin of the same unit wherever any row has one.
+        The columns, each followed by its ``*_paper`` column of the same unit if any row has one.
     """
     present = {name for row in rows for name in row}
     wide: list[Column] = []
@@ -185,23 +186,23 @@ def with_paper(columns: Sequence[Column], rows: Iterable[Mapping[str, Cell]]) ->
 def difference_notes(
     rows: Iterable[Mapping[str, Cell]], reference: ReferenceTable, *, label: str = "name"
 ) -> list[str]:
-    """Say in words how computed and published values compare.
+    """Compare computed and published values in sentences.
 
     Parameters
     ----------
     rows : iterable of mapping
-        What `beside` returned.
+        Result of `beside`.
     reference : ReferenceTable
-        Where the published values are from.
+        Source of the published values.
     label : str
         Column that names a row.
 
     Returns
     -------
     list of str
-        First how many values agree to the printed digit and with what, then one sentence for each
-        that does not, with the difference in units of the last printed digit. Empty if nothing was
-        compared.
+        First the number of values that agree to the printed digit, with the source; then a sentence
+        for each other value, with the difference in units of the last printed digit. Empty without
+        any compared value.
     """
     compared = 0
     apart: list[str] = []

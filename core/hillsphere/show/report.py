@@ -1,7 +1,8 @@
-"""The report of a run: one HTML page that needs nothing but itself.
+"""The report of a run: one self-contained HTML page.
 
-No script, no network, no second file: figures stand in the page as data, the style is inline, and
-the page's own policy forbids everything else. All text is escaped.
+It has no scripts and loads nothing from the network or from other files: figures are embedded as
+data, the style is inline, and a content security policy forbids everything else. All text is
+escaped.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from hillsphere.show.reference import PAPER_SUFFIX
 __all__ = ["Report", "Section", "render"]
 
 MAX_ROWS = 200
+"""Most rows of a table in the report, so that the page stays readable; the CSV file has all."""
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _HEADLINES = {
     "success": "Success",
@@ -32,7 +34,7 @@ _HEADLINES = {
 
 @dataclass(frozen=True)
 class Section:
-    """What one stage did and shows.
+    """Section of the report about one stage.
 
     Parameters
     ----------
@@ -45,9 +47,9 @@ class Section:
     cached : bool
         Whether its product was taken from the cache.
     message : str
-        What went wrong.
+        Error message of a stage that failed.
     metrics, tables, figures : mapping
-        What it shows, by identifier; a figure with its drawing.
+        Its presentation, by identifier; a figure with its drawing.
     files : tuple of str
         Further files, relative to the page.
     """
@@ -66,12 +68,12 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything on the page.
+    """Content of the report.
 
     Parameters
     ----------
     mission, title, description : str
-        Of the mission.
+        Name, title and description of the mission.
     state : str
         ``"success"``, ``"failed"`` or ``"interrupted"``.
     notes : sequence of str
@@ -79,11 +81,11 @@ class Report:
     sections : sequence of Section
         One per stage, in order.
     started : str
-        UTC.
+        Time of the start, UTC.
     seconds : float
-        Time of the whole run.
+        Duration of the whole run.
     command : str
-        What to type to get the same results.
+        Command line that reproduces the results.
     mission_text : str
         The mission file; ``""`` if the mission was made in Python.
     versions : mapping
@@ -104,12 +106,12 @@ class Report:
 
 
 def render(report: Report) -> str:
-    """Return the page.
+    """Return the report as an HTML page.
 
     Parameters
     ----------
     report : Report
-        Its content; nothing is computed here.
+        Content of the page.
 
     Returns
     -------
@@ -235,7 +237,7 @@ def _heading(column: Column, twin: bool) -> str:
 
 
 def _stem(column: Column) -> str:
-    """``x0_km`` in km is x0: the unit stands below the name."""
+    """Return the heading of a column without its unit, which is shown below: x0 for ``x0_km``."""
     return _names(column)[0].replace("_", " ")
 
 

@@ -1,4 +1,4 @@
-"""Tables by columns: each column is an array of SI values; rows, units and blanks follow.
+"""Tables built from columns, each of which is an array of SI values.
 
 ::
 
@@ -44,12 +44,12 @@ _SUFFIXES = sorted(_FACTORS.keys() - {"min", "1_min", "t"}, key=len, reverse=Tru
 
 @dataclass(frozen=True)
 class FilledColumn(Column):
-    """A column with its cells, which are in its unit already; `column` makes it of SI values.
+    """A column with its cells in the column's unit; `column` makes one from SI values.
 
     Parameters
     ----------
     name, unit, label, digits
-        As of `Column`.
+        As for `Column`.
     cells : tuple
         One per row.
     """
@@ -70,23 +70,23 @@ def column(
     values : ndarray, shape (K,), or iterable of K numbers
         SI; NaN and ``None`` become blank. Integers stay integers where nothing is converted.
     label, digits
-        As of `Column`.
+        As for `Column`.
     unit : str, optional
-        As the report writes it (``"m/s"``). By default it is read from the name: ``"-"`` if that
-        has no suffix of a unit. Minutes are given here: ``_min`` is read as minimum.
+        Unit in the report (``"m/s"``). By default it is the suffix of the name, or ``"-"`` without
+        one. Minutes must be given, since ``_min`` is read as minimum.
     is_si : bool
         False for values that are in the column's unit already.
 
     Returns
     -------
     FilledColumn
-        Its cells are in its unit; those of a unit that is none of `hillsphere.spec.units`
-        (``"dB"``, ``"%"``) are the values as given.
+        The column in its unit. Values in a unit that `hillsphere.spec.units` does not list
+        (``"dB"``, ``"%"``) are not converted.
 
     Raises
     ------
     ValueError
-        If the values are no vector.
+        If the values do not form a vector.
     """
     if unit is None:
         suffix = _suffix(name)
@@ -103,19 +103,19 @@ def text_column(name: str, values: Values, label: str = "") -> FilledColumn:
 
 
 def tabulate(title: str, columns: Sequence[FilledColumn], notes: Sequence[str] = ()) -> Table:
-    """Return a table of columns of one length.
+    """Return a table of columns of equal length.
 
     Parameters
     ----------
     title, notes
-        As of `Table`.
+        As for `Table`.
     columns : sequence of FilledColumn
-        In order.
+        The columns in order.
 
     Returns
     -------
     Table
-        With one row per cell of the columns.
+        The table, with one row per cell of a column.
 
     Raises
     ------
@@ -136,14 +136,14 @@ def set_beside(
     table: Table, reference: ReferenceTable | None, *, on: str, tol: float = 0.0,
     label: str = "name",
 ) -> Table:  # fmt: skip
-    """Return a table with the values of a paper beside its own, and notes on the differences.
+    """Return a table with a paper's values beside the computed ones, and notes on differences.
 
     Parameters
     ----------
     table : Table
         Computed values.
     reference : ReferenceTable or None
-        Published values under the same column names; without it the table is returned.
+        Published values under the same column names; if None, the table is returned unchanged.
     on, tol
         Column by which rows are matched and its tolerance, as for
         `hillsphere.show.reference.beside`.
@@ -153,7 +153,7 @@ def set_beside(
     Returns
     -------
     Table
-        With ``NAME_paper`` columns.
+        The table with additional ``NAME_paper`` columns.
     """
     if reference is None:
         return table
@@ -165,7 +165,7 @@ def set_beside(
 def take_or_blank(values: NDArray[Any], index: Sequence[int] | NDArray[Any]) -> NDArray[Any]:
     """Return the values (M,) of a column at K indices, NaN where an index is −1.
 
-    For rows that refer to an item of another list, of which some have none.
+    It serves rows that refer to items of another list, where some rows have no item.
     """
     return np.append(values, np.nan)[np.asarray(index, dtype=np.intp)]
 
@@ -209,10 +209,10 @@ class FieldColumns:
         Parameters
         ----------
         field : str
-            Its name.
+            Name of the field.
         name : str
-            Of the column; by default that of the field in the unit of its label. It ends in a unit
-            of the same dimension.
+            Name of the column; by default that of the field in the unit of its label. It must end
+            in a unit of the same dimension.
         label : str, optional
             Heading; by default that of the field.
         digits : int, optional

@@ -1,7 +1,7 @@
-"""Specs: the one declaration that documents, validates and describes a component's parameters.
+"""Declaration of a component's parameters: Specs, their fields, units and type annotations.
 
-The public names are those of `hillsphere.spec.base`, which is imported when one of them is used:
-other modules of this package are used without it.
+The public names are those of `hillsphere.spec.base`, which is imported when one of them is used, so
+that other modules of this package load without it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a field's type annotation asks for, in the words of a mission file."""
+"""Description of type annotations in the terms of a mission file, for messages."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight",
 
 
 def inner(annotation: Any) -> Any:
-    """Strip ``Annotated`` and ``| None``."""
+    """Return an annotation without ``Annotated`` and ``| None``."""
     while True:
         if get_origin(annotation) is Annotated:
             annotation = get_args(annotation)[0]
@@ -36,14 +36,14 @@ def inner(annotation: Any) -> Any:
 
 
 def members(annotation: Any) -> tuple[Any, ...]:
-    """Members of a union without None; of anything else, itself."""
+    """Return the members of a union without None; any other annotation as its only member."""
     if get_origin(annotation) in (Union, UnionType):
         return tuple(a for a in get_args(annotation) if a is not NoneType)
     return (annotation,)
 
 
 def member_of(annotation: Any, label: str) -> Any:
-    """Member of a union that pydantic labels so in an error's location."""
+    """Return the member of a union with the label that pydantic uses in an error's location."""
     some = [inner(member) for member in members(annotation)]
     for member in some:
         if isinstance(member, type) and issubclass(member, Spec) and member.__name__ in label:
@@ -56,7 +56,7 @@ def member_of(annotation: Any, label: str) -> Any:
 
 
 def item_of(annotation: Any, part: str | int) -> Any:
-    """Annotation of one item of a tuple or of one value of a dict."""
+    """Return the annotation of one item of a tuple or of one value of a dict."""
     arguments = get_args(annotation)
     origin = get_origin(annotation)
     if origin is dict:
@@ -69,19 +69,19 @@ def item_of(annotation: Any, part: str | int) -> Any:
 
 
 def describe_annotation(annotation: Any, *, plural: bool = False) -> str:
-    """Say what is expected: ``"three numbers"``, ``"an array of strings"``, ``"a table"``.
+    """Describe the expected value: ``"three numbers"``, ``"an array of strings"``, ``"a table"``.
 
     Parameters
     ----------
     annotation : object
         Type annotation of a field or a part of it.
     plural : bool
-        Describe several of it.
+        Use the plural: ``"arrays of strings"``.
 
     Returns
     -------
     str
-        Words.
+        The description, without a full stop.
     """
     annotation = inner(annotation)
     some = members(annotation)

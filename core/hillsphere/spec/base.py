@@ -1,4 +1,4 @@
-"""Specs: the one declaration that documents, validates and describes a component's parameters.
+"""Specs: one declaration of a component's parameters for validation, documentation and schema.
 
 A component (gravity model, plant, stage …) has one `Spec`: a frozen pydantic model that forbids
 unknown keys. A physical quantity is declared once in SI with `quantity`, its name ending in the SI
@@ -62,19 +62,19 @@ __all__ = [
 
 
 def rule(key: str, text: str) -> PydanticCustomError:
-    """Return the fault of a rule between keys, to be raised; the mission reader places it at one.
+    """Return the error of a rule between keys, to be raised; the mission reader locates it.
 
     Parameters
     ----------
     key : str
-        Name of a field, or the key that a mission gives it.
+        Name of the field, or the key in the mission, at which the message is shown.
     text : str
-        What is wrong and what to do.
+        The fault and its remedy.
 
     Returns
     -------
     PydanticCustomError
-        To be raised in a validator.
+        Raise it in a validator.
     """
     # as a value: pydantic would read braces in a template
     return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
@@ -87,7 +87,7 @@ class Ref:
     Parameters
     ----------
     name : str
-        Name of the other table; ``"(given)"`` where the object was passed in Python.
+        Name of the other table; ``"(given)"`` if the object was passed in Python.
     target : object, optional
         The component.
     """
@@ -129,7 +129,7 @@ class Ref:
 
 @dataclass(frozen=True)
 class _Twice:
-    """Stands for a quantity that was given in two units, until its field refuses it."""
+    """Marks a quantity that was given in two units, until its field refuses it."""
 
     first: str
     second: str
@@ -149,7 +149,7 @@ def _scale(value: Any, factor: float) -> Any:
 
 
 def _frozen(value: Any) -> Any:
-    """Return arrays as tuples, at every depth: a Spec holds nothing that can change."""
+    """Return arrays as tuples, at every depth, since a Spec must be immutable."""
     if isinstance(value, list | tuple):
         return tuple(_frozen(item) for item in value)
     if isinstance(value, dict):
@@ -172,7 +172,7 @@ def _leaves(
 
 
 def _map_items(value: Any, change: Callable[[Any], Any]) -> Any:
-    """Apply to every item of nested arrays and tables; the same object if nothing changed."""
+    """Apply `change` to every item of nested arrays and tables; keep unchanged objects."""
     if isinstance(value, tuple):
         items = tuple(_map_items(item, change) for item in value)
         return value if all(a is b for a, b in zip(items, value, strict=True)) else items
@@ -185,9 +185,9 @@ def _map_items(value: Any, change: Callable[[Any], Any]) -> Any:
 class Spec(BaseModel):
     """Base of all parameter declarations: frozen, strict, no unknown keys, no nan or inf.
 
-    `examples` holds tables as a mission would write them, at least one: they feed documentation,
-    JSON Schema and the contract tests. A reference in an example is any name;
-    the contract tests put a component of its kind there.
+    `examples` holds at least one table as a mission would write it, for the documentation, the
+    JSON Schema and the contract tests. A reference in an example may be any name; the contract
+    tests replace it by a component of its kind.
 
     Arrays arrive as tuples, so annotate a field ``tuple[float, ...]``, never ``list``. A rule
     between fields is a ``model_validator(mode="after")`` that raises ValueError; to have the
@@ -205,13 +205,13 @@ class Spec(BaseModel):
 
     @classmethod
     def schema_extra(cls, name: str) -> Mapping[str, Any]:
-        """Return the declaration's extra facts of a field (``x-dimension``, ``x-kind`` …)."""
+        """Return the extra JSON Schema keys of a field (``x-dimension``, ``x-kind`` …)."""
         extra = cls.model_fields[name].json_schema_extra
         return extra if isinstance(extra, dict) else {}
 
     @classmethod
     def units_by_field(cls) -> Mapping[str, Mapping[str, float]]:
-        """Return what may be written for each quantity: field → key → factor to SI."""
+        """Return the accepted keys of each quantity: field → key → factor to SI."""
         return cls._unit_keys
 
     @classmethod
@@ -311,16 +311,15 @@ class Spec(BaseModel):
     def misfits(
         self, tables: Mapping[str, Mapping[str, Spec]]
     ) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield (location, message) for what does not fit other tables of the mission.
+        """Yield (location, message) for every conflict with other tables of the mission.
 
-        A Spec whose references can be sound one by one and wrong together says so here; it is asked
-        when a mission is validated.
+        Called when a mission is validated, for rules that concern several references together.
 
         Parameters
         ----------
         tables : mapping
-            Kind → name → Spec of every sound table; one that is referred to may be missing, which
-            is told elsewhere.
+            Kind → name → Spec of every valid table. A referenced table may be missing, which is
+            reported elsewhere.
         """
         yield from ()
 
@@ -346,12 +345,12 @@ class Spec(BaseModel):
         return self._changed(bind)
 
     def with_data_paths(self, resolved: Mapping[str, str]) -> Self:
-        """Return a copy whose input files are named by other paths.
+        """Return a copy in which the paths of input files are replaced.
 
         Parameters
         ----------
         resolved : mapping of str to str
-            Path as it stands here → path that takes its place.
+            Path in this Spec → new path.
 
         Returns
         -------
@@ -393,12 +392,12 @@ _BOUND_SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
 class StageSpec(Spec):
     """Base of a stage's declaration.
 
-    A stage says what it yields in `produces` (the import path of a product class) and, if it takes
-    anything from earlier stages, has a field ``needs`` whose type is a Spec of `need` fields. Where
-    the product class derives from others that a stage may need (``hillsphere.products:OrbitSet``),
-    `provides` lists them, so that a mission is checked without importing any of them. A stage that
-    campaigns repeat lists in `course` the keys, dotted, that say what its cases run along: figures
-    lay no cases over each other that differ in one of them.
+    `produces` is the import path of the stage's product class. A stage that takes products of
+    earlier stages has a field ``needs`` whose type is a Spec of `need` fields. `provides` lists the
+    base classes of the product that other stages may need (``hillsphere.products:OrbitSet``), so
+    that a mission is checked without importing them. A stage that campaigns repeat lists in
+    `course` the dotted keys that define the reference of its cases: figures overlay only cases that
+    agree in all of them.
     """
 
     produces: ClassVar[str] = ""

@@ -1,4 +1,4 @@
-"""Declaring the fields of a Spec: quantities, options, references, needs, input files.
+"""Declarations of the fields of a Spec: quantities, options, references, needs, input files.
 
 `hillsphere.spec` offers these names; import them from there.
 """
@@ -36,13 +36,13 @@ def quantity(dimension: str, description: str, *, default: Any = ..., **bounds: 
     dimension : str
         A key of `UNITS`.
     description : str
-        What it is, in which frame; it becomes the documentation and the JSON Schema.
+        Meaning and frame of the quantity, for the documentation and the JSON Schema.
     default : object, optional
         SI value; without it the key is required.
     **bounds
         pydantic bounds in SI (``gt``, ``ge``, ``lt``, ``le``, ``min_length``, ``max_length``). On
-        an array of numbers the numeric bounds hold for each element. On a side without one the
-        largest magnitude of the dimension stands (`hillsphere.base.ranges`).
+        an array of numbers the numeric bounds hold for each element. A side without a bound gets
+        the largest magnitude of the dimension (`hillsphere.base.ranges`).
 
     Returns
     -------
@@ -62,7 +62,7 @@ def option(
     Parameters
     ----------
     description : str
-        What it is.
+        Meaning of the parameter.
     default : object, optional
         Without it the key is required.
     extra : dict, optional
@@ -88,9 +88,9 @@ def reference(kind: str, description: str, *, default: Any = ...) -> Any:
     Parameters
     ----------
     kind : str
-        Kind of the component that is meant, e.g. ``"gravity"``.
+        Kind of the component, e.g. ``"gravity"``.
     description : str
-        What the component is needed for.
+        Purpose of the component.
     default : str or None, optional
         Without it the key is required.
 
@@ -103,14 +103,14 @@ def reference(kind: str, description: str, *, default: Any = ...) -> Any:
 
 
 def need(product: str, description: str, *, default: Any = ..., **bounds: Any) -> Any:
-    """Declare what a stage takes from earlier stages; annotate it ``Ref`` or ``tuple[Ref, ...]``.
+    """Declare a product of earlier stages; annotate the field ``Ref`` or ``tuple[Ref, ...]``.
 
     Parameters
     ----------
     product : str
         Import path ``"package.module:Class"`` of the product that the earlier stage must yield.
     description : str
-        What it is needed for.
+        Purpose of the product.
     default : None, optional
         ``None`` makes the input optional.
     **bounds
@@ -131,12 +131,12 @@ def repeated(description: str) -> Any:
     Parameters
     ----------
     description : str
-        What is done with it.
+        Use of the repeated stage.
 
     Returns
     -------
     pydantic.fields.FieldInfo
-        The field. The stage is run once before, with nominal values; `Stage.run` is given a
+        The field. The stage is first run once with nominal values; `Stage.run` receives a
         `hillsphere.cases.repeated.Repeated` under the field's name.
     """
     return option(description, extra={"x-kind": "stage", "x-repeats": True})
@@ -148,13 +148,13 @@ def table_name(description: str) -> Any:
     Parameters
     ----------
     description : str
-        What the table is needed for.
+        Purpose of the table.
 
     Returns
     -------
     pydantic.fields.FieldInfo
-        The field. That there is such a table is checked with the mission; ``"stage"`` alone
-        stands for the stage that a campaign repeats, whichever it is.
+        The field. Validation of the mission checks that the table exists. ``"stage"`` alone is the
+        stage that a campaign repeats.
     """
     pattern = r"^(stage|[a-z_]+\.[a-z][a-z0-9_-]{0,63})$"
     return option(description, extra={"x-table": True}, pattern=pattern)
@@ -166,7 +166,7 @@ def data_path(description: str, *, default: Any = ...) -> Any:
     Parameters
     ----------
     description : str
-        What the file holds.
+        Content of the file.
     default : str or None, optional
         Without it the key is required.
 

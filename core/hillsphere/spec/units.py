@@ -1,4 +1,4 @@
-"""Units that a mission may write, and their factors to SI."""
+"""Unit suffixes of keys in a mission, and their factors to SI."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "area_to_mass": {"m2_kg": 1.0},
     "frequency": {"hz": 1.0},
 }
-"""Closed list of unit suffixes: dimension → suffix → factor to SI; the SI suffix stands first."""
+"""All unit suffixes: dimension → suffix → factor to SI; the first suffix is the SI unit."""
 
 _SUPERSCRIPTS = str.maketrans("23", "²³")
 
 
 def unit_keys(name: str, dimension: str) -> dict[str, float]:
-    """Every key that a mission may write for an SI field, with its factor to SI.
+    """Return every key that a mission may write for an SI field, with its factor to SI.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Expressions: the language in which gravity models, plants and laws write their equations.
+"""Symbolic expressions for the equations of models, and a cache of their compiled functions.
 
 The public names are those of `hillsphere.symbolic.expressions`, which is imported when one of them
-is used: other modules of this package are used without it.
+is used, so that other modules of this package load without it.
 """
 
 from __future__ import annotations

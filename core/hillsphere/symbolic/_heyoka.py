@@ -1,9 +1,10 @@
-"""The one place where the compile layer is imported.
+"""The only module that imports the compile layer, heyoka.
 
-heyoka turns expressions into machine code through LLVM. Its on-disk cache of compiled code lives
-in the framework's cache directory, or where HEYOKA_CACHE_DIR says. heyoka loads what it finds there
-whoever owns it, so that the directory is judged before heyoka is imported, which reads the variable
-then, in every process. Plugins import `hillsphere.symbolic` and `hillsphere.dynamics`, never this.
+heyoka compiles expressions to machine code through LLVM. Its cache on the disk lies in the
+framework's cache directory, or in HEYOKA_CACHE_DIR. heyoka loads files from there without a check
+of their owner. The directory is therefore checked before heyoka is imported, since heyoka reads the
+variable at its import in every process. Plugins import `hillsphere.symbolic` and
+`hillsphere.dynamics`, never this module.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ __all__ = ["heyoka"]
 
 
 def _keep_compiled_code(directory: Path) -> None:
-    """Switch the on-disk cache off, with one warning, if its directory cannot be written."""
+    """Use the directory for heyoka's cache, or switch it off with a warning if not writable."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):

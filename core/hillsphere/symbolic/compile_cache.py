@@ -1,18 +1,18 @@
-"""Compiled functions kept between processes, under a key of all that they depend on.
+"""Cache of compiled functions on the disk, under a key of everything that they depend on.
 
-The compile layer keeps machine code on the disk by itself, but finds it only after it has taken
-the expressions apart, which for a whole step of a Runge–Kutta formula with derivatives (32,000
-terms) takes two seconds. Here the whole function is kept, under the SHA-256 of the equations that
-it was composed of, the options, the source files that compose it, and the compiled form of one
-small function, which tells versions, target and features of the compiler. It is the same machine
-code as a fresh compilation gives, so results are the same bits.
+The compile layer has a cache of machine code, but its look-up first traverses the expressions,
+which takes two seconds for a step of a Runge–Kutta formula with derivatives (32,000 terms). Here
+whole functions are stored. The key is the SHA-256 of the equations, the options, the source files
+that compose the function, and the compiled form of a small probe, which contains the compiler's
+version, target and CPU features. A stored function has the same machine code as a fresh one, so
+that results are bit-identical.
 
-It goes along with the compile layer's own cache: in a directory beside it, off if that is off, and
-used with `--no-cache` too, which is about results.
+The cache lies beside the compile layer's own and is off if that is off. `--no-cache`, which
+concerns results of stages, does not switch it off.
 
-Entries are pickles, and unpickling runs what is in them. `hillsphere.symbolic._heyoka` has judged
-the directory and all above it; of the files only those are read that belong to this user and that
-nobody else may write to. Whoever can make such a file can run anything as this user anyway.
+Entries are pickles, whose unpickling executes code. `hillsphere.symbolic._heyoka` has checked the
+directory and those above it; of the files only those are read that belong to this user and that no
+other user may write to. Who can create such a file can already run anything as this user.
 """
 
 from __future__ import annotations
@@ -39,10 +39,13 @@ from hillsphere.symbolic.expressions import Expr, variable
 __all__ = ["kept_function"]
 
 MAX_BYTES = 1 << 30
+"""Largest size of the cache, 1 GB, and so of one entry; beyond it the entries that were not used
+for longest are removed."""
 WORTH_S = 0.1
-"""What is compiled within this time is not kept: reading it back would save little."""
+"""A function that compiles faster than this is not stored: reading it back would save little."""
 
 _PROTOCOL = 5
+"""Version of the pickle format, fixed so that keys do not change with Python's default."""
 _SUFFIX = ".function"
 _DIGEST_BYTES = sha256().digest_size
 
@@ -50,23 +53,24 @@ _DIGEST_BYTES = sha256().digest_size
 def kept_function(
     options: Mapping[str, Any], equations: Iterable[Expr], make: Callable[[], Any]
 ) -> Any:
-    """Return a compiled function: the one that was kept, or a new one, which is kept.
+    """Return a compiled function from the cache, or compile and store it.
 
     Parameters
     ----------
     options : mapping
-        All that `make` depends on but the equations, as JSON knows it.
+        Everything but the equations that `make` depends on, as values that JSON can write.
     equations : iterable of Expr
-        The expressions that `make` begins with, in their order; those that it composes need not
-        be named, which saves composing and writing them out.
+        The expressions that `make` starts from, in order. Expressions that it derives from these
+        are not needed for the key.
     make : callable
-        Compiles; its source is in `hillsphere.dynamics`, whose files are part of the key.
+        Compiles the function; its source is in `hillsphere.dynamics`, whose files are part of the
+        key.
 
     Returns
     -------
     object
-        What `make` returns, picklable. An entry that is damaged, of another user or of another key
-        is as good as none; so is a directory that cannot be written.
+        The result of `make`, picklable. An entry that is damaged, belongs to another user or has
+        another key is ignored, as is a directory that cannot be written.
     """
     if not _hy.llvm_state.get_diskcache_enabled():
         return make()
@@ -100,7 +104,7 @@ def _key(options: Mapping[str, Any], equations: Iterable[Expr]) -> str:
 
 @cache
 def _maker() -> str:
-    """Digest of what makes functions: source files, versions and the compiler's target."""
+    """Return the digest of the source files, versions and compiler target behind functions."""
     here = Path(__file__).parents[1]
     x = variable("x")
     probe = _hy.cfunc([x + 1.0], vars=[x])
@@ -115,7 +119,7 @@ def _maker() -> str:
 
 
 def _load(path: Path, key: str) -> Any:
-    """Return the function in a file, or None if there is none that can be trusted."""
+    """Return the function in a file, or None if there is no trusted one."""
     try:
         with open_regular(path, MAX_BYTES, follow_links=False) as stream:
             if not is_private(os.fstat(stream.fileno())):

@@ -1,13 +1,13 @@
-"""Expressions: the language in which gravity models, plants and laws write their equations.
+"""Symbolic expressions, in which gravity models, plants and laws write their equations.
 
-A model writes its equations once, on the expressions given here; `hillsphere.dynamics` derives the
-rest from them (array evaluators, exact derivatives, variational equations, propagators). This is
-the only module that a plugin needs for its equations.
+A model writes its equations once, with the functions of this module; `hillsphere.dynamics` derives
+array evaluators, exact derivatives, variational equations and propagators from them. A plugin needs
+no other module for its equations.
 
-Facts of the engine behind it that a model must respect:
+Rules of the engine that a model must follow:
 
-- No control flow on values: use `select`. Both branches are evaluated, so both must be finite (or
-  at least not poison the derivative) everywhere.
+- No control flow on values: use `select`. Both branches are evaluated, so both must be finite
+  everywhere, and so must their derivatives.
 - `where_x = substitute(model(x), {x: shifted})` is how a model is placed elsewhere: write it on
   plain variables, differentiate, then substitute. Differentiating by a composite is refused.
 - Run-time parameters are named with `parameter`; the engine numbers them when it compiles.
@@ -57,23 +57,23 @@ _PARAMETER = "param:"
 
 
 class Overloaded:
-    """Base of types of numbers that may stand in the place of expressions.
+    """Base of types of numbers that can replace expressions, such as intervals.
 
     The functions below pass such an argument on to its method ``symbolic_`` + their own name, so
     that equations written for the engine can be evaluated in another arithmetic
-    (`hillsphere.engine.dynamics.bounds`). What only the engine knows raises a TypeError.
+    (`hillsphere.engine.dynamics.bounds`). Functions that only the engine has raise a TypeError.
     """
 
-    __array_ufunc__ = None  # a number of numpy times this is the business of this
+    __array_ufunc__ = None  # numpy's operators defer to the ones of this class
 
     @classmethod
     def of(cls, item: object) -> Any:
-        """Return a number, or an expression that is one, as this type."""
+        """Convert a number, or an expression that is a plain number, to this type."""
         raise NotImplementedError
 
 
 def _overloaded_type(*items: object) -> type[Overloaded] | None:
-    """Return the type of the first operand that is no expression of the engine."""
+    """Return the type of the first operand that is an `Overloaded` number; None without one."""
     return next((type(item) for item in items if isinstance(item, Overloaded)), None)
 
 
@@ -87,12 +87,12 @@ def _call(name: str, engine: Callable[..., Any], *items: Scalar) -> Expr:
 
 
 def number_in(item: object) -> float:
-    """Return the number that an expression consists of.
+    """Return the value of an expression that is a plain number.
 
     Raises
     ------
     TypeError
-        If it is none.
+        If the expression is anything else.
     """
     # The engine writes a number with 17 digits, from which it is read back exactly.
     text = "3.14159265358979323846" if str(item) == "π" else str(item)
@@ -130,13 +130,13 @@ def parameter(name: str) -> Expr:
 
 
 def variable_names(expressions: Iterable[Expr]) -> list[str]:
-    """Names of the variables in the expressions, sorted; run-time parameters are left out."""
+    """Return the names of the variables in the expressions, sorted, without parameters."""
     names = _hy.get_variables([_as_expr(e) for e in expressions])
     return [name for name in names if not name.startswith(_PARAMETER)]
 
 
 def parameter_names(expressions: Iterable[Expr]) -> list[str]:
-    """Names of the run-time parameters in the expressions, sorted."""
+    """Return the names of the run-time parameters in the expressions, sorted."""
     names = _hy.get_variables([_as_expr(e) for e in expressions])
     return [n.removeprefix(_PARAMETER) for n in names if n.startswith(_PARAMETER)]
 
@@ -171,7 +171,7 @@ def asin(x: Scalar) -> Expr:
 
 
 def acos(x: Scalar) -> Expr:
-    """Inverse cosine, rad; keep the argument off ±1, where the derivative is infinite."""
+    """Inverse cosine, rad. Keep the argument away from ±1, where the derivative is infinite."""
     return _call("acos", _hy.acos, x)
 
 
@@ -195,8 +195,9 @@ def log(x: Scalar) -> Expr:
 def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
     """Solve Kepler's equation D + s (1 − cos D) − c sin D = M for D, where s² + c² < 1.
 
-    s and c are e sin E₀ and e cos E₀ at an eccentric anomaly E₀, D and M the differences of the
-    eccentric and the mean anomaly from there. Without singularity at e = 0.
+    With an eccentric anomaly E₀ as origin, s = e sin E₀ and c = e cos E₀, and D and M are the
+    differences of the eccentric and of the mean anomaly from there. This form has no singularity
+    at e = 0.
     """
     if _overloaded_type(e_sin, e_cos, difference):
         raise TypeError("the difference of anomalies is known to the engine only")
@@ -207,9 +208,9 @@ def kepler(e_sin: Scalar, e_cos: Scalar, difference: Scalar) -> Expr:
 
 
 def eccentric_anomaly(eccentricity: Scalar, mean: Scalar) -> Expr:
-    """Solve Kepler's equation E − e sin E = M for E, 0 ≤ e < 1; in the revolution of M.
+    """Solve Kepler's equation E − e sin E = M for E, 0 ≤ e < 1, in the revolution of M.
 
-    Unlike `kepler` it is known to the Taylor propagator.
+    Unlike `kepler`, the Taylor propagator can differentiate it.
     """
     if _overloaded_type(eccentricity, mean):
         return _call("eccentric_anomaly", _hy.kepE, mean, eccentricity)
@@ -224,11 +225,12 @@ def power(x: Scalar, exponent: float) -> Expr:
 
 
 def select(condition: Expr, if_true: Scalar, if_false: Scalar) -> Expr:
-    """One of two expressions, lane by lane; both are evaluated.
+    """Select one of two expressions, lane by lane; both are evaluated.
 
-    A Taylor series is that of the branch on which its step begins: a model tells where it changes
-    branch by `switches` (`hillsphere.interfaces.Piecewise`, or `PiecewisePlant` for a plant), or
-    `hillsphere.dynamics.Taylor` flies past without notice. The step map needs no such help.
+    The Taylor propagator expands the branch on which its step begins. A model must declare where
+    it changes branch by `switches` (`hillsphere.interfaces.Piecewise`, or `PiecewisePlant` for a
+    plant); otherwise `hillsphere.dynamics.Taylor` stays on the old branch to the end of the step.
+    The step map evaluates the condition at every stage and needs no `switches`.
     """
     if isinstance(condition, _Comparison):
         kind = type(condition.difference)
@@ -253,38 +255,38 @@ def less(a: Scalar, b: Scalar) -> Expr:
 
 
 class _Comparison:
-    """A condition in another arithmetic: that a difference is positive."""
+    """The condition that a difference is positive, in another arithmetic."""
 
     def __init__(self, difference: Any) -> None:
         self.difference = difference
 
     def sides(self) -> tuple[Any, Any]:
-        """Say where it surely holds, and where it surely does not."""
+        """Return where the condition certainly holds, and where it certainly does not."""
         low, high = self.difference.value
         return low > 0.0, high <= 0.0
 
 
 def minimum(a: Scalar, b: Scalar) -> Expr:
-    """Smaller of two expressions, lane by lane."""
+    """Return the smaller of two expressions, lane by lane."""
     if _overloaded_type(a, b):
         return _call("minimum", _hy.select, a, b)
     return select(less(a, b), a, b)
 
 
 def maximum(a: Scalar, b: Scalar) -> Expr:
-    """Larger of two expressions, lane by lane."""
+    """Return the larger of two expressions, lane by lane."""
     if _overloaded_type(a, b):
         return -minimum(-cast(Expr, a), -cast(Expr, b))
     return select(greater(a, b), a, b)
 
 
 def is_zero(e: Scalar) -> bool:
-    """Whether an expression is literally the number zero (``0 * x`` is, ``x - x`` is not)."""
+    """Return whether an expression is the literal zero (``0 * x`` is, ``x - x`` is not)."""
     return not _overloaded_type(e) and bool(_as_expr(e) == constant(0.0))
 
 
 def absolute(x: Scalar) -> Expr:
-    """|x|, by `select`; its derivative at zero is that of −x."""
+    """Absolute value, by `select`; its derivative at zero is −1."""
     e = _as_expr(x)
     if _overloaded_type(e):
         return maximum(e, -e)
@@ -292,7 +294,7 @@ def absolute(x: Scalar) -> Expr:
 
 
 def sum_of(terms: Iterable[Scalar]) -> Expr:
-    """Sum of any number of terms; better for the compiler than a chain of ``+``."""
+    """Sum of any number of terms, which compiles to faster code than a chain of ``+``."""
     items = list(terms)
     if _overloaded_type(*items):
         return cast(Expr, reduce(add, items))
@@ -326,7 +328,7 @@ def norm(a: Sequence[Scalar]) -> Expr:
     kind = _overloaded_type(*a)
     if kind is None:
         return sqrt(dot(a, a))
-    # Another arithmetic may know more of a length than of the root of a sum.
+    # Another arithmetic may bound a length more tightly than the root of a sum.
     first, *rest = (kind.of(item) for item in a)
     return cast(Expr, first.symbolic_norm(*rest))
 
@@ -340,14 +342,14 @@ def substitute(
     expressions: Sequence[Expr],
     replacements: Mapping[Expr, Scalar] | Mapping[str, Scalar] | Mapping[Expr | str, Scalar],
 ) -> tuple[Expr, ...]:
-    """Replace variables, all at once.
+    """Replace variables simultaneously.
 
     Parameters
     ----------
     expressions : sequence of Expr
-        What to rewrite.
+        Expressions to rewrite.
     replacements : mapping
-        Variable (or its name) to what takes its place.
+        Variable (or its name) → expression that replaces it.
 
     Returns
     -------
@@ -362,7 +364,7 @@ def substitute(
 
 
 def jacobian(expressions: Sequence[Scalar], by: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
-    """Exact first derivatives.
+    """Jacobian matrix: exact first derivatives.
 
     Parameters
     ----------
@@ -387,7 +389,7 @@ def jacobian(expressions: Sequence[Scalar], by: Sequence[Expr]) -> tuple[tuple[E
 
 
 def gradient(expression: Scalar, by: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Exact derivatives of one function by n variables."""
+    """Gradient: exact derivatives of one function by n variables."""
     return jacobian([expression], by)[0]
 
 

@@ -15,6 +15,7 @@ from hillsphere.testing.contract import require
 __all__ = ["check_compensator"]
 
 _SAMPLES = 4
+"""Samples that a law is run for: from the second one on its own states act on the commands."""
 
 
 def check_compensator(

@@ -11,6 +11,7 @@ from hillsphere.interfaces import Array
 
 __all__ = ["ContractViolation", "check_close", "derivative_by_differences", "require"]
 
+# Offsets, in steps, and weights of the central difference of sixth order (Fornberg 1988, table 1).
 _STENCIL = ((1, 3.0 / 4.0), (2, -3.0 / 20.0), (3, 1.0 / 60.0))
 
 

@@ -16,10 +16,14 @@ from hillsphere.testing.contract import require
 __all__ = ["check_estimator"]
 
 _CASES, _STEPS = 6, 12
+"""Cases and times of measurement. Two of the cases lack measurements (below); the others must not
+depend on them."""
 _SILENT, _PARTLY = 2, 4
 """Cases: one that never measures anything, one that lacks a block."""
 _PERIOD = 10.0
+"""Time between measurements, s."""
 _HEIGHT = 400.0
+"""Distance of the sensor from the plane of motion, m, so that its direction always exists."""
 _BLOCKS = (
     (Channel("bearing", "rad", "angle"), Channel("range", "m")),
     (Channel("direction", "", "direction"),),

@@ -16,7 +16,11 @@ from hillsphere.testing.contract import check_close, derivative_by_differences, 
 __all__ = ["check_gravity"]
 
 _STEP = 2e-3
+"""Step of the differences, part of the distance: balances the truncation of sixth order (h⁶ =
+6e-17) with rounding (eps/h = 1e-13)."""
 _MOST_PARAMETERS = 12
+"""Parameters that are examined, evenly chosen from all: a field of high degree has thousands, and
+the time to compile grows with each."""
 
 
 def check_gravity(model: Any, points: ArrayLike, *, tol: float = 1e-8) -> None:

@@ -12,6 +12,8 @@ from hillsphere.testing.contract import check_close, require
 __all__ = ["check_guidance"]
 
 _PIECES, _NODES = 64, 8
+"""Intervals of the flight and Gauss nodes in each: on an interval the quadrature is exact for
+polynomials up to degree 15, which leaves the integral of smooth trajectories to rounding."""
 
 
 def check_guidance(

@@ -13,6 +13,8 @@ from hillsphere.testing.contract import check_close, derivative_by_differences, 
 __all__ = ["check_orbit_family"]
 
 _STEP = 1e-4
+"""Step of the differences, in units of the plant: rounding of the propagation (1e-14) becomes
+1e-10, and the truncation of sixth order is far smaller."""
 
 
 def check_orbit_family(family: OrbitFamily, z: ArrayLike, *, tol: float = 1e-7) -> None:

@@ -14,7 +14,9 @@ from hillsphere.testing.contract import require
 __all__ = ["check_sensor"]
 
 _DRAWS = 4000
+"""Draws of the noise for each state: σ estimated from the median (37 % efficient) errs by 1.8 %."""
 _MEASURED = 4
+"""States at which the noise is examined; each costs `_DRAWS` evaluations."""
 _KINDS = get_args(get_type_hints(Channel)["kind"])
 _TO_SIGMA = 1.482602218505602
 """Standard deviation of a normal number over the median of its absolute deviation."""

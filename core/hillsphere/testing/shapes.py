@@ -16,6 +16,8 @@ from hillsphere.testing.contract import check_close, derivative_by_differences, 
 __all__ = ["check_shape"]
 
 _STEP = 1e-6
+"""Step of the differences, part of the distance: so small that few points lie within a step of an
+edge of a mesh; rounding becomes 1e-10, below the 1e-6 that is allowed for normals."""
 
 
 def check_shape(shape: Any, directions: ArrayLike, *, tol: float = 1e-9) -> None:

@@ -1,1 +1,1 @@
-"""What is not known exactly: declared once, drawn by campaigns, bounded for LFTs, a covariance."""
+"""Uncertain quantities: their distributions, correlation, sampling, bounds and covariance."""

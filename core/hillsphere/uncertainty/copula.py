@@ -1,4 +1,4 @@
-"""Correlation between quantities of any distribution: the Gaussian copula."""
+"""The Gaussian copula: correlation between quantities of any distribution."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from hillsphere.base.errors import InputError
 __all__ = ["copula_covariance", "correlated_factor"]
 
 _TERMS = 64
+"""Terms of Mehler's series. The rest falls at least as fast as ρ^64, which is 1e-10 at |ρ| = 0.7;
+the Hermite coefficients of smooth functions fall as well."""
 _GRID = np.linspace(-10.0, 10.0, 2001)
+"""Points of the quadrature, in standard deviations: beyond ±10 the normal density is below 1e-21,
+and at a spacing of 0.01 the trapezoidal rule is exact to rounding for smooth functions."""
 
 
 def correlated_factor(correlation: Array) -> Array:
@@ -27,12 +31,12 @@ def correlated_factor(correlation: Array) -> Array:
     Returns
     -------
     ndarray, shape (k, k)
-        L z has this correlation where the rows of z are independent standard normal numbers.
+        L z has this correlation if the rows of z are independent standard normal numbers.
 
     Raises
     ------
     InputError
-        If the matrix has a negative eigenvalue: no numbers are correlated so.
+        If the matrix has a negative eigenvalue, so that it is not a correlation matrix.
     """
     values, vectors = np.linalg.eigh(correlation)
     if values[0] < -1e-9 * len(values):
@@ -40,7 +44,8 @@ def correlated_factor(correlation: Array) -> Array:
             f"correlation: the matrix has the eigenvalue {values[0]:.3g}, but one of correlations "
             "has none below zero; make the largest entries smaller"
         )
-    # Triangular also where Cholesky's method stops, at a singular matrix: A = B Bᵀ, Bᵀ = Q R.
+    # A triangular factor also of a singular matrix, where Cholesky's method fails: with A = B Bᵀ
+    # and Bᵀ = Q R the factor is L = Rᵀ.
     _, upper = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)
     lower = upper.T * np.where(np.diagonal(upper) < 0.0, -1.0, 1.0)
     return np.asarray(lower / np.linalg.norm(lower, axis=1)[:, None])

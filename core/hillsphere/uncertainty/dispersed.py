@@ -1,4 +1,4 @@
-"""Dispersions of a mission, resolved into the case inputs of the stage that is repeated."""
+"""Resolution of a mission's dispersions to the case inputs of the repeated stage."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ __all__ = ["Dispersed", "Group", "Quantity", "quantities_of", "resolve"]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a mission that a stage takes case by case, under one name or several.
+    """A quantity of a mission that corresponds to one or several case inputs of a stage.
 
     Parameters
     ----------
     name : str
-        ``"gravity.phobos.C2,0"``; of the stage's own table without its name, ``"state.x"``.
+        Its name, ``"gravity.phobos.C2,0"``; for the stage's own table without that name,
+        ``"state.x"``.
     inputs : tuple of str
-        Names of the stage's case inputs that it sets, one for each way to its table.
+        The stage's case inputs that it sets, one for each path of references to its table.
     nominal : float
         Nominal value, SI.
     unit : str
@@ -41,16 +42,16 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Group:
-    """One dispersion with the quantities that it stands for.
+    """One dispersion with its quantities.
 
     Parameters
     ----------
     table : str
         Name of its table.
     dispersion : Dispersion
-        How they are distributed.
+        Their joint distribution.
     quantities : tuple of Quantity
-        In its order.
+        The quantities in the order of the dispersion.
     """
 
     table: str
@@ -65,12 +66,12 @@ class Group:
 
 @dataclass(frozen=True)
 class Dispersed:
-    """What differs at random between the cases of a stage.
+    """The dispersed inputs of a stage's cases.
 
     Parameters
     ----------
     groups : tuple of Group
-        One per dispersion; no quantity stands in two of them.
+        One per dispersion; no quantity is in two of them.
     """
 
     groups: tuple[Group, ...]
@@ -86,9 +87,9 @@ class Dispersed:
         Parameters
         ----------
         u : ndarray, shape (k, N)
-            Numbers in (0, 1), independent and uniform.
+            Independent uniform numbers in (0, 1).
         nominal : mapping of str to float, optional
-            Name of a quantity → value that takes the place of its nominal one.
+            Name of a quantity → value that replaces its nominal one.
         """
         parts, row = [], 0
         for group in self.groups:
@@ -117,28 +118,28 @@ def resolve(
     repeated: Repeated,
     case_inputs: Sequence[Parameter] | None = None,
 ) -> Dispersed:
-    """Find the case inputs that dispersions stand for.
+    """Find the case inputs of dispersions.
 
     Parameters
     ----------
     dispersions : mapping of str to Dispersion
-        By the name of their table.
+        Name of the dispersion's table → dispersion.
     repeated : Repeated
         The stage and its mission.
     case_inputs : sequence of Parameter, optional
-        What it takes case by case, where that is known already.
+        The stage's case inputs, if already known.
 
     Returns
     -------
     Dispersed
-        In the order of `dispersions`.
+        The dispersed quantities, in the order of `dispersions`.
 
     Raises
     ------
     InputError
-        Naming the dispersion: if the stage does not use its table or takes none of its quantities
-        case by case, a name is not found there, has another unit or no nominal value, sizes do not
-        fit, or another dispersion stands for the same quantity.
+        If the stage does not use a dispersion's table or has no case inputs of it, a name matches
+        no quantity, a quantity has another unit or no nominal value, sizes do not match, or another
+        dispersion contains the same quantity. The message names the dispersion.
     """
     inputs = repeated.case_inputs() if case_inputs is None else case_inputs
     taken: dict[str, str] = {}
@@ -163,7 +164,7 @@ def resolve(
 def quantities_of(
     table: str, repeated: Repeated, case_inputs: Sequence[Parameter]
 ) -> dict[str, Quantity]:
-    """Return what a stage takes case by case of a table, by the names in that table.
+    """Return the quantities of a table that are case inputs of a stage, by name.
 
     Parameters
     ----------
@@ -172,12 +173,12 @@ def quantities_of(
     repeated : Repeated
         The stage and its mission.
     case_inputs : sequence of Parameter
-        What it takes case by case.
+        The stage's case inputs.
 
     Returns
     -------
     dict of str to Quantity
-        Name in the table → quantity; a quantity that is reached by several ways stands there once.
+        Name in the table → quantity. A quantity with several case inputs occurs once.
     """
     own = table in ("stage", f"stage.{repeated.stage}")
     found: dict[str, Quantity] = {}
@@ -218,13 +219,13 @@ def _group(
             "run, so nothing can be drawn about it; use limits of its own (uniform with lower and "
             "upper, choice, samples)"
         )
-    # What is given for another number of quantities is told now, not when the first case is drawn.
+    # A wrong number of sizes is reported now, not when the first case is drawn.
     dispersion.quantiles(np.full((len(names), 1), 0.5), group.nominal)
     return group
 
 
 def _nothing_there(table: str, repeated: Repeated, inputs: Sequence[Parameter]) -> str:
-    """Say why a stage takes nothing of a table case by case."""
+    """Return the message that a table has no case inputs of a stage, with the reason."""
     if repeated.paths(table):
         return (
             f"of: stage {repeated.stage!r} takes no quantity of {table} case by case; a key of it "

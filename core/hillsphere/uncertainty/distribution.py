@@ -1,7 +1,7 @@
-"""A distribution of quantities, each by itself, correlated by a Gaussian copula.
+"""Base of marginal distributions whose correlation is a Gaussian copula.
 
-Each is a function of standard normal numbers z: value = F⁻¹(Φ(z)). So drawn numbers, designs that
-fill the unit cube, correlation and bounds at so many standard deviations all go one way.
+Each quantity is a function of a standard normal number z: value = F⁻¹(Φ(z)). Random draws, designs
+that fill the unit cube, correlation and bounds at a number of standard deviations all use it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from hillsphere.uncertainty.specs import ContinuousSpec, DispersionSpec
 __all__ = ["Distribution", "Sizes", "require_count", "si_unit"]
 
 Sizes = float | tuple[float, ...]
-"""One size for all quantities, or one for each."""
+"""One number for all quantities, or one per quantity."""
 
 _SMALLEST, _LARGEST = 2.0**-54, 1.0 - 2.0**-53
+"""Bounds of a probability whose normal quantile is finite: 0 and 1 would give −∞ and ∞. The upper
+one is the largest float below one; the two quantiles are −8.3 and 8.2."""
 
 
 def si_unit(unit: str) -> tuple[str, float]:
@@ -45,7 +47,7 @@ def si_unit(unit: str) -> tuple[str, float]:
 
 
 def require_count(given: int, wanted: int, key: str) -> None:
-    """Raise `InputError` if a key is given for another number of quantities than there are."""
+    """Raise `InputError` if a key has values for another number of quantities than wanted."""
     if given != wanted:
         raise InputError(
             f"{key} is given for {given} quantities, but parameters finds {wanted}; give as many, "
@@ -56,8 +58,8 @@ def require_count(given: int, wanted: int, key: str) -> None:
 def _multiply_lower(lower: Array, z: Array) -> Array:
     """Return L z for a lower triangular L (k, k) and z (k, N).
 
-    Not by the matrix product, whose last bits depend on N and on the number of its threads: a case
-    is drawn among others here and there, and must have one value.
+    The last bits of NumPy's matrix product depend on N and on the number of threads. They must not
+    here: a case must have the same value whatever other cases are drawn with it.
     """
     out = np.zeros_like(z)
     for j, row in enumerate(z):
@@ -66,12 +68,12 @@ def _multiply_lower(lower: Array, z: Array) -> Array:
 
 
 class Distribution(ABC):
-    """What all distributions here have in common, see `hillsphere.interfaces.Dispersion`.
+    """Base class of distributions, see `hillsphere.interfaces.Dispersion`.
 
     Parameters
     ----------
     spec : DispersionSpec
-        Which quantities, in which unit.
+        Names, unit and sizes of the quantities.
     """
 
     def __init__(self, spec: DispersionSpec) -> None:
@@ -105,7 +107,7 @@ class Distribution(ABC):
         Parameters
         ----------
         u : ndarray, shape (k, N)
-            A row for each quantity; 0 and 1 stand for the nearest numbers between them.
+            One row per quantity; 0 and 1 are replaced by the nearest numbers between them.
         nominal : ndarray, shape (k,)
             Nominal values, SI.
 
@@ -123,8 +125,8 @@ class Distribution(ABC):
     def covariance(self, nominal: Array) -> Array:
         """Return the covariance (k, k), SI.
 
-        Variances are exact. Covariances of correlated quantities are those of the Gaussian copula:
-        exact for `Normal` without truncation and for `LogNormal`, else by series
+        Variances are exact. Covariances follow from the Gaussian copula: exactly for `Normal`
+        without truncation and for `LogNormal`, otherwise by a series
         (`hillsphere.uncertainty.copula.copula_covariance`).
         """
         deviation = self._deviation(nominal)
@@ -136,17 +138,17 @@ class Distribution(ABC):
         return covariance
 
     def _joint(self, correlation: Array, nominal: Array) -> Array:
-        """Return the covariance (k, k) off its diagonal."""
+        """Return the off-diagonal covariances (k, k); the diagonal is replaced."""
         return copula_covariance(lambda z: self._at(z, nominal), correlation)
 
     def bounds(self, nominal: Array, sigmas: float) -> tuple[Array, Array]:
-        """Return mean ∓ `sigmas` standard deviations (k,), SI, within the support."""
+        """Return mean ∓ `sigmas` standard deviations (k,), SI, limited to the support."""
         mean, reach = self.mean(nominal), sigmas * self._deviation(nominal)
         least, largest = self._support(nominal)
         return np.maximum(mean - reach, least), np.minimum(mean + reach, largest)
 
     def _sizes(self, given: Sizes, nominal: Array, key: str) -> Array:
-        """Return one size per quantity (k,), as given."""
+        """Return one size per quantity (k,), in the given unit."""
         sizes = np.array(given, dtype=float)
         if sizes.ndim:
             require_count(len(sizes), len(nominal), key)

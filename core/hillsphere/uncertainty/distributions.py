@@ -1,4 +1,4 @@
-"""The distributions that a ``[dispersions.NAME]`` table can choose from."""
+"""The types of distributions of a ``[dispersions.NAME]`` table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["Choice", "LogNormal", "Normal", "Triangular", "Uniform"]
 
 
 class Normal(Distribution):
-    """Normal distribution about nominal + offset, cut off symmetrically if asked.
+    """Normal distribution about nominal + offset, optionally truncated symmetrically.
 
     With standard deviation σ and truncation at ±c σ the variance is
     σ² (1 − 2 c φ(c) / (2 Φ(c) − 1)) ([1]_, chapter 13, §10.1).
@@ -155,7 +155,7 @@ class Uniform(_Interval):
 
 
 class Triangular(_Interval):
-    """Triangular distribution, most probable at nominal + offset, in an interval about it.
+    """Triangular distribution with its mode at nominal + offset.
 
     With lower end a, mode c and upper end b the mean is (a + b + c) / 3, the variance
     (a² + b² + c² − ab − ac − bc) / 18. Given limits are scaled about the mode.
@@ -168,7 +168,7 @@ class Triangular(_Interval):
     Raises
     ------
     InputError
-        If a lower end is above its upper one; when used, if a nominal value is not between them.
+        If a lower end is above its upper one; at use, if a nominal value is not between them.
     """
 
     def _support(self, nominal: Array) -> tuple[Array, Array]:
@@ -193,7 +193,7 @@ class Triangular(_Interval):
         return np.asarray(np.clip(values, lower, upper))
 
     def mean(self, nominal: Array) -> Array:
-        """Return the mean (k,), SI: the mode, if the ends lie as far to either side of it."""
+        """Return the mean (k,), SI; it equals the mode if the interval is symmetric about it."""
         lower, upper = self._support(nominal)
         mode = self._centre(nominal)
         return np.asarray(mode + ((upper - mode) - (mode - lower)) / 3.0)
@@ -206,7 +206,7 @@ class Triangular(_Interval):
 
 
 class LogNormal(Distribution):
-    """The nominal value times exp(s z), s the logarithm of `factor` times `scale`.
+    """Log-normal distribution: nominal value times exp(s z), with s = `scale` · ln(`factor`).
 
     The median is the nominal value, the mean exp(s²/2) times it, the covariance of two quantities
     mean_i mean_j (exp(ρ s_i s_j) − 1).
@@ -250,7 +250,7 @@ class LogNormal(Distribution):
 
 
 class Choice(Distribution):
-    """One of a few values, each with its probability.
+    """Discrete distribution: one of several values, each with its probability.
 
     Parameters
     ----------

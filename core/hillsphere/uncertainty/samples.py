@@ -1,4 +1,4 @@
-"""Quantities drawn together from the rows of a table."""
+"""Joint samples of quantities, drawn from the rows of a table."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["Samples", "read_columns"]
 
 
 class Samples:
-    """Rows of a table, all equally probable, see `hillsphere.interfaces.Dispersion`.
+    """Empirical distribution: equally probable rows of a table.
 
-    A row is drawn whole, by the first of the uniform numbers of a case: whatever correlation the
-    rows have is kept. Mean and covariance are those of the rows as a population.
+    A whole row is drawn, by the first uniform number of a case, so that the correlation of the
+    columns is preserved. Mean and covariance are those of the rows as a population.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ class Samples:
         Parameters
         ----------
         u : ndarray, shape (k, N)
-            Independent and uniform.
+            Independent uniform numbers.
         nominal : ndarray, shape (k,)
-            Nominal values; only their number counts.
+            Nominal values; only their number is used.
         """
         self._check(nominal)
         count = self._rows.shape[1]
@@ -79,7 +79,7 @@ class Samples:
         return np.asarray(apart @ apart.T / self._rows.shape[1])
 
     def bounds(self, nominal: Array, sigmas: float) -> tuple[Array, Array]:
-        """Return mean ∓ `sigmas` standard deviations (k,), SI, within the range of the rows."""
+        """Return mean ∓ `sigmas` standard deviations (k,), SI, limited to the range of the rows."""
         mean, reach = self.mean(nominal), sigmas * np.sqrt(np.diag(self.covariance(nominal)))
         least, largest = self._rows.min(axis=1), self._rows.max(axis=1)
         return np.maximum(mean - reach, least), np.minimum(mean + reach, largest)
@@ -94,17 +94,17 @@ def read_columns(path: str | Path) -> dict[str, Array]:
     Parameters
     ----------
     path : str or Path
-        UTF-8; empty lines and lines that begin with ``#`` do not count.
+        The file, in UTF-8; empty lines and lines that begin with ``#`` are ignored.
 
     Returns
     -------
     dict of str to ndarray, shape (N,)
-        By column, in the order of the file; at least one row.
+        Column → values, in the order of the file; at least one row.
 
     Raises
     ------
     InputError
-        Naming file and line of what is no number, no finite one, or missing.
+        If a value is missing or not a finite number; the message names file and line.
     """
     try:
         text = read_text(path, "utf-8-sig")

@@ -1,4 +1,4 @@
-"""Parameters of distributions: what a ``[dispersions.NAME]`` table of a mission may hold."""
+"""Specs of distributions, the keys of a table ``[dispersions.NAME]``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Matrix = tuple[tuple[float, ...], ...]
 
 
 class DispersionSpec(Spec):
-    """What all distributions have in common: the quantities that are meant, unit, spread."""
+    """Common keys of all distributions: quantities, unit, and scale of the spread."""
 
     of: str = table_name(
         'table that the quantities belong to, "gravity.phobos"; the repeated stage\'s own, '
@@ -67,7 +67,7 @@ class DispersionSpec(Spec):
 
 
 class ContinuousSpec(DispersionSpec):
-    """What all continuous distributions have in common: correlation."""
+    """Common key of all continuous distributions: the correlation."""
 
     correlation: Matrix | None = option(
         "correlation matrix of the underlying normal numbers (Gaussian copula), in the order in "
@@ -85,7 +85,7 @@ class ContinuousSpec(DispersionSpec):
 
 
 def _matrix_fault(matrix: Matrix) -> str:
-    """Say what keeps a matrix from being one of correlations, but for its eigenvalues."""
+    """Return the fault of a correlation matrix, eigenvalues excepted; ``""`` without one."""
     size = len(matrix)
     if any(len(row) != size for row in matrix):
         return f"must be square: {size} rows of {size} numbers each"
@@ -101,7 +101,7 @@ def _matrix_fault(matrix: Matrix) -> str:
 
 
 def _one_of(spec: Spec, keys: Sequence[str]) -> None:
-    """Refuse a table that gives none or several of these."""
+    """Require that a table gives exactly one of these keys."""
     given = [key for key in keys if getattr(spec, key) is not None]
     if len(given) != 1:
         said = f"got {' and '.join(given)}" if given else "got none"
@@ -151,7 +151,7 @@ class NormalSpec(ContinuousSpec):
 
 
 class IntervalSpec(ContinuousSpec):
-    """An interval: about the nominal value, or between limits of its own."""
+    """An interval about the nominal value, or between given limits."""
 
     half_width: Sizes | None = option(
         "half the interval's width, for all quantities or one for each", default=None, ge=0
@@ -183,7 +183,7 @@ class UniformSpec(IntervalSpec):
 
 
 class TriangularSpec(IntervalSpec):
-    """Most probable at the nominal value, falling to zero at the interval's ends."""
+    """A triangular density with its mode at the nominal value, zero at the interval's ends."""
 
     examples = (
         {"of": "gravity.phobos", "parameters": ["gm"], "half_width_relative": 0.01},
@@ -203,7 +203,7 @@ class LogNormalSpec(ContinuousSpec):
 
 
 class ChoiceSpec(DispersionSpec):
-    """One of a few values; each quantity chooses for itself. `scale` stretches about the mean."""
+    """One of several values, drawn independently per quantity; `scale` stretches about the mean."""
 
     examples = (
         {
@@ -234,7 +234,7 @@ class ChoiceSpec(DispersionSpec):
 
 
 class SamplesSpec(DispersionSpec):
-    """Rows of a table, drawn whole: what an estimation or a test yielded, with its correlation."""
+    """Whole rows of a table, such as results of an estimation, with their correlation."""
 
     examples = (
         {

@@ -1,4 +1,4 @@
-"""Whether a dispersion fits the quantities that it may stand for, apart from any campaign."""
+"""Check of a dispersion that no campaign uses against the quantities of its table."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def check_dispersion(dispersion: Dispersion, offered: Sequence[Parameter]) -> No
     dispersion : Dispersion
         The distribution.
     offered : sequence of Parameter
-        The quantities of the table that it is of.
+        The quantities of the table to which it applies.
 
     Raises
     ------
     InputError
-        If there is no quantity of a name, one has another unit, or sizes or correlations are given
-        for another number of quantities than the names find.
+        If a name matches no quantity, a quantity has another unit, or sizes or correlations are
+        given for another number of quantities than the names match.
     """
     by_name = {parameter.name: parameter for parameter in offered}
     names = match_names(dispersion.keys, list(by_name), dispersion.of)

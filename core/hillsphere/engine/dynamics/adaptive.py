@@ -20,8 +20,9 @@ from hillsphere.engine.dynamics.variational import Derivatives
 __all__ = ["AdaptiveStages"]
 
 _SAFETY = 0.9
+"""Safety factor of the step-size control, as in the code DOP853 [1]_."""
 _LEAST, _MOST = 1.0 / 3.0, 6.0
-"""Safety factor and limits of the change of a step, as in the code DOP853 [1]_."""
+"""Limits of the ratio of successive step sizes, as in the code DOP853 [1]_."""
 _BETA = 0.04
 """Weight of the step before in the control, of the size that [1]_ (section IV.2) recommends."""
 _POWERS = {8: 8, 6: 7}

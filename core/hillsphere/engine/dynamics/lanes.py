@@ -11,6 +11,7 @@ from hillsphere.base.errors import InputError, PropagationError
 __all__ = ["initial_derivatives", "per_lane", "refuse_non_finite", "start_states"]
 
 _SHOWN = 10
+"""Lanes that an error lists: enough to find the fault, on one line."""
 
 
 def start_states(x: ArrayLike, n: int) -> tuple[Array, bool]:

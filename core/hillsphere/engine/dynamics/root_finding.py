@@ -11,6 +11,7 @@ from hillsphere.base.arrays import Array
 __all__ = ["bracketed_roots"]
 
 _MOST = 100
+"""Most evaluations. The method takes about ten; bisection alone reaches rounding after 53."""
 
 
 def bracketed_roots(

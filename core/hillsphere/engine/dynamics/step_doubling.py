@@ -11,6 +11,8 @@ from hillsphere.base.errors import InputError, PropagationError
 __all__ = ["fewest_steps"]
 
 _FIRST_STEPS = 8
+"""First number of steps. With fewer the two results can agree by chance; more would be wasted on
+short propagations, as the returned number is never smaller."""
 _ROUNDING = 1e-9
 """Differences that stop shrinking below this are taken for rounding, above it for coarse steps."""
 

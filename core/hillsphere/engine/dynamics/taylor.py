@@ -28,6 +28,8 @@ __all__ = ["Flight", "Taylor"]
 _COMPACT_FROM = 400
 """Size of a right-hand side (terms) from which compilation in full mode takes over two seconds."""
 _TOLERANCES = (1e-16, 1e-3)
+"""Smallest and largest tolerance: below 1e-16 rounding exceeds the truncation, and from 1e-3 on
+the order of the series, ⌈1 − ln(tol)/2⌉, would fall below 5."""
 
 
 @dataclass(frozen=True, eq=False)

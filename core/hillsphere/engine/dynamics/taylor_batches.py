@@ -24,8 +24,10 @@ __all__ = ["Ends", "TaylorBatches"]
 _BATCH = 4
 """Lanes in one SIMD batch; eight does not pay without AVX-512."""
 _LEAST_HAIR = 1e-12
+"""Least value of a switching function at the end of a step past its zero: above the rounding of
+functions of order one, which could show the wrong sign."""
 _HAIR = 16.0
-"""How far past its zero, in tolerances, a switch ends a step; truncation misses it by up to 5."""
+"""The same in tolerances: the truncation of the Taylor series misses the zero by up to 5."""
 _ROUNDING = 4.0 * np.finfo(float).eps
 _MOMENT = 2.0**-20
 """Part of a flight after which an event that begins at zero has risen or fallen: its second

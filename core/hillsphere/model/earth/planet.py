@@ -1,4 +1,4 @@
-"""The body ``planet``: what a station stands on and a satellite flies around."""
+"""The body ``planet``, with ground stations on its ellipsoid."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["Planet", "StationedPlanet"]
 
 @runtime_checkable
 class StationedPlanet(Contract, Protocol):
-    """A planet with an ellipsoid on which stations stand, as `Planet`.
+    """Interface of a planet with an ellipsoid for ground stations, such as `Planet`.
 
-    The rotation rate is in rad/s, ``None`` for that of the Earth.
+    The rotation rate is in rad/s; ``None`` is that of the Earth.
     """
 
     ellipsoid: Ellipsoid
@@ -25,7 +25,7 @@ class StationedPlanet(Contract, Protocol):
 
 
 class Planet:
-    """A planet with an ellipsoid on which stations stand; it turns as the Earth does.
+    """A planet with an ellipsoid for ground stations and the rotation of the Earth.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Planet:
     Raises
     ------
     InputError
-        If its orientation is that of a table which cannot be read.
+        If the table of its orientation cannot be read.
     """
 
     def __init__(self, spec: PlanetSpec) -> None:

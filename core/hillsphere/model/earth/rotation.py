@@ -1,17 +1,16 @@
-"""From inertial frames to the rotating Earth: matrices and states, on arrays of times.
+"""Transformation from inertial frames to the rotating Earth, on arrays of times.
 
 The inertial frames are
 
 - ``teme``: true equator and mean equinox of date, the frame of SGP4 and of mean-element theories.
-  It turns to the Earth by Greenwich mean sidereal time of 1982 [1]_ and polar motion, nothing else.
-  Taken as inertial over a pass or a few days: its slow turning among the stars (precession, 7e-12
-  rad/s, 5 m a day in a low orbit) is neglected.
-- ``gcrs``: geocentric celestial reference system, axes of the ICRF. It turns to the Earth by
-  precession and nutation (IAU 2006/2000A), Earth rotation angle and polar motion [2]_. The offsets
-  of the celestial pole that the IERS observes (below 0.5 mas, 2 cm at the Earth's surface) are left
-  out.
+  Greenwich mean sidereal time of 1982 [1]_ and polar motion lead to the Earth-fixed frame. The
+  frame is taken as inertial over a pass or a few days: its slow rotation (precession, 7e-12 rad/s,
+  5 m per day in a low orbit) is neglected.
+- ``gcrs``: geocentric celestial reference system, axes of the ICRF. Precession and nutation (IAU
+  2006/2000A), Earth rotation angle and polar motion [2]_ lead to the Earth-fixed frame. The
+  observed offsets of the celestial pole (below 0.5 mas, 2 cm at the Earth's surface) are neglected.
 
-Earth-fixed is the terrestrial system (ITRF).
+The Earth-fixed frame is the terrestrial system (ITRF).
 
 References
 ----------
@@ -48,28 +47,29 @@ InertialFrame: TypeAlias = Literal["teme", "gcrs"]
 ROTATION_RATES_RAD_S = MappingProxyType(
     {"teme": 7.292115855306589e-5, "gcrs": 7.292115146706979e-5}
 )
-"""How fast the Earth turns in each frame about its axis: rate of GMST (1982, at J2000; it changes
-by 4e-16 of itself a century) and of the Earth rotation angle, rad per second of UT1."""
+"""Angular velocity of the Earth about its axis in each frame, rad per second of UT1: rate of GMST
+(1982, at J2000; its relative change is 4e-16 per century) and of the Earth rotation angle."""
 
 _NODES_PER_DAY = 8
-"""Spacing of the precession-nutation values between which cubics run; error below 1e-12 rad."""
+"""Spacing of the nodes of the cubic interpolation of precession and nutation, s; its error stays
+below 1e-12 rad."""
 
 
 def earth_angle(
     frame: InertialFrame, epoch: Epoch, t_s: Array, orientation: EarthOrientation = UT1_IS_UTC
 ) -> Array:
-    """Return the angle by which the Earth has turned about its axis in the frame.
+    """Return the rotation angle of the Earth about its axis in the frame.
 
     Parameters
     ----------
     frame : {"teme", "gcrs"}
         Greenwich mean sidereal time of 1982, or the Earth rotation angle.
     epoch : Epoch
-        From which times count.
+        Origin of the times.
     t_s : ndarray, shape (N,)
-        SI seconds after it.
+        Times, SI seconds after the epoch.
     orientation : EarthOrientation
-        Gives UT1; left out: UT1 := UTC, wrong by up to 0.9 s, that is 4e-3°.
+        Gives UT1; by default UT1 = UTC, an error of up to 0.9 s or 4e-3°.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def earth_angle(
     Raises
     ------
     InputError
-        If there is no such frame.
+        If the frame is unknown.
     """
     t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
     return _angle(frame, epoch, t_s, orientation.at(epoch, t_s).ut1_minus_tai_s)
@@ -88,18 +88,18 @@ def earth_angle(
 def earth_fixed(
     frame: InertialFrame, epoch: Epoch, t_s: Array, orientation: EarthOrientation = UT1_IS_UTC
 ) -> Array:
-    """Return the matrices that turn vectors of an inertial frame into Earth-fixed ones.
+    """Return the rotation matrices from an inertial frame to the Earth-fixed frame.
 
     Parameters
     ----------
     frame : {"teme", "gcrs"}
         Inertial frame.
     epoch : Epoch
-        From which times count, in any scale.
+        Origin of the times, in any time scale.
     t_s : ndarray, shape (N,)
-        SI seconds after it.
+        Times, SI seconds after the epoch.
     orientation : EarthOrientation
-        Gives UT1 and polar motion; left out: UT1 := UTC and none.
+        Gives UT1 and polar motion; by default UT1 = UTC without polar motion.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def earth_fixed(
     Raises
     ------
     InputError
-        If there is no such frame.
+        If the frame is unknown.
     """
     about_axis, pole = _factors(frame, epoch, t_s, orientation)
     return about_axis if pole is None else np.einsum("ijn,jkn->ikn", pole, about_axis)
@@ -122,33 +122,33 @@ def to_earth_fixed(
     t_s: Array,
     orientation: EarthOrientation = UT1_IS_UTC,
 ) -> Array:
-    """Return Earth-fixed states of inertial ones: v_fixed = P (Q v − ω × Q r).
+    """Transform inertial states to Earth-fixed ones: r_fixed = P Q r, v_fixed = P (Q v − ω × Q r).
 
-    Q turns to the Earth's axis and prime meridian, P is polar motion, ω the Earth's rotation about
-    its axis. The turning of the axis itself (below 1e-11 rad/s) is neglected.
+    Q is the rotation to the Earth's axis and prime meridian, P polar motion, ω the Earth's angular
+    velocity about its axis. The motion of the axis itself (below 1e-11 rad/s) is neglected.
 
     Parameters
     ----------
     frame : {"teme", "gcrs"}
-        Of the states given.
+        Frame of the given states.
     x : ndarray, shape (6, N)
         Positions, m, and velocities, m/s.
     epoch : Epoch
-        From which times count, in any scale.
+        Origin of the times, in any time scale.
     t_s : ndarray, shape (N,)
-        SI seconds after it.
+        Times, SI seconds after the epoch.
     orientation : EarthOrientation
-        Gives UT1 and polar motion; left out: UT1 := UTC and none.
+        Gives UT1 and polar motion; by default UT1 = UTC without polar motion.
 
     Returns
     -------
     ndarray, shape (6, N)
-        Positions, m, and velocities relative to the turning Earth, m/s.
+        Positions, m, and velocities relative to the rotating Earth, m/s.
 
     Raises
     ------
     InputError
-        If there is no such frame or shapes do not fit.
+        If the frame is unknown or shapes do not match.
     """
     x, t_s = _states(x, t_s)
     about_axis, pole = _factors(frame, epoch, t_s, orientation)
@@ -169,16 +169,16 @@ def to_inertial(
     t_s: Array,
     orientation: EarthOrientation = UT1_IS_UTC,
 ) -> Array:
-    """Return inertial states of Earth-fixed ones; the inverse of `to_earth_fixed`.
+    """Transform Earth-fixed states to inertial ones; the inverse of `to_earth_fixed`.
 
     Parameters
     ----------
     frame : {"teme", "gcrs"}
-        Of the states wanted.
+        Frame of the result.
     x_fixed : ndarray, shape (6, N)
         Earth-fixed positions, m, and velocities relative to the turning Earth, m/s.
     epoch, t_s, orientation
-        As there.
+        As for `to_earth_fixed`.
 
     Returns
     -------
@@ -188,7 +188,7 @@ def to_inertial(
     Raises
     ------
     InputError
-        If there is no such frame or shapes do not fit.
+        If the frame is unknown or shapes do not match.
     """
     x_fixed, t_s = _states(x_fixed, t_s)
     about_axis, pole = _factors(frame, epoch, t_s, orientation)
@@ -204,20 +204,21 @@ def to_inertial(
 def celestial_to_intermediate(epoch: Epoch, t_s: Array) -> Array:
     """Return precession and nutation: matrices from the GCRS to the celestial intermediate system.
 
-    IAU 2006/2000A. The angles are computed at fixed instants, eight a day, and run between them as
-    cubics: about 1 µs a time instead of 60 µs, and independent of what other times are asked for.
+    The model is IAU 2006/2000A. Its angles are evaluated at fixed instants, eight per day, and
+    interpolated by cubics, which takes 1 µs per time instead of 60 µs. Since the instants are
+    fixed, the result for a time does not depend on the other times.
 
     Parameters
     ----------
     epoch : Epoch
-        From which times count, in any scale.
+        Origin of the times, in any time scale.
     t_s : ndarray, shape (N,)
-        SI seconds after it.
+        Times, SI seconds after the epoch.
 
     Returns
     -------
     ndarray, shape (3, 3, N)
-        Its third row is the Earth's axis (celestial intermediate pole).
+        Rotation matrices; the third row is the Earth's axis (celestial intermediate pole).
     """
     day, fraction = tai_of(epoch)
     t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
@@ -251,7 +252,7 @@ def _states(x: Array, t_s: Array) -> tuple[Array, Array]:
 def _factors(
     frame: InertialFrame, epoch: Epoch, t_s: Array, orientation: EarthOrientation
 ) -> tuple[Array, Array | None]:
-    """Return Q, to the turning axes, and polar motion P; None if there is none."""
+    """Return Q, the rotation to the rotating axes, and polar motion P, or None for none."""
     t_s = np.atleast_1d(np.asarray(t_s, dtype=float))
     now = orientation.at(epoch, t_s)
     angle = _angle(frame, epoch, t_s, now.ut1_minus_tai_s)

@@ -1,4 +1,4 @@
-"""Spec of the body ``planet``: what a mission may write in ``[body.NAME]``."""
+"""Spec of the body ``planet``, the keys of its table ``[body.NAME]``."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Shapes of bodies, for contact and for landing sites: ellipsoid, harmonics, grid, polyhedron."""
+"""Shapes of bodies as ellipsoid, spherical harmonics, grid of radii, or polyhedron."""

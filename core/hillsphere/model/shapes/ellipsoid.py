@@ -12,7 +12,7 @@ __all__ = ["EllipsoidShape"]
 
 
 class EllipsoidShape:
-    """x²/a² + y²/b² + z²/c² = 1.
+    """A tri-axial ellipsoid, x²/a² + y²/b² + z²/c² = 1.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class EllipsoidShape:
     """
 
     is_ellipsoid = True
-    """That its semi-axes are all there is to it; see `hillsphere_sensors.body_surface`."""
+    """The semi-axes define the shape completely; see `hillsphere_sensors.body_surface`."""
 
     def __init__(self, spec: EllipsoidShapeSpec) -> None:
         self._axes = spec.axes_m

@@ -16,22 +16,25 @@ from hillsphere.model.shapes.sphere import unit_vectors
 __all__ = ["GridShape"]
 
 _SAME = 1e-9
+"""Relative difference of equal radii at a pole: above the rounding of a unit's conversion, below
+the last digit of any published table."""
 
 
 class GridShape:
-    """The radius between the points of a grid, linear in latitude and in longitude.
+    """A radius that is interpolated bilinearly in latitude and longitude on a grid.
 
-    Continuous, with creases along the lines of the grid; at the poles all longitudes meet.
+    The surface is continuous, with creases along the lines of the grid.
 
     Parameters
     ----------
     spec : GridShapeSpec
-        Its radii.
+        The radii of the grid.
 
     Raises
     ------
     InputError
-        If the rows do not form such a grid.
+        If the rows have different lengths, are fewer than three, hold a radius that is not
+        positive, or differ along a pole.
     """
 
     def __init__(self, spec: GridShapeSpec) -> None:
@@ -60,7 +63,7 @@ class GridShape:
         self._extent = (x, y, z)
 
     def semi_axes_m(self) -> tuple[float, float, float]:
-        """Return half the extents along x, y, z of a box about the centre, m (of a ½° grid)."""
+        """Return the half-lengths of a box about the centre along x, y, z, m, from a ½° grid."""
         return self._extent
 
     @property
@@ -72,11 +75,12 @@ class GridShape:
     def steepest_per_m(self) -> float:
         r"""Lipschitz constant of the surface function, 1/m.
 
-        The slope of \|r\|/R is 1/R along the ray and R′/R² across it, with the slope R′ of the
-        radius on the unit sphere. In a cell R is bilinear in latitude and longitude: its slopes by
-        them are largest on its sides. The eastward one is divided by the cosine of the latitude.
-        In a cell at a pole, δ from it, the difference along a row grows as δ and the cosine as
-        sin δ; their ratio is largest on the row that is not the pole.
+        The gradient of \|r\|/R is 1/R along the ray and R′/R² across it, with the gradient R′ of
+        the radius on the unit sphere. In a cell R is bilinear in latitude and longitude, so that
+        its derivatives are largest on the sides of the cell. The derivative by longitude is divided
+        by the cosine of the latitude. In a cell at a pole, at the angle δ from it, the difference
+        along a row grows as δ and the cosine as sin δ; their ratio is largest on the row opposite
+        the pole.
         """
         rows, columns = self._radii.shape
         per_row, per_column = np.pi / (rows - 1), 2.0 * np.pi / columns

@@ -67,7 +67,7 @@ class HarmonicShape:
         self._farthest = grid[:, int(np.argmax(radii))]
 
     def semi_axes_m(self) -> tuple[float, float, float]:
-        """Return half the extents along x, y, z of a box about the centre, m (of a 1° grid)."""
+        """Return the half-lengths of a box about the centre along x, y, z, m, from a 1° grid."""
         return self._extent
 
     @cached_property
@@ -82,13 +82,13 @@ class HarmonicShape:
     def steepest_per_m(self) -> float:
         r"""Lipschitz constant of the surface function, 1/m; infinite if the series gives none.
 
-        The slope of \|r\|/R is 1/R along the ray and \|∇R\|/R² across it, with the gradient on the
-        unit sphere. Both are known on a grid. Between its points, at most an angle δ away, \|∇R\|
-        is larger by at most δ times the largest second derivative, and R smaller by at most δ times
-        the largest slope. The former is at most Σ √((k − 1) k (2n + 1)) (Σ C̄² + S̄²)^½ with
-        k = n(n + 1), by Cauchy's inequality: over the functions of a degree n, the squares of the
-        gradients sum up to k(2n + 1) everywhere (addition theorem), so that by Bochner's formula,
-        ½Δ\|∇Y\|² = \|∇∇Y\|² + ∇Y·∇ΔY + \|∇Y\|², those of the second derivatives do to
+        The gradient of \|r\|/R is 1/R along the ray and \|∇R\|/R² across it, with the gradient ∇R
+        on the unit sphere. Both are evaluated on a grid. Between its points, at most an angle δ
+        away, \|∇R\| is larger by at most δ times the largest second derivative, and R smaller by at
+        most δ times the largest gradient. By Cauchy's inequality the second derivative is at most
+        Σ √((k − 1) k (2n + 1)) (Σ C̄² + S̄²)^½ with k = n(n + 1): over the functions of a degree n
+        the squared gradients sum to k(2n + 1) everywhere (addition theorem), so that by Bochner's
+        formula, ½Δ\|∇Y\|² = \|∇∇Y\|² + ∇Y·∇ΔY + \|∇Y\|², the squared second derivatives sum to
         (k − 1) k (2n + 1).
         """
         squares = np.zeros(self.degree + 1)

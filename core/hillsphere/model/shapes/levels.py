@@ -1,4 +1,4 @@
-"""Surface functions and normals on arrays, whether a shape writes expressions or not."""
+"""Surface functions and normals on arrays, for shapes of expressions and of arrays alike."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def level_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:
     Returns
     -------
     callable
-        At body-fixed positions, m: positive outside, zero on the surface, negative inside.
+        Function of body-fixed positions, m: positive outside, zero on the surface, negative inside.
     """
     if not isinstance(shape, Surface):
         return shape.surface_array
@@ -45,7 +45,7 @@ def level_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:
 
 
 def level_within(shape: Surface | ArraySurface, place: Vec3) -> Expr:
-    """Bound the rate of a surface function along flights through a box.
+    """Bound the time derivative of a surface function along flights through a box.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def level_within(shape: Surface | ArraySurface, place: Vec3) -> Expr:
     Returns
     -------
     Expr
-        A bound: from the shape's Lipschitz constant and the speed, or from its expression; of a
-        shape that has neither, nothing.
+        A bound from the shape's Lipschitz constant and the speed, or from its expression; infinite
+        for a shape with neither.
     """
     if isinstance(shape, SlopedSurface):
         rates = [Bound.of(q).rate for q in place]
@@ -84,8 +84,8 @@ def normals_of(shape: Surface | ArraySurface) -> Callable[[Array], Array]:
     Returns
     -------
     callable
-        At body-fixed positions on the surface, m: those that the shape gives, such as a face's, or
-        the slope of its surface function, exact.
+        Function of body-fixed positions on the surface, m: the shape's own normals, such as those
+        of faces, or the exact gradient of its surface function, normalised.
     """
     if isinstance(shape, ArraySurface):
         return shape.normal_array

@@ -1,4 +1,4 @@
-"""Closed meshes of triangles: checked, with what contact and gravity need of them."""
+"""Closed meshes of triangles, with checks and the geometry that contact and gravity need."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hillsphere.base.errors import InputError
 __all__ = ["Mesh"]
 
 _FLAT = 1e-12
-"""Height over longest side of a triangle below which it has no direction."""
+"""Least ratio of height to longest side of a triangle: below it rounding determines the normal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,9 @@ class Mesh:
     Raises
     ------
     InputError
-        If a face is degenerate or names no vertex, an edge does not belong to two faces (a hole, a
-        fin), two neighbours are oriented differently, or all faces look inward.
+        If a face is degenerate or refers to a missing vertex, an edge does not belong to exactly
+        two faces (a hole, a fin), two neighbours are oriented differently, or all faces are
+        oriented inward.
     """
 
     vertices: Array
@@ -90,10 +91,10 @@ class Mesh:
 
     @cached_property
     def edges(self) -> tuple[Integers, Integers]:
-        """Edges (E, 2) by their vertices, and their faces (E, 2).
+        """Edges (E, 2) as vertex numbers, and their faces (E, 2).
 
-        The first face runs along the edge from its first vertex to its second, the second face
-        back.
+        The first face traverses the edge from its first to its second vertex, the second face in
+        the opposite direction.
         """
         sides, owner = self._sides()
         forward = sides[:, 0] < sides[:, 1]
@@ -120,7 +121,7 @@ class Mesh:
 
     @cached_property
     def _pyramids(self) -> Array:
-        """Volumes of the pyramids over the faces with their tips at the origin, signed (F,)."""
+        """Signed volumes (F,) of the pyramids over the faces with apex at the origin."""
         return np.asarray(self.heights * self.doubled_areas / 6.0)
 
     def _sides(self) -> tuple[Integers, Integers]:

@@ -10,14 +10,14 @@ from hillsphere.model.shapes.mesh import Mesh
 __all__ = ["surface_distances"]
 
 _CHUNK = 100_000
-"""Faces times points that are worked on at once."""
+"""Pairs of a face and a point that are evaluated at once, which bounds the memory."""
 
 
 def surface_distances(mesh: Mesh, r: Array) -> Array:
     """Return the distances (N,), m, of points r (3, N) from the nearest triangle of a mesh.
 
-    The nearest point of a triangle is the foot of the perpendicular on its plane, if that is
-    inside, or else on one of its sides.
+    The nearest point of a triangle is the foot of the perpendicular to its plane if that lies
+    inside the triangle; otherwise it lies on one of the sides.
     """
     found = np.empty(r.shape[1])
     width = max(1, _CHUNK // len(mesh.faces))

@@ -18,7 +18,10 @@ from hillsphere.model.shapes.specs import METRES, PolyhedronShapeSpec
 __all__ = ["MeshSurface", "PolyhedronShape"]
 
 _CHUNK = 100_000
+"""Pairs of a point and a face that are evaluated at once: 0.8 MB for each intermediate array,
+whatever the size of the mesh and the number of points."""
 _FULL = 4.0 * np.pi
+"""Solid angle of the whole sphere, sr."""
 
 
 class MeshSurface:
@@ -31,17 +34,18 @@ class MeshSurface:
 
     Notes
     -----
-    If every ray from the origin meets the mesh once, the surface function is |r|/R along the ray,
-    less one: the ray's face is looked up, at a cost that does not grow with the mesh. If some
-    meet it more often, it is the distance from the surface in units of the largest radius, negative
-    inside (by the solid angle of all faces), and each point costs a visit to every face.
+    For a star-shaped mesh, which every ray from the origin meets once, the surface function is
+    |r|/R − 1 with R along the ray. The ray's face is looked up in a time that does not grow with
+    the mesh. Otherwise it is the signed distance from the surface in units of the largest radius,
+    negative inside (by the solid angle of all faces), whose time per point is proportional to the
+    number of faces.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
 
     def semi_axes_m(self) -> tuple[float, float, float]:
-        """Return half the extents along x, y, z of a box about the centre, m."""
+        """Return the half-lengths of a box about the centre along x, y, z, m."""
         x, y, z = np.abs(self.mesh.vertices).max(axis=0).tolist()
         return (x, y, z)
 
@@ -54,8 +58,8 @@ class MeshSurface:
     def steepest_per_m(self) -> float:
         """Lipschitz constant of the surface function, 1/m.
 
-        Where rays meet the mesh once the function is continuous and n·r/h − 1 on the cone of each
-        face, of slope 1/h; otherwise a distance in units of the largest radius.
+        For a star-shaped mesh the function is continuous and equal to n·r/h − 1 on the cone of each
+        face, with slope 1/h. Otherwise it is a distance in units of the largest radius.
         """
         if self.mesh.is_star_shaped:
             return float(1.0 / np.min(self.mesh.heights))
@@ -75,16 +79,18 @@ class MeshSurface:
         return level
 
     def normal_array(self, r: Array) -> Array:
-        """Return the outward normals (3, N) of the faces that the rays through r meet last."""
+        """Return the outward normals (3, N) of the outermost faces on the rays through r (3, N)."""
         return np.asarray(self.mesh.normals[:, self._met(r)])
 
     def radius_array(self, directions: Array) -> Array:
-        """Return how far out (N,), m, rays along directions (3, N) of any length meet it last.
+        """Return the largest distance (N,), m, of the surface along directions (3, N).
+
+        The directions may have any length.
 
         Raises
         ------
         InputError
-            If a ray misses it, for the centre lies outside.
+            If a ray misses the mesh, since the centre lies outside.
         """
         faces = self._met(directions)
         along = np.sum(self.mesh.normals[:, faces] * directions, axis=0)

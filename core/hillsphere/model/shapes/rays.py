@@ -1,4 +1,4 @@
-"""Where rays from the centre meet a mesh that each of them meets once."""
+"""Intersection of rays from the centre with a star-shaped mesh, by a table of cells."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from hillsphere.model.shapes.mesh import Mesh
 __all__ = ["RayTable"]
 
 _WIDEST = 1.4
-"""Half the angle of a cone, rad, up to which it holds a triangle whose corners it holds."""
+"""Largest half-angle, rad, of a cone that contains every triangle whose corners it contains."""
 
 
 class RayTable:
-    """For every cell of a cube about the origin, the faces that a ray through it may meet.
+    """Table of the faces that rays may meet, for every cell of a cube about the origin.
 
-    The cube has about as many cells as the mesh has faces, so that a look-up tries a handful of
-    faces whatever the size of the mesh.
+    The cube has about as many cells as the mesh has faces, so that a look-up tests only a few
+    faces, whatever the size of the mesh.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class RayTable:
     def faces(self, directions: Array) -> Integers:
         """Return the face (N,) that the ray along each direction (3, N) meets.
 
-        On an edge or a vertex one of the faces there, whatever the rounding.
+        At an edge or a vertex this is one of the adjacent faces, also in the presence of rounding.
         """
         candidates = self._table[self._cell(directions)]
         # A ray passes through a face if it lies inside of its three sides: never none by rounding.
@@ -62,7 +62,7 @@ class RayTable:
 
     @cached_property
     def _table(self) -> Integers:
-        """Faces of each cell, (cells, K); short rows are filled up with their first."""
+        """Return the faces of each cell (cells, K); short rows repeat their first face."""
         axes, half = self._axes, self._half
         if not self._narrow:
             return np.tile(np.arange(len(half)), (6, 1))
@@ -82,7 +82,7 @@ class RayTable:
         return table
 
     def _cones(self) -> tuple[Array, Array]:
-        """Axes (3, cells) and half angles (cells,) of cones that hold the cells, in their order."""
+        """Return axes (3, cells) and half-angles (cells,) of cones that contain the cells."""
         edges = np.linspace(-1.0, 1.0, self._cells + 1)
         corners = []
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -106,7 +106,7 @@ class RayTable:
 def _side_planes(mesh: Mesh) -> Array:
     """Return unit normals of the planes through the origin and each side of each face, (3, 3, F).
 
-    Inward: positive towards the face.
+    They point inward, towards the face.
     """
     a, b, c = mesh.corners
     sides = np.stack([np.cross(p, q, axis=0) for p, q in ((a, b), (b, c), (c, a))])
@@ -114,6 +114,6 @@ def _side_planes(mesh: Mesh) -> Array:
 
 
 def _angles(a: Array, b: Array) -> Array:
-    """Angles between unit vectors, whose components stand on the last axis but one."""
+    """Return the angles between unit vectors, whose components are on the last axis but one."""
     chord = np.linalg.norm(a - b, axis=-2)
     return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * chord)))

@@ -1,4 +1,4 @@
-"""Solid angles under which the faces of a mesh are seen."""
+"""Solid angles of the faces of a mesh as seen from points."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def solid_angles(mesh: Mesh, r: Array, distances: Array) -> Array:
         \tan\frac\omega2 = \frac{r_1\cdot(r_2\times r_3)}
         {r_1r_2r_3 + r_1\,r_2\cdot r_3 + r_2\,r_3\cdot r_1 + r_3\,r_1\cdot r_2}
 
-    with the corners seen from the point. The numerator is twice the area of the face times the
-    height of its plane over the point; the scalar products follow from the sides.
+    with the corners r₁, r₂, r₃ relative to the point. The numerator is twice the area of the face
+    times the height of its plane above the point; the scalar products follow from the sides.
 
     Parameters
     ----------
@@ -34,12 +34,13 @@ def solid_angles(mesh: Mesh, r: Array, distances: Array) -> Array:
     r : ndarray, shape (3, N)
         Points, m.
     distances : ndarray, shape (V, N)
-        As `vertex_distances` gives them.
+        Result of `vertex_distances`, m.
 
     Returns
     -------
     ndarray, shape (F, N)
-        Positive where a face is seen from behind; their sum is 4π inside and 0 outside.
+        Solid angles, sr, positive for a face seen from behind; their sum is 4π at points inside and
+        0 outside.
 
     References
     ----------

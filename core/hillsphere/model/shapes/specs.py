@@ -1,4 +1,4 @@
-"""What a mission may write in ``[shape.NAME]``."""
+"""Specs of shapes, the keys of a table ``[shape.NAME]``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ METRES = {"m": 1.0, "km": 1000.0}
 
 
 def _one_source(file: str | None, given: bool, key: str) -> None:
-    """Refuse a shape that is given twice, or not at all."""
+    """Require exactly one source of a shape: a file, or values in the table."""
     if given == (file is not None):
         text = f"{key} and file both give the shape; keep one" if given else f"give {key} or file"
         raise rule(key, text)

@@ -1,4 +1,4 @@
-"""Directions: on a grid of latitude and longitude, and as evenly spread triangles."""
+"""Directions on the unit sphere: grids of latitude and longitude, and icospheres."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["icosphere", "unit_vectors"]
 
 
 def unit_vectors(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Array:
-    """Return unit vectors (3, L·M) to every latitude and east longitude; longitudes run fastest.
+    """Return unit vectors (3, L·M) for all latitudes and longitudes; longitudes vary fastest.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def unit_vectors(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (3, L·M)
-        In the body-fixed frame.
+        Unit vectors in the body-fixed frame.
     """
     lat, lon = np.meshgrid(np.radians(latitude_deg), np.radians(longitude_deg), indexing="ij")
     vectors = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
@@ -36,7 +36,7 @@ def icosphere(subdivisions: int) -> tuple[Array, Integers]:
     Parameters
     ----------
     subdivisions : int
-        k: how often each triangle of the icosahedron is divided into four.
+        k, the number of times that each triangle of the icosahedron is divided into four.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Any shape as a mesh of triangles."""
+"""Triangulation of any shape."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Radial", "triangulate"]
 
 @runtime_checkable
 class Radial(Contract, Protocol):
-    """A shape that tells how far out its surface lies along a ray from the centre."""
+    """A shape with a known radius along each ray from the centre."""
 
     def radius_array(self, directions: Array) -> Array:
         """Return the distances (N,), m, along directions (3, N) of any length."""
@@ -31,12 +31,13 @@ def triangulate(shape: Radial, subdivisions: int) -> Mesh:
     shape : Radial
         The shape.
     subdivisions : int
-        How often each of the 20 faces of an icosahedron is divided into four.
+        k, the number of times that each of the 20 faces of an icosahedron is divided into four.
 
     Returns
     -------
     Mesh
-        It lies inside of convex parts: its volume is too small by a part of order 4^−k.
+        The mesh. Its faces lie inside convex parts of the surface, so that its volume is too small
+        by a relative error of order 4^−k.
     """
     directions, faces = icosphere(subdivisions)
     radii = shape.radius_array(np.ascontiguousarray(directions.T))

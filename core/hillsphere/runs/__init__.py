@@ -1,0 +1,1 @@
+"""Running of missions: check, assembly, pipeline, run directory, cache, resume and rerun."""
