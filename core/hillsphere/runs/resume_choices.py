@@ -155,7 +155,8 @@ def choose(
     if not given.allow_path and local["allow_path"]:
         what = "leave to read files outside the directory of the mission"
         if settings:
-            what += f", of which the run's settings may name some: {_quote_harmless(' '.join(settings))}"
+            named = _quote_harmless(" ".join(settings))
+            what += f", of which the run's settings may name some: {named}"
         missing.append(what)
     if given.executor is None and not _is_of_this_machine(local.get("executor")):
         missing.append(f"the executor {_quote_harmless(_describe(local['executor']))}")

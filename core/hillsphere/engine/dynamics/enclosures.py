@@ -144,13 +144,13 @@ def enclose(system: Bounded, t: Array, h: Array, y: Array, p: Array, beyond: Arr
     for _ in range(_ROUNDS):
         when = Bound((np.minimum(t, t + h), np.maximum(t, t + h)))
         held = [iv.point(row) for row in p]
-        low, high = arrays(system.rates(when, boxed(lo, hi), held), lo)
+        low, high = arrays(system.rates(when, box_of(lo, hi), held), lo)
         new_lo, new_hi = picard(y, h, low, high)
         if linear is not None and tube is not None:
             rows = slice(linear.first, linear.first + len(tube))
             start_lo, start_hi = lo.copy(), hi.copy()
             start_lo[rows], start_hi[rows] = y[rows], y[rows]
-            own = arrays(system.rates(when, boxed(start_lo, start_hi), held), lo)
+            own = arrays(system.rates(when, box_of(start_lo, start_hi), held), lo)
             reach = tube @ np.maximum(np.abs(own[0][rows]), np.abs(own[1][rows]))
             new_lo[rows], new_hi[rows] = y[rows] - reach, y[rows] + reach
         inside: NDArray[np.bool_] = ((new_lo >= lo) & (new_hi <= hi)).all(axis=0)
@@ -207,7 +207,7 @@ def region_slopes(
     last = t + (y.shape[1] - 1) * h
     when = np.minimum(t, last), np.maximum(t, last)
     held = [iv.point(row) for row in p]
-    rate_lo, rate_hi = arrays(system.rates(Bound(when), boxed(lo, hi), held), lo)
+    rate_lo, rate_hi = arrays(system.rates(Bound(when), box_of(lo, hi), held), lo)
     first, _ = picard(low, h, rate_lo, rate_hi)
     _, second = picard(high, h, rate_lo, rate_hi)
     holds: NDArray[np.bool_] = ((first >= lo) & (second <= hi)).all(axis=0)
@@ -238,7 +238,7 @@ def derivatives_within(
         In the order of the events, per unit of the system's time.
     """
     one = iv.point(1.0)
-    y = boxed(box.lo, box.hi, box.rate_lo, box.rate_hi)
+    y = box_of(box.lo, box.hi, box.rate_lo, box.rate_hi)
     when = Bound(t, one)
     seconds = [part.rate for part in system.rates(when, y, p)]
     y = [Bound(part.value, part.rate, second) for part, second in zip(y, seconds, strict=True)]
@@ -268,7 +268,7 @@ def growth(matrix: Array, h: float) -> Array:
     return np.asarray((total @ ahead) * part * (1.0 + 1e-9))
 
 
-def boxed(
+def box_of(
     lo: Array, hi: Array, rate_lo: Array | None = None, rate_hi: Array | None = None
 ) -> list[Bound]:
     """Return the rows of a box as bounds, with their rates if given."""

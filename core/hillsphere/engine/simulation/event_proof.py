@@ -16,7 +16,7 @@ from hillsphere.engine.dynamics.enclosures import (
     Bounded,
     Enclosure,
     arrays,
-    boxed,
+    box_of,
     derivatives_within,
     enclose,
     growth,
@@ -143,7 +143,7 @@ class EventProof:
             box = enclose(self._bounded, t, 0.0 * t, y, p, y)
             now = derivatives_within(self._bounded, (t, t), box, held)
             ever = derivatives_within(self._bounded, iv.EVERYTHING, box, held)
-            when, along = Bound((t, t)), boxed(box.lo, box.hi)
+            when, along = Bound((t, t)), box_of(box.lo, box.hi)
             value = arrays(self._bounded.events(when, along, held), now[0])
         except TypeError:  # an operation of which no bound is known
             self._bounded = None
@@ -385,20 +385,20 @@ class EventProof:
         """Return bounds of the rates of the states (rows, R) in boxes."""
         equations = self._equations
         assert equations is not None
-        when, held = Bound((boxes.t_lo, boxes.t_hi)), _held(boxes)
-        return arrays(equations.rates(when, boxed(boxes.lo, boxes.hi), held), boxes.lo)
+        when, held = Bound((boxes.t_lo, boxes.t_hi)), _parameter_intervals(boxes)
+        return arrays(equations.rates(when, box_of(boxes.lo, boxes.hi), held), boxes.lo)
 
     def regions(self, boxes: Boxes, low: Array, high: Array) -> Regions:
         """Return regions, from boxes and their rates."""
         equations = self._equations
         assert equations is not None
-        when, held = (boxes.t_lo, boxes.t_hi), _held(boxes)
+        when, held = (boxes.t_lo, boxes.t_hi), _parameter_intervals(boxes)
         whole = np.ones(len(boxes.t_lo), dtype=bool)
         box = Enclosure(boxes.lo, boxes.hi, low, high, whole)
         slopes = np.array(self._slopes(when, box, held, ~whole, equations))
         bends = np.full_like(low, np.inf)
         if any(limit.lipschitz is not None for limit in self._limits):
-            along = boxed(boxes.lo, boxes.hi, low, high)
+            along = box_of(boxes.lo, boxes.hi, low, high)
             for i, part in enumerate(equations.rates(Bound(when, iv.point(1.0)), along, held)):
                 bends[i] = 0.0 if part.rate is None else iv.magnitude(part.rate)
             bends[np.isnan(bends)] = np.inf
@@ -427,7 +427,7 @@ def _side_by_side(parts: Sequence[Any], name: str) -> Array:
     return np.concatenate([getattr(part, name) for part in parts], axis=-1)
 
 
-def _held(boxes: Boxes) -> list[tuple[Array, Array]]:
+def _parameter_intervals(boxes: Boxes) -> list[tuple[Array, Array]]:
     """Return the parameters of boxes as intervals."""
     return list(zip(boxes.p_lo, boxes.p_hi, strict=True))
 

@@ -211,8 +211,8 @@ class QuickLook:
             fall = need
         need, fall = (each + ROUNDING * (1.0 + each) for each in (need, fall))
         return _Known(
-            duration, *_centred(inner.lo, inner.hi), *_centred(inner.p_lo, inner.p_hi),
-            inner.t_lo, inner.t_hi, need, fall,
+            duration, *_centre_and_half_width(inner.lo, inner.hi),
+            *_centre_and_half_width(inner.p_lo, inner.p_hi), inner.t_lo, inner.t_hi, need, fall,
         )  # fmt: skip
 
     def _inside(self, known: _Known, flight: _Flight) -> Flags:
@@ -309,6 +309,6 @@ def _nothing(like: _Known, lanes: int) -> _Known:
     )  # fmt: skip
 
 
-def _centred(lo: Array, hi: Array) -> tuple[Array, Array]:
+def _centre_and_half_width(lo: Array, hi: Array) -> tuple[Array, Array]:
     """Return middle and half width of boxes, the latter rounded down."""
     return 0.5 * (lo + hi), (0.5 - 1e-12) * (hi - lo)

@@ -267,7 +267,7 @@ class Store:
             self._keep(made, index)
             assert self.kept is not None
             last = len(self.kept) - 1
-            holds = missing & _held(self._inner(made, columns), 0, columns)
+            holds = missing & _columns_in_box(self._inner(made, columns), 0, columns)
             index[holds] = last
             missing &= ~holds
             asked &= ~holds
@@ -294,7 +294,7 @@ class Store:
         """
         own = _hulls(columns.boxes.taken(which), group)
         h, count = float(columns.h.max()), len(own.t_lo)
-        lo, hi, p_lo, p_hi = _grown(own.lo, own.hi, own.p_lo, own.p_hi, 0.0)
+        lo, hi, p_lo, p_hi = _grow(own.lo, own.hi, own.p_lo, own.p_hi, 0.0)
         trials = self._bounds.with_room(Boxes(lo, hi, p_lo, p_hi, own.t_lo, own.t_hi), once=True)
         low, high = np.empty_like(trials.lo), np.empty_like(trials.lo)
         holds = np.zeros(count, dtype=bool)
@@ -353,7 +353,7 @@ class Store:
             made
             if kept is None
             else Regions(
-                _joined(kept.boxes, made.boxes),
+                _join(kept.boxes, made.boxes),
                 np.concatenate([kept.low, made.low], axis=-1),
                 np.concatenate([kept.high, made.high], axis=-1),
                 np.concatenate([kept.slopes, made.slopes], axis=-1),
@@ -389,7 +389,7 @@ class Store:
         least = columns.least[self._rows]
         reference, best = None, None
         for trial in range(len(found) - 1, -1, -1):
-            holds = missing & _held(inner, trial, columns)
+            holds = missing & _columns_in_box(inner, trial, columns)
             now = need[:, trial]
             if not (holds[seed] and np.isfinite(now).all()):
                 continue
@@ -416,7 +416,7 @@ class Store:
         for which in range(len(regions) - 1, -1, -1):
             if decided.all():
                 break
-            holds = ~decided & _held(inner, which, columns)
+            holds = ~decided & _columns_in_box(inner, which, columns)
             if not holds.any():
                 continue
             far = (least > need[:, which, None]).all(axis=0)
@@ -432,23 +432,23 @@ class Store:
             flock.lo.min(axis=1), flock.hi.max(axis=1),
             flock.p_lo.min(axis=1) - room, flock.p_hi.max(axis=1) + room,
         )  # fmt: skip
-        wide, last = _grown(*hull, _GROWTH), self.kept
+        wide, last = _grow(*hull, _GROWTH), self.kept
         union = wide
         if last is not None:
             box = last.boxes
-            union = _grown(
+            union = _grow(
                 np.minimum(hull[0], box.lo[:, -1]), np.maximum(hull[1], box.hi[:, -1]),
                 np.minimum(hull[2], box.p_lo[:, -1]), np.maximum(hull[3], box.p_hi[:, -1]),
                 0.25 * _GROWTH,
             )  # fmt: skip
-        tight = _grown(*hull, 0.25 * _GROWTH)
+        tight = _grow(*hull, 0.25 * _GROWTH)
         kinds = [union, wide, tight, tight]
         box = columns.boxes
         lo, hi = box.lo[:, seed], box.hi[:, seed]
         p = box.p_lo[:, seed] - room, box.p_hi[:, seed] + room
         for factor in _FACTORS:
             spread = factor * (hi - lo)
-            kinds.append(_grown(lo - spread, hi + spread, *p, 0.0))
+            kinds.append(_grow(lo - spread, hi + spread, *p, 0.0))
         arrays = [np.stack(part, axis=1) for part in zip(*kinds, strict=True)]
         times = [np.full(len(kinds), t) for t in (flock.t_lo.min(), flock.t_hi.max())]
         # Of the boxes about one column the time is its own.
@@ -480,7 +480,7 @@ def _inner(box: Boxes, low: Array, high: Array, h: float, tube: Tube | None) -> 
     return Boxes(box.lo - down, box.hi - up, box.p_lo, box.p_hi, box.t_lo, box.t_hi)
 
 
-def _grown(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple[Array, ...]:
+def _grow(lo: Array, hi: Array, p_lo: Array, p_hi: Array, part: float) -> tuple[Array, ...]:
     """Return a box enlarged by a part of its width, and by what rounding needs."""
     out: list[Array] = []
     for a, b in ((lo, hi), (p_lo, p_hi)):
@@ -501,7 +501,7 @@ def _hulls(boxes: Boxes, group: Integers) -> Boxes:
     return Boxes(*sides)
 
 
-def _joined(first: Boxes, second: Boxes) -> Boxes:
+def _join(first: Boxes, second: Boxes) -> Boxes:
     return Boxes(
         *(
             np.concatenate([getattr(first, f.name), getattr(second, f.name)], axis=-1)
@@ -510,7 +510,7 @@ def _joined(first: Boxes, second: Boxes) -> Boxes:
     )
 
 
-def _held(inner: Boxes, which: int, columns: Columns) -> Flags:
+def _columns_in_box(inner: Boxes, which: int, columns: Columns) -> Flags:
     """Say which columns one box holds."""
     box = columns.boxes
     lo, hi = inner.lo[:, which, None], inner.hi[:, which, None]

@@ -190,7 +190,7 @@ _OF_THE_FILTER: tuple[FlightMetric[Record], ...] = (
     FlightMetric("nees", "-", lambda record: record.nees[-1]),
     FlightMetric("mean_nees", "-", lambda record: _mean_nees(record)),
     FlightMetric("mean_nis", "-", lambda record: _mean_nis(record)),
-    FlightMetric("rejected", "-", lambda record: _rejected(record)),
+    FlightMetric("rejected", "-", lambda record: _rejected_share(record)),
     FlightMetric("least_seen", "-", lambda record: _least_seen(record)),
     FlightMetric("dv", "m/s", lambda record: record.dv_m_s),
 )
@@ -211,7 +211,7 @@ def _mean_nis(record: Record) -> Array:
     return np.asarray(np.sum(record.nis[record.counted], axis=0) / np.maximum(used, 1.0))
 
 
-def _rejected(record: Record) -> Array:
+def _rejected_share(record: Record) -> Array:
     sent = np.sum(record.sent, axis=0)
     return np.asarray(1.0 - np.sum(record.used, axis=0) / np.maximum(sent, 1.0))
 
