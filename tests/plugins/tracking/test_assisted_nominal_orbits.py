@@ -84,5 +84,5 @@ def test_passes_are_independent_and_repeatable() -> None:
 
 
 def test_too_large_an_error() -> None:
-    with pytest.raises(InputError, match="nominal_error: pass A: a state is on no ellipse"):
+    with pytest.raises(InputError, match="nominal_error: pass A: a state is not on an ellipse"):
         made({"velocity_km_s": 9})

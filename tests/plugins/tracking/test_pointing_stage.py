@@ -378,7 +378,7 @@ def test_a_satellite_that_hardly_moves() -> None:
     [
         ({"stations": ["Cuiba"]}, "no passes over 'Cuiba'; did you mean 'Cuiaba'"),
         ({"revolutions": [40]}, r"no pass to follow: none of \d+ .* Alcantara 1 \(17.9°\)"),
-        ({"culmination_min_deg": 89}, "rises to 89°"),
+        ({"culmination_min_deg": 89}, "reaches 89°"),
         (
             {"command_period_s": 0.01, "mounts": [{**DISH, "name": f"dish{n}"} for n in range(6)]},
             r"which need \d+\.\d GB of memory, at most 2 GB; choose .* command_period_s = 0\.0\d+$",

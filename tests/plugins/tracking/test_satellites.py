@@ -248,7 +248,7 @@ def test_satellites_of_a_file_by_name_number_or_all(tmp_path: Path) -> None:
         {"file": file, "name": "25544"}, {"file": file, "name": "25544", "label": "ISS again"}
     )
     assert [one.name for one in orbits_from(twins)] == ["ISS (ZARYA)", "ISS again"]
-    with pytest.raises(InputError, match=r"two\.tle: the label 'both' would be that of 2"):
+    with pytest.raises(InputError, match=r"two\.tle: the label 'both' would name 2"):
         orbits_from(_satellites({"file": file, "label": "both"}))
     with pytest.raises(InputError, match="cannot be read"):
         orbits_from(_satellites({"file": str(tmp_path / "none.tle")}))
