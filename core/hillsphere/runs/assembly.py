@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hillsphere.base.errors import HillsphereError, PluginError
-from hillsphere.mission.load import Mission
-from hillsphere.mission.links import Node, topological
 from hillsphere.base.problems import Key, MissionError, Problem
+from hillsphere.mission.links import Node, topological
+from hillsphere.mission.load import Mission
 from hillsphere.spec.base import Spec
 
 __all__ = ["Assembly", "build", "problem_at", "problem_of"]

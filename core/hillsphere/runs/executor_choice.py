@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hillsphere.base.errors import InputError
-from hillsphere.plugins.registry import Registry, validate
 from hillsphere.base.problems import with_article
+from hillsphere.plugins.registry import Registry, validate
 
 if TYPE_CHECKING:
     from hillsphere.interfaces.tasks import Executor

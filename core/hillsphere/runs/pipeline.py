@@ -18,25 +18,25 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from hillsphere.show.drawing import Drawing, draw
-from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.base.errors import InputError, Interrupted, StageError, describe_error
-from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
-from hillsphere.mission.load import Mission
-from hillsphere.runs.mission_check import check_mission
 from hillsphere.base.paths import cache_directory
-from hillsphere.plugins.registry import Registry, default_registry
-from hillsphere.show.presentation import Figure, check_presentation
-from hillsphere.products.product_codec import canonical
 from hillsphere.base.progress import Progress
+from hillsphere.base.signals import remedy, stop_signals
+from hillsphere.mission.load import Mission
+from hillsphere.plugins.registry import Registry, default_registry
+from hillsphere.products.product_codec import canonical
+from hillsphere.runs.earlier_run import EarlierRun
+from hillsphere.runs.executor_choice import ExecutorChoice, executor_of, executor_table
+from hillsphere.runs.mission_check import check_mission
 from hillsphere.runs.resume_choices import LOCAL, ResumeChoices, local_facts, resume_command
 from hillsphere.runs.run_record import RunRecord, StageRecord
 from hillsphere.runs.run_result import RunResult
-from hillsphere.base.signals import remedy, stop_signals
 from hillsphere.runs.stage_cache import StageCache
 from hillsphere.runs.stage_context import StageContext
 from hillsphere.runs.store import RunDirectory, plain_json
 from hillsphere.runs.wiring import inputs_of, repeated_with_products, takes_from
+from hillsphere.show.drawing import Drawing, draw
+from hillsphere.show.presentation import Figure, check_presentation
 
 __all__ = ["RunResult", "resume_run", "run_mission"]
 

@@ -10,26 +10,32 @@ from typing import Any
 
 import numpy as np
 
-from hillsphere.runs.assembly import Assembly
+from hillsphere.base.errors import InputError, StageError
 from hillsphere.cases.block_outcome import BlockOutcome, lost_rows
-from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.cases.checkpoints import Checkpoints
 from hillsphere.cases.executors.pool import Pool
 from hillsphere.cases.executors.specs import PoolSpec
 from hillsphere.cases.isolation import only
 from hillsphere.cases.plan import Plan
 from hillsphere.cases.repeated import RepeatedWork
+from hillsphere.interfaces.cases import CaseBatch, Histories
 from hillsphere.interfaces.tasks import Executor, Failed, Finished, Lost, Task
-from hillsphere.show.drawing import draw
-from hillsphere.runs.earlier_run import EarlierRun
-from hillsphere.base.errors import InputError, StageError
-from hillsphere.show.history import history_csv, history_figure
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
 from hillsphere.products.products import CaseTable
+from hillsphere.runs.assembly import Assembly
+from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.resume_choices import ResumeChoices
 from hillsphere.runs.run_record import RunRecord
-from hillsphere.runs.wiring import inputs_of, product_class, repeated_stages, repeated_with_products, takes_from
+from hillsphere.runs.wiring import (
+    inputs_of,
+    product_class,
+    repeated_stages,
+    repeated_with_products,
+    takes_from,
+)
+from hillsphere.show.drawing import draw
+from hillsphere.show.history import history_csv, history_figure
 
 __all__ = ["Rerun", "campaigns", "one_campaign", "rerun_case"]
 

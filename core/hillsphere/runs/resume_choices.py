@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.errors import InputError
-from hillsphere.runs.executor_choice import ExecutorChoice, executor_table
-from hillsphere.mission.load import Mission
 from hillsphere.base.paths import missions_directory
 from hillsphere.base.processors import processors
-from hillsphere.runs.run_manifest import SCHEMA, read_record
 from hillsphere.base.shell_words import shell_line
+from hillsphere.mission.load import Mission
+from hillsphere.runs.executor_choice import ExecutorChoice, executor_table
+from hillsphere.runs.run_manifest import SCHEMA, read_record
 
 __all__ = ["LOCAL", "ResumeChoices", "choose", "local_facts", "read_local", "resume_command"]
 
@@ -151,14 +151,15 @@ def choose(
     wanted = _choices_to_give_again(local)
     missing = []
     if given.mission is None and not is_packaged(local["mission"]):
-        missing.append(f"the mission file {_shown(local['mission'])}")
+        missing.append(f"the mission file {_quote_harmless(local['mission'])}")
     if not given.allow_path and local["allow_path"]:
         what = "leave to read files outside the directory of the mission"
         if settings:
-            what += f", of which the run's settings may name some: {_shown(' '.join(settings))}"
+            named = _quote_harmless(" ".join(settings))
+            what += f", of which the run's settings may name some: {named}"
         missing.append(what)
     if given.executor is None and not _is_of_this_machine(local.get("executor")):
-        missing.append(f"the executor {_shown(_described(local['executor']))}")
+        missing.append(f"the executor {_quote_harmless(_describe(local['executor']))}")
     if missing:
         whole = replace(
             wanted,
@@ -170,7 +171,7 @@ def choose(
             f"{command[2]!r} names what is not taken from a run directory, which anybody may have "
             f"written:\n{items}\n"
             "if that is what you want, give it again; the whole command:\n"
-            f"  {shell_line([*command, *_options(whole)])}{_left_out(whole.executor)}"
+            f"  {shell_line([*command, *_options(whole)])}{_keys_without_option(whole.executor)}"
         )
     return ResumeChoices(
         mission=given.mission if given.mission is not None else wanted.mission,
@@ -189,7 +190,9 @@ def resume_command(directory: Path, local: Mapping[str, Any]) -> str:
     local : mapping
         Content of its `LOCAL`.
     """
-    return shell_line(["hillsphere", "resume", _as_argument(directory), *_options(_choices_to_give_again(local))])
+    return shell_line(
+        ["hillsphere", "resume", _as_argument(directory), *_options(_choices_to_give_again(local))]
+    )
 
 
 def is_packaged(name: str) -> bool:
@@ -249,7 +252,7 @@ def _keys_without_option(executor: ExecutorChoice | None) -> str:
     if not others:
         return ""
     return (
-        f"\nonly Python can give {_shown(', '.join(others))} of the executor: "
+        f"\nonly Python can give {_quote_harmless(', '.join(others))} of the executor: "
         "hillsphere.resume_run(…, executor={…})"
     )
 

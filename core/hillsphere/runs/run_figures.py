@@ -7,17 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hillsphere.runs.assembly import Assembly
-from hillsphere.show.drawing import draw_png
-from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.base.errors import InputError, StageError, describe_error
+from hillsphere.base.problems import did_you_mean
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import Registry
-from hillsphere.show.presentation import Figure, check_presentation
-from hillsphere.base.problems import did_you_mean
+from hillsphere.runs.assembly import Assembly
+from hillsphere.runs.earlier_run import EarlierRun
 from hillsphere.runs.resume_choices import ResumeChoices, resume_command
 from hillsphere.runs.run_record import RunRecord, free_name
 from hillsphere.runs.wiring import inputs_of, product_class
+from hillsphere.show.drawing import draw_png
+from hillsphere.show.presentation import Figure, check_presentation
 
 __all__ = ["draw_figures"]
 

@@ -8,15 +8,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hillsphere.show.drawing import Drawing
 from hillsphere.base.environment import environment, package_versions
-from hillsphere.mission.load import Mission
 from hillsphere.base.paths import missions_directory
+from hillsphere.base.shell_words import shell_line
+from hillsphere.mission.load import Mission
+from hillsphere.runs.run_manifest import SCHEMA
+from hillsphere.runs.stage_cache import StageKeys, file_digest
+from hillsphere.show.drawing import Drawing
 from hillsphere.show.presentation import Figure, Metric, Table
 from hillsphere.show.report import Report, Section, render
-from hillsphere.runs.run_manifest import SCHEMA
-from hillsphere.base.shell_words import shell_line
-from hillsphere.runs.stage_cache import StageKeys, file_digest
 
 __all__ = ["Failure", "RunRecord", "StageRecord", "free_name"]
 

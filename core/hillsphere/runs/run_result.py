@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from hillsphere.base.errors import InputError, StageError
-from hillsphere.show.presentation import Metric, Table
 from hillsphere.runs.run_record import Failure
+from hillsphere.show.presentation import Metric, Table
 
 __all__ = ["RunResult"]
 

@@ -223,8 +223,7 @@ def _plain(value: Any, is_path: bool) -> Any:
 
 
 def _source_of(module: str) -> tuple[str, Path] | None:
-    """Return name and path of a module's outermost regular package, or of the module itself.
-    """
+    """Return name and path of a module's outermost regular package, or of the module itself."""
     parts = module.split(".")
     for depth in range(1, len(parts) + 1):
         name = ".".join(parts[:depth])

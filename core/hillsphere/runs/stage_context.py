@@ -14,8 +14,8 @@ import numpy as np
 from hillsphere.base.errors import Interrupted
 from hillsphere.base.progress import Progress
 from hillsphere.base.seeds import name_key
-from hillsphere.runs.store import RunDirectory
 from hillsphere.base.stray_processes import end_child_of
+from hillsphere.runs.store import RunDirectory
 
 if TYPE_CHECKING:
     from hillsphere.interfaces.tasks import Executor

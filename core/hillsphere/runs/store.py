@@ -36,10 +36,10 @@ import numpy as np
 
 from hillsphere.base.atomic import PART_SUFFIX, write_bytes, write_text
 from hillsphere.base.errors import InputError, StageError
-from hillsphere.show.presentation import Printed, Table
-from hillsphere.products.product_codec import save_product
 from hillsphere.base.regular_files import check_regular
+from hillsphere.products.product_codec import save_product
 from hillsphere.runs.stage_cache import file_digest
+from hillsphere.show.presentation import Printed, Table
 
 if sys.platform != "win32":
     import fcntl
@@ -228,7 +228,7 @@ class RunDirectory:
             (self.path / "work").rmdir()
 
     def clear_parts(self) -> None:
-        """Remove temporary files of a killed run, but none in ``cases/``: a repeat may write there."""
+        """Remove temporary files of a killed run, except in ``cases/``: repeats may write there."""
         for part in self.path.rglob(f".*{PART_SUFFIX}"):
             if part.relative_to(self.path).parts[0] != "cases":
                 with suppress(OSError):

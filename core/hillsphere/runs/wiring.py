@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hillsphere.runs.assembly import problem_at
 from hillsphere.base.errors import InputError, PluginError
+from hillsphere.base.problems import MissionError, Problem, with_article
 from hillsphere.interfaces.stages import CaseStage
 from hillsphere.mission.load import Mission
 from hillsphere.plugins.registry import load_object
-from hillsphere.base.problems import MissionError, Problem, with_article
+from hillsphere.runs.assembly import problem_at
 from hillsphere.spec.base import Ref, Spec
 
 if TYPE_CHECKING:
@@ -141,7 +141,10 @@ def inputs_of(spec: Spec, products: Mapping[str, Any]) -> dict[str, Any]:
     needs = getattr(spec, "needs", None)
     if not isinstance(needs, Spec):
         return {}
-    return {field: _resolve_product(getattr(needs, field), products) for field in type(needs).model_fields}
+    return {
+        field: _resolve_product(getattr(needs, field), products)
+        for field in type(needs).model_fields
+    }
 
 
 def _resolve_product(value: Any, products: Mapping[str, Any]) -> Any:
@@ -154,11 +157,15 @@ def _resolve_product(value: Any, products: Mapping[str, Any]) -> Any:
     return value
 
 
-def repeated_with_products(mission: Mission, stage: str, products: Mapping[str, Any]) -> dict[str, Repeated]:
+def repeated_with_products(
+    mission: Mission, stage: str, products: Mapping[str, Any]
+) -> dict[str, Repeated]:
     """Return the repeated stages by field, each with the products that it needs itself."""
     return {
         field: replace(
-            _make_repeated(mission, other, inputs_of(mission.specs["stage"][other], products), by=stage),
+            _make_repeated(
+                mission, other, inputs_of(mission.specs["stage"][other], products), by=stage
+            ),
             nominal=products.get(other),
         )
         for field, other in repeated_stages(mission.specs["stage"][stage])

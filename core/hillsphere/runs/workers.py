@@ -17,12 +17,12 @@ from itertools import islice
 from time import monotonic
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
+from hillsphere.base.errors import HillsphereError, StageError
+from hillsphere.base.stray_processes import end_child_of
 from hillsphere.cases.executors.sending import Unsendable
 from hillsphere.cases.executors.worker import told
-from hillsphere.interfaces.tasks import Crew, Failed, Finished, Job, Lost
-from hillsphere.base.errors import HillsphereError, StageError
 from hillsphere.interfaces.stages import Context
-from hillsphere.base.stray_processes import end_child_of
+from hillsphere.interfaces.tasks import Crew, Failed, Finished, Job, Lost
 
 __all__ = ["Divisible", "Workers"]
 
